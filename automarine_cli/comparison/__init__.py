@@ -1,0 +1,1 @@
+"""Simulation against measurement: residuals and the scores made of them."""

@@ -1,0 +1,25 @@
+"""The library of effects: every file in this folder is one; `get(name)` finds it, `names()` lists them."""
+
+import importlib
+import pkgutil
+from functools import cache
+
+from automarine_cli.effects.base import Commands, Effect, Motion, Parameter, Place
+from automarine_cli.errors import ModelError
+
+__all__ = ["Commands", "Effect", "Motion", "Parameter", "Place", "get", "names"]
+
+
+def names() -> tuple[str, ...]:
+    """Names of all effects in the library, sorted."""
+    return tuple(sorted(m.name.replace("_", "-") for m in pkgutil.iter_modules(__path__) if m.name != "base"))
+
+
+@cache
+def get(name: str) -> Effect:
+    """The effect of that name; raises ModelError with the list of names where there is none."""
+    if name not in names():
+        raise ModelError(f"effect {name!r} is not in the library; known are {', '.join(names())}")
+    module = importlib.import_module(f"{__name__}.{name.replace('-', '_')}")
+    found = [c for c in vars(module).values() if isinstance(c, type) and issubclass(c, Effect) and c is not Effect]
+    return found[0]()

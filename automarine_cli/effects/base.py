@@ -1,0 +1,124 @@
+"""What an effect is, and the recipe for writing the next one.
+
+An effect is one term of the equation of motion, baseline drag and hidden disturbance alike:
+
+    psi' = r,    I_r r' = tau_delivered + sum of moments,    reading = sensor(psi)
+
+Recipe: one file in this folder, one subclass of `Effect` with
+
+1. `name` (the contract's name, with hyphens), `place`, `equation`, `says`, `reveals`, `source`;
+2. `parameters`, in the order in which the methods take them, each with unit, bounds, start, and the value at which
+   the effect is off, so that the model with the effect switched off is exactly the model without it;
+3. one of the methods: `deliver` for actuators, `moment` for moments, `read` for sensors; and `states` with
+   `derivatives` where the effect carries a state of its own (water that turns, a thruster that lags).
+
+The folder is the registry: `effects.get("my-effect")` and the contract test find the new file by themselves.
+Every method is a pure function of arrays of shape (P, R), parameter sets by runs, or shapes that broadcast to it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+class Place(Enum):
+    """Where an effect acts; the simulator applies the places in this order."""
+
+    ACTUATOR = "actuator"
+    MOMENT = "moment"
+    WATER = "water"
+    SENSOR = "sensor"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an effect: unit (`{moment}` stands for the moment's unit), bounds, start, and off value."""
+
+    name: str
+    meaning: str
+    unit: str
+    lower: float
+    upper: float
+    start: float
+    off: float = 0.0
+
+    def unit_for(self, moment_unit: str) -> str:
+        """Unit in print for logs whose moment is in `moment_unit`."""
+        return self.unit.format(moment=moment_unit)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """State of all runs under all parameter sets at one instant: arrays that broadcast to (P, R).
+
+    `heading` psi [rad, unwrapped, true], `rate` r [rad/s], `water` rate of the water [rad/s], `delivered` moment
+    after the actuators, `time` in the run [s], `signals` other logged columns held over the step.
+    """
+
+    heading: Floats
+    rate: Floats
+    water: Floats | float
+    delivered: Floats
+    time: Floats
+    signals: Mapping[str, Floats]
+
+    @property
+    def slip(self) -> Floats:
+        """Rate of the vehicle through the water [rad/s]: what drag depends on."""
+        return self.rate - self.water
+
+
+@dataclass(frozen=True)
+class Commands:
+    """The commands of all runs on the simulation grid, for actuator effects.
+
+    `moment` (P, R, M) is held over each of the M steps, `start` and `length` (P, R, M) [s] say when;
+    `signals` are other logged columns, (R, M).
+    """
+
+    moment: Floats
+    start: Floats
+    length: Floats
+    signals: Mapping[str, Floats]
+
+
+class Effect:
+    """One term; see the module's docstring for how to write one."""
+
+    name: ClassVar[str]
+    place: ClassVar[Place]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    equation: ClassVar[str]
+    says: ClassVar[str]
+    reveals: ClassVar[str]
+    source: ClassVar[str]
+    states: ClassVar[tuple[str, ...]] = ()
+    needs: ClassVar[tuple[str, ...]] = ()
+
+    def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
+        """Moment delivered for the moment commanded, (P, R, M); actuators only."""
+        return commands.moment
+
+    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats | float:
+        """Moment added to the equation of motion, (P, R), in the moment's unit."""
+        return 0.0
+
+    def water_rate(self, states: tuple[Floats, ...], values: tuple[Floats, ...]) -> Floats | float:
+        """Rate at which the water turns [rad/s], (P, R); water effects only."""
+        return 0.0
+
+    def derivatives(
+        self, motion: Motion, states: tuple[Floats, ...], values: tuple[Floats, ...]
+    ) -> tuple[Floats, ...]:
+        """Time derivative of each of `states`, (P, R)."""
+        return ()
+
+    def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:
+        """Heading that the sensor reads for the true one, both (P, R, M) on the simulation grid [rad]."""
+        return heading

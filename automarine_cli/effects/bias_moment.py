@@ -1,0 +1,19 @@
+"""A constant moment that is not in the log: tether twist, reaction torque of a vertical thruster, steady current."""
+
+from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+
+
+class BiasMoment(Effect):
+    """+b, whatever the vehicle does; the only effect whose drift of k is odd in the moment with power -1."""
+
+    name = "bias-moment"
+    place = Place.MOMENT
+    parameters = (Parameter("b", "constant moment", "{moment}", float("-inf"), float("inf"), 0.01),)
+    equation = "+b"
+    says = "A constant moment acts on the vehicle in one direction, commanded or not."
+    reveals = "a rest record (the vehicle drifts), and equal moments to both sides (one side turns faster)"
+    source = "M. Stipanov, N. Miskovic, Z. Vukic and M. Barisic (2007), read with a constant in Table 1"
+
+    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+        (b,) = values
+        return b

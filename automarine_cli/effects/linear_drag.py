@@ -1,0 +1,19 @@
+"""Linear drag: laminar friction, dominant at low rates."""
+
+from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+
+
+class LinearDrag(Effect):
+    """-k_r r; the whole drag of model 1, one of two terms of model 2."""
+
+    name = "linear-drag"
+    place = Place.MOMENT
+    parameters = (Parameter("k_r", "linear yaw drag", "{moment} s", 0.0, float("inf"), 0.05),)
+    equation = "-k_r r"
+    says = "Part of the drag grows with the yaw rate itself, not with its square."
+    reveals = "low moments, and coast-downs, which end exponentially instead of as 1/t"
+    source = "Fossen (1994), Guidance and Control of Ocean Vehicles"
+
+    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+        (k_r,) = values
+        return -k_r * motion.slip

@@ -1,0 +1,21 @@
+"""Quadratic drag: form drag of a bluff body, the usual yaw drag of a small ROV."""
+
+import numpy as np
+
+from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+
+
+class QuadraticDrag(Effect):
+    """-k_rr |r| r; the whole drag of model 3, one of two terms of model 2."""
+
+    name = "quadratic-drag"
+    place = Place.MOMENT
+    parameters = (Parameter("k_rr", "quadratic yaw drag", "{moment} s²", 0.0, float("inf"), 1.0),)
+    equation = "-k_rr |r| r"
+    says = "Part of the drag grows with the square of the yaw rate."
+    reveals = "high moments, and the first seconds of coast-downs"
+    source = "Fossen (1994), Guidance and Control of Ocean Vehicles"
+
+    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+        (k_rr,) = values
+        return -k_rr * np.abs(motion.slip) * motion.slip

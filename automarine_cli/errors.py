@@ -1,0 +1,32 @@
+"""Everything automarine refuses, one class a room; the command line turns each into one line and exit status 1.
+
+A message is one clear sentence: where (file, row, column), what was found, what was expected, what to do.
+"""
+
+
+class AutomarineError(Exception):
+    """Root of all refusals; never raised itself."""
+
+
+class LogError(AutomarineError):
+    """A log or a column map that cannot be read right."""
+
+
+class RunError(AutomarineError):
+    """Runs that do not serve: too few left, or a run that was named and cannot be used."""
+
+
+class SettingError(AutomarineError):
+    """A recipe, specification or option value that makes no sense."""
+
+
+class ModelError(AutomarineError):
+    """A model or thruster map that cannot be loaded, or an effect that does not exist."""
+
+
+class FitError(AutomarineError):
+    """A fit whose data cannot carry it."""
+
+
+class OutputError(AutomarineError):
+    """Results that cannot or must not be written."""

@@ -1,0 +1,1 @@
+"""Estimators: pure functions from runs (or points) to parameters with intervals."""

@@ -1,0 +1,31 @@
+"""A number with its uncertainty: what every fit returns and every result file holds."""
+
+from dataclasses import dataclass
+
+from scipy import stats
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Value, standard error, 95 % interval and unit of one parameter."""
+
+    value: float
+    stderr: float
+    ci95: tuple[float, float]
+    unit: str
+
+    @classmethod
+    def from_stderr(cls, value: float, stderr: float, dof: float, unit: str) -> "Estimate":
+        """Interval from Student's t with `dof` degrees of freedom (about the number of independent runs less parameters)."""
+        half = float(stats.t.ppf(0.975, max(dof, 1.0))) * stderr
+        return cls(float(value), float(stderr), (float(value - half), float(value + half)), unit)
+
+    def to_json(self) -> dict[str, object]:
+        """The contract's form."""
+        return {"value": self.value, "stderr": self.stderr, "ci95": list(self.ci95), "unit": self.unit}
+
+    @classmethod
+    def from_json(cls, data: dict[str, object]) -> "Estimate":
+        """Inverse of `to_json`; the caller has checked the types."""
+        low, high = data["ci95"]  # type: ignore[misc]
+        return cls(float(data["value"]), float(data["stderr"]), (float(low), float(high)), str(data["unit"]))  # type: ignore[arg-type]

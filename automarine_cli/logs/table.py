@@ -1,0 +1,31 @@
+"""What every log becomes, whatever its format."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LogTable:
+    """One log file, read: canonical columns in SI units, each of shape (N,).
+
+    `columns` holds the canonical quantities that the file has, under these names:
+    `time` [s], `heading` [rad, as logged: wrapped or not], `yaw_rate` [rad/s], `moment` [`moment_unit`],
+    `n_port`, `n_stbd`, `n` [the file's own unit], `voltage` [V], `surge`, `sway` [m/s], `force` [N];
+    every other numeric column stays in `extras` under the file's own name.
+    A missing value is NaN. `rows` are 1-based line numbers in the file (Parquet: row numbers), for messages.
+    """
+
+    source: str
+    columns: Mapping[str, Floats]
+    rows: NDArray[np.int64]
+    run: NDArray[np.str_] | None = None
+    moment_unit: str | None = None
+    extras: Mapping[str, Floats] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.rows)

@@ -1,0 +1,99 @@
+"""`YawModel`: inertia and a tuple of effects with values; frozen, `with_...` returns a new one."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from automarine_cli import effects
+from automarine_cli.errors import ModelError
+
+Floats = NDArray[np.float64]
+
+BASE_TERMS = {
+    "1": ("linear-drag",),
+    "2": ("quadratic-drag", "linear-drag"),
+    "3": ("quadratic-drag",),
+}
+"""The drag terms of the paper's three models: D(r) = k_r; k_rr|r| + k_r; k_rr|r|."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect with the values of its parameters, in the effect's order."""
+
+    name: str
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class YawModel:
+    """I_r r' = tau + moments of the terms; actuator, water and sensor effects are terms too.
+
+    The parameter vector theta is (I_r, values of the first term, values of the second, ...).
+    """
+
+    inertia: float
+    terms: tuple[Term, ...]
+    moment_unit: str = "nu"
+
+    @classmethod
+    def base(cls, number: str, inertia: float, values: Sequence[float], moment_unit: str = "nu") -> "YawModel":
+        """Model "1", "2" or "3" of the paper; `values` in the order of BASE_TERMS."""
+        terms = tuple(Term(name, (float(value),)) for name, value in zip(BASE_TERMS[number], values, strict=True))
+        return cls(float(inertia), terms, moment_unit)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the entries of theta."""
+        return ("I_r", *(p.name for term in self.terms for p in effects.get(term.name).parameters))
+
+    @property
+    def theta(self) -> Floats:
+        """Parameter vector, shape (p,)."""
+        return np.array([self.inertia, *(value for term in self.terms for value in term.values)])
+
+    def with_theta(self, theta: ArrayLike) -> "YawModel":
+        """The same terms with other values."""
+        values = [float(v) for v in np.asarray(theta)]
+        if len(values) != len(self.theta):
+            raise ModelError(f"{len(values)} values given for the {len(self.theta)} parameters {self.parameter_names}")
+        rest = iter(values[1:])
+        terms = tuple(replace(term, values=tuple(next(rest) for _ in term.values)) for term in self.terms)
+        return replace(self, inertia=values[0], terms=terms)
+
+    def with_effect(self, name: str, values: Sequence[float]) -> "YawModel":
+        """The same model with one more effect."""
+        count = len(effects.get(name).parameters)
+        if len(values) != count:
+            raise ModelError(f"effect {name!r} has {count} parameters, {len(values)} values were given")
+        return replace(self, terms=(*self.terms, Term(name, tuple(float(v) for v in values))))
+
+    def unpack(self, theta: Floats) -> Iterator[tuple[effects.Effect, tuple[Floats, ...]]]:
+        """Each term's effect with its columns of theta (P, p) as arrays of shape (P, 1)."""
+        column = 1
+        for term in self.terms:
+            count = len(term.values)
+            yield effects.get(term.name), tuple(theta[:, column + i, None] for i in range(count))
+            column += count
+
+    def fastest(self, moment: float) -> float:
+        """Shortest time constant [s] on the way to the steady rate under |moment|, of the base drag alone."""
+        k_r, k_rr = self.drag()
+        rate = steady_rate(abs(moment), k_r, k_rr)
+        return float(self.inertia / max(k_r + 2.0 * k_rr * float(rate), 1e-12))
+
+    def drag(self) -> tuple[float, float]:
+        """(k_r, k_rr), zero where the model has no such term."""
+        found = {term.name: term.values[0] for term in self.terms}
+        return found.get("linear-drag", 0.0), found.get("quadratic-drag", 0.0)
+
+
+def steady_rate(moment: ArrayLike, k_r: ArrayLike, k_rr: ArrayLike) -> Floats:
+    """Rate at which drag balances the moment [rad/s]: root of k_rr |r| r + k_r r = tau; inputs broadcast."""
+    size = np.abs(moment)
+    root = np.sqrt(np.square(k_r) + 4.0 * np.asarray(k_rr) * size)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rate = np.sign(moment) * 2.0 * size / (k_r + root)
+    return np.where(size > 0, rate, 0.0)

@@ -1,0 +1,82 @@
+"""`Run`: one log of one test, cleaned and frozen; and what becomes of a run that does not serve."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.errors import RunError
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SetAside:
+    """A run that was left out, and why: goes to standard error and into every result."""
+
+    file: str
+    run: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Run:
+    """One test of one vehicle, checked once: arrays of shape (N,), SI units.
+
+    `time` [s] rises strictly on the campaign's clock; `heading` [rad] is unwrapped; `moment` [`moment_unit`] is
+    the commanded yaw moment, held until the next sample, or None where the log has thruster commands instead.
+    `extras` holds every other numeric column (`yaw_rate` [rad/s], `n_port`, `n_stbd`, `voltage` [V], `surge`,
+    `sway` [m/s], ...). `counts` says what cleaning did (name -> number), `notes` what a person should know.
+    """
+
+    name: str
+    source: str
+    time: Floats
+    heading: Floats
+    moment: Floats | None
+    moment_unit: str
+    extras: Mapping[str, Floats] = field(default_factory=dict)
+    counts: Mapping[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name, column in {"time": self.time, "heading": self.heading, **self.extras}.items():
+            if column.shape != self.time.shape:
+                raise RunError(f"{self.source}, run {self.name!r}: column {name!r} has {column.shape} values "
+                               f"for {self.time.shape} samples; this is a defect, please report it")
+        if self.moment is not None and self.moment.shape != self.time.shape:
+            raise RunError(f"{self.source}, run {self.name!r}: one moment for each sample expected")
+        if np.any(np.diff(self.time) <= 0):
+            raise RunError(f"{self.source}, run {self.name!r}: the clock must rise strictly after cleaning")
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def command(self) -> Floats:
+        """Commanded yaw moment [`moment_unit`], shape (N,). Raises RunError where the log has none."""
+        if self.moment is None:
+            raise RunError(f"{self.source}, run {self.name!r}: no yaw moment (tau, tau_Nm) in the log; "
+                           "give --thrusters MAP.json and --arm METRES for n_port and n_stbd, "
+                           "or name the moment's column with --columns")
+        return self.moment
+
+    @property
+    def sample_period(self) -> float:
+        """Median time between samples [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    def with_moment(self, moment: Floats, unit: str) -> "Run":
+        """The same run driven by another moment (thruster commands through a map)."""
+        return replace(self, moment=moment, moment_unit=unit)
+
+    def cut(self, start: int, stop: int) -> "Run":
+        """Samples start:stop of this run."""
+        return replace(
+            self,
+            time=self.time[start:stop],
+            heading=self.heading[start:stop],
+            moment=None if self.moment is None else self.moment[start:stop],
+            extras={name: column[start:stop] for name, column in self.extras.items()},
+        )

@@ -1,0 +1,137 @@
+"""Many runs padded to one array: simulation grid, held commands, and command changes that may move, worked out once."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.effects import Commands
+from automarine_cli.errors import RunError
+from automarine_cli.runs.run import Run
+
+Floats = NDArray[np.float64]
+
+MOST_EDGES = 24
+"""Runs with more changes of command than this (closed-loop driving) get one shift for all their changes together."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """R runs on a common layout: N samples, M steps and E command changes at most; shorter runs are padded.
+
+    The command changes half a sample interval before the sample that first shows it; a shift [s] of that instant
+    stretches the steps before it and shortens those after it, so that samples stay where they are and no step ever
+    holds two commands.
+
+    `length` (R, M) step lengths [s], 0 in the padding; `stretch` (R, M) change of a length per second of shift of
+    its edge; `edge` (R, M) index of that edge; `moment` (R, M) command held over each step; `node` (R, N) which grid
+    node each sample is; `seen` (R, N) which samples exist; `heading` (R, N) measured [rad], 0 in the padding;
+    `interval` (R, E) sample interval [s] in which each change happened, 0 in the padding; `start` (R,) clock of
+    the first sample [s]; `signals` other logged columns held over the steps, (R, M).
+    """
+
+    names: tuple[str, ...]
+    length: Floats
+    stretch: Floats
+    edge: NDArray[np.int64]
+    moment: Floats
+    node: NDArray[np.int64]
+    seen: NDArray[np.bool_]
+    heading: Floats
+    interval: Floats
+    start: Floats
+    moment_unit: str
+    signals: Mapping[str, Floats]
+
+    @property
+    def time(self) -> Floats:
+        """Time of each sample since the run's first one [s], (R, N)."""
+        clock = np.concatenate([np.zeros((len(self.names), 1)), np.cumsum(self.length, axis=1)], axis=1)
+        return np.take_along_axis(clock, self.node, axis=1)
+
+    def commands(self, shift: Floats | None = None) -> Commands:
+        """Commands on the grid, (P or 1, R, M), with the instants of change moved by `shift` (P, R, E) [s]."""
+        length = self.length[None]
+        if shift is not None:
+            index = np.broadcast_to(self.edge[None], (len(shift), *self.edge.shape))
+            length = length + self.stretch[None] * np.take_along_axis(shift, index, axis=2)
+        return Commands(self.moment[None], np.cumsum(length, axis=2) - length, length, self.signals)
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """One run on its own grid."""
+
+    length: Floats
+    stretch: Floats
+    edge: NDArray[np.int64]
+    held: NDArray[np.int64]
+    node: NDArray[np.int64]
+    interval: Floats
+
+
+def make_batch(runs: Sequence[Run], max_step: float, signals: Sequence[str] = ()) -> Batch:
+    """Lay `runs` out for simulation with steps of at most `max_step` [s].
+
+    `signals` names the columns of `Run.extras` that effects need. Raises RunError for no runs, a run without a
+    moment, runs with moments in different units, or a missing signal.
+    """
+    if not runs:
+        raise RunError("no runs to simulate; give at least one log")
+    units = {run.moment_unit for run in runs}
+    if len(units) > 1:
+        raise RunError(f"the logs give moments in different units ({', '.join(sorted(units))}); map them to one with --columns")
+    for run in runs:
+        missing = [name for name in signals if name not in run.extras]
+        if missing:
+            raise RunError(f"{run.source}, run {run.name!r}: the model needs column {missing[0]!r}, which the log lacks")
+    grids = [_grid(run, max_step) for run in runs]
+    steps = max(len(g.length) for g in grids)
+    samples = max(len(run) for run in runs)
+    edges = max(1, *(len(g.interval) for g in grids))
+
+    def padded(rows: Sequence[NDArray[np.generic]], width: int, fill: float = 0.0) -> Floats:
+        out = np.full((len(rows), width), fill, dtype=np.result_type(*rows))
+        for row, values in zip(out, rows):
+            row[: len(values)] = values
+        return out
+
+    return Batch(
+        names=tuple(run.name for run in runs),
+        length=padded([g.length for g in grids], steps),
+        stretch=padded([g.stretch for g in grids], steps),
+        edge=padded([g.edge for g in grids], steps),
+        moment=padded([run.command[g.held] for run, g in zip(runs, grids)], steps),
+        node=padded([g.node for g in grids], samples),
+        seen=padded([np.ones(len(run), dtype=bool) for run in runs], samples),
+        heading=padded([run.heading for run in runs], samples),
+        interval=padded([g.interval for g in grids], edges),
+        start=np.array([run.time[0] for run in runs]),
+        moment_unit=units.pop(),
+        signals={n: padded([run.extras[n][g.held] for run, g in zip(runs, grids)], steps) for n in signals},
+    )
+
+
+def _grid(run: Run, max_step: float) -> _Grid:
+    """Steps between the samples of one run; an interval in which the command changes is halved at the change."""
+    intervals = np.diff(run.time)
+    changed = np.diff(run.command) != 0
+    count = np.maximum(np.ceil(intervals / max_step - 1e-9).astype(int), 1)
+    count = np.where(changed, count + count % 2, count)
+    which = np.repeat(np.arange(len(intervals)), count)
+    order = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    late = changed[which] & (order >= count[which] // 2)
+    edges = np.cumsum(changed)[which] - 1
+    width = intervals[changed]
+    if len(width) > MOST_EDGES:
+        edges, width = np.zeros_like(edges), np.array([np.median(width)])
+    moves = np.where(late, -2.0, 2.0) / count[which]
+    return _Grid(
+        length=(intervals / count)[which],
+        stretch=np.where(changed[which], moves, 0.0),
+        edge=np.where(changed[which], edges, 0),
+        held=which + late,
+        node=np.concatenate([[0], np.cumsum(count)]),
+        interval=width,
+    )
