@@ -1,0 +1,109 @@
+"""The command group: commands loaded on demand, and every refusal turned into one line and an exit status.
+
+A module in this folder is a command: `fit_yaw.py` is `automarine fit-yaw` and defines one click command.
+Nothing in this folder imports numpy at module level; a command's body imports its workflow.
+"""
+
+import contextlib
+import errno
+import os
+import signal
+import sys
+import traceback
+from importlib import import_module
+from pathlib import Path
+
+import click
+
+from automarine_cli import __version__
+from automarine_cli.errors import AutomarineError
+
+NOT_COMMANDS = ("__init__", "options", "echo")
+
+
+class CommandFolder(click.Group):
+    """Finds its commands as modules of this folder and maps what they raise to the terminal."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of the modules in this folder, dashed, in name order."""
+        names = (path.stem for path in Path(__file__).parent.glob("*.py"))
+        return sorted(name.replace("_", "-") for name in names if name not in NOT_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The one click command defined in the module of that name."""
+        if cmd_name not in self.list_commands(ctx):
+            return None
+        module = import_module(f"{__name__}.{cmd_name.replace('-', '_')}")
+        return next(value for value in vars(module).values() if isinstance(value, click.Command))
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Run the command; 1 for what is refused, 130 for an interrupt, never a traceback without -vv."""
+        try:
+            return super().invoke(ctx)
+        except AutomarineError as refusal:
+            raise click.ClickException(str(refusal)) from refusal
+        except (KeyboardInterrupt, click.Abort):
+            click.echo("Interrupted; nothing was written.", err=True)
+            ctx.exit(130)
+        except (click.ClickException, click.exceptions.Exit):
+            raise
+        except OSError as problem:
+            if problem.errno == errno.EPIPE:
+                _forget_stdout()
+                ctx.exit(141)  # as if the closed pipe had ended us, which is what shells expect
+            _show_traceback(ctx)
+            raise click.ClickException(str(problem)) from problem
+        except MemoryError as problem:
+            raise click.ClickException(
+                "not enough memory; fewer logs at a time or --jobs 1 need less"
+            ) from problem
+        except Exception as defect:
+            _show_traceback(ctx)
+            what = f"{type(defect).__name__}: {defect}".replace("\n", " ")
+            raise click.ClickException(
+                f"{what}; this is a defect of automarine, please report it (-vv shows where)"
+            ) from defect
+
+
+def _show_traceback(ctx: click.Context) -> None:
+    if ctx.meta.get("automarine.verbosity", 0) >= 2:
+        click.echo(traceback.format_exc(), err=True, nl=False)
+
+
+def _forget_stdout() -> None:
+    """The reader has gone: whatever is still to be printed goes nowhere, silently."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _end(signal_number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+@click.group(cls=CommandFolder, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="automarine")
+def automarine() -> None:
+    """From pool logs of an ROV or AUV to its thruster map and yaw model, and to why they disagree.
+
+    A LOG is a file (.csv, .csv.gz, .parquet), a directory (searched recursively) or a quoted glob.
+
+    \b
+    Example:
+      automarine check sample_runs/steps
+    """
+
+
+def main() -> None:
+    """The console script."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError, ValueError):
+            stream.reconfigure(encoding="utf-8", errors="backslashreplace")  # type: ignore[union-attr]
+    signal.signal(signal.SIGTERM, _end)
+    try:
+        automarine(prog_name="automarine")
+    finally:
+        try:
+            if sys.stdout is not None:
+                sys.stdout.flush()
+        except OSError:
+            _forget_stdout()

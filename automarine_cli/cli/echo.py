@@ -1,0 +1,136 @@
+"""What a command says: progress and runs set aside on standard error, tables or JSON on standard output."""
+
+import shutil
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import click
+
+from automarine_cli.pipeline.progress import Progress, silent
+
+SHOWN = 8  # runs set aside that are listed one by one without -v
+PATIENCE_S = 1.0  # work shorter than this shows no bar
+
+
+class Result(Protocol):
+    """What every workflow returns: a frozen dataclass with the result file's content."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The result file's content."""
+        ...
+
+
+class Printable(Protocol):
+    """What goes onto the terminal: a `report.tables.Table`."""
+
+    def to_text(self) -> str:
+        """Lines for a terminal."""
+        ...
+
+
+def verbosity_level() -> int:
+    """-1 with -q, 0, 1 with -v, 2 with -vv."""
+    ctx = click.get_current_context(silent=True)
+    return 0 if ctx is None else ctx.meta.get("automarine.verbosity", 0)
+
+
+class Bar:
+    """A progress bar on standard error that comes only when work takes its time, and leaves no trace."""
+
+    def __init__(self) -> None:
+        self._stage = ""
+        self._since = 0.0
+        self._drawn = 0.0
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        now = time.monotonic()
+        if stage != self._stage:
+            self.clear()
+            self._stage, self._since = stage, now
+        if done >= total:
+            self.clear()
+        elif now - self._since >= PATIENCE_S and now - self._drawn >= 0.1:
+            width = min(30, max(5, shutil.get_terminal_size().columns - len(stage) - 20))
+            filled = width * done // max(total, 1)
+            click.echo(
+                f"\r\x1b[K{stage} [{'#' * filled}{'.' * (width - filled)}] {done}/{total}", err=True, nl=False
+            )
+            self._drawn = now
+
+    def clear(self) -> None:
+        """Take the bar away."""
+        if self._drawn:
+            click.echo("\r\x1b[K", err=True, nl=False)
+            self._drawn = 0.0
+
+
+def terminal_progress(quiet: bool | None = None) -> Progress:
+    """A bar if standard error is a terminal; with -v a line for each finished stage; else silence."""
+    level = verbosity_level()
+    if quiet or (quiet is None and level < 0):
+        return silent
+    if level > 0:
+        return _stage_lines
+    if not sys.stderr.isatty():
+        return silent
+    bar = Bar()
+    ctx = click.get_current_context(silent=True)
+    if ctx is not None:
+        ctx.call_on_close(bar.clear)
+    return bar
+
+
+def _stage_lines(stage: str, done: int, total: int) -> None:
+    if done >= total:
+        click.echo(f"{stage}: {total}", err=True)
+
+
+def echo_set_aside(set_aside: Iterable[Any]) -> None:
+    """Count and name on standard error the runs left out: `SetAside`s, or the dicts of a result file."""
+    runs = [run if isinstance(run, dict) else vars(run) for run in set_aside]
+    if not runs or verbosity_level() < 0:
+        return
+    shown = runs if verbosity_level() > 0 else runs[:SHOWN]
+    click.echo(f"Set aside: {len(runs)} run{'s' if len(runs) > 1 else ''}", err=True)
+    for run in shown:
+        name = run["file"] if run["run"] in ("", run["file"]) else f"{run['file']}, run {run['run']}"
+        click.echo(f"  {name}: {run['why']}", err=True)
+    if len(shown) < len(runs):
+        click.echo(f"  and {len(runs) - len(shown)} more (-v lists all)", err=True)
+
+
+def echo_result(
+    result: Result,
+    *,
+    as_json: bool,
+    out: Path | None = None,
+    tables: Sequence[Printable | str] = (),
+    files: Sequence[str] = (),
+    keep_hint: str | None = "-o DIR",
+) -> None:
+    """The shared tail of all commands.
+
+    Runs set aside go to standard error. With `as_json` the result file's content is all there is on standard
+    output; otherwise `tables` (or sentences), then where `files` are, or how to keep them (`keep_hint`; None
+    where a command has nothing to write).
+    """
+    content = result.to_json()
+    echo_set_aside(content.get("runs", {}).get("set_aside", ()))
+    if as_json:
+        from automarine_cli.pipeline.outputs import json_text
+
+        click.echo(json_text(content), nl=False)
+        return
+    if verbosity_level() < 0:
+        return
+    for table in tables:
+        click.echo(table if isinstance(table, str) else table.to_text().rstrip("\n"))
+        click.echo()
+    if out is not None:
+        listed = f": {', '.join(files)}" if files else ""
+        click.echo(f"Results are in {out}{listed}")
+    elif keep_hint is not None:
+        click.echo(f"Nothing was written; {keep_hint} keeps the results.")

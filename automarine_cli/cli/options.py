@@ -1,0 +1,124 @@
+"""The options and arguments that commands share, as named decorators; how they end is in `echo`."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from automarine_cli.cli.echo import echo_result, echo_set_aside, terminal_progress, verbosity_level
+
+__all__ = [
+    "arm_option",
+    "columns_option",
+    "echo_result",
+    "echo_set_aside",
+    "jobs_option",
+    "json_option",
+    "logs_argument",
+    "model_option",
+    "out_option",
+    "overwrite_option",
+    "seed_option",
+    "strict_option",
+    "terminal_progress",
+    "thrusters_option",
+    "verbosity",
+    "verbosity_level",
+]
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+
+
+def _count_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> None:
+    step = value if param.name == "verbose" else -value
+    ctx.meta["automarine.verbosity"] = ctx.meta.get("automarine.verbosity", 0) + step
+
+
+def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
+    if value is not None and not math.isfinite(value):
+        raise click.BadParameter(f"{value} is not a finite number")
+    return value
+
+
+def verbosity(function: Function) -> Function:
+    """-v and -q; kept in the context (see `verbosity_level`), not handed to the command."""
+    quiet = click.option(
+        "-q",
+        "--quiet",
+        count=True,
+        expose_value=False,
+        callback=_count_verbosity,
+        help="Say only what went wrong.",
+    )
+    verbose = click.option(
+        "-v", "--verbose", count=True, expose_value=False, callback=_count_verbosity,
+        help="Say more; twice shows where a defect is.",
+    )  # fmt: skip
+    return quiet(verbose(function))
+
+
+logs_argument = click.argument("logs", nargs=-1, required=True, type=click.Path(), metavar="LOG...")
+"""`logs`: strings as given; `logs.find_logs` makes files of them."""
+
+columns_option = click.option(
+    "--columns", type=_FILE, metavar="FILE.toml", help="Map the logs' column names, units and signs."
+)
+"""`columns`: Path or None."""
+
+out_option = click.option(
+    "-o", "--out", type=click.Path(path_type=Path), metavar="DIR", help="Write the results into this folder."
+)
+"""`out`: Path or None."""
+
+overwrite_option = click.option("--overwrite", is_flag=True, help="Replace results that are in DIR already.")
+"""`overwrite`: bool."""
+
+seed_option = click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Seed of everything random.",
+)
+"""`seed`: int."""
+
+jobs_option = click.option(
+    "--jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
+    help="Processes to work with; the results are the same.",
+)  # fmt: skip
+"""`jobs`: int."""
+
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else."
+)
+"""`as_json`: bool."""
+
+strict_option = click.option(
+    "--strict", is_flag=True, help="Refuse, rather than set aside, a run that does not serve."
+)
+"""`strict`: bool."""
+
+model_option = click.option(
+    "--model",
+    type=_FILE,
+    required=True,
+    metavar="FILE",
+    help="A yaw_model.json (or thrusters.json) of a fit.",
+)
+"""`model`: Path."""
+
+thrusters_option = click.option(
+    "--thrusters", type=_FILE, metavar="FILE", help="A thrusters.json: makes the moment of n_port and n_stbd."
+)
+"""`thrusters`: Path or None."""
+
+arm_option = click.option(
+    "--arm", type=click.FloatRange(min=0, min_open=True), callback=_finite, metavar="METRES",
+    help="Lever arm of the two thrusters, with --thrusters.",
+)  # fmt: skip
+"""`arm`: metres or None."""

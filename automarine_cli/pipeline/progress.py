@@ -1,0 +1,22 @@
+"""How long work says how far it is: a plain callable, so that no room knows about terminals."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TypeVar
+
+Item = TypeVar("Item")
+
+Progress = Callable[[str, int, int], None]
+"""Called as `progress(stage, done, total)`; `done == total` ends the stage."""
+
+
+def silent(stage: str, done: int, total: int) -> None:
+    """The progress that says nothing: the default everywhere outside the command line."""
+
+
+def counted(
+    progress: Progress, stage: str, items: Sequence[Item] | Iterable[Item], total: int
+) -> Iterator[Item]:
+    """Yield `items`, telling `progress` after each one how many of `total` are done."""
+    for done, item in enumerate(items, start=1):
+        yield item
+        progress(stage, done, total)

@@ -1,0 +1,110 @@
+"""How figures look: sized for print, colours told apart in grey and by the colour-blind, same bytes each time.
+
+Decorate a function that draws with `@house_style`: it holds for everything drawn inside, whatever the user's
+own matplotlib settings say, and leaves them alone afterwards.
+"""
+
+import io
+from typing import Any
+
+import matplotlib
+import numpy as np
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+# Okabe and Ito (2008), ordered so that neighbours differ in lightness too.
+COLOURS = {
+    "black": "#000000",
+    "orange": "#E69F00",
+    "blue": "#0072B2",
+    "sky": "#56B4E9",
+    "vermilion": "#D55E00",
+    "green": "#009E73",
+    "purple": "#CC79A7",
+    "yellow": "#F0E442",
+    "grey": "#808080",
+}
+MODEL_COLOURS = {"1": COLOURS["orange"], "2": COLOURS["black"], "3": COLOURS["blue"]}
+MODEL_LINES: dict[str, Any] = {"1": (0, (5, 1.5)), "2": (0, (1.2, 1.2)), "3": "-"}
+MEASURED = COLOURS["grey"]
+
+DPI = 200
+COLUMN_IN = 3.5  # width of one column of a journal [inch]
+PAGE_IN = 7.2  # width of a page [inch]
+
+_OURS = {
+    "font.size": 8.0,
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8.0,
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
+    "legend.fontsize": 7.0,
+    "figure.titlesize": 9.0,
+    "legend.frameon": True,
+    "legend.framealpha": 0.9,
+    "legend.edgecolor": "0.85",
+    "legend.handlelength": 2.6,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": "0.88",
+    "grid.linewidth": 0.4,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 3.5,
+    "axes.prop_cycle": cycler(color=list(COLOURS.values())[:-2]),
+    "figure.dpi": 100.0,
+    "savefig.dpi": float(DPI),
+}
+# Settings of programs that show windows; everything else goes back to matplotlib's own defaults first.
+_LEFT_ALONE = (
+    "backend",
+    "backend_fallback",
+    "interactive",
+    "toolbar",
+    "timezone",
+    "webagg",
+    "tk",
+    "docstring",
+)
+
+
+def _settings() -> Any:
+    defaults = {
+        key: value for key, value in dict.items(matplotlib.rcParamsDefault) if not key.startswith(_LEFT_ALONE)
+    }
+    return defaults | _OURS
+
+
+house_style = matplotlib.rc_context(_settings())
+"""Decorator (or `with` block once) under which figures are drawn."""
+
+
+@house_style
+def new_figure(
+    nrows: int = 1, ncols: int = 1, width_in: float = COLUMN_IN, height_in: float = 2.6, **subplots: Any
+) -> tuple[Figure, NDArray[Any]]:
+    """A figure and its axes, shape (nrows, ncols); `subplots` goes to `Figure.subplots` (`sharex`, ...)."""
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    axes: NDArray[Any] = np.asarray(figure.subplots(nrows, ncols, squeeze=False, **subplots))
+    return figure, axes
+
+
+@house_style
+def png(figure: Figure) -> bytes:
+    """The figure as PNG at 200 dpi: no date, no software name, the same bytes each time."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+@house_style
+def legend(axes: Axes, **keywords: Any) -> None:
+    """The axes' legend in the house's type size, if anything in it has a label."""
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(**keywords)

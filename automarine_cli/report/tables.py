@@ -1,0 +1,194 @@
+"""One table, four forms: CSV for programs, Markdown for readers, LaTeX for papers, text for the terminal.
+
+Cells arrive formatted (`number`, `interval`), so every form shows the same digits.
+"""
+
+import csv
+import io
+import math
+import re
+from dataclasses import dataclass
+from typing import Protocol
+
+MISSING = "–"
+
+
+class HasInterval(Protocol):
+    """A value with its standard error and 95 % interval: `fits.estimate.Estimate`."""
+
+    @property
+    def value(self) -> float:
+        """Point estimate."""
+        ...
+
+    @property
+    def stderr(self) -> float:
+        """Standard error."""
+        ...
+
+    @property
+    def ci95(self) -> tuple[float, float]:
+        """Ends of the 95 % interval."""
+        ...
+
+
+@dataclass(frozen=True)
+class Math:
+    """A cell with a form of its own in LaTeX: `Math("k_r|r|", r"k_{r|r|}")`; `latex` is set in math mode."""
+
+    plain: str
+    latex: str
+
+    def __str__(self) -> str:
+        return self.plain
+
+
+Cell = str | Math
+
+
+@dataclass(frozen=True)
+class Table:
+    """A titled table of formatted cells; `rules` are the rows (from 0) above which a line is drawn.
+
+    Raises ValueError if a row has not as many cells as the header.
+    """
+
+    title: str
+    header: tuple[Cell, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    rules: tuple[int, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.header):
+                raise ValueError(
+                    f"table {self.title!r}: {len(row)} cells in {row!r} for {len(self.header)} columns"
+                )
+
+    def to_csv(self) -> str:
+        """Header and rows; a missing cell is empty; title and notes stay out, so that any program reads it."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        for row in (self.header, *self.rows):
+            writer.writerow("" if str(cell) == MISSING else str(cell) for cell in row)
+        return text.getvalue()
+
+    def to_markdown(self) -> str:
+        """Title, table and notes; rules have no form in Markdown and are left out."""
+        sides = ["---:" if right else "---" for right in self._right()]
+        lines = [f"**{_markdown(self.title)}**", ""] if self.title else []
+        lines += [_markdown_row(self.header), "| " + " | ".join(sides) + " |"]
+        lines += [_markdown_row(row) for row in self.rows]
+        lines += [line for note in self.notes for line in ("", _markdown(note))]
+        return "\n".join(lines) + "\n"
+
+    def to_latex(self) -> str:
+        """A `table` environment with booktabs rules; everything but Math cells is escaped."""
+        sides = "".join("r" if right else "l" for right in self._right())
+        lines = [r"\begin{table}", r"\centering"]
+        lines += [rf"\caption{{{_latex(self.title)}}}"] if self.title else []
+        lines += [rf"\begin{{tabular}}{{{sides}}}", r"\toprule", _latex_row(self.header), r"\midrule"]
+        for i, row in enumerate(self.rows):
+            lines += [r"\midrule"] if i in self.rules and i > 0 else []
+            lines.append(_latex_row(row))
+        lines += [r"\bottomrule", r"\end{tabular}"]
+        lines += [rf"\par\smallskip\footnotesize {_latex(note)}" for note in self.notes]
+        lines.append(r"\end{table}")
+        return "\n".join(lines) + "\n"
+
+    def to_text(self) -> str:
+        """Aligned columns for a terminal."""
+        grid = [[_one_line(str(cell)) for cell in row] for row in (self.header, *self.rows)]
+        widths = [max(len(row[i]) for row in grid) for i in range(len(self.header))]
+        right = self._right()
+
+        def line(row: list[str]) -> str:
+            cells = (c.rjust(w) if r else c.ljust(w) for c, w, r in zip(row, widths, right))
+            return "  ".join(cells).rstrip()
+
+        rule = "-" * (sum(widths) + 2 * (len(widths) - 1))
+        lines = [_one_line(self.title), ""] if self.title else []
+        lines += [line(grid[0]), rule]
+        for i, row in enumerate(grid[1:]):
+            lines += [rule] if i in self.rules and i > 0 else []
+            lines.append(line(row))
+        lines += ["", *self.notes] if self.notes else []
+        return "\n".join(lines) + "\n"
+
+    def _right(self) -> list[bool]:
+        """Which columns hold numbers and stand to the right; the first never does."""
+        return [
+            i > 0 and all(_NUMBER.match(str(row[i])) or str(row[i]) in ("", MISSING) for row in self.rows)
+            for i in range(len(self.header))
+        ]
+
+
+def number(x: float | None, digits: int = 4) -> str:
+    """`x` to `digits` significant digits, without an exponent where readable; a dash for None and NaN."""
+    if x is None or not math.isfinite(x):
+        return MISSING
+    if x == 0:
+        return "0"
+    rounded = float(f"{x:.{digits - 1}e}")
+    size = math.floor(math.log10(abs(rounded)))
+    if -5 <= size < 7:
+        return f"{rounded:.{max(0, digits - 1 - size)}f}"
+    mantissa, exponent = f"{x:.{digits - 1}e}".split("e")
+    return f"{mantissa}e{int(exponent)}"
+
+
+def interval(estimate: HasInterval | None) -> str:
+    """`1.257 [1.240, 1.274]`: as many decimals as two significant digits of the standard error need."""
+    if estimate is None or not math.isfinite(estimate.value):
+        return MISSING
+    low, high = estimate.ci95
+    if not (
+        math.isfinite(estimate.stderr) and estimate.stderr > 0 and math.isfinite(low) and math.isfinite(high)
+    ):
+        return number(estimate.value)
+    decimals = max(0, 1 - math.floor(math.log10(estimate.stderr)))
+    if decimals > 8:
+        return f"{number(estimate.value)} [{number(low)}, {number(high)}]"
+    return f"{estimate.value:.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]"
+
+
+_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?( ?%)?( \[.*\])?$")
+
+_LATEX = {
+    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%",
+    "_": r"\_", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}", "<": r"\textless{}",
+    ">": r"\textgreater{}", "|": r"\textbar{}", '"': r"\textquotedbl{}", "–": "--", "—": "---", "−": "$-$",
+    "±": r"$\pm$", "×": r"$\times$", "·": r"$\cdot$", "≤": r"$\leq$", "≥": r"$\geq$", "≈": r"$\approx$",
+    "∞": r"$\infty$", "°": r"$^\circ$", "²": "$^2$", "³": "$^3$", "√": r"$\surd$", "τ": r"$\tau$",
+    "ψ": r"$\psi$", "ε": r"$\varepsilon$", "Δ": r"$\Delta$", "σ": r"$\sigma$", "π": r"$\pi$",
+    "θ": r"$\theta$", "µ": r"$\mu$", "μ": r"$\mu$", "→": r"$\to$", "½": r"$\frac{1}{2}$",
+}  # fmt: skip
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _markdown(text: str) -> str:
+    return re.sub(r"([\\|`*<>\[\]])", r"\\\1", _one_line(text))
+
+
+def _markdown_row(row: tuple[Cell, ...]) -> str:
+    return "| " + " | ".join(_markdown(str(cell)) for cell in row) + " |"
+
+
+def _latex(cell: Cell) -> str:
+    if isinstance(cell, Math):
+        return f"${cell.latex}$"
+    text = _one_line(cell)
+    if match := re.fullmatch(r"([-+]?\d+(?:\.\d+)?)(?:e([-+]?\d+))?", text):
+        mantissa, exponent = match.groups()
+        if exponent:
+            return rf"${mantissa}\times 10^{{{int(exponent)}}}$"
+        return f"${mantissa}$" if mantissa[0] in "-+" else mantissa
+    return "".join(_LATEX.get(c, c) for c in text)
+
+
+def _latex_row(row: tuple[Cell, ...]) -> str:
+    return " & ".join(_latex(cell) for cell in row) + r" \\"
