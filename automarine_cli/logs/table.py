@@ -18,6 +18,7 @@ class LogTable:
     `n_port`, `n_stbd`, `n` [the file's own unit], `voltage` [V], `surge`, `sway` [m/s], `force` [N];
     every other numeric column stays in `extras` under the file's own name.
     A missing value is NaN. `rows` are 1-based line numbers in the file (Parquet: row numbers), for messages.
+    `names` are all column names of the file, `notes` what a person should know about the reading.
     """
 
     source: str
@@ -26,6 +27,8 @@ class LogTable:
     run: NDArray[np.str_] | None = None
     moment_unit: str | None = None
     extras: Mapping[str, Floats] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.rows)

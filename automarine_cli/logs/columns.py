@@ -1,0 +1,137 @@
+"""`--columns FILE.toml`: the user's names, units and signs for the canonical columns."""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from automarine_cli.errors import LogError
+from automarine_cli.logs.canonical import CANONICAL, RUN
+from automarine_cli.logs.words import listed, printable, quoted
+
+KNOWN_DEFAULTS = ("thrusters_per_test", "arm_m")
+LARGEST_MAP = 1_000_000  # bytes; a column map is a dozen lines
+
+
+@dataclass(frozen=True)
+class ColumnRule:
+    """One line of a column map: value = sign (scale x the file's value + offset), in `unit` (None: the name's own)."""
+
+    source: str
+    unit: str | None = None
+    sign: int = 1
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """Canonical name -> rule, and defaults for settings. `ColumnMap()` takes every name as it stands."""
+
+    columns: Mapping[str, ColumnRule] = field(default_factory=dict)
+    defaults: Mapping[str, float | str] = field(default_factory=dict)
+    source: str = ""
+
+
+def read_column_map(path: str | Path) -> ColumnMap:
+    """Read a column map (TOML with `[columns]` and `[defaults]`).
+
+    Raises LogError with the key's path for an unknown key, a wrong type or a unit that does not fit.
+    """
+    path = Path(path)
+    name = printable(path.name)
+    data = _toml(path, name)
+    for key in data:
+        if key not in ("columns", "defaults"):
+            raise LogError(f"{name}: unknown key {quoted(key)}; a column map holds [columns] and [defaults] only")
+    columns, defaults = data.get("columns", {}), data.get("defaults", {})
+    for key, table in (("columns", columns), ("defaults", defaults)):
+        if not isinstance(table, dict):
+            raise LogError(f"{name}: {key} is {_kind(table)}; expected a table, written [{key}]")
+    if not columns and not defaults:
+        raise LogError(f"{name}: the column map is empty; write lines such as heading_deg = \"yaw\" under [columns]")
+    return ColumnMap(
+        columns={key: _rule(name, key, value) for key, value in columns.items()},
+        defaults={key: _default(name, key, value) for key, value in defaults.items()},
+        source=name,
+    )
+
+
+def _toml(path: Path, name: str) -> dict[str, object]:
+    try:
+        if path.stat().st_size > LARGEST_MAP:
+            raise LogError(f"{name}: {path.stat().st_size} bytes; expected a column map of a few lines of TOML")
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except OSError as error:
+        raise LogError(f"{name}: the column map cannot be opened ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise LogError(f"{name}: the column map is not UTF-8 text; save it as UTF-8") from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        why = "nested too deep" if isinstance(error, RecursionError) else printable(str(error))
+        raise LogError(f"{name}: the column map is not valid TOML: {why}") from None
+
+
+def _rule(name: str, key: str, value: object) -> ColumnRule:
+    where = f"{name}: columns.{printable(key)}"
+    if key not in CANONICAL and key != RUN:
+        raise LogError(f"{where} is no column that automarine knows; known are {', '.join([*CANONICAL, RUN])}")
+    if isinstance(value, str):
+        value = {"from": value}
+    if not isinstance(value, dict):
+        raise LogError(f"{where} is {_kind(value)}; expected the name of a column in quotes, "
+                       'or a table such as { from = "yaw", unit = "rad", sign = -1 }')
+    for inner in value:
+        if inner not in ("from", "unit", "sign", "scale", "offset"):
+            raise LogError(f"{where}.{printable(inner)} is not known; a column takes from, unit, sign, scale, offset")
+    source = value.get("from")
+    if not isinstance(source, str) or not source.strip():
+        found = "missing" if source is None else _kind(source)
+        raise LogError(f"{where}.from is {found}; expected the name of a column in quotes")
+    if key == RUN and len(value) > 1:
+        raise LogError(f"{where} names runs; unit, sign, scale and offset do not apply")
+    sign = value.get("sign", 1)
+    if isinstance(sign, bool) or sign not in (1, -1):
+        raise LogError(f"{where}.sign is {_kind(sign)}; expected 1 or -1")
+    return ColumnRule(source.strip(), _unit(where, key, value.get("unit")), int(sign),  # type: ignore[call-overload]
+                      _number(f"{where}.scale", value.get("scale", 1.0)),
+                      _number(f"{where}.offset", value.get("offset", 0.0)))
+
+
+def _unit(where: str, key: str, unit: object) -> str | None:
+    if unit is None:
+        return None
+    known = CANONICAL[key].units()
+    if not isinstance(unit, str) or (known and unit not in known):
+        raise LogError(f"{where}.unit is {_kind(unit)}; expected {' or '.join(known) if known else 'a word in quotes'}")
+    return unit
+
+
+def _number(where: str, value: object) -> float:
+    good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    if not good or (where.endswith(".scale") and value == 0):
+        wanted = "a finite number other than 0" if where.endswith(".scale") else "a finite number"
+        raise LogError(f"{where} is {_kind(value)}; expected {wanted}")
+    return float(value)  # type: ignore[arg-type]
+
+
+def _default(name: str, key: str, value: object) -> float:
+    where = f"{name}: defaults.{printable(key)}"
+    if key not in KNOWN_DEFAULTS:
+        raise LogError(f"{where} is not known; [defaults] takes {listed(KNOWN_DEFAULTS)}")
+    good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) and value > 0
+    if not good:
+        raise LogError(f"{where} is {_kind(value)}; expected a number above 0")
+    return value  # type: ignore[return-value]
+
+
+def _kind(value: object) -> str:
+    """What was found, in words."""
+    if isinstance(value, str):
+        return quoted(value)
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (int, float)):
+        return f"{value:g}" if isinstance(value, float) or abs(value) < 10**15 else "a huge number"
+    return {dict: "a table", list: "a list"}.get(type(value), "no text or number")  # type: ignore[call-overload]

@@ -1,0 +1,154 @@
+"""Comma, semicolon or tab separated text, plain or gzip-compressed, read by pyarrow.
+
+The normal case touches no row in Python: the head is looked at, the body goes to pyarrow as it is. Only what pyarrow
+refuses is looked through again, to say in which row and column the trouble is.
+"""
+
+import csv
+import gzip
+import re
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as arrow_csv
+from numpy.typing import NDArray
+
+from automarine_cli.errors import LogError
+from automarine_cli.logs.csv_head import Head, read_head
+from automarine_cli.logs.formats import Format, RawLog
+from automarine_cli.logs.text import MISSING, numbers
+from automarine_cli.logs.words import quoted
+
+_EMPTIED = re.compile(rb"^[ \t]*(?:#[^\r\n]*)?(?=\r?$)", re.MULTILINE)  # comments and lines of blanks
+_SIGNATURES = {
+    b"\x1f\x8b": "is gzip-compressed; expected plain text (name it .csv.gz)",
+    b"PAR1": "is a Parquet file; expected plain text (name it .parquet)",
+    b"PK\x03\x04": "is a zip archive or spreadsheet; expected plain text (export it as CSV)",
+    b"\xff\xfe": "is UTF-16 text; expected UTF-8 (save it as UTF-8)",
+    b"\xfe\xff": "is UTF-16 text; expected UTF-8 (save it as UTF-8)",
+}
+_BOMB = (64 << 20, 200)  # more bytes than this, and more than so many times the file: not a log
+
+
+def read(path: Path, name: str) -> RawLog:
+    """Read a CSV file. Raises LogError with the row for anything that is not a table of cells."""
+    data = _prepared(_content(path, name), name)
+    head = read_head(data, name)
+    body = pa.py_buffer(data).slice(head.body)
+    rows = _line_numbers(data, head)
+    try:
+        table = _arrow(body, head, [pa.float64() if number else pa.binary() for number in head.numeric])
+    except pa.ArrowInvalid as error:
+        if "CSV conversion error" not in str(error):
+            raise _ragged(data, head, name, error) from None
+        table = _converted(body, data, head, name)
+    if table.num_rows != len(rows):
+        raise LogError(f"{name}: {len(rows)} lines give {table.num_rows} rows; a quoted cell runs over a line end. "
+                       "Write every row on one line")
+    return RawLog(head.names, tuple(table.columns), rows, head.decimal)
+
+
+FORMAT = Format("CSV", (".csv", ".csv.gz", ".tsv", ".tsv.gz"), read)
+
+
+def _content(path: Path, name: str) -> bytes:
+    if not path.name.lower().endswith(".gz"):
+        return path.read_bytes()
+    limit = max(_BOMB[0], _BOMB[1] * path.stat().st_size)
+    try:
+        with gzip.open(path) as file:
+            data = file.read(limit + 1)
+    except EOFError:
+        raise LogError(f"{name}: the gzip data ends too early; the file was cut short, copy it again") from None
+    except (gzip.BadGzipFile, zlib.error) as error:
+        raise LogError(f"{name}: not sound gzip data ({error}); copy it again, "
+                       "or drop .gz from its name if it is plain text") from None
+    if len(data) > limit:
+        raise LogError(f"{name}: unpacks to more than {_BOMB[1]} times its size; this is no log")
+    return data
+
+
+def _prepared(data: bytes, name: str) -> bytes:
+    """Plain text with comments and lines of blanks emptied (the line numbers stay as they are)."""
+    for signature, what in _SIGNATURES.items():
+        if data.startswith(signature):
+            raise LogError(f"{name}: {what}")
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    if (nul := data.find(b"\0")) >= 0:
+        row = data.count(b"\n", 0, nul) + 1
+        raise LogError(f"{name}, row {row}: found a NUL byte, expected text. The file is binary or was damaged "
+                       "while it was written")
+    if b"\r" in data and b"\n" not in data:
+        data = data.replace(b"\r", b"\n")
+    starts = (b"#", b" ", b"\t")
+    if data.startswith(starts) or any(b"\n" + start in data for start in starts):
+        data = _EMPTIED.sub(b"", data)
+    return data
+
+
+def _line_numbers(data: bytes, head: Head) -> NDArray[np.int64]:
+    """1-based line numbers of the rows of the body: of its lines that are not empty."""
+    body = memoryview(data)[head.body :]
+    count = data.count(b"\n", head.body) + (len(body) > 0 and body[-1] != ord("\n"))
+    lines = head.line + 1 + np.arange(count, dtype=np.int64)
+    first_empty = body[:1] == b"\n" or body[:2] == b"\r\n"
+    if not first_empty and data.find(b"\n\n", head.body) < 0 and data.find(b"\n\r\n", head.body) < 0:
+        return lines
+    text = np.frombuffer(body, dtype=np.uint8)
+    ends = np.flatnonzero(text == ord("\n"))
+    ends = ends if len(ends) == count else np.append(ends, len(text))
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    length = ends - starts
+    returns = (length == 1) & (text[np.minimum(starts, len(text) - 1)] == ord("\r"))
+    return lines[(length > 0) & ~returns]
+
+
+def _arrow(body: pa.Buffer, head: Head, types: list[pa.DataType]) -> pa.Table:
+    keys = [str(i) for i in range(len(types))]
+    return arrow_csv.read_csv(
+        pa.BufferReader(body),
+        read_options=arrow_csv.ReadOptions(column_names=keys, block_size=_block_size(body, head)),
+        parse_options=arrow_csv.ParseOptions(delimiter=head.delimiter),
+        convert_options=arrow_csv.ConvertOptions(
+            column_types=dict(zip(keys, types)), decimal_point=head.decimal, null_values=list(MISSING),
+            strings_can_be_null=True, check_utf8=False,
+        ),
+    ) if body.size else pa.table({key: pa.array([], kind) for key, kind in zip(keys, types)})
+
+
+def _block_size(body: pa.Buffer, head: Head) -> int:
+    """Bytes a block: a row must fit into it, however many columns it has."""
+    return max(1 << 20, 64 * len(head.names), min(body.size, 4 * head.longest))
+
+
+def _converted(body: pa.Buffer, data: bytes, head: Head, name: str) -> pa.Table:
+    """Slower: all cells as text, then numbers where a whole column is numbers."""
+    try:
+        table = _arrow(body, head, [pa.binary()] * len(head.names))
+    except pa.ArrowInvalid as error:
+        raise _ragged(data, head, name, error) from None
+    for i, column in enumerate(table.columns):
+        values = numbers(column, head.decimal)
+        if values is not None:
+            table = table.set_column(i, str(i), values)
+    return table
+
+
+def _ragged(data: bytes, head: Head, name: str, error: Exception) -> LogError:
+    """The refusal for a body that is no table: the first row with too few or too many cells."""
+    expected = len(head.names)
+    for i, line in enumerate(data[head.body :].split(b"\n")):
+        text = line.removesuffix(b"\r").decode("latin-1")
+        if not text:
+            continue
+        try:
+            cells = len(next(csv.reader([text], delimiter=head.delimiter)))
+        except (csv.Error, StopIteration):
+            cells = -1
+        if cells != expected:
+            found = f"{cells} cell{'s' * (cells != 1)}" if cells >= 0 else "a cell that does not end"
+            return LogError(f"{name}, row {head.line + 1 + i}: found {found}, expected {expected} as in the header "
+                            f"(row {head.line}); the row is {quoted(text)}. Complete or delete this row")
+    return LogError(f"{name}: not a table of cells ({quoted(str(error))}); check its quotes and line ends")

@@ -1,0 +1,124 @@
+"""The head of a CSV file: where the header is, what separates cells, which columns look like numbers."""
+
+import csv
+import re
+from dataclasses import dataclass
+
+from automarine_cli.errors import LogError
+from automarine_cli.logs.text import decoded, is_missing, is_number
+from automarine_cli.logs.words import quoted
+
+DELIMITERS = (";", "\t", ",")  # a tie goes to the first: with ; and tab the comma may be the decimal one
+SAMPLE_LINES = 64
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Head:
+    """`line`: 1-based line of the header; `body`: byte at which the line after it starts; `numeric`: one flag a
+    column, whether the first rows hold numbers only; `longest`: bytes of the longest line looked at."""
+
+    names: tuple[str, ...]
+    line: int
+    body: int
+    delimiter: str
+    decimal: str
+    numeric: tuple[bool, ...]
+    longest: int
+
+
+def read_head(data: bytes, name: str) -> Head:
+    """Look at the first lines of a CSV file whose comments are emptied. Raises LogError where there is no header."""
+    line, start, end = _first_line(data)
+    if start == len(data):
+        raise LogError(f"{name}: no header and no rows; expected a line of column names")
+    header = _text(data[start:end])
+    sample = _sample(data, end + 1)
+    delimiter = _delimiter(header, sample)
+    names = tuple(cell.strip() for cell in _cells(header, delimiter))
+    if any(names) and all(is_number(cell) or not cell for cell in names):
+        raise LogError(f"{name}, row {line}: found numbers ({quoted(header)}), expected column names; "
+                       "write a header such as time_s,heading_deg,tau above the rows")
+    if len(names) == 1 and len(header.split()) > 2:
+        raise LogError(f"{name}, row {line}: cells seem to be separated by blanks ({quoted(header)}); "
+                       "expected commas, semicolons or tabs")
+    rows = [[cell.strip() for cell in _cells(text, delimiter)] for text in sample]
+    decimal = "," if delimiter != "," and _decimal_comma(rows) else "."
+    return Head(names, line, min(end + 1, len(data)), delimiter, decimal, _numeric(rows, len(names), decimal),
+                max(len(text) for text in (header, *sample)))
+
+
+def _first_line(data: bytes) -> tuple[int, int, int]:
+    """Number, start and end of the first line that is not empty."""
+    start, line = 0, 1
+    while start < len(data):
+        end = data.find(b"\n", start)
+        end = len(data) if end < 0 else end
+        if data[start:end].strip():
+            return line, start, end
+        start, line = end + 1, line + 1
+    return line, len(data), len(data)
+
+
+def _sample(data: bytes, start: int) -> list[str]:
+    """The first rows, and some from the middle and the end of the file, where an integer column shows its fractions."""
+    lines: list[str] = []
+    for position in (start, (start + len(data)) // 2, max(start, len(data) - 4096)):
+        first = position if position == start else data.find(b"\n", position) + 1
+        while first > 0 and first < len(data) and len(lines) < SAMPLE_LINES:
+            end = data.find(b"\n", first)
+            end = len(data) if end < 0 else end
+            if data[first:end].strip():
+                lines.append(_text(data[first:end]))
+            if position != start and len(lines) >= SAMPLE_LINES:
+                break
+            first = end + 1
+        if len(data) - start < 4096 and lines:
+            break
+    return lines
+
+
+def _text(line: bytes) -> str:
+    return decoded(line.removesuffix(b"\r")) if b"\t" not in line else _keeping_tabs(line)
+
+
+def _keeping_tabs(line: bytes) -> str:
+    try:
+        return line.decode("utf-8").strip("\r\n ")
+    except UnicodeDecodeError:
+        return line.decode("latin-1").strip("\r\n ")
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    try:
+        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+    except csv.Error:
+        return line.split(delimiter)
+
+
+def _delimiter(header: str, sample: list[str]) -> str:
+    """The separator that gives the header and most rows the same number of cells, more than one."""
+    best, score = ",", (0.0, 0)
+    for delimiter in DELIMITERS:
+        count = len(_cells(header, delimiter))
+        if count > 1:
+            agree = sum(len(_cells(line, delimiter)) == count for line in sample)
+            share = agree / len(sample) if sample else 1.0
+            if (share, count) > score:
+                best, score = delimiter, (share, count)
+    return best
+
+
+def _decimal_comma(rows: list[list[str]]) -> bool:
+    commas = sum(_DECIMAL_COMMA.fullmatch(cell) is not None for row in rows for cell in row)
+    points = sum("." in cell and is_number(cell) for row in rows for cell in row)
+    return commas > points
+
+
+def _numeric(rows: list[list[str]], columns: int, decimal: str) -> tuple[bool, ...]:
+    """One flag a column: number or missing in all rows looked at."""
+    flags = [True] * columns
+    for row in rows:
+        for i, cell in enumerate(row[:columns]):
+            flags[i] = flags[i] and (is_missing(cell) or is_number(cell, decimal))
+    return tuple(flags)

@@ -1,0 +1,104 @@
+"""Arguments of the command line become the log files they mean, in an order that never changes."""
+
+import glob
+import os
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from automarine_cli.errors import LogError
+from automarine_cli.logs.formats import suffix_of, suffixes
+from automarine_cli.logs.words import printable, quoted
+
+
+@dataclass(frozen=True)
+class LogFile:
+    """One log: where it is, what results call it (never depends on the working directory), and whether it was
+    named on the command line itself (then unreadable means refused) or found (then it is set aside)."""
+
+    path: Path
+    name: str
+    named: bool
+
+
+def find_logs(arguments: Sequence[str | Path]) -> list[LogFile]:
+    """The logs meant by files, directories (searched recursively, name order) and globs; each file once.
+
+    Raises LogError for a file that does not exist or is no log, and for a directory or glob without logs.
+    """
+    if not arguments:
+        raise LogError("no logs given; name log files, directories or quoted globs")
+    found: dict[str, LogFile] = {}
+    for argument in arguments:
+        for log in _meant_by(str(argument)):
+            key = os.path.abspath(log.path)
+            if key not in found or log.named:
+                found[key] = log
+    return _told_apart(list(found.values()))
+
+
+def _meant_by(argument: str) -> list[LogFile]:
+    path = Path(argument)
+    endings = ", ".join(sorted(suffixes()))
+    if path.is_dir():
+        logs = list(_inside(path))
+        if not logs:
+            raise LogError(f"{quoted(argument)}: no logs in this directory; expected files that end in {endings}")
+        return logs
+    if os.path.lexists(path):
+        if suffix_of(path.name) is None:
+            raise LogError(f"{quoted(path.name)}: not a log by its name; expected one that ends in {endings}")
+        return [LogFile(path, printable(path.name), named=True)]
+    if glob.has_magic(argument):
+        return _matching(argument, endings)
+    raise LogError(f"{quoted(argument)}: no such file or directory; check the spelling and the folder you are in")
+
+
+def _inside(folder: Path, prefix: str | None = None) -> Iterator[LogFile]:
+    """Logs under a directory; links to directories are not followed, hidden files and folders are left out."""
+    prefix = folder.resolve().name if prefix is None else prefix
+    for here, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        for name in sorted(files):
+            if suffix_of(name) is not None and not name.startswith("."):
+                path = Path(here, name)
+                inner = path.relative_to(folder).as_posix()
+                yield LogFile(path, printable(f"{prefix}/{inner}" if prefix else inner), named=False)
+
+
+def _matching(pattern: str, endings: str) -> list[LogFile]:
+    fixed = Path(*_before_magic(Path(pattern).parts))
+    logs: list[LogFile] = []
+    for match in sorted(glob.glob(pattern, recursive=True)):
+        path = Path(match)
+        inner = path.relative_to(fixed).as_posix()
+        if path.is_dir():
+            logs += [] if "**" in pattern else _inside(path, prefix=inner)
+        elif suffix_of(path.name) is not None:
+            logs.append(LogFile(path, printable(inner), named=False))
+    if not logs:
+        raise LogError(f"{quoted(pattern)}: no logs match; expected files that end in {endings}")
+    return logs
+
+
+def _before_magic(parts: tuple[str, ...]) -> tuple[str, ...]:
+    first = next(i for i, part in enumerate(parts) if glob.has_magic(part))
+    return parts[:first]
+
+
+def _told_apart(logs: list[LogFile]) -> list[LogFile]:
+    """Files of one name get the folders above them in front until all names differ."""
+    for _ in range(64):
+        times = Counter(log.name for log in logs)
+        twice = {name for name, count in times.items() if count > 1}
+        if not twice:
+            break
+        logs = [_with_folder(log) if log.name in twice else log for log in logs]
+    return logs
+
+
+def _with_folder(log: LogFile) -> LogFile:
+    parts = log.path.resolve().parts
+    depth = log.name.count("/") + 2
+    return replace(log, name=printable("/".join(parts[-depth:]))) if depth <= len(parts) else log

@@ -1,0 +1,71 @@
+"""The registry of log formats: every module of this folder that defines `FORMAT` is one.
+
+To add a format, write one file here with a function `read(path, name) -> RawLog` and
+`FORMAT = Format("what people call it", (".suffix",), read)`; nothing else. `tests/reader_contract.py` picks it up.
+"""
+
+import importlib
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+import automarine_cli.logs as folder
+
+
+@dataclass(frozen=True)
+class RawLog:
+    """A file as its format gives it: column names, one Arrow array each (shape (N,)), and row numbers for messages.
+
+    An array is float64 (null where a value is missing), timestamp, or binary text for whatever is not a number.
+    `decimal` is the character between whole and fraction in the text columns.
+    """
+
+    names: tuple[str, ...]
+    arrays: tuple[pa.ChunkedArray, ...]
+    rows: NDArray[np.int64]
+    decimal: str = "."
+
+
+@dataclass(frozen=True)
+class Format:
+    """One log format: `read` takes the path and the name to use in messages, and raises LogError."""
+
+    name: str
+    suffixes: tuple[str, ...]
+    read: Callable[[Path, str], RawLog]
+
+
+@cache
+def formats() -> tuple[Format, ...]:
+    """All formats, in the name order of their modules."""
+    modules = sorted(module.name for module in pkgutil.iter_modules(folder.__path__))
+    loaded = (importlib.import_module(f"{folder.__name__}.{name}") for name in modules if name != "formats")
+    return tuple(module.FORMAT for module in loaded if hasattr(module, "FORMAT"))
+
+
+def suffixes() -> tuple[str, ...]:
+    """All file name endings that are logs, longest first."""
+    return tuple(sorted((s for f in formats() for s in f.suffixes), key=lambda s: (-len(s), s)))
+
+
+def suffix_of(name: str) -> str | None:
+    """The known ending of a file name (case does not matter), or None."""
+    return next((s for s in suffixes() if name.lower().endswith(s)), None)
+
+
+def stem_of(name: str) -> str:
+    """A file name without the ending of its format."""
+    suffix = suffix_of(name)
+    return name if suffix is None else name[: -len(suffix)]
+
+
+def format_of(name: str) -> Format | None:
+    """The format of a file name, or None."""
+    suffix = suffix_of(name)
+    return next((f for f in formats() if suffix in f.suffixes), None)

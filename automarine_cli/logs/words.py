@@ -1,0 +1,32 @@
+"""How names and cells that came from files are shown in one-line messages."""
+
+from collections.abc import Iterable
+
+MOST_SHOWN = 12  # names listed in a message; a log may have thousands of columns
+LONGEST = 60  # characters of one name or cell shown
+
+
+def printable(text: str) -> str:
+    """The same text on one line: control characters and undecodable bytes are written as escapes."""
+    return "".join(_shown(character) for character in text)
+
+
+def _shown(character: str) -> str:
+    if "\udc80" <= character <= "\udcff":  # a byte of a file name that is not UTF-8
+        return f"\\x{ord(character) - 0xDC00:02x}"
+    if character.isprintable() or character == " ":
+        return character
+    return character.encode("unicode_escape", "backslashreplace").decode("ascii")
+
+
+def quoted(text: str) -> str:
+    """A cell or a name in single quotes, shortened, on one line."""
+    text = printable(text)
+    return f"'{text}'" if len(text) <= LONGEST else f"'{text[:LONGEST]}...'"
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names separated by commas; a long list ends with how many more there are."""
+    shown = [printable(name)[:LONGEST] for name in names]
+    more = len(shown) - MOST_SHOWN
+    return ", ".join(shown[:MOST_SHOWN]) + (f" and {more} more" if more > 0 else "")
