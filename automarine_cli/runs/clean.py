@@ -1,0 +1,123 @@
+"""A log's rows become runs: the clock rises, the heading is unwrapped, everything dropped is counted."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.errors import RunError
+from automarine_cli.logs import LogTable
+from automarine_cli.runs.run import Run
+from automarine_cli.runs.sense import clock_trouble, heading_trouble, stuck
+from automarine_cli.runs.unwrap import find_glitches, unwrap
+
+Floats = NDArray[np.float64]
+GAP_IN_PERIODS = 3.0
+COUNTS = ("rows", "missing", "duplicates", "glitches", "gaps")
+
+
+class NotUsable(RunError):
+    """A run that does not serve: the reason, with a hint."""
+
+
+def clean(table: LogTable, chosen: NDArray[np.int64], name: str) -> tuple[Run, ...]:
+    """Clean the rows `chosen` (indices into the table, shape (N,)) of one run; a wide gap may split it into several.
+
+    Rows without time, heading or command are dropped and counted, as are repeated stamps and heading spikes.
+    Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
+    """
+    columns = {key: values[chosen] for key, values in {**table.extras, **table.columns}.items()}
+    rows, counts = table.rows[chosen], dict.fromkeys(COUNTS, 0)
+    counts["rows"] = len(chosen)
+    commands = ("moment",) if "moment" in table.columns else ("n_port", "n_stbd")
+    kept = ~np.any([np.isnan(columns[key]) for key in ("time", "heading", *commands)], axis=0)
+    counts["missing"] = int((~kept).sum())
+    columns, rows = _only(columns, kept), rows[kept]
+    if counts["missing"] and not len(rows):
+        raise NotUsable(f"no row has time, heading and command ({counts['missing']} rows lack one); check the columns")
+    fresh = _rising(columns["time"], rows, table.source, name)
+    if len(rows) > 1 and not fresh[1:].any():
+        raise NotUsable(_or_clear(clock_trouble(columns["time"])))
+    counts["duplicates"] = int((~fresh).sum())
+    columns = _only(columns, fresh)
+    _refuse(clock_trouble(columns["time"]))
+    _refuse(heading_trouble(columns["time"], columns["heading"]))
+    glitch = find_glitches(columns["time"], columns["heading"])
+    counts["glitches"] = int(glitch.sum())
+    columns = _only(columns, ~glitch)
+    _refuse(clock_trouble(columns["time"]))
+    run = _run(table, columns, name, counts)
+    _refuse(stuck(run.heading, _any_command(run)))
+    return _bridged(run)
+
+
+def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapping[str, int]) -> Run:
+    extras = {key: values for key, values in columns.items() if key not in ("time", "heading", "moment")}
+    return Run(
+        name=name,
+        source=table.source,
+        time=columns["time"],
+        heading=columns["heading"],
+        moment=columns.get("moment"),
+        moment_unit=table.moment_unit or "",
+        extras=extras,
+        counts=counts,
+        notes=table.notes,
+    )
+
+
+def _only(columns: Mapping[str, Floats], kept: NDArray[np.bool_]) -> dict[str, Floats]:
+    return dict(columns) if kept.all() else {key: values[kept] for key, values in columns.items()}
+
+
+def _refuse(why: str | None) -> None:
+    if why is not None:
+        raise NotUsable(why)
+
+
+def _or_clear(why: str | None) -> str:
+    return why or "the clock stands still"
+
+
+def _rising(time: Floats, rows: NDArray[np.int64], source: str, name: str) -> NDArray[np.bool_]:
+    """Which samples have a new stamp. Raises RunError where the clock steps back."""
+    steps = np.diff(time)
+    back = np.flatnonzero(steps < 0)
+    if back.size:
+        i = int(back[0])
+        raise RunError(
+            f"{source}, row {rows[i + 1]}, run {name!r}: the clock steps back from {time[i]:.10g} s to "
+            f"{time[i + 1]:.10g} s; expected a rising clock. If two runs share the file, tell them apart by a column "
+            "run; else sort or correct the rows"
+        )
+    return np.concatenate([[True], steps > 0]) if len(time) else np.zeros(0, dtype=bool)
+
+
+def _any_command(run: Run) -> Floats:
+    """Something that is not zero while any thruster works, shape (N,)."""
+    if run.moment is not None:
+        return run.moment
+    return np.abs(run.extras["n_port"]) + np.abs(run.extras["n_stbd"])
+
+
+def _bridged(run: Run) -> tuple[Run, ...]:
+    """Unwrap the heading; gaps that can be bridged are flagged, at the others the run is split."""
+    steps = np.diff(run.time)
+    gaps = np.flatnonzero(steps > GAP_IN_PERIODS * np.median(steps))
+    result = unwrap(run.time, run.heading, gaps)
+    run = replace(run, heading=result.heading)
+    widest = f"{steps[gaps].max():.3g} s" if gaps.size else ""
+    if not result.broken_after:
+        note = (f"{gaps.size} gap{'s' * (gaps.size > 1)} of up to {widest}, bridged by the yaw rate on both sides",)
+        return (replace(run, counts={**run.counts, "gaps": int(gaps.size)}, notes=run.notes + note * bool(gaps.size)),)
+    edges = [0, *(i + 1 for i in result.broken_after), len(run)]
+    note = (f"split at {len(result.broken_after)} gap{'s' * (len(result.broken_after) > 1)} of up to {widest}, "
+            "across which the heading cannot be followed",)
+    parts = []
+    for number, (start, stop) in enumerate(zip(edges, edges[1:]), 1):
+        part = run.cut(start, stop)
+        inner = int(((gaps >= start) & (gaps < stop - 1)).sum())
+        counts = {**(run.counts if number == 1 else dict.fromkeys(COUNTS, 0)), "gaps": inner}
+        parts.append(replace(part, name=f"{run.name}.{number}", counts=counts, notes=run.notes + note))
+    return tuple(parts)

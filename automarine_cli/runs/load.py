@@ -1,0 +1,141 @@
+"""`load_runs`: all logs of a campaign become runs; what does not serve is set aside with its reason."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.errors import LogError, RunError
+from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_yaw
+from automarine_cli.logs.formats import stem_of
+from automarine_cli.runs.clean import NotUsable, clean
+from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.sense import clock_trouble
+
+Progress = Callable[[str, int, int], None]
+MOST_REASONS = 5  # reasons shown when nothing is left
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """The runs of one campaign on one clock, in the order of their files; what was set aside; the files read."""
+
+    runs: tuple[Run, ...]
+    set_aside: tuple[SetAside, ...]
+    inputs: tuple[LogFile, ...]
+
+
+def _silent(stage: str, done: int, total: int) -> None:
+    return None
+
+
+def load_runs(
+    logs: Sequence[str | Path],
+    columns: ColumnMap | None = None,
+    *,
+    strict: bool = False,
+    progress: Progress = _silent,
+) -> Campaign:
+    """Read and clean the yaw logs meant by files, directories and globs.
+
+    Raises LogError or RunError for a log named on the command line that cannot be read right, for anything that would
+    be set aside if `strict`, and if no run is left.
+    """
+    files = find_logs(logs)
+    runs: list[Run] = []
+    aside: list[SetAside] = []
+    for done, file in enumerate(files):
+        progress("reading logs", done, len(files))
+        good, bad = read_runs(file, columns)
+        runs += good
+        aside += bad
+        if strict and bad:
+            raise RunError(f"{bad[0].file}, run {bad[0].run!r}: {bad[0].why} (refused because of --strict)")
+    progress("reading logs", len(files), len(files))
+    if not runs:
+        reasons = "; ".join(f"{s.file}: {s.why}" for s in aside[:MOST_REASONS])
+        more = f"; and {len(aside) - MOST_REASONS} more" if len(aside) > MOST_REASONS else ""
+        raise RunError(f"no run is left of {len(files)} log{'s' * (len(files) != 1)}: {reasons}{more}")
+    return Campaign(_one_unit(_named_apart(runs)), tuple(aside), tuple(files))
+
+
+def read_runs(file: LogFile, columns: ColumnMap | None = None) -> tuple[list[Run], list[SetAside]]:
+    """The runs of one log, and those set aside. Raises LogError or RunError if the log was named and is unreadable."""
+    try:
+        table = read_log(file, columns)
+        require_yaw(table)
+    except LogError as error:
+        if file.named:
+            raise
+        return [], [SetAside(file.name, stem_of(Path(file.name).name), _without_source(str(error), file.name))]
+    return clean_table(table, file)
+
+
+def clean_table(table: LogTable, file: LogFile) -> tuple[list[Run], list[SetAside]]:
+    """The runs of a table already read, and those set aside. Raises RunError as `read_runs`."""
+    runs: list[Run] = []
+    aside: list[SetAside] = []
+    for name, chosen in _split(table):
+        try:
+            parts = clean(table, chosen, name)
+        except NotUsable as error:
+            aside.append(SetAside(file.name, name, str(error)))
+            continue
+        except RunError as error:
+            if file.named:
+                raise
+            aside.append(SetAside(file.name, name, _without_source(str(error), file.name)))
+            continue
+        for part in parts:
+            why = clock_trouble(part.time) if len(parts) > 1 else None
+            if why is None:
+                runs.append(part)
+            else:
+                aside.append(SetAside(file.name, part.name, f"{why} ({part.notes[-1]})"))
+    return runs, aside
+
+
+def _split(table: LogTable) -> Iterator[tuple[str, NDArray[np.int64]]]:
+    """Name and rows of each run, in the order in which the runs begin in the file."""
+    if table.run is None:
+        yield stem_of(Path(table.source).name), np.arange(len(table))
+        return
+    names, first, member = np.unique(table.run, return_index=True, return_inverse=True)
+    order = np.argsort(member, kind="stable")
+    bounds = np.searchsorted(member[order], np.arange(len(names) + 1))
+    for i in np.argsort(first, kind="stable"):
+        yield str(names[i]), order[bounds[i] : bounds[i + 1]]
+
+
+def _without_source(sentence: str, source: str) -> str:
+    """The reason alone: the result has the file's name in a field of its own."""
+    return sentence.removeprefix(source).lstrip(":, ")
+
+
+def _named_apart(runs: Sequence[Run]) -> list[Run]:
+    """Runs of one name get their file's name in front (without its ending where that is enough)."""
+    note = "another run of this campaign has the same name; the file's name was put in front"
+    named = list(runs)
+    for prefix in (stem_of, str):
+        times = Counter(run.name for run in named)
+        for i, (run, original) in enumerate(zip(named, runs)):
+            if times[run.name] > 1:
+                front = prefix(run.source)
+                own = original.name == stem_of(Path(run.source).name)
+                named[i] = replace(original, name=front if own else f"{front}:{original.name}",
+                                   notes=(*original.notes, note))
+    return named
+
+
+def _one_unit(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """All moments of a campaign in one unit. Raises RunError where tau and tau_Nm are mixed."""
+    units = {run.moment_unit: run for run in runs if run.moment is not None}
+    if len(units) > 1:
+        first, second = list(units.values())[:2]
+        raise RunError(f"{first.source} gives its moment in {first.moment_unit}, {second.source} in "
+                       f"{second.moment_unit}; expected one unit in a campaign. Analyse them apart, or map both "
+                       "columns to tau or to tau_Nm with --columns")
+    return tuple(runs)

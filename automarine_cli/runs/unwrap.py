@@ -1,0 +1,118 @@
+"""One continuous heading from a compass that wraps, skips and spikes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from automarine_cli.runs.noise import NORMAL
+
+Floats = NDArray[np.float64]
+TURN = 2 * np.pi
+LEAST_SPIKE = np.deg2rad(6)  # a smaller spike is left to the noise
+SPIKE_IN_SIGMA = 8.0
+LONGEST_SPIKE = 2  # samples
+LOCAL = 9  # samples over which the local rate is the median
+LONGEST_BRIDGE = 60.0  # s; over a longer gap anything may have happened
+END_SPIKE = np.deg2rad(20)  # at the ends there is only one side to compare with
+
+
+def wrapped(angle: Floats) -> Floats:
+    """The same angle within (-pi, pi]."""
+    return np.pi - np.mod(np.pi - angle, TURN)
+
+
+def find_glitches(time: Floats, heading: Floats) -> NDArray[np.bool_]:
+    """Which samples, shape (N,), are spikes of one or two samples: far off both neighbours, which agree.
+
+    A spike stands out against the local rate by eight robust standard deviations and six degrees, and the samples
+    on either side of it continue each other. A jump that stays (a stale compass that catches up) is no spike.
+    """
+    count = len(time)
+    bad = np.zeros(count, dtype=bool)
+    if count < LOCAL:
+        return bad
+    rate = median_filter(wrapped(np.diff(heading)) / np.diff(time), size=LOCAL, mode="nearest")
+    rate = np.append(rate, rate[-1])  # (N,), after each sample
+    bend = wrapped(np.diff(heading)) - np.diff(time) * rate[:-1]
+    threshold = max(LEAST_SPIKE, SPIKE_IN_SIGMA * NORMAL * float(np.median(np.abs(bend))))
+    for width in range(1, LONGEST_SPIKE + 1):
+        before, after = np.arange(count - width - 1), np.arange(width + 1, count)
+        across = np.abs(_off(time, heading, rate, before, after))
+        least = np.min([np.abs(_off(time, heading, rate, before, before + k)) for k in range(1, width + 1)], axis=0)
+        spike = (least > threshold) & (across < threshold) & (least > 3 * across)
+        for k in range(1, width + 1):
+            bad[before[spike] + k] = True
+    return bad | _ends(time, heading, rate, max(threshold, END_SPIKE))
+
+
+def _off(time: Floats, heading: Floats, rate: Floats, here: NDArray[np.int64], there: NDArray[np.int64]) -> Floats:
+    """How far `heading[there]` is from `heading[here]` carried on at the local rate, modulo a turn."""
+    middle = rate[(here + there) // 2]
+    return wrapped(heading[there] - heading[here] - middle * (time[there] - time[here]))
+
+
+def _ends(time: Floats, heading: Floats, rate: Floats, threshold: float) -> NDArray[np.bool_]:
+    """Spikes at the very first and last samples: far off what the next samples, which agree, lead to."""
+    count = len(time)
+    bad = np.zeros(count, dtype=bool)
+    for order in (np.arange(count), np.arange(count)[::-1]):
+        for width in range(1, LONGEST_SPIKE + 1):
+            inner = order[width : width + 5]
+            agree = np.abs(_off(time, heading, rate, inner[:-1], inner[1:])) < threshold / 4
+            far = np.abs(_off(time, heading, rate, np.repeat(inner[0], width), order[:width])) > threshold
+            if agree.all() and far.all():
+                bad[order[:width]] = True
+                break
+    return bad
+
+
+@dataclass(frozen=True)
+class Unwrapped:
+    """Heading of shape (N,) [rad], and after which samples the turn count is unknown (a gap too wide to bridge)."""
+
+    heading: Floats
+    broken_after: tuple[int, ...]
+
+
+def unwrap(time: Floats, heading: Floats, gaps: NDArray[np.int64]) -> Unwrapped:
+    """Unwrap a heading; `gaps` are the samples after which the log has a hole.
+
+    Between samples the shortest way is taken. Across a hole the rates on both sides say how far the vehicle turned;
+    if they leave it open by more than a quarter of a turn, the run breaks there. A log that counts turns itself
+    (more than a turn wide, without jumps) is taken as it is.
+    """
+    raw = np.diff(heading)
+    inside = np.ones(len(raw), dtype=bool)
+    inside[gaps] = False
+    if np.ptp(heading) > 1.01 * TURN and np.all(np.abs(raw[inside]) < np.pi):
+        return Unwrapped(heading.copy(), ())
+    steps = wrapped(raw)
+    broken = []
+    for gap in gaps:
+        span = time[gap + 1] - time[gap]
+        before, after = _side_rate(time, steps, gap - 1, -1, gaps), _side_rate(time, steps, gap + 1, 1, gaps)
+        predicted = span * (before[0] + after[0]) / 2
+        doubt = span * (abs(after[0] - before[0]) / 2 + before[1] + after[1])
+        if doubt > np.pi / 2 or span > LONGEST_BRIDGE:
+            broken.append(int(gap))
+        steps[gap] = predicted + wrapped(np.asarray(raw[gap] - predicted))
+    return Unwrapped(heading[0] + np.concatenate([[0.0], np.cumsum(steps)]), tuple(broken))
+
+
+def _side_rate(time: Floats, steps: Floats, start: int, way: int, gaps: NDArray[np.int64]) -> tuple[float, float]:
+    """Yaw rate [rad/s] and its doubt just beside a gap, from up to eight steps on one side of it."""
+    others = set(gaps.tolist())
+    indices: list[int] = []
+    i = start
+    while 0 <= i < len(steps) and i not in others and len(indices) < 8:
+        indices.append(i)
+        i += way
+    if len(indices) < 2:
+        return 0.0, np.inf
+    chosen = np.array(indices)
+    spans = time[chosen + 1] - time[chosen]
+    rate = float(steps[chosen].sum() / spans.sum())
+    scatter = float(np.std(steps[chosen] - rate * spans))
+    return rate, 2 * scatter / float(spans.sum())
