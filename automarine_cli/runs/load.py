@@ -1,7 +1,7 @@
 """`load_runs`: all logs of a campaign become runs; what does not serve is set aside with its reason."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from automarine_cli.errors import LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_yaw
 from automarine_cli.logs.formats import stem_of
+from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.clean import NotUsable, clean
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.sense import clock_trouble
 
-Progress = Callable[[str, int, int], None]
 MOST_REASONS = 5  # reasons shown when nothing is left
 
 
@@ -28,16 +28,12 @@ class Campaign:
     inputs: tuple[LogFile, ...]
 
 
-def _silent(stage: str, done: int, total: int) -> None:
-    return None
-
-
 def load_runs(
     logs: Sequence[str | Path],
     columns: ColumnMap | None = None,
     *,
     strict: bool = False,
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> Campaign:
     """Read and clean the yaw logs meant by files, directories and globs.
 

@@ -54,14 +54,14 @@ def stuck(heading: Floats, command: Floats) -> str | None:
     acting = command != 0
     if not acting.any():
         return None
-    longest, at = _longest_repeat(heading, acting)
+    longest, at = longest_repeat(heading, acting)
     if longest >= max(20, acting.sum() / 2):
         return (f"compass stuck: {longest} samples of exactly {np.rad2deg(at) % 360:.6g} degrees while a moment acts. "
                 "Check the compass and its cable, or whether the vehicle was held")
     return None
 
 
-def _longest_repeat(heading: Floats, where: NDArray[np.bool_]) -> tuple[int, float]:
+def longest_repeat(heading: Floats, where: NDArray[np.bool_]) -> tuple[int, float]:
     """Length and value of the longest stretch of one exact heading among the samples `where`."""
     same = (np.diff(heading) == 0) & where[1:] & where[:-1]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))

@@ -1,0 +1,169 @@
+"""The first half-turn of a step: |psi - psi0| <= pi, both directions alike; what was kept, what cut it, why not used.
+
+Walls, tether and the vehicle's own wake spoil what comes after half a turn (the source paper's section 3.2), so each
+run is trimmed to it. Ending at the first noisy sample beyond pi would let the noise choose the last sample, which
+biases the drag by about 0.1 %: the samples within three standard deviations before pi are dropped as well.
+"""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.runs.noise import heading_noise, slope
+from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.sense import longest_repeat
+from automarine_cli.runs.steps import Step, find_steps, start_heading
+
+Floats = NDArray[np.float64]
+
+HALF_TURN = "half a turn"
+MOMENT_ENDS = "the moment changed"
+LOG_ENDS = "the log ended"
+
+FEWEST_SAMPLES = 8
+MARGIN_IN_SIGMA = 3.0
+LEAST_TURN = np.deg2rad(60)  # a step that ends before this has shown no steady rate
+NO_TURN = np.deg2rad(5)
+STILL_CHANGING = 0.1  # of the last third's rate
+SURE = 4.0  # standard errors
+
+
+@dataclass(frozen=True)
+class HalfTurn:
+    """What is kept of a step: `kept` are its samples in the run, `time` [s, campaign clock] and `heading` [rad] theirs.
+
+    `start_heading` [rad] is psi0; the switch lies in (`switch_from`, `switch_to`] [s]; `cut_by` is what ended it, in
+    words; `turned` [rad] the signed angle from psi0 to the end; `noise` [rad] of the heading; `steady` whether the
+    rate had settled. `why` is empty, or the sentence for which the half-turn is set aside.
+    """
+
+    step: Step
+    time: Floats
+    heading: Floats
+    kept: slice
+    start_heading: float
+    switch_from: float
+    switch_to: float
+    moment: float
+    cut_by: str
+    turned: float
+    noise: float
+    steady: bool
+    why: str
+
+    @property
+    def serves(self) -> bool:
+        """Whether the half-turn can be used for a fit."""
+        return not self.why
+
+    @property
+    def name(self) -> str:
+        """Name of the run."""
+        return self.step.run.name
+
+
+def half_turn(run: Run, step: Step) -> HalfTurn:
+    """Trim a step to |psi - psi0| <= pi and judge it. Trimming what was trimmed changes nothing."""
+    noise = heading_noise(run.time, run.heading)
+    zero = start_heading(step)
+    stop, crossed = _end(run.heading[step.segment] - zero, noise)
+    kept = slice(step.first, step.first + stop)
+    cut_by = HALF_TURN if crossed else LOG_ENDS if step.ends_log else MOMENT_ENDS
+    time, heading = run.time[kept], run.heading[kept]
+    steady = _is_steady(time, heading, noise)
+    turned = float(np.median(heading[-3:]) - zero)
+    return HalfTurn(
+        step=step,
+        time=time,
+        heading=heading,
+        kept=kept,
+        start_heading=zero,
+        switch_from=step.switch_from,
+        switch_to=step.switch_to,
+        moment=step.moment,
+        cut_by=cut_by,
+        turned=turned,
+        noise=noise,
+        steady=steady,
+        why=_why_not(step, heading, turned, noise, cut_by, steady),
+    )
+
+
+def half_turns(runs: Iterable[Run]) -> tuple[tuple[HalfTurn, ...], tuple[SetAside, ...]]:
+    """The first half-turn of every run that serves, and the runs set aside with their reasons.
+
+    Of a run with several steps the first that serves is taken; if none does, the first one's reason is given.
+    """
+    good: list[HalfTurn] = []
+    aside: list[SetAside] = []
+    for run in runs:
+        trimmed = tuple(_trimmed(run))
+        chosen = next((turn for turn in trimmed if turn.serves), None)
+        if chosen is not None:
+            good.append(chosen)
+        else:
+            aside.append(SetAside(run.source, run.name, trimmed[0].why if trimmed else NO_STEP))
+    return tuple(good), tuple(aside)
+
+
+NO_STEP = ("no step: no constant moment is held for at least 5 samples. Hold the moment constant, "
+           "or fit whole runs")
+
+
+def _trimmed(run: Run) -> Iterator[HalfTurn]:
+    return (half_turn(run, step) for step in find_steps(run))
+
+
+def _end(turned: Floats, noise: float) -> tuple[int, bool]:
+    """Number of samples kept, and whether half a turn ended them."""
+    beyond = np.abs(turned) > np.pi
+    if not beyond.any():
+        return len(turned), False
+    crossing = int(np.argmax(beyond))
+    back = min(10, crossing - 1)
+    if back < 1:
+        return max(crossing, 1), True
+    pace = abs(turned[crossing - 1] - turned[crossing - 1 - back]) / back
+    margin = math.ceil(MARGIN_IN_SIGMA * noise / pace) if pace > 0 else crossing
+    return max(crossing - margin, min(crossing, FEWEST_SAMPLES)), True
+
+
+def _is_steady(time: Floats, heading: Floats, noise: float) -> bool:
+    """Whether the rate of the last third is, beyond doubt or by less than a tenth, that of the third before."""
+    third = len(time) // 3
+    if third < 3:
+        return False
+    late, late_error = slope(time[-third:], heading[-third:])
+    middle, middle_error = slope(time[-2 * third : -third], heading[-2 * third : -third])
+    change = abs(late - middle)
+    return change <= STILL_CHANGING * abs(late) or change <= SURE * noise * math.hypot(late_error, middle_error)
+
+
+def _why_not(step: Step, heading: Floats, turned: float, noise: float, cut_by: str, steady: bool) -> str:
+    """The sentence for which a half-turn is set aside, or nothing."""
+    degrees = f"{abs(np.rad2deg(turned)):.0f} degrees"
+    at = f"the step of {step.moment:.4g} {step.run.moment_unit}".rstrip()
+    repeats, _ = longest_repeat(heading, np.ones(len(heading), dtype=bool))
+    if repeats >= max(10, len(heading) / 2):
+        return (f"compass stuck: {repeats} of {len(heading)} samples of {at} show one heading. "
+                "Check the compass, or whether the vehicle was held")
+    if len(heading) < FEWEST_SAMPLES:
+        return (f"{at} has {len(heading)} samples ({cut_by}); at least {FEWEST_SAMPLES} are needed. "
+                "Log faster or hold the moment longer")
+    if abs(turned) < max(NO_TURN, 5 * noise):
+        return (f"never moved: {degrees} turned in {at}. Use a larger moment, and check thrusters and tether; "
+                "if the heading column is in radians, name it heading_rad")
+    if not step.from_rest:
+        return (f"not from rest: {at} begins at {np.rad2deg(step.start_rate):.3g} degrees/s. "
+                "Let the vehicle come to rest at zero moment before each step")
+    if turned * step.moment < 0:
+        return (f"units look wrong: {at} turned the vehicle {degrees} against it. If the heading counts "
+                "counter-clockwise, map it with sign = -1 in the --columns file")
+    if cut_by != HALF_TURN and (abs(turned) < LEAST_TURN or not steady):
+        rate = "its rate was still changing" if not steady else "half a turn was not near"
+        ended = "moment changed before steady" if cut_by == MOMENT_ENDS else "ended before steady"
+        return f"{ended}: {cut_by} after {degrees} of {at}, and {rate}. Hold each moment for half a turn"
+    return ""

@@ -1,0 +1,109 @@
+"""Thruster-test logs -> test records: read, missing values dropped and counted, unusable ones set aside."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.errors import LogError, RunError
+from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_thruster
+from automarine_cli.pipeline.progress import Progress, counted, silent
+from automarine_cli.runs.run import SetAside
+
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Series:
+    """One test record as logged: one file, or one `run` of a file; arrays of shape (N,).
+
+    `n` is the control signal [unit as logged], `force` the thrust of all pulling thrusters together [N],
+    `time` [s] and `voltage` [V] are None where the log has none.
+    """
+
+    source: str
+    run: str
+    n: Floats
+    force: Floats
+    time: Floats | None = None
+    voltage: Floats | None = None
+
+
+@dataclass(frozen=True)
+class ThrusterLogs:
+    """Test records in file and row order, what was set aside, the files read, and rows dropped for missing values."""
+
+    records: tuple[Series, ...]
+    set_aside: tuple[SetAside, ...]
+    inputs: tuple[LogFile, ...]
+    missing: int
+
+
+def load_thruster_logs(
+    logs: Sequence[str | Path], columns: ColumnMap, *, strict: bool = False, progress: Progress = silent
+) -> ThrusterLogs:
+    """Read every log; one `run` of a file is one record.
+
+    Raises LogError for a log named on the command line that cannot serve, RunError with `strict` or if none is left.
+    """
+    files = find_logs(logs)
+    records: list[Series] = []
+    set_aside: list[SetAside] = []
+    inputs: list[LogFile] = []
+    missing = 0
+    for file in counted(progress, "reading", files, len(files)):
+        try:
+            table = read_log(file, columns)
+            require_thruster(table)
+        except LogError as refusal:
+            if file.named or strict:
+                raise
+            set_aside.append(SetAside(file.name, "", str(refusal)))
+            continue
+        inputs.append(file)
+        found, gone, idle = _records(table)
+        records += found
+        missing += gone
+        set_aside += idle
+    if strict and set_aside:
+        first = set_aside[0]
+        raise RunError(
+            f"{first.file}, run {first.run}: {first.why} (--strict refuses what would be set aside)"
+        )
+    if not records:
+        raise RunError(
+            f"no thruster test left: {len(set_aside)} log{'s' if len(set_aside) > 1 else ''} set aside, the "
+            f"first because {set_aside[0].why}"
+        )
+    return ThrusterLogs(tuple(records), tuple(set_aside), tuple(inputs), missing)
+
+
+def _records(table: LogTable) -> tuple[list[Series], int, list[SetAside]]:
+    n, force = table.columns["n"], table.columns["force"]
+    time, voltage = table.columns.get("time"), table.columns.get("voltage")
+    good = np.isfinite(n) & np.isfinite(force)
+    if time is not None:
+        good &= np.isfinite(time)
+    names = np.full(len(table), "") if table.run is None else table.run
+    records, idle = [], []
+    # Runs in the order in which they first appear, rows in file order.
+    first = {str(name): index for index, name in reversed(list(enumerate(names)))}
+    for name in sorted(first, key=first.__getitem__):
+        here = (names == name) & good
+        if not np.any(here):
+            idle.append(SetAside(table.source, name, "no row has both a control signal and a force"))
+            continue
+        records.append(
+            Series(
+                table.source,
+                name,
+                n[here],
+                force[here],
+                None if time is None else time[here],
+                None if voltage is None else voltage[here],
+            )
+        )
+    return records, int(np.count_nonzero(~good)), idle
