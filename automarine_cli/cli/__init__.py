@@ -9,13 +9,13 @@ import errno
 import os
 import signal
 import sys
-import traceback
 from importlib import import_module
 from pathlib import Path
 
 import click
 
 from automarine_cli import __version__
+from automarine_cli.cli.options import verbosity
 from automarine_cli.errors import AutomarineError
 
 NOT_COMMANDS = ("__init__", "options", "echo")
@@ -27,12 +27,13 @@ class CommandFolder(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of the modules in this folder, dashed, in name order."""
         names = (path.stem for path in Path(__file__).parent.glob("*.py"))
-        return sorted(name.replace("_", "-") for name in names if name not in NOT_COMMANDS)
+        found = {name.replace("_", "-") for name in names if name not in NOT_COMMANDS}
+        return sorted(found.union(super().list_commands(ctx)))
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The one click command defined in the module of that name."""
-        if cmd_name not in self.list_commands(ctx):
-            return None
+        if cmd_name in self.commands or cmd_name not in self.list_commands(ctx):
+            return super().get_command(ctx, cmd_name)
         module = import_module(f"{__name__}.{cmd_name.replace('-', '_')}")
         return next(value for value in vars(module).values() if isinstance(value, click.Command))
 
@@ -67,6 +68,8 @@ class CommandFolder(click.Group):
 
 def _show_traceback(ctx: click.Context) -> None:
     if ctx.meta.get("automarine.verbosity", 0) >= 2:
+        import traceback
+
         click.echo(traceback.format_exc(), err=True, nl=False)
 
 
@@ -81,6 +84,7 @@ def _end(signal_number: int, frame: object) -> None:
 
 
 @click.group(cls=CommandFolder, context_settings={"help_option_names": ["-h", "--help"]})
+@verbosity
 @click.version_option(__version__, prog_name="automarine")
 def automarine() -> None:
     """From pool logs of an ROV or AUV to its thruster map and yaw model, and to why they disagree.

@@ -73,7 +73,8 @@ class ResultFolder:
         Raises OutputError if the disk refuses, or a file of that name that is not ours would be replaced.
         """
         path = PurePosixPath(name)
-        if not path.parts or path.is_absolute() or ".." in path.parts or "\\" in name or name in self._hashes:
+        inside = path.parts and not path.is_absolute() and ".." not in path.parts and "\\" not in name
+        if not inside or name != path.as_posix() or name in self._hashes:
             raise ValueError(f"result file {name!r}: expected a new relative name")
         if name in self._forbidden:
             raise OutputError(f"{self._out} already holds a file {name}; give --overwrite to replace it")
@@ -107,7 +108,7 @@ def result_folder(
     """
     target = Path(os.path.realpath(out))
     with staging.one_sentence(out), staging.staged(target) as stage:
-        replaced, forbidden = _inspect(target, out, command, overwrite)
+        _, forbidden = _inspect(target, out, command, overwrite)
         read = [{"file": name, "sha256": _sha256(path)} for name, path in inputs]
         folder = ResultFolder(out, stage, forbidden)
         with staging.caller():
@@ -126,6 +127,7 @@ def result_folder(
             "outputs": [{"file": name, "sha256": sha} for name, sha in folder.hashes.items()],
         }
         folder.write_json(MANIFEST, manifest)
+        replaced, _ = _inspect(target, out, command, overwrite)  # again: it may have appeared meanwhile
         staging.carry_over(target, stage, leave=replaced)
         staging.put_in_place(stage, target)
 

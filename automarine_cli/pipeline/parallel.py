@@ -58,11 +58,11 @@ def _in_processes(
             f"one of {workers} processes died while working on {stage or 'the data'}, usually for want of "
             "memory; try again with fewer, for example --jobs 1"
         ) from None
-    except BaseException as problem:
+    except BaseException:  # nobody waits for the items under way
         executor.shutdown(wait=False, cancel_futures=True)
-        if not isinstance(problem, Exception):  # an interrupt does not wait for the items under way
-            for child in set(multiprocessing.active_children()) - others:
-                child.terminate()
+        for child in set(multiprocessing.active_children()) - others:
+            child.terminate()
+            child.join()
         raise
     executor.shutdown()
     return results

@@ -190,7 +190,11 @@ def _found(value: object) -> str:
 
 def _toml_key(key: str) -> str:
     bare = key and all(c.isascii() and (c.isalnum() or c in "-_") for c in key)
-    return key if bare else json.dumps(key, ensure_ascii=False)
+    return key if bare else _toml_text(key)
+
+
+def _toml_text(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")  # TOML wants that one escaped too
 
 
 def _toml_value(value: object) -> str:
@@ -198,8 +202,10 @@ def _toml_value(value: object) -> str:
         return "{ " + ", ".join(f"{_toml_key(k)} = {_toml_value(v)}" for k, v in value.items()) + " }"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(_toml_value(one) for one in value) + "]"
-    if isinstance(value, (bool, str)):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, str):
+        return _toml_text(value)
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, (int, float)) and math.isfinite(value):
         return repr(value)
     raise SettingError(f"{_found(value)} cannot be written as TOML")

@@ -2,8 +2,8 @@
 
 Siblings of the target while process N works: `.NAME.automarine-N-new` is under construction,
 `.NAME.automarine-N-old` is the former folder between the two renames of a replacement. A kill at any instant
-leaves the old folder, the new one or none under the target's name; the next run puts a stranded old folder back
-and clears away what dead processes left.
+leaves the old folder, the new one or none under the target's name; the next run puts a stranded old folder
+back and clears away what dead processes left.
 """
 
 import contextlib
@@ -105,8 +105,9 @@ def put_in_place(stage: Path, target: Path) -> None:
 
 
 def _refuse_unfit(target: Path) -> None:
-    if target.exists() and not target.is_dir():
-        raise OutputError(f"{target.name} is a file; expected a folder for the results after -o")
+    nearest = next(path for path in (target, *target.parents) if path.exists())
+    if not nearest.is_dir():
+        raise OutputError(f"{nearest.name} is a file; expected a folder for the results after -o")
     here = Path.cwd()
     if target == here or target in here.parents or os.path.ismount(target):
         raise OutputError(

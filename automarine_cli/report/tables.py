@@ -67,7 +67,7 @@ class Table:
                 )
 
     def to_csv(self) -> str:
-        """Header and rows; a missing cell is empty; title and notes stay out, so that any program reads it."""
+        """Header and rows; a missing cell is empty; title and notes stay out: any program reads it."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         for row in (self.header, *self.rows):

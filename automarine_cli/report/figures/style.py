@@ -1,4 +1,4 @@
-"""How figures look: sized for print, colours told apart in grey and by the colour-blind, same bytes each time.
+"""How figures look: sized for print, colours that all eyes and a grey printer tell apart, the same bytes always.
 
 Decorate a function that draws with `@house_style`: it holds for everything drawn inside, whatever the user's
 own matplotlib settings say, and leaves them alone afterwards.

@@ -1,0 +1,75 @@
+# Every target works from a fresh clone: the virtual environment is made when it is missing.
+PYTHON ?= python3
+OUT ?= out
+
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+AUTOMARINE := $(BIN)/automarine
+MAKEFLAGS += --no-print-directory
+.DEFAULT_GOAL := help
+.SILENT:
+.NOTPARALLEL:
+.DELETE_ON_ERROR:
+.PHONY: help demo test check fit-thrusters fit-yaw validate reproduce sample-runs paper bench clean
+
+help: ## Show this list
+	echo "make TARGET, where TARGET is one of"
+	awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	echo "Variables: PYTHON=$(PYTHON) makes the virtual environment, OUT=$(OUT) takes the results."
+
+$(READY): pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "automarine needs Python 3.11 or newer; found: $$($(PYTHON) --version 2>&1). Say make PYTHON=python3.12 or the like." >&2; exit 1; }
+	echo "Making the virtual environment $(VENV) (once) ..."
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || \
+	  { rm -rf $(VENV); echo "$(PYTHON) cannot make virtual environments; on Debian and Ubuntu install python3-venv." >&2; exit 1; }
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade "pip>=25.1"
+	$(BIN)/python -m pip install --quiet --editable . --group dev
+	touch $@
+
+demo: $(READY) ## Thrusters, yaw model and validation of sample_runs, into OUT/demo
+	$(MAKE) fit-thrusters fit-yaw validate OUT=$(OUT)/demo
+	echo
+	echo "Tables:  $(OUT)/demo/yaw/table1.md  $(OUT)/demo/yaw/table2.md  $(OUT)/demo/validation/validation.md"
+	echo "Plots:   $(OUT)/demo/thrusters/*.png  $(OUT)/demo/yaw/*.png  $(OUT)/demo/validation/*.png"
+
+fit-thrusters: $(READY) ## Bollard tests of sample_runs -> thruster map, into OUT/thrusters
+	$(AUTOMARINE) fit-thrusters sample_runs/thrusters $(THRUSTER_COLUMNS) -o $(OUT)/thrusters --overwrite
+
+fit-yaw: $(READY) ## Step runs of sample_runs -> Table 1, Table 2, yaw model, into OUT/yaw
+	$(AUTOMARINE) fit-yaw sample_runs/steps -o $(OUT)/yaw --overwrite
+
+validate: $(READY) ## Validation runs of sample_runs against the yaw model, into OUT/validation
+	test -e $(OUT)/yaw/yaw_model.json || $(MAKE) fit-yaw
+	$(AUTOMARINE) validate sample_runs/validation --model $(OUT)/yaw/yaw_model.json -o $(OUT)/validation --overwrite
+
+reproduce: $(READY) ## The demo twice into two folders; fails unless every byte is equal
+	rm -rf $(OUT)/reproduce
+	$(MAKE) demo OUT=$(OUT)/reproduce/first > /dev/null
+	$(MAKE) demo OUT=$(OUT)/reproduce/second > /dev/null
+	diff -r $(OUT)/reproduce/first $(OUT)/reproduce/second
+	count=$$(find $(OUT)/reproduce/first -type f | wc -l | tr -d ' '); test "$$count" -gt 0; \
+	  echo "Reproduced: $$count files, every byte equal."
+
+test: $(READY) ## Run the tests
+	$(BIN)/python -m pytest -q
+
+check: $(READY) ## Lint, format, types and the order of imports
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest -q tests/test_house.py
+
+sample-runs: $(READY) ## Make sample_runs again from its specification, byte for byte
+	$(AUTOMARINE) simulate sample_runs/campaign.toml -o sample_runs --overwrite
+
+paper: $(READY) ## The paper's own tables against 200 simulated campaigns
+	$(BIN)/python tests/benchmarks/paper.py
+
+bench: $(READY) ## Accuracy against the Cramer-Rao bound, speed, start-up time
+	$(BIN)/python tests/benchmarks/bench.py
+
+clean: ## Remove results, caches and the virtual environment
+	rm -rf out $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,27 @@
+"""Fixtures that every test may use."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from hypothesis import settings
+
+from automarine_cli.cli import automarine
+
+ROOT = Path(__file__).resolve().parent.parent
+SAMPLE_RUNS = ROOT / "sample_runs"
+
+# The same examples on every machine, no clock, and no folder of examples beside the repository.
+settings.register_profile("house", derandomize=True, deadline=None, database=None, max_examples=50)
+settings.load_profile("house")
+
+
+@pytest.fixture
+def run() -> Callable[..., Result]:
+    """`run("fit-yaw", path, "-o", out)`: the command line in this process; see `click.testing.Result`."""
+
+    def run_command(*arguments: object) -> Result:
+        return CliRunner().invoke(automarine, [str(argument) for argument in arguments])
+
+    return run_command

@@ -1,0 +1,156 @@
+"""The rules of the house that a program can check: import order, libraries, docstrings, sizes."""
+
+import ast
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from automarine_cli.cli import NOT_COMMANDS
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = ROOT / "automarine_cli"
+ROOMS = (
+    "errors", "quantities", "pipeline", "logs", "runs", "effects", "models", "simulation", "fits", "comparison",
+    "diagnosis", "report", "workflows", "cli",
+)  # fmt: skip
+OPEN_TO_ALL = {"__version__"}
+NOT_FROM = {"effects": {"logs", "runs"}, "models": {"logs", "runs"}}  # a model knows nothing of files
+FORBIDDEN_CALLS = {"eval", "exec", "compile", "__import__", "print"}
+FORBIDDEN_LIBRARIES = {"pickle", "shelve", "marshal", "dill", "joblib", "cloudpickle"}
+HEAVY = {"numpy", "scipy", "pandas", "pyarrow", "matplotlib"}
+LIGHT_ROOMS = {"cli", "errors", "quantities", "__init__", "__main__"}
+TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
+LONGEST_MODULE, LONGEST_COMMAND = 300, 100
+
+MODULES = sorted(PACKAGE.rglob("*.py"))
+TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES}
+
+
+def room(path: Path) -> str:
+    """The room that a module stands in: its folder, or its own name at the top of the package."""
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def inside(path: Path) -> str:
+    """A module's path in the package, for messages."""
+    return path.relative_to(PACKAGE).as_posix()
+
+
+def imported(tree: ast.AST, path: Path) -> Iterator[tuple[str, int]]:
+    """Full dotted names that code imports, at any depth (also under TYPE_CHECKING), with line numbers."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, node.lineno) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            if node.level:
+                folder = path.parents[node.level - 1].relative_to(ROOT).parts
+                base = ".".join([*folder, *([node.module] if node.module else [])])
+            else:
+                base = node.module or ""
+            yield from ((f"{base}.{alias.name}", node.lineno) for alias in node.names)
+
+
+EVERY_IMPORT = [(path, name, line) for path, tree in TREES.items() for name, line in imported(tree, path)]
+
+
+def test_imports_come_from_rooms_to_the_left() -> None:
+    wrong = []
+    for path, name, line in EVERY_IMPORT:
+        here, there = room(path), name.split(".")[1] if name.startswith("automarine_cli.") else ""
+        if not there or there in OPEN_TO_ALL or here in ("__init__", "__main__"):
+            continue
+        left = there in ROOMS[: ROOMS.index(here) + 1] and there not in NOT_FROM.get(here, ())
+        if not left:
+            wrong.append(f"{inside(path)}:{line} imports {name}, which is not to its left")
+    assert wrong == []
+
+
+def test_libraries_stay_in_their_rooms() -> None:
+    wrong = []
+    for path, name, line in EVERY_IMPORT:
+        here, library = room(path), name.partition(".")[0]
+        fine = {
+            "pyplot": "pyplot" not in name,
+            "nothing that executes what it reads": library not in FORBIDDEN_LIBRARIES,
+            "matplotlib in report/figures": library != "matplotlib"
+            or inside(path).startswith("report/figures/"),
+            "click in cli": library != "click" or here == "cli",
+            "pandas at the edges": library != "pandas" or here in ("logs", "runs", "report", "workflows"),
+            "light rooms stay light": library not in HEAVY or here not in LIGHT_ROOMS,
+        }
+        wrong += [
+            f"{inside(path)}:{line} imports {name}: {rule}" for rule, holds in fine.items() if not holds
+        ]
+    assert wrong == []
+
+
+def test_commands_import_their_workflow_inside_their_body() -> None:
+    at_top = [
+        f"{inside(path)}:{line} imports {name}"
+        for path in MODULES
+        if room(path) == "cli"
+        for node in TREES[path].body
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for name, line in imported(node, path)
+        if name.startswith("automarine_cli.")
+        and name.split(".")[1] not in {"cli", "errors", "pipeline"} | OPEN_TO_ALL
+    ]
+    assert at_top == []
+
+
+def test_nothing_is_executed_and_nothing_printed() -> None:
+    calls = [
+        f"{inside(path)}:{node.lineno} calls {node.func.id}"
+        for path, tree in TREES.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FORBIDDEN_CALLS
+    ]
+    assert calls == []
+
+
+def test_everything_public_says_what_it_is() -> None:
+    """A method of a subclass may leave it to its base class."""
+    bare = []
+    for path, tree in TREES.items():
+        bare += [] if ast.get_docstring(tree) else [inside(path)]
+        classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+        owners = [
+            tree,
+            *(c for c in classes if not c.name.startswith("_") and (not c.bases or is_protocol(c))),
+        ]
+        bare += [
+            f"{inside(path)}:{node.lineno} {node.name}"
+            for owner in owners
+            for node in owner.body
+            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
+            if not ast.get_docstring(node)
+        ]
+    assert bare == []
+
+
+def is_protocol(node: ast.ClassDef) -> bool:
+    """A protocol's methods are described, though it has a base."""
+    return any(ast.unparse(base).startswith("Protocol") for base in node.bases)
+
+
+def test_modules_stay_short() -> None:
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in MODULES}
+    assert {inside(path): n for path, n in lines.items() if n > LONGEST_MODULE} == {}
+    commands = [path for path in MODULES if room(path) == "cli" and path.stem not in NOT_COMMANDS]
+    assert {inside(path): lines[path] for path in commands if lines[path] > LONGEST_COMMAND} == {}
+
+
+def test_every_folder_is_a_room() -> None:
+    found = {room(path) for path in MODULES} - {"__init__", "__main__"}
+    assert found <= set(ROOMS)
+
+
+def test_top_level_is_what_the_user_fixed() -> None:
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if listed.returncode:
+        pytest.skip("not a git checkout")
+    names = {line.split("/")[0] for line in listed.stdout.splitlines()}
+    assert {name for name in names if not name.startswith(".")} <= TOP_LEVEL
+    assert (ROOT / ".ci" / "run").stat().st_mode & 0o111

@@ -1,0 +1,105 @@
+"""Work over many items: the same results in the same order on any number of processes."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from automarine_cli.errors import FitError, SettingError
+from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.steps import Pipeline
+
+
+def square(x: int) -> int:
+    return x * x
+
+
+def refuse_from_three(x: int) -> int:
+    if x >= 3:
+        raise FitError(f"run {x} cannot be fitted")
+    return x
+
+
+def die(x: int) -> int:
+    os._exit(1)
+
+
+def digits(x: int) -> list[str]:
+    return list(str(x))
+
+
+def odd_only(x: int) -> int | None:
+    return x if x % 2 else None
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_results_come_in_input_order(jobs: int) -> None:
+    assert ordered_map(square, range(23), jobs) == [x * x for x in range(23)]
+    assert ordered_map(square, [], jobs) == []
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_first_item_that_fails_decides_the_error(jobs: int) -> None:
+    with pytest.raises(FitError, match=r"^run 3 cannot be fitted$"):
+        ordered_map(refuse_from_three, range(40), jobs)
+    assert multiprocessing.active_children() == []
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_progress_counts_to_the_end(jobs: int) -> None:
+    said: list[tuple[str, int, int]] = []
+    ordered_map(square, range(3), jobs, progress=lambda *words: said.append(words), stage="fit")
+    assert said == [("fit", 1, 3), ("fit", 2, 3), ("fit", 3, 3)]
+
+
+def test_a_process_that_dies_is_one_sentence() -> None:
+    with pytest.raises(SettingError, match="one of 2 processes died while working on fits"):
+        ordered_map(die, range(4), 2, stage="fits")
+
+
+@pytest.mark.parametrize("jobs", [0, -1])
+def test_no_jobs_is_refused(jobs: int) -> None:
+    with pytest.raises(SettingError, match=f"jobs is {jobs}; expected 1 or more"):
+        ordered_map(square, [1], jobs)
+
+
+SLEEPERS = """
+import time
+from automarine_cli.pipeline.parallel import ordered_map
+if __name__ == "__main__":
+    print("ready", flush=True)
+    ordered_map(time.sleep, [60.0] * 4, 2)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_interrupt_and_kill_end_every_process_soon(tmp_path: object, how: int) -> None:
+    script = tmp_path / "sleepers.py"  # type: ignore[operator]
+    script.write_text(SLEEPERS)
+    parent = subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
+    assert parent.stdout is not None
+    parent.stdout.readline()
+    time.sleep(1.5)
+    parent.send_signal(how)
+    started = time.monotonic()
+    parent.stdout.read()  # ends when the last process that holds it has gone
+    assert time.monotonic() - started < 10
+    assert parent.wait(10) != 0
+    parent.stdout.close()
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_pipeline_counts_what_goes_in_and_comes_out(jobs: int) -> None:
+    pipeline = Pipeline(jobs=jobs)
+    letters = pipeline.spread("digits", [10, 2, 345], digits)
+    kept = pipeline.step("odd", map(int, letters), odd_only)
+    assert letters == ["1", "0", "2", "3", "4", "5"]
+    assert kept == [1, 3, 5]
+    assert pipeline.to_json() == [{"step": "digits", "in": 3, "out": 6}, {"step": "odd", "in": 6, "out": 3}]
+    assert [str(count) for count in pipeline.counts] == ["digits: 3 -> 6", "odd: 6 -> 3"]
