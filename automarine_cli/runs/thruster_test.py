@@ -12,7 +12,6 @@ from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_lo
 from automarine_cli.pipeline.progress import Progress, counted, silent
 from automarine_cli.runs.run import SetAside
 
-
 Floats = NDArray[np.float64]
 
 
@@ -34,7 +33,7 @@ class Series:
 
 @dataclass(frozen=True)
 class ThrusterLogs:
-    """Test records in file and row order, what was set aside, the files read, and rows dropped for missing values."""
+    """Test records in file and row order, what was set aside, files read, rows with missing values."""
 
     records: tuple[Series, ...]
     set_aside: tuple[SetAside, ...]
@@ -47,7 +46,8 @@ def load_thruster_logs(
 ) -> ThrusterLogs:
     """Read every log; one `run` of a file is one record.
 
-    Raises LogError for a log named on the command line that cannot serve, RunError with `strict` or if none is left.
+    Raises LogError for a log named on the command line that cannot serve, RunError with `strict` or if none
+    is left.
     """
     files = find_logs(logs)
     records: list[Series] = []

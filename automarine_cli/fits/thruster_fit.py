@@ -1,0 +1,179 @@
+"""One direction fitted: the square law (equation 2) and the parameters of a form, with intervals."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.thruster_curves import HIGH, LOW, Fits, fit_direction
+from automarine_cli.fits.thruster_levels import groups_of
+from automarine_cli.fits.thruster_points import Floats, Ints, Points
+from automarine_cli.models.thruster_forms import SQUARE, Curve, Form
+
+FEWEST_LEVELS = 3
+SIDES = (("forward", 1.0), ("backward", -1.0))
+
+
+@dataclass(frozen=True)
+class Side:
+    """Points of one direction with positive thrust: |n| [unit of n], thrust [N], weights, all of shape (P,).
+
+    `group` numbers what counts as one independent measurement (a level, see `groups_of`); `record` numbers
+    the test records or voltage steps where there are enough of them to be a second source of scatter, else
+    None.
+    """
+
+    name: str
+    sign: float
+    magnitude: Floats
+    thrust: Floats
+    weight: Floats
+    group: Ints
+    record: Ints | None
+    tare_stderr: float
+
+    @property
+    def groups(self) -> int:
+        """How many independent levels or blocks of levels."""
+        return len(np.unique(self.group))
+
+
+def sides_of(points: Points, step: Ints | None, tare_stderr: float) -> dict[str, Side]:
+    """Both directions of the points; a direction without points is left out."""
+    sides = {}
+    for name, sign in SIDES:
+        here = points.n * sign > 0
+        if not np.any(here):
+            continue
+        kept = points.where(here)
+        group = groups_of(np.abs(kept.n))
+        record = _crossed(group, step[here] if step is not None else kept.record)
+        values = (np.abs(kept.n), sign * kept.force, kept.weight, group, record)
+        sides[name] = Side(name, sign, *values, tare_stderr)
+    return sides
+
+
+def _crossed(group: Ints, record: Ints) -> Ints | None:
+    """Test records as a second way to cluster: at least four of them, each over several levels."""
+    numbers = np.unique(record)
+    if len(numbers) < 4 or any(len(np.unique(group[record == number])) < FEWEST_LEVELS for number in numbers):
+        return None
+    return record
+
+
+def square_law(side: Side, unit: str) -> Estimate:
+    """Coefficient a of F = a |n| n (equation 2) [`unit`] by least squares through zero."""
+    x = side.magnitude**2
+    value = float((side.weight * x) @ side.thrust / ((side.weight * x) @ x))
+    return _estimates(side, x[:, None], side.thrust - value * x, np.array([value]), (unit,))[0]
+
+
+def curve_of(fits: Fits, row: int = 0) -> Curve:
+    """One row of a batch of fits as a curve in the unit of the control signal."""
+    amplitude, dead, power, top = (float(value) for value in fits.values[row])
+    a = amplitude / ((1.0 - dead) * fits.scale) ** power
+    return Curve(a, power, dead * fits.scale, None if top >= HIGH[3] else top * fits.scale)
+
+
+def best_curve(side: Side, form: Form) -> tuple[Curve, tuple[str, ...]]:
+    """Least-squares curve of a form, and the names of its parameters that ended at a bound."""
+    fits = fit_direction(side.magnitude, side.thrust, side.weight[None, :], form)
+    at_bound = []
+    for index, name in ((1, "n_0"), (2, "p"), (3, "n_sat")):
+        value = fits.values[0, index]
+        if name in form.free and (value <= LOW[index] + 1e-9 or value >= HIGH[index] - 1e-9):
+            at_bound.append(name)
+    return curve_of(fits), tuple(at_bound)
+
+
+def parameters(
+    side: Side, form: Form, curve: Curve, at_bound: tuple[str, ...], n_unit: str
+) -> dict[str, object]:
+    """Estimates of the form's parameters by name; one at its bound has no standard error and says so."""
+    level = side.magnitude if curve.n_sat is None else np.minimum(side.magnitude, curve.n_sat)
+    above = np.maximum(level - curve.n_0, 0.0)
+    on = above > 0.0
+    safe = np.where(on, above, 1.0)
+    slope = np.where(on, curve.a * curve.p * safe ** (curve.p - 1.0), 0.0)
+    derivative = {
+        "a": np.where(on, safe**curve.p, 0.0),
+        "p": np.where(on, curve.a * safe**curve.p * np.log(safe), 0.0),
+        "n_0": -slope,
+        "n_sat": np.where(side.magnitude >= (curve.n_sat or np.inf), slope, 0.0),
+    }
+    values = {"a": curve.a, "p": curve.p, "n_0": curve.n_0, "n_sat": curve.n_sat}
+    units = {"a": amplitude_unit(n_unit, curve.p), "p": "", "n_0": n_unit or "n", "n_sat": n_unit or "n"}
+    free = [name for name in form.free if name not in at_bound and np.any(derivative[name] != 0.0)]
+    residual = side.thrust - curve.thrust(side.magnitude)
+    found = _estimates(
+        side,
+        np.stack([derivative[name] for name in free], axis=1),
+        residual,
+        np.array([values[name] for name in free], dtype=float),
+        tuple(units[name] for name in free),
+    )
+    result: dict[str, object] = {name: estimate.to_json() for name, estimate in zip(free, found)}
+    for name in form.free:
+        if name not in result:
+            why = "no saturation within the measured range" if name == "n_sat" else "at the end of its range"
+            result[name] = {
+                "value": values[name],
+                "stderr": None,
+                "ci95": None,
+                "unit": units[name],
+                "at_bound": why,
+            }
+    return {name: result.get(name, values[name]) for name in ("a", "p", "n_0", "n_sat")}
+
+
+def amplitude_unit(n_unit: str, power: float = SQUARE) -> str:
+    """Unit of the amplitude: N over the control signal's unit to the exponent."""
+    base = n_unit or "n"
+    base = f"({base})" if any(character in base for character in "/ ·") else base
+    return f"N/{base}²" if power == SQUARE else f"N/{base}^p"
+
+
+def _estimates(
+    side: Side, matrix: Floats, residual: Floats, values: Floats, units: tuple[str, ...]
+) -> tuple[Estimate, ...]:
+    """Estimates with cluster-robust standard errors; `matrix` is the derivative of the thrust, shape (P, K).
+
+    Clusters are levels; where records or voltage steps cross them, both (Cameron, Gelbach & Miller 2011,
+    J. Bus. Econ. Stat. 29:238), never less than the levels alone say. The tare's own error is common to all
+    points.
+    """
+    size = np.sqrt(np.sum(matrix**2, axis=0))
+    scaled = matrix / size
+    root = np.sqrt(side.weight)
+    rows, errors = root[:, None] * scaled, root * residual
+    inverse = np.linalg.pinv(rows.T @ rows)
+    variance = _clustered(rows, errors, inverse, side.group)
+    clusters = side.groups
+    if side.record is not None:
+        both = np.unique(np.stack([side.group, side.record]), axis=1, return_inverse=True)[1].ravel()
+        crossed = (
+            variance
+            + _clustered(rows, errors, inverse, side.record)
+            - _clustered(rows, errors, inverse, both.astype(np.int64))
+        )
+        variance = np.maximum(variance, crossed)
+        clusters = min(clusters, len(np.unique(side.record)))
+    tare = inverse @ (rows.T @ root) * side.tare_stderr
+    stderr = np.sqrt(variance + tare**2) / size
+    dof = clusters - len(values)
+    return tuple(Estimate.from_stderr(v, error, dof, unit) for v, error, unit in zip(values, stderr, units))
+
+
+def _clustered(rows: Floats, errors: Floats, inverse: Floats, group: Ints) -> Floats:
+    """Variances of the parameters, shape (K,), with each cluster's residuals freed of its own leverage.
+
+    With one point a cluster this is HC3 (MacKinnon & White 1985), else its cluster form CR3: the jackknife.
+    """
+    total = np.zeros(len(inverse))
+    for number in np.unique(group):
+        here = group == number
+        own = rows[here]
+        share, axes = np.linalg.eigh(own @ inverse @ own.T)
+        freed = axes @ ((axes.T @ errors[here]) / (1.0 - np.minimum(share, 0.99)))
+        total += (inverse @ (own.T @ freed)) ** 2
+    return total

@@ -1,0 +1,149 @@
+"""`fit-thrusters`: bollard tests -> thruster map (the source paper's section 3.1, equations 2 and 3)."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from automarine_cli.errors import FitError, SettingError
+from automarine_cli.fits.thruster_analysis import Analysis, analyse
+from automarine_cli.fits.thruster_levels import voltage_steps
+from automarine_cli.fits.thruster_plateaus import reduce_series
+from automarine_cli.fits.thruster_points import Ints, Points
+from automarine_cli.fits.thruster_result import ThrusterFit
+from automarine_cli.fits.thruster_tare import Tare, flag_contradictions, subtract_tare
+from automarine_cli.fits.thruster_voltage import VoltageExponent, voltage_exponents
+from automarine_cli.logs import ColumnMap, read_column_map
+from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.report import thruster_tables
+from automarine_cli.report.figures.style import png
+from automarine_cli.report.figures.thrusters import thruster_figure
+from automarine_cli.runs.thruster_test import ThrusterLogs, load_thruster_logs
+
+FELT = 0.2  # exponent of thrust against voltage from which one map for all voltages misleads
+FILES = ("thrusters.json", "thrusters.csv", "thrusters.md", "thrusters.png")
+
+
+def fit_thrusters(
+    logs: Sequence[str | Path],
+    *,
+    columns: Path | ColumnMap | None = None,
+    out: Path | None = None,
+    overwrite: bool = False,
+    strict: bool = False,
+    thrusters_per_test: int | None = None,
+    form: str | None = None,
+    progress: Progress = silent,
+) -> ThrusterFit:
+    """Fit the thruster map of one thruster to bollard tests in which `thrusters_per_test` equal thrusters
+    pulled.
+
+    `thrusters_per_test` of None takes the column map's `[defaults]`, else 1; `form` of None chooses by
+    cross-validation. Writes the results if `out` is given. Raises LogError, RunError, FitError, OutputError.
+    """
+    column_map = (
+        columns if isinstance(columns, ColumnMap) else read_column_map(columns) if columns else ColumnMap()
+    )
+    loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)
+    if out is None:
+        return _fit_loaded(loaded, column_map, thrusters_per_test, form)
+    inputs = [(file.name, file.path) for file in loaded.inputs]
+    options = {
+        "thrusters_per_test": thrusters_per_test,
+        "form": form,
+        "strict": strict,
+        "columns": column_map.source or None,
+    }
+    if isinstance(columns, Path):
+        inputs.append((column_map.source, columns))
+    with result_folder(
+        out, command="fit-thrusters", options=options, inputs=inputs, seed=None, overwrite=overwrite
+    ) as folder:
+        result = _fit_loaded(loaded, column_map, thrusters_per_test, form)
+        folder.write_json("thrusters.json", result.to_json())
+        folder.write("thrusters.csv", thruster_tables.points_csv(result))
+        folder.write("thrusters.md", thruster_tables.markdown(result))
+        folder.write("thrusters.png", png(thruster_figure(result)))
+    return result
+
+
+def _fit_loaded(
+    loaded: ThrusterLogs, columns: ColumnMap, thrusters: int | None, form: str | None
+) -> ThrusterFit:
+    count = _thrusters(thrusters, columns)
+    where = loaded.inputs[0].name if len(loaded.inputs) == 1 else f"{len(loaded.inputs)} logs"
+    rule = columns.columns.get("n")
+    n_unit = (rule.unit or "") if rule is not None else ""
+    reduction = reduce_series(list(loaded.records))
+    points = reduction.points.divided(count)
+    step = voltage_steps(points.voltage)
+    if step is not None and step.max() == 0:
+        step = None
+    points, tare = subtract_tare(flag_contradictions(points, step))
+    analysis, _ = analyse(points, step, tare.stderr if tare.subtracted else 0.0, n_unit, form, where)
+    voltages, exponents, notes = _by_voltage(points, step, tare, n_unit, form)
+    return ThrusterFit(
+        loaded,
+        reduction,
+        analysis,
+        tare,
+        count,
+        voltages,
+        exponents,
+        (*reduction.notes, *_notes(points), *notes),
+    )
+
+
+def _thrusters(given: int | None, columns: ColumnMap) -> int:
+    """Equal thrusters that pulled together: the option, else the column map's default, else 1."""
+    value = columns.defaults.get("thrusters_per_test", 1) if given is None else given
+    if isinstance(value, str) or value != int(value) or value < 1:
+        raise SettingError(
+            f"thrusters_per_test is {value!r}; expected a whole number of thrusters, 1 or more"
+        )
+    return int(value)
+
+
+def _by_voltage(
+    points: Points, step: Ints | None, tare: Tare, n_unit: str, form: str | None
+) -> tuple[tuple[tuple[float, Analysis], ...], dict[str, VoltageExponent | None], tuple[str, ...]]:
+    """A map for each voltage step, and the exponents of thrust against voltage."""
+    if step is None:
+        return (), {}, ()
+    fits, sides, notes = [], [], []
+    stderr = tare.stderr if tare.subtracted else 0.0
+    for number in np.unique(step):
+        here = points.where(step == number)
+        volts = float(np.median(here.voltage))
+        try:
+            analysis, found = analyse(here, None, stderr, n_unit, form, f"{volts:.4g} V")
+        except FitError as refusal:
+            notes.append(f"No map at this voltage: {refusal}.")
+            continue
+        fits.append((volts, analysis))
+        sides.append(found)
+    laws = [{name: estimate.value for name, estimate in analysis.square.items()} for _, analysis in fits]
+    exponents = (
+        voltage_exponents(np.array([volts for volts, _ in fits]), sides, laws) if len(fits) > 1 else {}
+    )
+    powers = [found.exponent.value for found in exponents.values() if found and found.exponent]
+    if powers and max(abs(power) for power in powers) > FELT:
+        notes.append(
+            f"Thrust at the same control signal grows with the voltage to the power {np.mean(powers):.2f}: "
+            "the map over all voltages is a mean; for a known voltage use that voltage's map."
+        )
+    return tuple(fits), exponents, tuple(notes)
+
+
+def _notes(points: Points) -> tuple[str, ...]:
+    """What a person should know of the points: exact zeros at a command may never have been measured."""
+    silent_points = (points.n != 0.0) & (points.force == 0.0) & (points.flag == "")
+    count = int(np.count_nonzero(silent_points))
+    if count == 0:
+        return ()
+    largest = float(np.max(np.abs(points.n[silent_points])))
+    return (
+        f"{count} point{'s have' if count > 1 else ' has'} exactly zero thrust at a command (up to |n| = "
+        f"{largest:.4g}): a dead band, or readings that were set to zero or never taken; they are kept.",
+    )
