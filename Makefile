@@ -35,7 +35,7 @@ demo: $(READY) ## Thrusters, yaw model and validation of sample_runs, into OUT/d
 	echo "Plots:   $(OUT)/demo/thrusters/*.png  $(OUT)/demo/yaw/*.png  $(OUT)/demo/validation/*.png"
 
 fit-thrusters: $(READY) ## Bollard tests of sample_runs -> thruster map, into OUT/thrusters
-	$(AUTOMARINE) fit-thrusters sample_runs/thrusters $(THRUSTER_COLUMNS) -o $(OUT)/thrusters --overwrite
+	$(AUTOMARINE) fit-thrusters sample_runs/thrusters --thrusters-per-test 2 -o $(OUT)/thrusters --overwrite
 
 fit-yaw: $(READY) ## Step runs of sample_runs -> Table 1, Table 2, yaw model, into OUT/yaw
 	$(AUTOMARINE) fit-yaw sample_runs/steps -o $(OUT)/yaw --overwrite

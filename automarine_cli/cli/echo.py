@@ -126,9 +126,10 @@ def echo_result(
         return
     if verbosity_level() < 0:
         return
-    for table in tables:
+    for i, table in enumerate(tables):
         click.echo(table if isinstance(table, str) else table.to_text().rstrip("\n"))
-        click.echo()
+        if not (isinstance(table, str) and i + 1 < len(tables) and isinstance(tables[i + 1], str)):
+            click.echo()  # sentences stand together, everything else apart
     if out is not None:
         listed = f": {', '.join(files)}" if files else ""
         click.echo(f"Results are in {out}{listed}")

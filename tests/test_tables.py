@@ -1,0 +1,141 @@
+"""Tables: the same cells in four forms, escaped for each; digits of numbers and intervals."""
+
+import csv
+import io
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from automarine_cli.report.tables import MISSING, Math, Table, interval, number
+
+AWKWARD = Table(
+    "Table_1: 50 % & more",
+    ("run", Math("k_r|r|", r"k_{r|r|}"), "why"),
+    (
+        ("a|b_c, d", "-1.257", 'says "no" <here>'),
+        ("C:\\logs\\#1", "1.5e-7", "{~^} ψ 10 $"),
+        ("mean", MISSING, "two\nlines"),
+    ),
+    rules=(2,),
+    notes=("r² in rad/s ± 5 %",),
+)
+
+
+@dataclass
+class Interval:
+    value: float
+    stderr: float
+    ci95: tuple[float, float]
+
+
+def test_csv_is_read_back_by_any_program() -> None:
+    rows = list(csv.reader(io.StringIO(AWKWARD.to_csv())))
+    assert rows == [
+        ["run", "k_r|r|", "why"],
+        ["a|b_c, d", "-1.257", 'says "no" <here>'],
+        ["C:\\logs\\#1", "1.5e-7", "{~^} ψ 10 $"],
+        ["mean", "", "two\nlines"],
+    ]
+
+
+def test_markdown_keeps_its_columns() -> None:
+    assert AWKWARD.to_markdown().splitlines() == [
+        "**Table_1: 50 % & more**",
+        "",
+        r"| run | k_r\|r\| | why |",
+        "| --- | ---: | --- |",
+        r'| a\|b_c, d | -1.257 | says "no" \<here\> |',
+        r"| C:\\logs\\#1 | 1.5e-7 | {~^} ψ 10 $ |",
+        "| mean | – | two lines |",
+        "",
+        "r² in rad/s ± 5 %",
+    ]
+
+
+def test_latex_is_booktabs_and_escaped() -> None:
+    assert AWKWARD.to_latex().splitlines() == [
+        r"\begin{table}",
+        r"\centering",
+        r"\caption{Table\_1: 50 \% \& more}",
+        r"\begin{tabular}{lrl}",
+        r"\toprule",
+        r"run & $k_{r|r|}$ & why \\",
+        r"\midrule",
+        r"a\textbar{}b\_c, d & $-1.257$ & "
+        r"says \textquotedbl{}no\textquotedbl{} \textless{}here\textgreater{} \\",
+        r"C:\textbackslash{}logs\textbackslash{}\#1 & $1.5\times 10^{-7}$ & "
+        r"\{\textasciitilde{}\textasciicircum{}\} $\psi$ 10 \$ \\",
+        r"\midrule",
+        r"mean & -- & two lines \\",
+        r"\bottomrule",
+        r"\end{tabular}",
+        r"\par\smallskip\footnotesize r$^2$ in rad/s $\pm$ 5 \%",
+        r"\end{table}",
+    ]
+
+
+def test_text_stands_in_columns() -> None:
+    rows = (("1", "1.2", "x"), ("both", "-10.25", ""))
+    table = Table("Drag", ("model", "k", "why"), rows, rules=(1,), notes=("N.",))
+    assert table.to_text() == (
+        "Drag\n\n"
+        "model       k  why\n"
+        "------------------\n"
+        "1         1.2  x\n"
+        "------------------\n"
+        "both   -10.25\n\n"
+        "N.\n"
+    )
+
+
+def test_a_row_of_another_length_is_a_defect() -> None:
+    with pytest.raises(ValueError, match="2 cells in"):
+        Table("T", ("one",), (("1", "2"),))
+
+
+@given(st.lists(st.tuples(st.text(max_size=9), st.text(max_size=9)), max_size=4))
+def test_any_text_keeps_the_shape(rows: list[tuple[str, str]]) -> None:
+    table = Table("T", ("a", "b"), tuple(rows))
+    body = table.to_markdown().split("\n")[4:]
+    assert len(body) == len(rows) + 1  # each row one line
+    latex = table.to_latex()
+    assert latex.count(r" \\" + "\n") == len(rows) + 1
+    unescaped = latex.replace(r"\&", "").replace(r"\%", "")
+    assert unescaped.count("&") == len(rows) + 1
+    assert "%" not in unescaped
+
+
+@pytest.mark.parametrize(
+    ("x", "text"),
+    [
+        (1.2573, "1.257"), (0.027531, "0.02753"), (-12.345, "-12.35"), (0.0, "0"), (-0.0, "0"),
+        (9.9999, "10.00"),
+        (99999.6, "100000"), (1.23456e-7, "1.235e-7"), (2.5e9, "2.500e9"), (None, "–"), (float("nan"), "–"),
+        (float("inf"), "–"), (0.99996, "1.000"),
+    ],
+)  # fmt: skip
+def test_number_has_four_digits(x: float | None, text: str) -> None:
+    assert number(x) == text
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False, min_value=-1e300, max_value=1e300))
+def test_number_is_right_to_its_digits(x: float) -> None:
+    assert float(number(x)) == pytest.approx(x, rel=5.1e-4, abs=1e-307)
+
+
+@pytest.mark.parametrize(
+    ("estimate", "text"),
+    [
+        (Interval(1.2573, 0.0085, (1.2403, 1.2743)), "1.2573 [1.2403, 1.2743]"),
+        (Interval(-0.5, 0.12, (-0.74, -0.26)), "-0.50 [-0.74, -0.26]"),
+        (Interval(123.4, 25.0, (74.4, 172.4)), "123 [74, 172]"),
+        (Interval(1e-9, 2e-10, (6e-10, 1.4e-9)), "1.000e-9 [6.000e-10, 1.400e-9]"),
+        (Interval(1.5, 0.0, (1.5, 1.5)), "1.500"),
+        (Interval(1.5, float("nan"), (float("nan"), float("nan"))), "1.500"),
+        (None, "–"),
+    ],
+)
+def test_interval_shows_the_digits_that_count(estimate: Interval | None, text: str) -> None:
+    assert interval(estimate) == text
