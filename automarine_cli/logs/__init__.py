@@ -1,8 +1,9 @@
-"""Log files of any format become `LogTable`s: canonical columns in SI units, row numbers kept for messages."""
+"""Log files of any format become `LogTable`s: canonical columns in SI units, row numbers for messages."""
 
 from automarine_cli.logs.columns import ColumnMap, ColumnRule, read_column_map
 from automarine_cli.logs.find import LogFile, find_logs
-from automarine_cli.logs.reader import is_thruster_test, read_log, require, require_thruster, require_yaw
+from automarine_cli.logs.needs import is_thruster_test, require, require_thruster, require_yaw
+from automarine_cli.logs.reader import read_log
 from automarine_cli.logs.table import LogTable
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""The columns that automarine knows (contract, section 2): canonical name -> quantity, unit and factor to SI."""
+"""The columns that automarine knows: canonical name -> quantity, unit and factor to SI units."""
 
 import difflib
 import math
@@ -101,11 +101,19 @@ def likely_column(quantity: str, names: Iterable[str]) -> str | None:
 
 
 def likely_canonical(quantity: str, column: str) -> str:
-    """The canonical name to propose for a column of the file: the unit is taken from its name where it shows."""
+    """The canonical name to propose for a column of the file, with the unit that its name shows."""
     plain = column.lower()
     choices = names_of(quantity)
-    for word, ending in (("rad", "_rad"), ("deg", "_deg"), ("kgf", "_kgf"), ("lbf", "_lbf"), ("ms", "_ms"),
-                         ("milli", "_ms"), ("us", "_us"), ("nm", "_Nm")):
+    for word, ending in (
+        ("rad", "_rad"),
+        ("deg", "_deg"),
+        ("kgf", "_kgf"),
+        ("lbf", "_lbf"),
+        ("ms", "_ms"),
+        ("milli", "_ms"),
+        ("us", "_us"),
+        ("nm", "_Nm"),
+    ):
         if word in plain:
             for choice in choices:
                 if choice.endswith(ending):

@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, RUN
@@ -16,7 +17,9 @@ LARGEST_MAP = 1_000_000  # bytes; a column map is a dozen lines
 
 @dataclass(frozen=True)
 class ColumnRule:
-    """One line of a column map: value = sign (scale x the file's value + offset), in `unit` (None: the name's own)."""
+    """One line of a column map: value = sign (scale x the file's value + offset), in `unit` (None: the name's
+    own).
+    """
 
     source: str
     unit: str | None = None
@@ -44,13 +47,17 @@ def read_column_map(path: str | Path) -> ColumnMap:
     data = _toml(path, name)
     for key in data:
         if key not in ("columns", "defaults"):
-            raise LogError(f"{name}: unknown key {quoted(key)}; a column map holds [columns] and [defaults] only")
+            raise LogError(
+                f"{name}: unknown key {quoted(key)}; a column map holds [columns] and [defaults] only"
+            )
     columns, defaults = data.get("columns", {}), data.get("defaults", {})
     for key, table in (("columns", columns), ("defaults", defaults)):
         if not isinstance(table, dict):
             raise LogError(f"{name}: {key} is {_kind(table)}; expected a table, written [{key}]")
     if not columns and not defaults:
-        raise LogError(f"{name}: the column map is empty; write lines such as heading_deg = \"yaw\" under [columns]")
+        raise LogError(
+            f'{name}: the column map is empty; write lines such as heading_deg = "yaw" under [columns]'
+        )
     return ColumnMap(
         columns={key: _rule(name, key, value) for key, value in columns.items()},
         defaults={key: _default(name, key, value) for key, value in defaults.items()},
@@ -58,10 +65,12 @@ def read_column_map(path: str | Path) -> ColumnMap:
     )
 
 
-def _toml(path: Path, name: str) -> dict[str, object]:
+def _toml(path: Path, name: str) -> dict[str, Any]:
     try:
         if path.stat().st_size > LARGEST_MAP:
-            raise LogError(f"{name}: {path.stat().st_size} bytes; expected a column map of a few lines of TOML")
+            raise LogError(
+                f"{name}: {path.stat().st_size} bytes; expected a column map of a few lines of TOML"
+            )
         with path.open("rb") as file:
             return tomllib.load(file)
     except OSError as error:
@@ -76,15 +85,21 @@ def _toml(path: Path, name: str) -> dict[str, object]:
 def _rule(name: str, key: str, value: object) -> ColumnRule:
     where = f"{name}: columns.{printable(key)}"
     if key not in CANONICAL and key != RUN:
-        raise LogError(f"{where} is no column that automarine knows; known are {', '.join([*CANONICAL, RUN])}")
+        raise LogError(
+            f"{where} is no column that automarine knows; known are {', '.join([*CANONICAL, RUN])}"
+        )
     if isinstance(value, str):
         value = {"from": value}
     if not isinstance(value, dict):
-        raise LogError(f"{where} is {_kind(value)}; expected the name of a column in quotes, "
-                       'or a table such as { from = "yaw", unit = "rad", sign = -1 }')
+        raise LogError(
+            f"{where} is {_kind(value)}; expected the name of a column in quotes, "
+            'or a table such as { from = "yaw", unit = "rad", sign = -1 }'
+        )
     for inner in value:
         if inner not in ("from", "unit", "sign", "scale", "offset"):
-            raise LogError(f"{where}.{printable(inner)} is not known; a column takes from, unit, sign, scale, offset")
+            raise LogError(
+                f"{where}.{printable(inner)} is not known; a column takes from, unit, sign, scale, offset"
+            )
     source = value.get("from")
     if not isinstance(source, str) or not source.strip():
         found = "missing" if source is None else _kind(source)
@@ -94,9 +109,13 @@ def _rule(name: str, key: str, value: object) -> ColumnRule:
     sign = value.get("sign", 1)
     if isinstance(sign, bool) or sign not in (1, -1):
         raise LogError(f"{where}.sign is {_kind(sign)}; expected 1 or -1")
-    return ColumnRule(source.strip(), _unit(where, key, value.get("unit")), int(sign),  # type: ignore[call-overload]
-                      _number(f"{where}.scale", value.get("scale", 1.0)),
-                      _number(f"{where}.offset", value.get("offset", 0.0)))
+    return ColumnRule(
+        source.strip(),
+        _unit(where, key, value.get("unit")),
+        int(sign),
+        _number(f"{where}.scale", value.get("scale", 1.0)),
+        _number(f"{where}.offset", value.get("offset", 0.0)),
+    )
 
 
 def _unit(where: str, key: str, unit: object) -> str | None:
@@ -104,7 +123,9 @@ def _unit(where: str, key: str, unit: object) -> str | None:
         return None
     known = CANONICAL[key].units()
     if not isinstance(unit, str) or (known and unit not in known):
-        raise LogError(f"{where}.unit is {_kind(unit)}; expected {' or '.join(known) if known else 'a word in quotes'}")
+        raise LogError(
+            f"{where}.unit is {_kind(unit)}; expected {' or '.join(known) if known else 'a word in quotes'}"
+        )
     return unit
 
 
@@ -120,7 +141,9 @@ def _default(name: str, key: str, value: object) -> float:
     where = f"{name}: defaults.{printable(key)}"
     if key not in KNOWN_DEFAULTS:
         raise LogError(f"{where} is not known; [defaults] takes {listed(KNOWN_DEFAULTS)}")
-    good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) and value > 0
+    good = (
+        isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) and value > 0
+    )
     if not good:
         raise LogError(f"{where} is {_kind(value)}; expected a number above 0")
     return value  # type: ignore[return-value]

@@ -1,7 +1,7 @@
 """Comma, semicolon or tab separated text, plain or gzip-compressed, read by pyarrow.
 
-The normal case touches no row in Python: the head is looked at, the body goes to pyarrow as it is. Only what pyarrow
-refuses is looked through again, to say in which row and column the trouble is.
+The normal case touches no row in Python: the head is looked at, the body goes to pyarrow as it is. Only what
+pyarrow refuses is looked through again, to say in which row and column the trouble is.
 """
 
 import csv
@@ -9,6 +9,7 @@ import gzip
 import re
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -32,10 +33,10 @@ _SIGNATURES = {
 _BOMB = (64 << 20, 200)  # more bytes than this, and more than so many times the file: not a log
 
 
-def read(path: Path, name: str) -> RawLog:
+def read(path: Path, name: str, text: frozenset[str] = frozenset()) -> RawLog:
     """Read a CSV file. Raises LogError with the row for anything that is not a table of cells."""
     data = _prepared(_content(path, name), name)
-    head = read_head(data, name)
+    head = read_head(data, name, text)
     body = pa.py_buffer(data).slice(head.body)
     rows = _line_numbers(data, head)
     try:
@@ -45,8 +46,10 @@ def read(path: Path, name: str) -> RawLog:
             raise _ragged(data, head, name, error) from None
         table = _converted(body, data, head, name)
     if table.num_rows != len(rows):
-        raise LogError(f"{name}: {len(rows)} lines give {table.num_rows} rows; a quoted cell runs over a line end. "
-                       "Write every row on one line")
+        raise LogError(
+            f"{name}: {len(rows)} lines give {table.num_rows} rows; a quoted cell runs over a line end. "
+            "Write every row on one line"
+        )
     return RawLog(head.names, tuple(table.columns), rows, head.decimal)
 
 
@@ -61,10 +64,14 @@ def _content(path: Path, name: str) -> bytes:
         with gzip.open(path) as file:
             data = file.read(limit + 1)
     except EOFError:
-        raise LogError(f"{name}: the gzip data ends too early; the file was cut short, copy it again") from None
+        raise LogError(
+            f"{name}: the gzip data ends too early; the file was cut short, copy it again"
+        ) from None
     except (gzip.BadGzipFile, zlib.error) as error:
-        raise LogError(f"{name}: not sound gzip data ({error}); copy it again, "
-                       "or drop .gz from its name if it is plain text") from None
+        raise LogError(
+            f"{name}: not sound gzip data ({error}); copy it again, "
+            "or drop .gz from its name if it is plain text"
+        ) from None
     if len(data) > limit:
         raise LogError(f"{name}: unpacks to more than {_BOMB[1]} times its size; this is no log")
     return data
@@ -78,8 +85,10 @@ def _prepared(data: bytes, name: str) -> bytes:
     data = data.removeprefix(b"\xef\xbb\xbf")
     if (nul := data.find(b"\0")) >= 0:
         row = data.count(b"\n", 0, nul) + 1
-        raise LogError(f"{name}, row {row}: found a NUL byte, expected text. The file is binary or was damaged "
-                       "while it was written")
+        raise LogError(
+            f"{name}, row {row}: found a NUL byte, expected text. The file is binary or was damaged "
+            "while it was written"
+        )
     if b"\r" in data and b"\n" not in data:
         data = data.replace(b"\r", b"\n")
     starts = (b"#", b" ", b"\t")
@@ -107,15 +116,21 @@ def _line_numbers(data: bytes, head: Head) -> NDArray[np.int64]:
 
 def _arrow(body: pa.Buffer, head: Head, types: list[pa.DataType]) -> pa.Table:
     keys = [str(i) for i in range(len(types))]
+    if not body.size:
+        return pa.table({key: pa.array([], kind) for key, kind in zip(keys, types)})
+    source: Any = pa.BufferReader(body)
     return arrow_csv.read_csv(
-        pa.BufferReader(body),
+        source,
         read_options=arrow_csv.ReadOptions(column_names=keys, block_size=_block_size(body, head)),
         parse_options=arrow_csv.ParseOptions(delimiter=head.delimiter),
         convert_options=arrow_csv.ConvertOptions(
-            column_types=dict(zip(keys, types)), decimal_point=head.decimal, null_values=list(MISSING),
-            strings_can_be_null=True, check_utf8=False,
+            column_types=dict(zip(keys, types)),
+            decimal_point=head.decimal,
+            null_values=list(MISSING),
+            strings_can_be_null=True,
+            check_utf8=False,
         ),
-    ) if body.size else pa.table({key: pa.array([], kind) for key, kind in zip(keys, types)})
+    )
 
 
 def _block_size(body: pa.Buffer, head: Head) -> int:
@@ -130,6 +145,8 @@ def _converted(body: pa.Buffer, data: bytes, head: Head, name: str) -> pa.Table:
     except pa.ArrowInvalid as error:
         raise _ragged(data, head, name, error) from None
     for i, column in enumerate(table.columns):
+        if head.names[i] in head.text:
+            continue
         values = numbers(column, head.decimal)
         if values is not None:
             table = table.set_column(i, str(i), values)
@@ -149,6 +166,8 @@ def _ragged(data: bytes, head: Head, name: str, error: Exception) -> LogError:
             cells = -1
         if cells != expected:
             found = f"{cells} cell{'s' * (cells != 1)}" if cells >= 0 else "a cell that does not end"
-            return LogError(f"{name}, row {head.line + 1 + i}: found {found}, expected {expected} as in the header "
-                            f"(row {head.line}); the row is {quoted(text)}. Complete or delete this row")
+            return LogError(
+                f"{name}, row {head.line + 1 + i}: found {found}, expected {expected} as in the header "
+                f"(row {head.line}); the row is {quoted(text)}. Complete or delete this row"
+            )
     return LogError(f"{name}: not a table of cells ({quoted(str(error))}); check its quotes and line ends")

@@ -15,8 +15,9 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 
 @dataclass(frozen=True)
 class Head:
-    """`line`: 1-based line of the header; `body`: byte at which the line after it starts; `numeric`: one flag a
-    column, whether the first rows hold numbers only; `longest`: bytes of the longest line looked at."""
+    """`line`: 1-based line of the header; `body`: byte at which the line after it starts; `numeric`: one flag
+    a column, whether the first rows hold numbers only; `longest`: bytes of the longest line looked at.
+    """
 
     names: tuple[str, ...]
     line: int
@@ -25,10 +26,13 @@ class Head:
     decimal: str
     numeric: tuple[bool, ...]
     longest: int
+    text: frozenset[str] = frozenset()
 
 
-def read_head(data: bytes, name: str) -> Head:
-    """Look at the first lines of a CSV file whose comments are emptied. Raises LogError where there is no header."""
+def read_head(data: bytes, name: str, text: frozenset[str] = frozenset()) -> Head:
+    """Look at the first lines of a CSV file whose comments are emptied. Raises LogError where there is no
+    header.
+    """
     line, start, end = _first_line(data)
     if start == len(data):
         raise LogError(f"{name}: no header and no rows; expected a line of column names")
@@ -37,15 +41,29 @@ def read_head(data: bytes, name: str) -> Head:
     delimiter = _delimiter(header, sample)
     names = tuple(cell.strip() for cell in _cells(header, delimiter))
     if any(names) and all(is_number(cell) or not cell for cell in names):
-        raise LogError(f"{name}, row {line}: found numbers ({quoted(header)}), expected column names; "
-                       "write a header such as time_s,heading_deg,tau above the rows")
+        raise LogError(
+            f"{name}, row {line}: found numbers ({quoted(header)}), expected column names; "
+            "write a header such as time_s,heading_deg,tau above the rows"
+        )
     if len(names) == 1 and len(header.split()) > 2:
-        raise LogError(f"{name}, row {line}: cells seem to be separated by blanks ({quoted(header)}); "
-                       "expected commas, semicolons or tabs")
+        raise LogError(
+            f"{name}, row {line}: cells seem to be separated by blanks ({quoted(header)}); "
+            "expected commas, semicolons or tabs"
+        )
     rows = [[cell.strip() for cell in _cells(text, delimiter)] for text in sample]
     decimal = "," if delimiter != "," and _decimal_comma(rows) else "."
-    return Head(names, line, min(end + 1, len(data)), delimiter, decimal, _numeric(rows, len(names), decimal),
-                max(len(text) for text in (header, *sample)))
+    return Head(
+        names,
+        line,
+        min(end + 1, len(data)),
+        delimiter,
+        decimal,
+        tuple(
+            flag and column not in text for flag, column in zip(_numeric(rows, len(names), decimal), names)
+        ),
+        max(len(line_text) for line_text in (header, *sample)),
+        text,
+    )
 
 
 def _first_line(data: bytes) -> tuple[int, int, int]:
@@ -61,7 +79,9 @@ def _first_line(data: bytes) -> tuple[int, int, int]:
 
 
 def _sample(data: bytes, start: int) -> list[str]:
-    """The first rows, and some from the middle and the end of the file, where an integer column shows its fractions."""
+    """The first rows, and some from the middle and the end of the file, where an integer column shows its
+    fractions.
+    """
     lines: list[str] = []
     for position in (start, (start + len(data)) // 2, max(start, len(data) - 4096)):
         first = position if position == start else data.find(b"\n", position) + 1

@@ -32,7 +32,7 @@ def find_logs(arguments: Sequence[str | Path]) -> list[LogFile]:
     found: dict[str, LogFile] = {}
     for argument in arguments:
         for log in _meant_by(str(argument)):
-            key = os.path.abspath(log.path)
+            key = str(log.path.parent.resolve() / log.path.name)
             if key not in found or log.named:
                 found[key] = log
     return _told_apart(list(found.values()))
@@ -44,7 +44,9 @@ def _meant_by(argument: str) -> list[LogFile]:
     if path.is_dir():
         logs = list(_inside(path))
         if not logs:
-            raise LogError(f"{quoted(argument)}: no logs in this directory; expected files that end in {endings}")
+            raise LogError(
+                f"{quoted(argument)}: no logs in this directory; expected files that end in {endings}"
+            )
         return logs
     if os.path.lexists(path):
         if suffix_of(path.name) is None:
@@ -52,11 +54,13 @@ def _meant_by(argument: str) -> list[LogFile]:
         return [LogFile(path, printable(path.name), named=True)]
     if glob.has_magic(argument):
         return _matching(argument, endings)
-    raise LogError(f"{quoted(argument)}: no such file or directory; check the spelling and the folder you are in")
+    raise LogError(
+        f"{quoted(argument)}: no such file or directory; check the spelling and the folder you are in"
+    )
 
 
 def _inside(folder: Path, prefix: str | None = None) -> Iterator[LogFile]:
-    """Logs under a directory; links to directories are not followed, hidden files and folders are left out."""
+    """Logs under a directory; links to directories and hidden files or folders are left out."""
     prefix = folder.resolve().name if prefix is None else prefix
     for here, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
@@ -70,7 +74,7 @@ def _inside(folder: Path, prefix: str | None = None) -> Iterator[LogFile]:
 def _matching(pattern: str, endings: str) -> list[LogFile]:
     fixed = Path(*_before_magic(Path(pattern).parts))
     logs: list[LogFile] = []
-    for match in sorted(glob.glob(pattern, recursive=True)):
+    for match in sorted(glob.glob(pattern, recursive=True)):  # noqa: PTH207 Path.glob takes no absolute patterns
         path = Path(match)
         inner = path.relative_to(fixed).as_posix()
         if path.is_dir():

@@ -1,7 +1,8 @@
 """The registry of log formats: every module of this folder that defines `FORMAT` is one.
 
-To add a format, write one file here with a function `read(path, name) -> RawLog` and
-`FORMAT = Format("what people call it", (".suffix",), read)`; nothing else. `tests/reader_contract.py` picks it up.
+To add a format, write one file here with a function `read(path, name, text) -> RawLog` and
+`FORMAT = Format("what people call it", (".suffix",), read)`; nothing else is needed.
+`tests/reader_contract.py` picks it up.
 """
 
 import importlib
@@ -20,10 +21,11 @@ import automarine_cli.logs as folder
 
 @dataclass(frozen=True)
 class RawLog:
-    """A file as its format gives it: column names, one Arrow array each (shape (N,)), and row numbers for messages.
+    """A file as its format gives it: column names, one Arrow array each (shape (N,)), and row numbers for
+    messages.
 
-    An array is float64 (null where a value is missing), timestamp, or binary text for whatever is not a number.
-    `decimal` is the character between whole and fraction in the text columns.
+    An array is float64 (null where a value is missing), timestamp, or binary text for whatever is not a
+    number. `decimal` is the character between whole and fraction in the text columns.
     """
 
     names: tuple[str, ...]
@@ -34,11 +36,13 @@ class RawLog:
 
 @dataclass(frozen=True)
 class Format:
-    """One log format: `read` takes the path and the name to use in messages, and raises LogError."""
+    """One log format: `read(path, name, text)` takes the name to use in messages and the columns to leave as
+    text (run names: 01 is not 1), and raises LogError.
+    """
 
     name: str
     suffixes: tuple[str, ...]
-    read: Callable[[Path, str], RawLog]
+    read: Callable[[Path, str, frozenset[str]], RawLog]
 
 
 @cache

@@ -14,7 +14,7 @@ from automarine_cli.logs.words import printable
 _INDEX = "__index_level_"  # what pandas writes beside the columns
 
 
-def read(path: Path, name: str) -> RawLog:
+def read(path: Path, name: str, text: frozenset[str] = frozenset()) -> RawLog:
     """Read a Parquet file. Raises LogError for anything that pyarrow cannot read."""
     try:
         with pq.ParquetFile(path) as file:
@@ -27,8 +27,10 @@ def read(path: Path, name: str) -> RawLog:
             table.validate(full=True)
             arrays = tuple(_plain(table[column]) for column in names)
     except (pa.ArrowException, OSError, MemoryError, ValueError, KeyError) as error:
-        raise LogError(f"{name}: not a sound Parquet file ({_first_words(error)}); "
-                       "it was cut short or damaged, copy it again") from None
+        raise LogError(
+            f"{name}: not a sound Parquet file ({_first_words(error)}); "
+            "it was cut short or damaged, copy it again"
+        ) from None
     return RawLog(tuple(n.strip() for n in names), arrays, np.arange(1, table.num_rows + 1))
 
 
@@ -37,8 +39,16 @@ FORMAT = Format("Parquet", (".parquet",), read)
 
 def _readable(field: pa.Field) -> bool:
     kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
-    tests = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_decimal, pa.types.is_string,
-             pa.types.is_large_string, pa.types.is_binary, pa.types.is_timestamp)
+    tests = (
+        pa.types.is_integer,
+        pa.types.is_floating,
+        pa.types.is_boolean,
+        pa.types.is_decimal,
+        pa.types.is_string,
+        pa.types.is_large_string,
+        pa.types.is_binary,
+        pa.types.is_timestamp,
+    )
     return any(test(kind) for test in tests) and not field.name.startswith(_INDEX)
 
 
@@ -48,7 +58,11 @@ def _plain(array: pa.ChunkedArray) -> pa.ChunkedArray:
         array = pc.cast(array, array.type.value_type)
     if pa.types.is_timestamp(array.type):
         return array
-    if pa.types.is_string(array.type) or pa.types.is_large_string(array.type) or pa.types.is_binary(array.type):
+    if (
+        pa.types.is_string(array.type)
+        or pa.types.is_large_string(array.type)
+        or pa.types.is_binary(array.type)
+    ):
         return pc.cast(array, pa.binary())
     if pa.types.is_boolean(array.type):
         array = pc.cast(array, pa.int8())

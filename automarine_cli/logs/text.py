@@ -1,6 +1,7 @@
 """Cells of text: which are missing, which are numbers, which are calendar times."""
 
 import re
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -72,10 +73,11 @@ def seconds_of_timestamps(array: pa.ChunkedArray) -> NDArray[np.float64] | None:
         if typed is None:
             return None
         array = typed
-    stamps = pc.cast(pc.cast(array, pa.timestamp("ns", getattr(array.type, "tz", None)), safe=False), pa.int64())
+    exact = pc.cast(array, pa.timestamp("ns", getattr(array.type, "tz", None)), safe=False)
+    stamps: Any = pc.cast(exact, pa.int64())
     whole = pc.fill_null(stamps, 0).to_numpy().astype(np.int64)
     seconds = (whole // 10**9).astype(np.float64) + (whole % 10**9) / 1e9
-    seconds[pc.is_null(stamps).to_numpy()] = np.nan
+    seconds[np.asarray(pc.is_null(stamps))] = np.nan
     return seconds
 
 

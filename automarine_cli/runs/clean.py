@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,8 @@ class NotUsable(RunError):
 
 
 def clean(table: LogTable, chosen: NDArray[np.int64], name: str) -> tuple[Run, ...]:
-    """Clean the rows `chosen` (indices into the table, shape (N,)) of one run; a wide gap may split it into several.
+    """Clean the rows `chosen` (indices into the table, shape (N,)) of one run; a wide gap may split it into
+    several.
 
     Rows without time, heading or command are dropped and counted, as are repeated stamps and heading spikes.
     Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
@@ -35,7 +37,9 @@ def clean(table: LogTable, chosen: NDArray[np.int64], name: str) -> tuple[Run, .
     counts["missing"] = int((~kept).sum())
     columns, rows = _only(columns, kept), rows[kept]
     if counts["missing"] and not len(rows):
-        raise NotUsable(f"no row has time, heading and command ({counts['missing']} rows lack one); check the columns")
+        raise NotUsable(
+            f"no row has time, heading and command ({counts['missing']} rows lack one); check the columns"
+        )
     fresh = _rising(columns["time"], rows, table.source, name)
     if len(rows) > 1 and not fresh[1:].any():
         raise NotUsable(_or_clear(clock_trouble(columns["time"])))
@@ -88,8 +92,8 @@ def _rising(time: Floats, rows: NDArray[np.int64], source: str, name: str) -> ND
         i = int(back[0])
         raise RunError(
             f"{source}, row {rows[i + 1]}, run {name!r}: the clock steps back from {time[i]:.10g} s to "
-            f"{time[i + 1]:.10g} s; expected a rising clock. If two runs share the file, tell them apart by a column "
-            "run; else sort or correct the rows"
+            f"{time[i + 1]:.10g} s; expected a rising clock. If two runs share the file, tell them apart by "
+            "a column run; else sort or correct the rows"
         )
     return np.concatenate([[True], steps > 0]) if len(time) else np.zeros(0, dtype=bool)
 
@@ -109,13 +113,21 @@ def _bridged(run: Run) -> tuple[Run, ...]:
     run = replace(run, heading=result.heading)
     widest = f"{steps[gaps].max():.3g} s" if gaps.size else ""
     if not result.broken_after:
-        note = (f"{gaps.size} gap{'s' * (gaps.size > 1)} of up to {widest}, bridged by the yaw rate on both sides",)
-        return (replace(run, counts={**run.counts, "gaps": int(gaps.size)}, notes=run.notes + note * bool(gaps.size)),)
+        note = (
+            f"{gaps.size} gap{'s' * (gaps.size > 1)} of up to {widest}, bridged by the rates beside them",
+        )
+        return (
+            replace(
+                run, counts={**run.counts, "gaps": int(gaps.size)}, notes=run.notes + note * bool(gaps.size)
+            ),
+        )
     edges = [0, *(i + 1 for i in result.broken_after), len(run)]
-    note = (f"split at {len(result.broken_after)} gap{'s' * (len(result.broken_after) > 1)} of up to {widest}, "
-            "across which the heading cannot be followed",)
+    note = (
+        f"split at {len(result.broken_after)} gap{'s' * (len(result.broken_after) > 1)} of up to {widest}, "
+        "across which the heading cannot be followed",
+    )
     parts = []
-    for number, (start, stop) in enumerate(zip(edges, edges[1:]), 1):
+    for number, (start, stop) in enumerate(pairwise(edges), 1):
         part = run.cut(start, stop)
         inner = int(((gaps >= start) & (gaps < stop - 1)).sum())
         counts = {**(run.counts if number == 1 else dict.fromkeys(COUNTS, 0)), "gaps": inner}

@@ -1,8 +1,10 @@
-"""The first half-turn of a step: |psi - psi0| <= pi, both directions alike; what was kept, what cut it, why not used.
+"""The first half-turn of a step: |psi - psi0| <= pi, both directions alike; what was kept, what cut it, why
+not used.
 
-Walls, tether and the vehicle's own wake spoil what comes after half a turn (the source paper's section 3.2), so each
-run is trimmed to it. Ending at the first noisy sample beyond pi would let the noise choose the last sample, which
-biases the drag by about 0.1 %: the samples within three standard deviations before pi are dropped as well.
+Walls, tether and the vehicle's own wake spoil what comes after half a turn (the source paper's section 3.2),
+so each run is trimmed to it. Ending at the first noisy sample beyond pi would let the noise choose the last
+sample, which biases the drag by about 0.1 %: the samples within three standard deviations before pi are
+dropped as well.
 """
 
 import math
@@ -33,11 +35,12 @@ SURE = 4.0  # standard errors
 
 @dataclass(frozen=True)
 class HalfTurn:
-    """What is kept of a step: `kept` are its samples in the run, `time` [s, campaign clock] and `heading` [rad] theirs.
+    """What is kept of a step: `kept` are its samples in the run, `time` [s, campaign clock] and `heading`
+    [rad] theirs.
 
-    `start_heading` [rad] is psi0; the switch lies in (`switch_from`, `switch_to`] [s]; `cut_by` is what ended it, in
-    words; `turned` [rad] the signed angle from psi0 to the end; `noise` [rad] of the heading; `steady` whether the
-    rate had settled. `why` is empty, or the sentence for which the half-turn is set aside.
+    `start_heading` [rad] is psi0; the switch lies in (`switch_from`, `switch_to`] [s]; `cut_by` is what ended
+    it, in words; `turned` [rad] the signed angle from psi0 to the end; `noise` [rad] of the heading; `steady`
+    whether the rate had settled. `why` is empty, or the sentence for which the half-turn is set aside.
     """
 
     step: Step
@@ -109,8 +112,9 @@ def half_turns(runs: Iterable[Run]) -> tuple[tuple[HalfTurn, ...], tuple[SetAsid
     return tuple(good), tuple(aside)
 
 
-NO_STEP = ("no step: no constant moment is held for at least 5 samples. Hold the moment constant, "
-           "or fit whole runs")
+NO_STEP = (
+    "no step: no constant moment is held for at least 5 samples. Hold the moment constant, or fit whole runs"
+)
 
 
 def _trimmed(run: Run) -> Iterator[HalfTurn]:
@@ -132,14 +136,16 @@ def _end(turned: Floats, noise: float) -> tuple[int, bool]:
 
 
 def _is_steady(time: Floats, heading: Floats, noise: float) -> bool:
-    """Whether the rate of the last third is, beyond doubt or by less than a tenth, that of the third before."""
+    """Whether the rate of the last third is that of the third before, within a tenth or the noise."""
     third = len(time) // 3
     if third < 3:
         return False
     late, late_error = slope(time[-third:], heading[-third:])
     middle, middle_error = slope(time[-2 * third : -third], heading[-2 * third : -third])
     change = abs(late - middle)
-    return change <= STILL_CHANGING * abs(late) or change <= SURE * noise * math.hypot(late_error, middle_error)
+    return change <= STILL_CHANGING * abs(late) or change <= SURE * noise * math.hypot(
+        late_error, middle_error
+    )
 
 
 def _why_not(step: Step, heading: Floats, turned: float, noise: float, cut_by: str, steady: bool) -> str:
@@ -148,20 +154,30 @@ def _why_not(step: Step, heading: Floats, turned: float, noise: float, cut_by: s
     at = f"the step of {step.moment:.4g} {step.run.moment_unit}".rstrip()
     repeats, _ = longest_repeat(heading, np.ones(len(heading), dtype=bool))
     if repeats >= max(10, len(heading) / 2):
-        return (f"compass stuck: {repeats} of {len(heading)} samples of {at} show one heading. "
-                "Check the compass, or whether the vehicle was held")
+        return (
+            f"compass stuck: {repeats} of {len(heading)} samples of {at} show one heading. "
+            "Check the compass, or whether the vehicle was held"
+        )
     if len(heading) < FEWEST_SAMPLES:
-        return (f"{at} has {len(heading)} samples ({cut_by}); at least {FEWEST_SAMPLES} are needed. "
-                "Log faster or hold the moment longer")
+        return (
+            f"too short: {at} has {len(heading)} samples ({cut_by}); at least {FEWEST_SAMPLES} are needed. "
+            "Log faster or hold the moment longer"
+        )
     if abs(turned) < max(NO_TURN, 5 * noise):
-        return (f"never moved: {degrees} turned in {at}. Use a larger moment, and check thrusters and tether; "
-                "if the heading column is in radians, name it heading_rad")
+        return (
+            f"never moved: {degrees} turned in {at}. Use a larger moment, and check thrusters and tether; "
+            "if the heading column is in radians, name it heading_rad"
+        )
     if not step.from_rest:
-        return (f"not from rest: {at} begins at {np.rad2deg(step.start_rate):.3g} degrees/s. "
-                "Let the vehicle come to rest at zero moment before each step")
+        return (
+            f"not from rest: {at} begins at {np.rad2deg(step.start_rate):.3g} degrees/s. "
+            "Let the vehicle come to rest at zero moment before each step"
+        )
     if turned * step.moment < 0:
-        return (f"units look wrong: {at} turned the vehicle {degrees} against it. If the heading counts "
-                "counter-clockwise, map it with sign = -1 in the --columns file")
+        return (
+            f"units look wrong: {at} turned the vehicle {degrees} against it. If the heading counts "
+            "counter-clockwise, map it with sign = -1 in the --columns file"
+        )
     if cut_by != HALF_TURN and (abs(turned) < LEAST_TURN or not steady):
         rate = "its rate was still changing" if not steady else "half a turn was not near"
         ended = "moment changed before steady" if cut_by == MOMENT_ENDS else "ended before steady"

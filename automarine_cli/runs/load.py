@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from automarine_cli.errors import LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_yaw
 from automarine_cli.logs.formats import stem_of
+from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.clean import NotUsable, clean
 from automarine_cli.runs.run import Run, SetAside
@@ -21,7 +23,7 @@ MOST_REASONS = 5  # reasons shown when nothing is left
 
 @dataclass(frozen=True)
 class Campaign:
-    """The runs of one campaign on one clock, in the order of their files; what was set aside; the files read."""
+    """The runs of one campaign on one clock, in file order; what was set aside; the files read."""
 
     runs: tuple[Run, ...]
     set_aside: tuple[SetAside, ...]
@@ -34,44 +36,65 @@ def load_runs(
     *,
     strict: bool = False,
     progress: Progress = silent,
+    jobs: int = 1,
 ) -> Campaign:
-    """Read and clean the yaw logs meant by files, directories and globs.
+    """Read and clean the yaw logs meant by files, directories and globs, on `jobs` processes.
 
-    Raises LogError or RunError for a log named on the command line that cannot be read right, for anything that would
-    be set aside if `strict`, and if no run is left.
+    Raises LogError or RunError for a log named on the command line that cannot be read right, for anything
+    that would be set aside if `strict`, and if no run is left.
     """
     files = find_logs(logs)
     runs: list[Run] = []
     aside: list[SetAside] = []
-    for done, file in enumerate(files):
-        progress("reading logs", done, len(files))
-        good, bad = read_runs(file, columns)
+    read = partial(read_runs, columns=columns)
+    for good, bad in ordered_map(read, files, jobs, progress=progress, stage="reading logs"):
         runs += good
         aside += bad
-        if strict and bad:
-            raise RunError(f"{bad[0].file}, run {bad[0].run!r}: {bad[0].why} (refused because of --strict)")
-    progress("reading logs", len(files), len(files))
+    if strict and aside:
+        raise refused_by_strict(aside[0])
     if not runs:
-        reasons = "; ".join(f"{s.file}: {s.why}" for s in aside[:MOST_REASONS])
-        more = f"; and {len(aside) - MOST_REASONS} more" if len(aside) > MOST_REASONS else ""
-        raise RunError(f"no run is left of {len(files)} log{'s' * (len(files) != 1)}: {reasons}{more}")
-    return Campaign(_one_unit(_named_apart(runs)), tuple(aside), tuple(files))
+        raise none_left(len(files), aside)
+    return Campaign(_one_unit(named_apart(runs)), tuple(aside), tuple(files))
+
+
+def refused_by_strict(first: SetAside) -> RunError:
+    """The refusal of `--strict` for the first run that would be set aside."""
+    return RunError(f"{first.file}, run {first.run!r}: {first.why} (refused because of --strict)")
+
+
+def none_left(files: int, aside: Sequence[SetAside]) -> RunError:
+    """The refusal of a campaign of which nothing is left, with the first reasons."""
+    reasons = "; ".join(f"{s.file}: {s.why}" for s in aside[:MOST_REASONS])
+    more = f"; and {len(aside) - MOST_REASONS} more" if len(aside) > MOST_REASONS else ""
+    return RunError(f"no run is left of {files} log{'s' * (files != 1)}: {reasons}{more}")
 
 
 def read_runs(file: LogFile, columns: ColumnMap | None = None) -> tuple[list[Run], list[SetAside]]:
-    """The runs of one log, and those set aside. Raises LogError or RunError if the log was named and is unreadable."""
+    """The runs of one log, and those set aside. Raises LogError or RunError if the log was named and is
+    unreadable.
+    """
     try:
         table = read_log(file, columns)
+    except LogError as error:
+        if file.named:
+            raise
+        return [], [unreadable(file, error)]
+    return runs_of_table(table, file)
+
+
+def unreadable(file: LogFile, error: Exception) -> SetAside:
+    """A log that was found, not named, and cannot be read right."""
+    return SetAside(file.name, _stem(file.name), _without_source(str(error), file.name))
+
+
+def runs_of_table(table: LogTable, file: LogFile) -> tuple[list[Run], list[SetAside]]:
+    """The runs of a table already read, and those set aside. Raises LogError or RunError as `read_runs`."""
+    try:
         require_yaw(table)
     except LogError as error:
         if file.named:
             raise
-        return [], [SetAside(file.name, stem_of(Path(file.name).name), _without_source(str(error), file.name))]
-    return clean_table(table, file)
-
-
-def clean_table(table: LogTable, file: LogFile) -> tuple[list[Run], list[SetAside]]:
-    """The runs of a table already read, and those set aside. Raises RunError as `read_runs`."""
+        return [], [unreadable(file, error)]
     runs: list[Run] = []
     aside: list[SetAside] = []
     for name, chosen in _split(table):
@@ -97,7 +120,7 @@ def clean_table(table: LogTable, file: LogFile) -> tuple[list[Run], list[SetAsid
 def _split(table: LogTable) -> Iterator[tuple[str, NDArray[np.int64]]]:
     """Name and rows of each run, in the order in which the runs begin in the file."""
     if table.run is None:
-        yield stem_of(Path(table.source).name), np.arange(len(table))
+        yield _stem(table.source), np.arange(len(table))
         return
     names, first, member = np.unique(table.run, return_index=True, return_inverse=True)
     order = np.argsort(member, kind="stable")
@@ -106,13 +129,20 @@ def _split(table: LogTable) -> Iterator[tuple[str, NDArray[np.int64]]]:
         yield str(names[i]), order[bounds[i] : bounds[i + 1]]
 
 
+def _stem(source: str) -> str:
+    """The name of a run that is alone in its file."""
+    return stem_of(source.rsplit("/", 1)[-1])
+
+
 def _without_source(sentence: str, source: str) -> str:
     """The reason alone: the result has the file's name in a field of its own."""
     return sentence.removeprefix(source).lstrip(":, ")
 
 
-def _named_apart(runs: Sequence[Run]) -> list[Run]:
-    """Runs of one name get their file's name in front (without its ending where that is enough)."""
+def named_apart(runs: Sequence[Run]) -> list[Run]:
+    """Runs of one campaign, no two of one name: runs of one name get their file's name in front (without its
+    ending where that is enough).
+    """
     note = "another run of this campaign has the same name; the file's name was put in front"
     named = list(runs)
     for prefix in (stem_of, str):
@@ -120,9 +150,10 @@ def _named_apart(runs: Sequence[Run]) -> list[Run]:
         for i, (run, original) in enumerate(zip(named, runs)):
             if times[run.name] > 1:
                 front = prefix(run.source)
-                own = original.name == stem_of(Path(run.source).name)
-                named[i] = replace(original, name=front if own else f"{front}:{original.name}",
-                                   notes=(*original.notes, note))
+                own = original.name == _stem(run.source)
+                named[i] = replace(
+                    original, name=front if own else f"{front}:{original.name}", notes=(*original.notes, note)
+                )
     return named
 
 
@@ -131,7 +162,9 @@ def _one_unit(runs: Sequence[Run]) -> tuple[Run, ...]:
     units = {run.moment_unit: run for run in runs if run.moment is not None}
     if len(units) > 1:
         first, second = list(units.values())[:2]
-        raise RunError(f"{first.source} gives its moment in {first.moment_unit}, {second.source} in "
-                       f"{second.moment_unit}; expected one unit in a campaign. Analyse them apart, or map both "
-                       "columns to tau or to tau_Nm with --columns")
+        raise RunError(
+            f"{first.source} gives its moment in {first.moment_unit}, {second.source} in "
+            f"{second.moment_unit}; expected one unit in a campaign. Analyse them apart, or map both "
+            "columns to tau or to tau_Nm with --columns"
+        )
     return tuple(runs)

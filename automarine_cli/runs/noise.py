@@ -10,9 +10,9 @@ NORMAL = 1.4826  # median absolute value of a normal variable -> its standard de
 def heading_noise(time: Floats, heading: Floats) -> float:
     """Standard deviation [rad] of the white noise on a heading of shape (N,); 0 for fewer than 7 samples.
 
-    Each sample is compared with the cubic through two neighbours on either side at their true times, which removes
-    any smooth turn and any clock jitter; the median makes glitches harmless. A quantised heading that often repeats
-    itself has at least its quantum / sqrt(12).
+    Each sample is compared with the cubic through two neighbours on either side at their true times, which
+    removes any smooth turn and any clock jitter; the median makes glitches harmless. A quantised heading that
+    often repeats itself has at least its quantum / sqrt(12).
     """
     if len(time) < 7:
         return 0.0
@@ -41,7 +41,9 @@ def _quantum(heading: Floats) -> float:
 
 
 def slope(time: Floats, heading: Floats) -> tuple[float, float]:
-    """Least-squares slope [rad/s] and its standard error for a noise of 1 rad a sample; (0, inf) for one sample."""
+    """Least-squares slope [rad/s] and its standard error for a noise of 1 rad a sample; (0, inf) for one
+    sample.
+    """
     centred = time - time.mean()
     square = float(centred @ centred)
     if square == 0:

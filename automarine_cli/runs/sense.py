@@ -16,37 +16,58 @@ DEGREES_AS_RADIANS = 360.0
 def clock_trouble(time: Floats) -> str | None:
     """Why a clock, shape (N,), cannot be one of a yaw test, or None."""
     if len(time) > 1 and np.ptp(time) == 0:
-        return "units look wrong: the clock stands still. Look at the time column, or map another with --columns"
+        return (
+            "units look wrong: the clock stands still. Look at the time column, or map another with --columns"
+        )
     if len(time) < FEWEST_SAMPLES:
-        return (f"only {len(time)} sample{'s' * (len(time) != 1)} left; at least {FEWEST_SAMPLES} are needed. "
-                "Check that the log was not cut short")
+        return (
+            f"only {len(time)} sample{'s' * (len(time) != 1)} left; at least {FEWEST_SAMPLES} are needed. "
+            "Check that the log was not cut short"
+        )
     period = float(np.median(np.diff(time)))
     if period >= SLOWEST:
-        return (f"units look wrong: {period:.4g} s between samples. If the clock counts milliseconds or microseconds, "
-                "name it time_ms or time_us, or say so with --columns")
+        return (
+            f"units look wrong: {period:.4g} s between samples. If the clock counts milliseconds or "
+            "microseconds, name it time_ms or time_us, or say so with --columns"
+        )
     if period < FASTEST:
-        return (f"units look wrong: {period:.3g} s between samples. If the clock counts seconds, name it time_s, "
-                "or say so with --columns")
+        return (
+            f"units look wrong: {period:.3g} s between samples. If the clock counts seconds, name it time_s, "
+            "or say so with --columns"
+        )
     return None
 
 
 def heading_trouble(time: Floats, heading: Floats) -> str | None:
     """Why a heading as logged, shape (N,) [rad], cannot be one, or None."""
     if np.abs(heading).max() > LARGEST_HEADING:
-        return (f"units look wrong: a heading of {np.rad2deg(np.abs(heading).max()):.3g} degrees. "
-                "Check which column is the heading")
+        return (
+            f"units look wrong: a heading of {np.rad2deg(np.abs(heading).max()):.3g} degrees. "
+            "Check which column is the heading"
+        )
     span, jumps = float(np.ptp(heading)), np.abs(np.diff(heading))
-    if span <= 1.001 * RADIANS_AS_DEGREES and jumps.max() > 0.75 * RADIANS_AS_DEGREES:
-        return ("units look wrong: the heading jumps by 2 pi where it should by 360 degrees. If it is in radians, "
-                "name it heading_rad, or say unit = \"rad\" with --columns")
-    if span <= 1.001 * DEGREES_AS_RADIANS and jumps.max() > 0.75 * DEGREES_AS_RADIANS:
-        return ("units look wrong: the heading jumps by 360 where it should by 2 pi radians. If it is in degrees, "
-                "name it heading_deg, or say unit = \"deg\" with --columns")
+    if _wraps_at(RADIANS_AS_DEGREES, span, jumps):
+        return (
+            "units look wrong: the heading wraps at 2 pi where it should at 360 degrees. "
+            'If it is in radians, name it heading_rad, or say unit = "rad" with --columns'
+        )
+    if _wraps_at(DEGREES_AS_RADIANS, span, jumps):
+        return (
+            "units look wrong: the heading wraps at 360 where it should at 2 pi radians. "
+            'If it is in degrees, name it heading_deg, or say unit = "deg" with --columns'
+        )
     speed = float(np.median(jumps / np.diff(time)))
     if speed > FASTEST_TURN and span > 4 * np.pi:
-        return (f"units look wrong: the heading changes by {speed:.3g} rad/s. If it is in degrees, "
-                "name it heading_deg, or say unit = \"deg\" with --columns")
+        return (
+            f"units look wrong: the heading changes by {speed:.3g} rad/s. If it is in degrees, "
+            'name it heading_deg, or say unit = "deg" with --columns'
+        )
     return None
+
+
+def _wraps_at(turn: float, span: float, jumps: Floats) -> bool:
+    """Whether a heading stays within one `turn` [rad] and jumps by most of it, smooth otherwise."""
+    return bool(span <= 1.001 * turn and jumps.max() > 0.75 * turn and np.median(jumps) < 0.05 * turn)
 
 
 def stuck(heading: Floats, command: Floats) -> str | None:
@@ -56,8 +77,10 @@ def stuck(heading: Floats, command: Floats) -> str | None:
         return None
     longest, at = longest_repeat(heading, acting)
     if longest >= max(20, acting.sum() / 2):
-        return (f"compass stuck: {longest} samples of exactly {np.rad2deg(at) % 360:.6g} degrees while a moment acts. "
-                "Check the compass and its cable, or whether the vehicle was held")
+        return (
+            f"compass stuck: {longest} samples of exactly {np.rad2deg(at) % 360:.6g} degrees while a moment "
+            "acts. Check the compass and its cable, or whether the vehicle was held"
+        )
     return None
 
 

@@ -23,12 +23,12 @@ SURE = 4.0  # standard errors
 class Step:
     """Samples `first` to `stop - 1` of `run` hold the constant `moment` [the run's unit].
 
-    The command switched somewhere in (`switch_from`, `switch_to`] [s, campaign clock]: after the last sample that
-    does not show the moment, at the latest with the first that does. If the log begins with the moment already on
-    (`begins_log`), `switch_from` is one sample period before. `rest` are the samples before the step at zero moment
-    during which the vehicle stood still, `start_heading` [rad] the mean heading over them; both None where there are
-    none. `from_rest` says whether the step starts from standstill, `start_rate` [rad/s] what rate it seems to start
-    with. `ends_log`: the log ends with the moment still on.
+    The command switched somewhere in (`switch_from`, `switch_to`] [s, campaign clock]: after the last sample
+    that does not show the moment, at the latest with the first that does. If the log begins with the moment
+    already on (`begins_log`), `switch_from` is one sample period before. `rest` are the samples before the
+    step at zero moment during which the vehicle stood still, `start_heading` [rad] the mean heading over
+    them; both None where there are none. `from_rest` says whether the step starts from standstill,
+    `start_rate` [rad/s] what rate it seems to start with. `ends_log`: the log ends with the moment still on.
     """
 
     run: Run
@@ -62,13 +62,16 @@ def find_steps(run: Run) -> tuple[Step, ...]:
     Raises RunError where the run has no moment.
     """
     return tuple(
-        _step(run, first, stop) for first, stop, moment in segments(run.command)
+        _step(run, first, stop)
+        for first, stop, moment in segments(run.command)
         if moment != 0 and stop - first >= FEWEST_SAMPLES
     )
 
 
 def segments(moment: Floats) -> list[tuple[int, int, float]]:
-    """(first, stop, moment) of every stretch of one constant moment, in order; moments of a hair around 0 are 0."""
+    """(first, stop, moment) of every stretch of one constant moment, in order; moments of a hair around 0 are
+    0.
+    """
     if not len(moment):
         return []
     least = SAME_MOMENT * float(np.abs(moment).max())
@@ -86,7 +89,9 @@ def _step(run: Run, first: int, stop: int) -> Step:
     rate, doubt = start_motion(run.time[first:stop], run.heading[first:stop], sigma)
     slow = abs(rate) <= SLOW * abs(pace) + SURE * doubt
     only = begins or first < SHORT_REST  # too little before the step to tell: its own start decides
-    notes = ("the log begins with the moment already on: its switch is taken within the sample period before",)
+    notes = (
+        "the log begins with the moment already on: its switch is taken within the sample period before",
+    )
     return Step(
         run=run,
         first=first,
@@ -129,9 +134,11 @@ def _rest_before(run: Run, first: int, sigma: float, pace: float) -> slice | Non
 
 
 def start_motion(time: Floats, heading: Floats, sigma: float) -> tuple[float, float]:
-    """Yaw rate at the first sample [rad/s] and its standard error, from a parabola through the start of a step.
+    """Yaw rate at the first sample [rad/s] and its standard error, from a parabola through the start of a
+    step.
 
-    The start is what turned less than 10 degrees (at least 6 samples, all if fewer). `sigma` [rad] is the noise.
+    The start is what turned less than 10 degrees (at least 6 samples, all if fewer). `sigma` [rad] is the
+    noise.
     """
     count = start_length(heading)
     coefficients, root = _parabola(time[:count], heading[:count])
@@ -139,7 +146,9 @@ def start_motion(time: Floats, heading: Floats, sigma: float) -> tuple[float, fl
 
 
 def start_length(heading: Floats) -> int:
-    """How many samples belong to the start of a step: those before the heading has turned 10 degrees for good."""
+    """How many samples belong to the start of a step: those before the heading has turned 10 degrees for
+    good.
+    """
     moved = np.abs(heading - heading[0]) > START_ANGLE
     both = moved[:-1] & moved[1:]  # two in a row: a single sample may be noise
     count = int(np.argmax(both)) if both.any() else len(heading)
@@ -147,7 +156,8 @@ def start_length(heading: Floats) -> int:
 
 
 def start_heading(step: Step) -> float:
-    """Heading at the step [rad]: the mean over the rest before it, else carried back from the start of the motion.
+    """Heading at the step [rad]: the mean over the rest before it, else carried back from the start of the
+    motion.
 
     Without rest a parabola through the start of the step is read at the middle of the switch interval (from a
     standstill without slope there). It depends on the first samples of the step only.
@@ -164,7 +174,9 @@ def start_heading(step: Step) -> float:
 
 
 def _parabola(time: Floats, heading: Floats, at: float | None = None) -> tuple[Floats, Floats]:
-    """Coefficients of the parabola about `at` (default: the first time), and the matrix that makes them of headings."""
+    """Coefficients of the parabola about `at` (default: the first time), and the matrix that makes them of
+    headings.
+    """
     shifted = time - (time[0] if at is None else at)
     design = np.vander(shifted, min(3, len(time)), increasing=True)
     inverse = np.linalg.pinv(design)

@@ -26,8 +26,9 @@ def wrapped(angle: Floats) -> Floats:
 def find_glitches(time: Floats, heading: Floats) -> NDArray[np.bool_]:
     """Which samples, shape (N,), are spikes of one or two samples: far off both neighbours, which agree.
 
-    A spike stands out against the local rate by eight robust standard deviations and six degrees, and the samples
-    on either side of it continue each other. A jump that stays (a stale compass that catches up) is no spike.
+    A spike stands out against the local rate by eight robust standard deviations and six degrees, and the
+    samples on either side of it continue each other. A jump that stays (a stale compass that catches up) is
+    no spike.
     """
     count = len(time)
     bad = np.zeros(count, dtype=bool)
@@ -40,14 +41,18 @@ def find_glitches(time: Floats, heading: Floats) -> NDArray[np.bool_]:
     for width in range(1, LONGEST_SPIKE + 1):
         before, after = np.arange(count - width - 1), np.arange(width + 1, count)
         across = np.abs(_off(time, heading, rate, before, after))
-        least = np.min([np.abs(_off(time, heading, rate, before, before + k)) for k in range(1, width + 1)], axis=0)
+        least = np.min(
+            [np.abs(_off(time, heading, rate, before, before + k)) for k in range(1, width + 1)], axis=0
+        )
         spike = (least > threshold) & (across < threshold) & (least > 3 * across)
         for k in range(1, width + 1):
             bad[before[spike] + k] = True
     return bad | _ends(time, heading, rate, max(threshold, END_SPIKE))
 
 
-def _off(time: Floats, heading: Floats, rate: Floats, here: NDArray[np.int64], there: NDArray[np.int64]) -> Floats:
+def _off(
+    time: Floats, heading: Floats, rate: Floats, here: NDArray[np.int64], there: NDArray[np.int64]
+) -> Floats:
     """How far `heading[there]` is from `heading[here]` carried on at the local rate, modulo a turn."""
     middle = rate[(here + there) // 2]
     return wrapped(heading[there] - heading[here] - middle * (time[there] - time[here]))
@@ -70,7 +75,9 @@ def _ends(time: Floats, heading: Floats, rate: Floats, threshold: float) -> NDAr
 
 @dataclass(frozen=True)
 class Unwrapped:
-    """Heading of shape (N,) [rad], and after which samples the turn count is unknown (a gap too wide to bridge)."""
+    """Heading of shape (N,) [rad], and after which samples the turn count is unknown (a gap too wide to
+    bridge).
+    """
 
     heading: Floats
     broken_after: tuple[int, ...]
@@ -79,9 +86,9 @@ class Unwrapped:
 def unwrap(time: Floats, heading: Floats, gaps: NDArray[np.int64]) -> Unwrapped:
     """Unwrap a heading; `gaps` are the samples after which the log has a hole.
 
-    Between samples the shortest way is taken. Across a hole the rates on both sides say how far the vehicle turned;
-    if they leave it open by more than a quarter of a turn, the run breaks there. A log that counts turns itself
-    (more than a turn wide, without jumps) is taken as it is.
+    Between samples the shortest way is taken. Across a hole the rates on both sides say how far the vehicle
+    turned; if they leave it open by more than a quarter of a turn, the run breaks there. A log that counts
+    turns itself (more than a turn wide, without jumps) is taken as it is.
     """
     raw = np.diff(heading)
     inside = np.ones(len(raw), dtype=bool)
@@ -101,7 +108,9 @@ def unwrap(time: Floats, heading: Floats, gaps: NDArray[np.int64]) -> Unwrapped:
     return Unwrapped(heading[0] + np.concatenate([[0.0], np.cumsum(steps)]), tuple(broken))
 
 
-def _side_rate(time: Floats, steps: Floats, start: int, way: int, gaps: NDArray[np.int64]) -> tuple[float, float]:
+def _side_rate(
+    time: Floats, steps: Floats, start: int, way: int, gaps: NDArray[np.int64]
+) -> tuple[float, float]:
     """Yaw rate [rad/s] and its doubt just beside a gap, from up to eight steps on one side of it."""
     others = set(gaps.tolist())
     indices: list[int] = []

@@ -1,0 +1,84 @@
+"""What a command cannot do without: `require` refuses a table that lacks it, and says how to name it."""
+
+from collections.abc import Sequence
+
+from automarine_cli.errors import LogError
+from automarine_cli.logs.canonical import CANONICAL, likely_canonical, likely_column, names_of
+from automarine_cli.logs.table import LogTable
+from automarine_cli.logs.words import listed, printable, quoted
+
+_WORDS = {
+    "moment": "yaw moment",
+    "n": "control signal",
+    "n_port": "port thruster command",
+    "n_stbd": "starboard thruster command",
+}
+
+
+def require(table: LogTable, quantities: Sequence[str]) -> None:
+    """Refuse a table that lacks one of the quantities (names as in `LogTable.columns`).
+
+    Raises LogError that lists the columns found and says what to write in the `--columns` file.
+    """
+    lacking = [quantity for quantity in quantities if quantity not in table.columns]
+    if lacking:
+        raise LogError(_sentence(table, lacking))
+
+
+def require_yaw(table: LogTable) -> None:
+    """Refuse a table that is no yaw log: time, heading, and a moment or both thruster commands."""
+    commands = [quantity for quantity in ("n_port", "n_stbd") if quantity in table.columns]
+    if "moment" in table.columns or len(commands) == 2:
+        require(table, ("time", "heading"))
+    elif commands:
+        require(table, ("time", "heading", "n_port", "n_stbd"))
+    else:
+        require(table, ("time", "heading", "moment"))
+
+
+def require_thruster(table: LogTable) -> None:
+    """Refuse a table that is no thruster test: control signal and force."""
+    require(table, ("n", "force"))
+
+
+def is_thruster_test(table: LogTable) -> bool:
+    """Whether the table is, or seems meant as, a thruster test rather than a yaw log."""
+    if "heading" in table.columns:
+        return False
+    return "force" in table.columns or (
+        _guess(table, "force") is not None and _guess(table, "heading") is None
+    )
+
+
+def _sentence(table: LogTable, lacking: Sequence[str]) -> str:
+    what = _and([_WORDS.get(quantity, quantity.replace("_", " ")) for quantity in lacking])
+    expected = "; ".join(_expected(quantity) for quantity in lacking)
+    guesses = [(quantity, _guess(table, quantity)) for quantity in lacking]
+    sure = [(quantity, guess) for quantity, guess in guesses if guess is not None]
+    if sure:
+        lines = " and ".join(f'{likely_canonical(q, guess)} = "{printable(guess)}"' for q, guess in sure)
+        names = _and([quoted(guess) for _, guess in sure])
+        hint = f"If {names} {'is' if len(sure) == 1 else 'are'} meant, write {lines}"
+    else:
+        hint = f'If it has another name, write a line such as {names_of(lacking[0])[0]} = "NAME"'
+    unmet = [note for note in table.notes if any(f" for {n};" in note for q in lacking for n in names_of(q))]
+    return (
+        f"{table.source}: no {what}; found the columns {listed(table.names)}; expected {expected}. "
+        + "".join(f"{note[0].upper()}{note[1:]}. " for note in unmet)
+        + f"{hint} under [columns] in a file and give it with --columns FILE.toml"
+    )
+
+
+def _expected(quantity: str) -> str:
+    names = " or ".join(names_of(quantity))
+    return names + " or both n_port and n_stbd" if quantity == "moment" else names
+
+
+def _guess(table: LogTable, quantity: str) -> str | None:
+    """The column that may be meant: none with a meaning already, except a `time` of plain numbers."""
+    free = [name for name in table.names if name and (name not in CANONICAL or name == "time")]
+    return likely_column(quantity, free)
+
+
+def _and(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

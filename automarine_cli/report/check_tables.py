@@ -1,0 +1,85 @@
+"""The tables of `check`: one line for each yaw run, one for each thruster test."""
+
+from collections.abc import Sequence
+
+from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
+
+
+def run_table(runs: Sequence[RunSeen]) -> Table:
+    """Sampling, what was dropped, moments, and the half-turn that a fit would keep; reasons in the notes."""
+    header = (
+        "run",
+        "samples",
+        "s",
+        "Hz",
+        "jitter ms",
+        "gaps",
+        "dropped",
+        "noise deg",
+        "levels",
+        "turns",
+        "kept of the step",
+        "cut by",
+        "no half-turn because",
+    )
+    return Table("Yaw runs", header, tuple(_run_row(run) for run in runs), notes=tuple(_notes(runs)))
+
+
+def _run_row(run: RunSeen) -> tuple[str, ...]:
+    dropped = sum(run.counts.get(kind, 0) for kind in ("missing", "duplicates", "glitches"))
+    turn = run.half_turn
+    return (
+        run.run,
+        str(run.samples),
+        number(run.duration_s, 3),
+        number(run.rate_hz, 3),
+        number(run.jitter_ms, 2),
+        str(run.counts.get("gaps", 0)),
+        str(dropped),
+        number(run.heading_noise_deg, 2),
+        MISSING if run.levels is None else ", ".join(number(level, 3) for level in run.levels),
+        number(run.turns, 2),
+        MISSING
+        if turn is None
+        else f"{turn.kept_samples} samples, {turn.turned_deg:.0f} deg of {number(turn.moment, 3)}",
+        MISSING if turn is None else turn.cut_by,
+        MISSING if run.why is None else run.why.split(":")[0],
+    )
+
+
+def _notes(runs: Sequence[RunSeen]) -> list[str]:
+    """What cleaning did and what a person should know, run by run."""
+    words = {
+        "missing": "rows with a missing value",
+        "duplicates": "repeated stamps",
+        "glitches": "heading spikes",
+    }
+    lines = []
+    for run in runs:
+        told = [f"{run.counts[kind]} {what} dropped" for kind, what in words.items() if run.counts.get(kind)]
+        told += list(dict.fromkeys(run.notes))
+        told += [] if run.why is None else [run.why]
+        if told:
+            lines.append(f"{run.run}: {'; '.join(told)}")
+    return lines
+
+
+def thruster_test_table(tests: Sequence[ThrusterTestSeen]) -> Table:
+    """Points, levels and ranges."""
+    header = ("thruster test", "points", "missing", "levels", "n from", "n to", "N from", "N to", "voltages")
+    rows = tuple(
+        (
+            test.run,
+            str(test.points),
+            str(test.missing),
+            str(test.levels),
+            number(test.lowest_n),
+            number(test.highest_n),
+            number(test.lowest_force_N),
+            number(test.highest_force_N),
+            ", ".join(number(v, 3) for v in test.voltages) or MISSING,
+        )
+        for test in tests
+    )
+    return Table("Thruster tests", header, rows)

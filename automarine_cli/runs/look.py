@@ -1,0 +1,163 @@
+"""What can be said of one run or one thruster test without fitting anything: what `check` shows."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.logs import LogTable
+from automarine_cli.logs.formats import stem_of
+from automarine_cli.runs.half_turn import NO_STEP, HalfTurn, half_turn
+from automarine_cli.runs.noise import heading_noise
+from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.steps import find_steps, segments
+
+Indices = NDArray[np.int64]
+MOST_LEVELS = 64  # more different values than this are a signal, not levels
+
+
+@dataclass(frozen=True)
+class StepSeen:
+    """One step of a run: angles in degrees, times in seconds on the campaign's clock."""
+
+    moment: float
+    switch_from_s: float
+    switch_to_s: float
+    ends_s: float
+    from_rest: bool
+    start_heading_deg: float
+    kept_samples: int
+    kept_s: float
+    turned_deg: float
+    cut_by: str
+    steady: bool
+    why: str | None
+
+
+@dataclass(frozen=True)
+class RunSeen:
+    """One run of a yaw log. `levels` are its moments (None: the moment never stays), `why` says why no step
+    serves.
+    """
+
+    file: str
+    run: str
+    samples: int
+    begins_s: float
+    duration_s: float
+    rate_hz: float
+    jitter_ms: float
+    longest_step_s: float
+    counts: Mapping[str, int]
+    heading_noise_deg: float
+    turns: float
+    moment_unit: str
+    levels: list[float] | None
+    steps: list[StepSeen]
+    half_turn: StepSeen | None
+    why: str | None
+    columns: list[str]
+    notes: list[str]
+
+
+@dataclass(frozen=True)
+class ThrusterTestSeen:
+    """One run of a thruster test: how many rows and levels of the control signal, and the forces."""
+
+    file: str
+    run: str
+    points: int
+    missing: int
+    levels: int
+    lowest_n: float
+    highest_n: float
+    lowest_force_N: float
+    highest_force_N: float
+    voltages: list[float]
+    columns: list[str]
+    notes: list[str]
+
+
+def look_at_run(run: Run) -> RunSeen:
+    """One yaw run. Thruster commands without a moment are seen as their difference, port less starboard."""
+    driven = run
+    if run.moment is None:
+        driven = run.with_moment(run.extras["n_port"] - run.extras["n_stbd"], "n_port - n_stbd")
+    spans = np.diff(run.time)
+    turns = [half_turn(driven, step) for step in find_steps(driven)]
+    best = next((turn for turn in turns if turn.serves), None)
+    levels = sorted({moment for _, _, moment in segments(driven.command)})
+    return RunSeen(
+        file=run.source,
+        run=run.name,
+        samples=len(run),
+        begins_s=float(run.time[0]),
+        duration_s=float(run.time[-1] - run.time[0]),
+        rate_hz=1 / run.sample_period,
+        jitter_ms=round(
+            1000 * float(np.percentile(np.abs(spans - run.sample_period), 95)), 6
+        ),  # not the clock's rounding
+        longest_step_s=float(spans.max()),
+        counts=dict(run.counts),
+        heading_noise_deg=float(np.rad2deg(heading_noise(run.time, run.heading))),
+        turns=float(np.ptp(run.heading) / (2 * np.pi)),
+        moment_unit=driven.moment_unit,
+        levels=levels if len(levels) <= min(MOST_LEVELS, len(run) // 4) else None,
+        steps=[_step_seen(turn) for turn in turns],
+        half_turn=None if best is None else _step_seen(best),
+        why=None if best is not None else turns[0].why if turns else NO_STEP,
+        columns=sorted(run.extras),
+        notes=[*run.notes, *(note for turn in turns for note in turn.step.notes)],
+    )
+
+
+def _step_seen(turn: HalfTurn) -> StepSeen:
+    step = turn.step
+    return StepSeen(
+        moment=step.moment,
+        switch_from_s=step.switch_from,
+        switch_to_s=step.switch_to,
+        ends_s=float(step.run.time[step.stop - 1]),
+        from_rest=step.from_rest,
+        start_heading_deg=float(np.rad2deg(turn.start_heading)),
+        kept_samples=len(turn.time),
+        kept_s=float(turn.time[-1] - turn.time[0]),
+        turned_deg=float(np.rad2deg(turn.turned)),
+        cut_by=turn.cut_by,
+        steady=turn.steady,
+        why=turn.why or None,
+    )
+
+
+def look_at_tests(table: LogTable) -> tuple[list[ThrusterTestSeen], list[SetAside]]:
+    """The runs of a thruster test, and those without a single point."""
+    names = np.full(len(table), stem_of(table.source.rsplit("/", 1)[-1])) if table.run is None else table.run
+    good = ~(np.isnan(table.columns["n"]) | np.isnan(table.columns["force"]))
+    seen, aside = [], []
+    for name in dict.fromkeys(names.tolist()):
+        rows = names == name
+        if (rows & good).any():
+            seen.append(_test(table, name, np.flatnonzero(rows & good), int((rows & ~good).sum())))
+        else:
+            aside.append(SetAside(table.source, name, "no row has both a control signal and a force"))
+    return seen, aside
+
+
+def _test(table: LogTable, name: str, rows: Indices, missing: int) -> ThrusterTestSeen:
+    n, force, voltage = table.columns["n"][rows], table.columns["force"][rows], table.columns.get("voltage")
+    volts = [] if voltage is None else np.unique(voltage[rows][~np.isnan(voltage[rows])]).tolist()
+    return ThrusterTestSeen(
+        file=table.source,
+        run=name,
+        points=len(n),
+        missing=missing,
+        levels=len(np.unique(n)),
+        lowest_n=float(n.min()),
+        highest_n=float(n.max()),
+        lowest_force_N=float(force.min()),
+        highest_force_N=float(force.max()),
+        voltages=volts if len(volts) <= MOST_LEVELS else [],
+        columns=sorted(table.extras),
+        notes=list(table.notes),
+    )

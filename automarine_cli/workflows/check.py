@@ -1,0 +1,95 @@
+"""`automarine check`: what is in the logs, what of it serves, and what is wrong with the rest."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+
+from automarine_cli.errors import LogError
+from automarine_cli.logs import (
+    ColumnMap,
+    LogFile,
+    find_logs,
+    is_thruster_test,
+    read_column_map,
+    read_log,
+    require_thruster,
+)
+from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.report.check_tables import run_table, thruster_test_table
+from automarine_cli.report.tables import Table
+from automarine_cli.runs.load import named_apart, none_left, refused_by_strict, runs_of_table, unreadable
+from automarine_cli.runs.look import RunSeen, ThrusterTestSeen, look_at_run, look_at_tests
+from automarine_cli.runs.run import Run, SetAside
+
+
+@dataclass(frozen=True)
+class Check:
+    """Everything `check` found, in the order of the files."""
+
+    runs: tuple[RunSeen, ...]
+    tests: tuple[ThrusterTestSeen, ...]
+    set_aside: tuple[SetAside, ...]
+    logs: int
+
+    def to_json(self) -> dict[str, object]:
+        """The result: schema automarine/check/1."""
+        return {
+            "schema": "automarine/check/1",
+            "logs": self.logs,
+            "runs": {
+                "used": len(self.runs) + len(self.tests),
+                "set_aside": [asdict(run) for run in self.set_aside],
+            },
+            "yaw_runs": [asdict(run) for run in self.runs],
+            "thruster_tests": [asdict(test) for test in self.tests],
+        }
+
+    def tables(self) -> tuple[Table, ...]:
+        """One table for the yaw runs, one for the thruster tests, whichever there are."""
+        return tuple(table for table in (run_table(self.runs), thruster_test_table(self.tests)) if table.rows)
+
+
+def check(
+    logs: Sequence[str | Path],
+    *,
+    columns: ColumnMap | Path | None = None,
+    strict: bool = False,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> Check:
+    """Look at yaw logs and thruster tests, which may be mixed.
+
+    Raises LogError or RunError as `load_runs`: for a named log that cannot be read, with `strict` for what
+    would be set aside, and where nothing is left.
+    """
+    names = read_column_map(columns) if isinstance(columns, Path) else columns or ColumnMap()
+    files = find_logs(logs)
+    found = ordered_map(
+        partial(_look_at, columns=names), files, jobs, progress=progress, stage="reading logs"
+    )
+    aside = [run for _, _, bad in found for run in bad]
+    runs = named_apart([run for good, _, _ in found for run in good])
+    tests = tuple(test for _, seen, _ in found for test in seen)
+    if strict and aside:
+        raise refused_by_strict(aside[0])
+    if not runs and not tests:
+        raise none_left(len(files), aside)
+    seen = ordered_map(look_at_run, runs, jobs, progress=progress, stage="looking at runs")
+    return Check(tuple(seen), tests, tuple(aside), len(files))
+
+
+def _look_at(file: LogFile, columns: ColumnMap) -> tuple[list[Run], list[ThrusterTestSeen], list[SetAside]]:
+    """Yaw runs, thruster tests and what is set aside of one file."""
+    try:
+        table = read_log(file, columns)
+        if is_thruster_test(table):
+            require_thruster(table)
+            return [], *look_at_tests(table)
+    except LogError as error:
+        if file.named:
+            raise
+        return [], [], [unreadable(file, error)]
+    runs, aside = runs_of_table(table, file)
+    return runs, [], aside
