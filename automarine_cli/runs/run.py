@@ -43,8 +43,10 @@ class Run:
     def __post_init__(self) -> None:
         for name, column in {"time": self.time, "heading": self.heading, **self.extras}.items():
             if column.shape != self.time.shape:
-                raise RunError(f"{self.source}, run {self.name!r}: column {name!r} has {column.shape} values "
-                               f"for {self.time.shape} samples; this is a defect, please report it")
+                raise RunError(
+                    f"{self.source}, run {self.name!r}: column {name!r} has {column.shape} values "
+                    f"for {self.time.shape} samples; this is a defect, please report it"
+                )
         if self.moment is not None and self.moment.shape != self.time.shape:
             raise RunError(f"{self.source}, run {self.name!r}: one moment for each sample expected")
         if np.any(np.diff(self.time) <= 0):
@@ -57,9 +59,11 @@ class Run:
     def command(self) -> Floats:
         """Commanded yaw moment [`moment_unit`], shape (N,). Raises RunError where the log has none."""
         if self.moment is None:
-            raise RunError(f"{self.source}, run {self.name!r}: no yaw moment (tau, tau_Nm) in the log; "
-                           "give --thrusters MAP.json and --arm METRES for n_port and n_stbd, "
-                           "or name the moment's column with --columns")
+            raise RunError(
+                f"{self.source}, run {self.name!r}: no yaw moment (tau, tau_Nm) in the log; "
+                "give --thrusters MAP.json and --arm METRES for n_port and n_stbd, "
+                "or name the moment's column with --columns"
+            )
         return self.moment
 
     @property
