@@ -46,10 +46,7 @@ def read(path: Path, name: str, text: frozenset[str] = frozenset()) -> RawLog:
             raise _ragged(data, head, name, error) from None
         table = _converted(body, data, head, name)
     if table.num_rows != len(rows):
-        raise LogError(
-            f"{name}: {len(rows)} lines give {table.num_rows} rows; a quoted cell runs over a line end. "
-            "Write every row on one line"
-        )
+        raise _open_quote(data, head, name)
     return RawLog(head.names, tuple(table.columns), rows, head.decimal)
 
 
@@ -91,6 +88,8 @@ def _prepared(data: bytes, name: str) -> bytes:
         )
     if b"\r" in data and b"\n" not in data:
         data = data.replace(b"\r", b"\n")
+    if data[:4].lower() == b"sep=":  # a spreadsheet's hint; the delimiter shows anyway
+        data = b"#" + data
     starts = (b"#", b" ", b"\t")
     if data.startswith(starts) or any(b"\n" + start in data for start in starts):
         data = _EMPTIED.sub(b"", data)
@@ -144,13 +143,28 @@ def _converted(body: pa.Buffer, data: bytes, head: Head, name: str) -> pa.Table:
         table = _arrow(body, head, [pa.binary()] * len(head.names))
     except pa.ArrowInvalid as error:
         raise _ragged(data, head, name, error) from None
+    decimals = (head.decimal,) if head.delimiter == "," or head.decimal == "," else (".", ",")
+    tried = [_as_numbers(table, head, decimal) for decimal in decimals]
+    return max(tried, key=lambda found: sum(pa.types.is_floating(kind) for kind in found.schema.types))
+
+
+def _as_numbers(table: pa.Table, head: Head, decimal: str) -> pa.Table:
+    """The same table of text, with numbers where all cells of a column are numbers."""
     for i, column in enumerate(table.columns):
-        if head.names[i] in head.text:
-            continue
-        values = numbers(column, head.decimal)
+        values = None if head.names[i] in head.text else numbers(column, decimal)
         if values is not None:
             table = table.set_column(i, str(i), values)
     return table
+
+
+def _open_quote(data: bytes, head: Head, name: str) -> LogError:
+    """The refusal for a quoted cell that runs over a line end, which would shift all row numbers."""
+    lines = data[head.body :].split(b"\n")
+    row = head.line + 1 + next((i for i, line in enumerate(lines) if line.count(b'"') % 2), 0)
+    return LogError(
+        f"{name}, row {row}: found a quoted cell that runs over the line end, expected each row on one line. "
+        "Close the quote or take the line break out"
+    )
 
 
 def _ragged(data: bytes, head: Head, name: str, error: Exception) -> LogError:
