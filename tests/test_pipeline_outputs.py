@@ -95,12 +95,14 @@ def test_overwrite_replaces_ours_and_keeps_theirs(tmp_path: Path) -> None:
     (out / "sub" / "empty").mkdir(parents=True)
     (out / "sub" / "x").write_text("mine too")
     (out / "link").symlink_to("notes.txt")
+    (out / "sub").chmod(0o700)
     out.chmod(0o750)
     write(out, {"a": "new"}, overwrite=True)
     assert content(out) == {"a": "new", "link": "mine", "notes.txt": "mine", "sub/x": "mine too"}
     assert (out / "link").is_symlink()
     assert (out / "sub" / "empty").is_dir()
     assert out.stat().st_mode & 0o777 == 0o750
+    assert (out / "sub").stat().st_mode & 0o777 == 0o700
     assert hidden(tmp_path) == []
 
 
@@ -127,6 +129,14 @@ def test_foreign_folder_takes_results_but_loses_nothing(tmp_path: Path) -> None:
     assert content(out) == {"a": "mine"}
     write(out, {"b": "ours"})
     assert content(out) == {"a": "mine", "b": "ours"}
+
+
+def test_a_home_or_project_is_not_replaced(tmp_path: Path) -> None:
+    for i in range(1001):
+        (tmp_path / f"{i}.txt").touch()
+    with pytest.raises(OutputError, match="holds 1001 other files; give a folder inside it"):
+        write(tmp_path, {"a": "1"})
+    assert not (tmp_path / "a").exists()
 
 
 def test_foreign_manifest_is_never_replaced(tmp_path: Path) -> None:

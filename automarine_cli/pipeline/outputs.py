@@ -20,6 +20,7 @@ from automarine_cli.pipeline import staging
 MANIFEST = "manifest.json"
 SCHEMA = "automarine/manifest/1"
 LIBRARIES = ("click", "numpy", "scipy", "pandas", "pyarrow", "matplotlib")
+MOST_FOREIGN = 1000
 # Settings that must not change a result, or that `inputs` says already: never in the manifest.
 UNRECORDED = frozenset(
     {"logs", "out", "jobs", "overwrite", "as_json", "json", "progress", "verbose", "quiet"}
@@ -143,6 +144,8 @@ def _inspect(target: Path, out: Path, command: str, overwrite: bool) -> tuple[fr
                 f"{out} holds a {MANIFEST} that is not automarine's; choose another folder with -o"
             )
         there = {path.relative_to(target).as_posix() for path in target.rglob("*")}
+        if len(there) > MOST_FOREIGN:  # a home or a project: not a folder to be replaced by a rename
+            raise OutputError(f"{out} holds {len(there)} other files; give a folder inside it with -o")
         return frozenset(), frozenset() if overwrite else frozenset(there)
     if not overwrite:
         raise OutputError(

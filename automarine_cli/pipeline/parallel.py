@@ -4,11 +4,12 @@ The processes are started afresh (spawn), never forked: numpy and pyarrow run th
 of a process with threads can hang. `function` and the items must therefore be importable and picklable.
 """
 
+import contextlib
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
@@ -52,7 +53,9 @@ def _in_processes(
     executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker)
     chunk = max(1, len(work) // (workers * CHUNKS_PER_JOB))
     try:
-        results = list(counted(progress, stage, executor.map(function, work, chunksize=chunk), len(work)))
+        with _deaf_to_interrupts():
+            coming = executor.map(function, work, chunksize=chunk)
+        results = list(counted(progress, stage, coming, len(work)))
     except BrokenProcessPool:
         raise SettingError(
             f"one of {workers} processes died while working on {stage or 'the data'}, usually for want of "
@@ -66,6 +69,19 @@ def _in_processes(
         raise
     executor.shutdown()
     return results
+
+
+@contextlib.contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Processes started here never hear Ctrl-C, not even while they start; this one hears it afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin_worker() -> None:

@@ -9,7 +9,6 @@ back and clears away what dead processes left.
 import contextlib
 import os
 import shutil
-import stat
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -75,7 +74,7 @@ def carry_over(target: Path, stage: Path, leave: frozenset[str]) -> None:
     """Link (or copy) what `target` holds into `stage`, except names in `leave` and names already there."""
     if not target.is_dir():
         return
-    for folder, subfolders, files in os.walk(target):
+    for folder, subfolders, files in os.walk(target, topdown=False):
         inside = Path(folder).relative_to(target)
         links = [name for name in subfolders if (Path(folder) / name).is_symlink()]
         for name in files + links:
@@ -83,9 +82,10 @@ def carry_over(target: Path, stage: Path, leave: frozenset[str]) -> None:
             if relative.as_posix() not in leave and not (stage / relative).exists():
                 (stage / relative).parent.mkdir(parents=True, exist_ok=True)
                 _link_or_copy(Path(folder) / name, stage / relative)
-        if inside.parts and not subfolders and not files:
+        if not subfolders and not files:
             (stage / inside).mkdir(parents=True, exist_ok=True)
-    stage.chmod(stat.S_IMODE(target.stat().st_mode))
+        if (stage / inside).is_dir():
+            shutil.copymode(folder, stage / inside)
 
 
 def put_in_place(stage: Path, target: Path) -> None:
