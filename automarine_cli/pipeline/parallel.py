@@ -10,7 +10,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
@@ -51,24 +51,44 @@ def _in_processes(
     others = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker)
-    chunk = max(1, len(work) // (workers * CHUNKS_PER_JOB))
+    size = max(1, len(work) // (workers * CHUNKS_PER_JOB))
+    chunks = [work[start : start + size] for start in range(0, len(work), size)]
     try:
         with _deaf_to_interrupts():
-            coming = executor.map(function, work, chunksize=chunk)
-        results = list(counted(progress, stage, coming, len(work)))
+            futures = [executor.submit(_work_on, function, chunk) for chunk in chunks]
+        coming = (result for future in futures for result in _results_of(future))
+        return list(counted(progress, stage, coming, len(work)))
     except BrokenProcessPool:
         raise SettingError(
             f"one of {workers} processes died while working on {stage or 'the data'}, usually for want of "
             "memory; try again with fewer, for example --jobs 1"
         ) from None
     except BaseException:  # nobody waits for the items under way
-        executor.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - others:
             child.terminate()
-            child.join()
         raise
-    executor.shutdown()
-    return results
+    finally:
+        executor.shutdown()
+
+
+def _work_on(
+    function: Callable[[Item], Result], chunk: list[Item]
+) -> tuple[list[Result], BaseException | None]:
+    """The results of a chunk as far as they go, and the error that ended it."""
+    results: list[Result] = []
+    try:
+        for item in chunk:
+            results.append(function(item))
+    except Exception as problem:
+        return results, problem
+    return results, None
+
+
+def _results_of(future: "Future[tuple[list[Result], BaseException | None]]") -> Iterator[Result]:
+    results, problem = future.result()
+    yield from results
+    if problem is not None:
+        raise problem
 
 
 @contextlib.contextmanager
