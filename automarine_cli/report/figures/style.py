@@ -1,4 +1,4 @@
-"""How figures look: sized for print, colours that all eyes and a grey printer tell apart, the same bytes always.
+"""How figures look: sized for print, colours that any eye and a grey printer tell apart, always the same bytes.
 
 Decorate a function that draws with `@house_style`: it holds for everything drawn inside, whatever the user's
 own matplotlib settings say, and leaves them alone afterwards.
