@@ -72,23 +72,28 @@ def _inside(folder: Path, prefix: str | None = None) -> Iterator[LogFile]:
 
 
 def _matching(pattern: str, endings: str) -> list[LogFile]:
-    fixed = Path(*_before_magic(Path(pattern).parts))
+    """Logs that match a glob, named from its first folder with a wildcard on; links to folders are not
+    followed.
+    """
+    parts = Path(pattern).parts
+    first = next(i for i, part in enumerate(parts) if glob.has_magic(part))
+    fixed = Path(*parts[:first])
+    try:
+        matches = sorted(fixed.glob("/".join(parts[first:])))
+    except ValueError:
+        raise LogError(f"{quoted(pattern)}: ** stands for whole folders; write **/ and then a name") from None
     logs: list[LogFile] = []
-    for match in sorted(glob.glob(pattern, recursive=True)):  # noqa: PTH207 Path.glob takes no absolute patterns
-        path = Path(match)
-        inner = path.relative_to(fixed).as_posix()
+    for path in matches:
+        inner = path.relative_to(fixed)
+        if any(part.startswith(".") for part in inner.parts):
+            continue
         if path.is_dir():
-            logs += [] if "**" in pattern else _inside(path, prefix=inner)
+            logs += [] if "**" in pattern else _inside(path, prefix=inner.as_posix())
         elif suffix_of(path.name) is not None:
-            logs.append(LogFile(path, printable(inner), named=False))
+            logs.append(LogFile(path, printable(inner.as_posix()), named=False))
     if not logs:
         raise LogError(f"{quoted(pattern)}: no logs match; expected files that end in {endings}")
     return logs
-
-
-def _before_magic(parts: tuple[str, ...]) -> tuple[str, ...]:
-    first = next(i for i, part in enumerate(parts) if glob.has_magic(part))
-    return parts[:first]
 
 
 def _told_apart(logs: list[LogFile]) -> list[LogFile]:
