@@ -1,4 +1,4 @@
-"""How figures look: sized for print, colours that any eye and a grey printer tell apart, always the same bytes.
+"""How figures look: sized for print, colours that any eye and a grey printer tell apart, same bytes always.
 
 Decorate a function that draws with `@house_style`: it holds for everything drawn inside, whatever the user's
 own matplotlib settings say, and leaves them alone afterwards.
