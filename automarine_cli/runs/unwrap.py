@@ -9,6 +9,7 @@ from scipy.ndimage import median_filter
 from automarine_cli.runs.noise import NORMAL
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
 TURN = 2 * np.pi
 LEAST_SPIKE = np.deg2rad(6)  # a smaller spike is left to the noise
 SPIKE_IN_SIGMA = 8.0
@@ -26,48 +27,60 @@ def wrapped(angle: Floats) -> Floats:
 def find_glitches(time: Floats, heading: Floats) -> NDArray[np.bool_]:
     """Which samples, shape (N,), are spikes of one or two samples: far off both neighbours, which agree.
 
-    A spike stands out against the local rate by eight robust standard deviations and six degrees, and the
-    samples on either side of it continue each other. A jump that stays (a stale compass that catches up) is
-    no spike.
+    A spike stands out against the local rate by eight robust standard deviations and six degrees, and by half
+    as much again as the vehicle turns from sample to sample around it; the samples on either side of it
+    continue each other. A jump that stays (a stale compass that catches up) is no spike, nor is a sharp
+    reversal.
     """
     count = len(time)
     bad = np.zeros(count, dtype=bool)
     if count < LOCAL:
         return bad
-    rate = median_filter(wrapped(np.diff(heading)) / np.diff(time), size=LOCAL, mode="nearest")
-    rate = np.append(rate, rate[-1])  # (N,), after each sample
-    bend = wrapped(np.diff(heading)) - np.diff(time) * rate[:-1]
+    steps, spans = wrapped(np.diff(heading)), np.diff(time)
+    rates = steps / spans
+    bend = steps - spans * median_filter(rates, size=LOCAL, mode="nearest")
     threshold = max(LEAST_SPIKE, SPIKE_IN_SIGMA * NORMAL * float(np.median(np.abs(bend))))
     for width in range(1, LONGEST_SPIKE + 1):
-        before, after = np.arange(count - width - 1), np.arange(width + 1, count)
+        before = np.arange(count - width - 1)
+        after = before + width + 1
+        rate = np.median(_beside(rates, before, after), axis=0)
         across = np.abs(_off(time, heading, rate, before, after))
-        least = np.min(
+        off = np.max(
             [np.abs(_off(time, heading, rate, before, before + k)) for k in range(1, width + 1)], axis=0
         )
-        spike = (least > threshold) & (across < threshold) & (least > 3 * across)
+        around = np.median(_beside(np.abs(steps), before, after), axis=0)
+        spike = (off > threshold) & (across < threshold) & (off > 3 * across) & (off > 1.5 * around)
+        spike &= ~np.any([bad[before + k] for k in range(width + 2)], axis=0)
         for k in range(1, width + 1):
             bad[before[spike] + k] = True
-    return bad | _ends(time, heading, rate, max(threshold, END_SPIKE))
+    return bad | _ends(time, heading, max(threshold, END_SPIKE))
 
 
-def _off(
-    time: Floats, heading: Floats, rate: Floats, here: NDArray[np.int64], there: NDArray[np.int64]
-) -> Floats:
-    """How far `heading[there]` is from `heading[here]` carried on at the local rate, modulo a turn."""
-    middle = rate[(here + there) // 2]
-    return wrapped(heading[there] - heading[here] - middle * (time[there] - time[here]))
+def _beside(steps: Floats, before: Indices, after: Indices) -> Floats:
+    """The three steps that lead to sample `before` and the three that leave sample `after`, shape (6, N)."""
+    places = [before - 3, before - 2, before - 1, after, after + 1, after + 2]
+    return np.array([steps[np.clip(place, 0, len(steps) - 1)] for place in places])
 
 
-def _ends(time: Floats, heading: Floats, rate: Floats, threshold: float) -> NDArray[np.bool_]:
+def _off(time: Floats, heading: Floats, rate: Floats, here: Indices, there: Indices) -> Floats:
+    """How far `heading[there]` is from `heading[here]` carried on at `rate`, modulo a turn."""
+    return wrapped(heading[there] - heading[here] - rate * (time[there] - time[here]))
+
+
+def _ends(time: Floats, heading: Floats, threshold: float) -> NDArray[np.bool_]:
     """Spikes at the very first and last samples: far off what the next samples, which agree, lead to."""
     count = len(time)
     bad = np.zeros(count, dtype=bool)
     for order in (np.arange(count), np.arange(count)[::-1]):
         for width in range(1, LONGEST_SPIKE + 1):
-            inner = order[width : width + 5]
+            inner = order[width : width + 6]
+            steps = wrapped(np.diff(heading[inner]))
+            rate = np.median(steps / np.diff(time[inner]))
+            jump = abs(float(wrapped(heading[inner[0]] - heading[order[width - 1]])))
             agree = np.abs(_off(time, heading, rate, inner[:-1], inner[1:])) < threshold / 4
             far = np.abs(_off(time, heading, rate, np.repeat(inner[0], width), order[:width])) > threshold
-            if agree.all() and far.all():
+            # a vehicle at rest that starts to turn is far off as well, but it begins with a small step
+            if agree.all() and far.all() and jump > max(threshold, 2 * float(np.median(np.abs(steps)))):
                 bad[order[:width]] = True
                 break
     return bad
@@ -83,7 +96,7 @@ class Unwrapped:
     broken_after: tuple[int, ...]
 
 
-def unwrap(time: Floats, heading: Floats, gaps: NDArray[np.int64]) -> Unwrapped:
+def unwrap(time: Floats, heading: Floats, gaps: Indices) -> Unwrapped:
     """Unwrap a heading; `gaps` are the samples after which the log has a hole.
 
     Between samples the shortest way is taken. Across a hole the rates on both sides say how far the vehicle
@@ -108,9 +121,7 @@ def unwrap(time: Floats, heading: Floats, gaps: NDArray[np.int64]) -> Unwrapped:
     return Unwrapped(heading[0] + np.concatenate([[0.0], np.cumsum(steps)]), tuple(broken))
 
 
-def _side_rate(
-    time: Floats, steps: Floats, start: int, way: int, gaps: NDArray[np.int64]
-) -> tuple[float, float]:
+def _side_rate(time: Floats, steps: Floats, start: int, way: int, gaps: Indices) -> tuple[float, float]:
     """Yaw rate [rad/s] and its doubt just beside a gap, from up to eight steps on one side of it."""
     others = set(gaps.tolist())
     indices: list[int] = []
