@@ -51,13 +51,17 @@ def _run_row(run: RunSeen) -> tuple[str, ...]:
 def _notes(runs: Sequence[RunSeen]) -> list[str]:
     """What cleaning did and what a person should know, run by run."""
     words = {
-        "missing": "rows with a missing value",
-        "duplicates": "repeated stamps",
-        "glitches": "heading spikes",
+        "missing": ("row with a missing value", "rows with a missing value"),
+        "duplicates": ("repeated stamp", "repeated stamps"),
+        "glitches": ("heading spike", "heading spikes"),
     }
     lines = []
     for run in runs:
-        told = [f"{run.counts[kind]} {what} dropped" for kind, what in words.items() if run.counts.get(kind)]
+        told = [
+            f"{run.counts[kind]} {one if run.counts[kind] == 1 else more} dropped"
+            for kind, (one, more) in words.items()
+            if run.counts.get(kind)
+        ]
         told += list(dict.fromkeys(run.notes))
         told += [] if run.why is None else [run.why]
         if told:

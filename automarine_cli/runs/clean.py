@@ -14,7 +14,7 @@ from automarine_cli.runs.sense import clock_trouble, heading_trouble, stuck
 from automarine_cli.runs.unwrap import find_glitches, unwrap
 
 Floats = NDArray[np.float64]
-GAP_IN_PERIODS = 3.0
+GAP_IN_PERIODS = 3.0 + 1e-6  # more than three periods, clocks being rounded
 COUNTS = ("rows", "missing", "duplicates", "glitches", "gaps")
 
 

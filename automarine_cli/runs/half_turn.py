@@ -77,7 +77,7 @@ def half_turn(run: Run, step: Step) -> HalfTurn:
     cut_by = HALF_TURN if crossed else LOG_ENDS if step.ends_log else MOMENT_ENDS
     time, heading = run.time[kept], run.heading[kept]
     steady = _is_steady(time, heading, noise)
-    turned = float(np.median(heading[-3:]) - zero)
+    turned = _last_heading(time, heading) - zero
     return HalfTurn(
         step=step,
         time=time,
@@ -135,6 +135,13 @@ def _end(turned: Floats, noise: float) -> tuple[int, bool]:
     return max(crossing - margin, min(crossing, FEWEST_SAMPLES)), True
 
 
+def _last_heading(time: Floats, heading: Floats) -> float:
+    """Heading at the last sample [rad], from the line through the last six."""
+    late, psi = time[-6:], heading[-6:]
+    rate, _ = slope(late, psi)
+    return float(psi.mean() + rate * (late[-1] - late.mean()))
+
+
 def _is_steady(time: Floats, heading: Floats, noise: float) -> bool:
     """Whether the rate of the last third is that of the third before, within a tenth or the noise."""
     third = len(time) // 3
@@ -150,7 +157,8 @@ def _is_steady(time: Floats, heading: Floats, noise: float) -> bool:
 
 def _why_not(step: Step, heading: Floats, turned: float, noise: float, cut_by: str, steady: bool) -> str:
     """The sentence for which a half-turn is set aside, or nothing."""
-    degrees = f"{abs(np.rad2deg(turned)):.0f} degrees"
+    whole = round(abs(float(np.rad2deg(turned))))
+    degrees = f"{whole} degree{'s' * (whole != 1)}"
     at = f"the step of {step.moment:.4g} {step.run.moment_unit}".rstrip()
     repeats, _ = longest_repeat(heading, np.ones(len(heading), dtype=bool))
     if repeats >= max(10, len(heading) / 2):

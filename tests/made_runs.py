@@ -1,0 +1,61 @@
+"""Runs of a vehicle whose truth is known: the closed-form response of model 3 with white noise."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from automarine_cli.models.closed_form import response
+from automarine_cli.runs.run import Run
+
+Floats = NDArray[np.float64]
+INERTIA, K_RR = 1.018, 1.257  # the source paper's Tables 1 and 2
+
+
+def step_heading(time: Floats, moment: float, *, heading0: float = 0.7, rate0: float = 0.0) -> Floats:
+    """True heading [rad] at `time` (N,) [s] after the step."""
+    return response(time, np.full(len(time), moment), INERTIA, 0.0, K_RR, heading0, rate0)[0]
+
+
+def step_run(
+    moment: float = 0.5,
+    *,
+    rest: float = 2.0,
+    length: float | None = None,
+    period: float = 0.1,
+    noise_deg: float = 1.0,
+    phase: float = 0.37,
+    rate0: float = 0.0,
+    clock: float = 100.0,
+    seed: int = 0,
+) -> Run:
+    """A step to `moment` after `rest` [s]; by default it lasts for a little more than half a turn.
+
+    The command switches at `clock`, `phase` of a sample period before the first sample that shows it.
+    """
+    length = 5.2 * INERTIA / np.sqrt(abs(moment) * K_RR) if length is None else length
+    time = period * (np.arange(-round(rest / period), round(length / period)) + phase)
+    noise = np.deg2rad(noise_deg) * np.random.default_rng(seed).standard_normal(len(time))
+    heading = step_heading(time, moment, rate0=rate0) + noise
+    return Run("run", "run.csv", clock + time, heading, np.where(time > 0, moment, 0.0), "nu")
+
+
+def mirrored(run: Run) -> Run:
+    """The same run turning the other way."""
+    assert run.moment is not None
+    return Run(run.name, run.source, run.time, -run.heading, -run.moment, run.moment_unit)
+
+
+def written(run: Run, path: Path, **columns: Mapping[str, object]) -> Path:
+    """The run as a CSV log with a wrapped heading; `columns` replace or add."""
+    table = {
+        "time_s": run.time,
+        "heading_deg": np.rad2deg(run.heading) % 360,
+        "tau": run.moment,
+        **columns,
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pd.DataFrame(table).to_csv(path, index=False)
+    return path

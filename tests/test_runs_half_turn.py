@@ -1,0 +1,154 @@
+"""The first half-turn: what is kept, what cut it, and the sentence where nothing serves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from made_runs import mirrored, step_run
+
+from automarine_cli.runs.half_turn import HALF_TURN, LOG_ENDS, MOMENT_ENDS, HalfTurn, half_turn, half_turns
+from automarine_cli.runs.run import Run
+from automarine_cli.runs.steps import find_steps
+
+MOMENTS = [-1.2, -0.5, -0.1, 0.1, 0.5, 1.2]
+
+
+def trimmed(run: Run) -> HalfTurn:
+    """The half-turn of a run with one step."""
+    (step,) = find_steps(run)
+    return half_turn(run, step)
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+@pytest.mark.parametrize("rest", [0.0, 2.0])
+def test_half_a_turn_is_kept(moment: float, rest: float) -> None:
+    run = step_run(moment, rest=rest, noise_deg=0.2)
+    turn = trimmed(run)
+    assert turn.serves and turn.steady and turn.cut_by == HALF_TURN
+    assert np.sign(turn.turned) == np.sign(moment)
+    assert 168 < abs(np.rad2deg(turn.turned)) <= 180
+    assert turn.kept.start == turn.step.first
+    np.testing.assert_array_equal(turn.heading, run.heading[turn.kept])
+    assert np.rad2deg(turn.noise) == pytest.approx(0.2, rel=0.5)
+
+
+def test_without_noise_the_last_sample_is_the_last_within_pi() -> None:
+    run = step_run(0.5, noise_deg=0.0)
+    turn = trimmed(run)
+    beyond = np.flatnonzero(np.abs(run.heading - turn.start_heading) > np.pi)[0]
+    assert turn.kept.stop in (beyond - 1, beyond)
+
+
+def test_noise_does_not_choose_the_last_sample() -> None:
+    """Cut at the first noisy sample beyond pi, the last samples lie low; with the margin they do not."""
+    residual, naive = [], []
+    for seed in range(400):
+        quiet, noisy = step_run(0.3, noise_deg=0.0), step_run(0.3, noise_deg=2.0, seed=seed)
+        turn = trimmed(noisy)
+        noise = noisy.heading - quiet.heading
+        residual.append(noise[turn.kept.stop - 1])
+        naive.append(noise[np.flatnonzero(np.abs(noisy.heading - turn.start_heading) > np.pi)[0] - 1])
+    standard_error = np.deg2rad(2) / np.sqrt(400)
+    assert abs(np.mean(residual)) < 3.5 * standard_error
+    assert np.mean(naive) < -3.5 * standard_error  # what the margin is for
+
+
+@given(
+    moment=st.sampled_from(MOMENTS),
+    rest=st.sampled_from([0.0, 0.5, 2.0]),
+    noise=st.sampled_from([0.0, 0.3, 1.0, 2.0]),
+    seed=st.integers(0, 9999),
+)
+def test_trimming_twice_is_trimming_once(moment: float, rest: float, noise: float, seed: int) -> None:
+    run = step_run(moment, rest=rest, noise_deg=noise, seed=seed)
+    once = trimmed(run)
+    again = trimmed(run.cut(0, once.kept.stop))
+    assert again.kept == once.kept
+    np.testing.assert_array_equal(again.heading, once.heading)
+
+
+@given(moment=st.sampled_from(MOMENTS), rest=st.sampled_from([0.0, 2.0]), seed=st.integers(0, 9999))
+def test_a_mirrored_turn_flips_signs(moment: float, rest: float, seed: int) -> None:
+    run = step_run(moment, rest=rest, seed=seed)
+    one, other = trimmed(run), trimmed(mirrored(run))
+    assert (one.kept, one.cut_by, one.steady, one.serves) == (
+        other.kept,
+        other.cut_by,
+        other.steady,
+        other.serves,
+    )
+    assert one.turned == pytest.approx(-other.turned, abs=1e-12)
+    assert one.start_heading == pytest.approx(-other.start_heading, abs=1e-12)
+
+
+@given(shift=st.floats(-1e5, 1e5), turns=st.integers(-3, 3))
+def test_a_shifted_clock_and_whole_turns_change_nothing(shift: float, turns: int) -> None:
+    run = step_run(0.5, noise_deg=0.5)
+    moved = replace(run, time=run.time + shift, heading=run.heading + 2 * np.pi * turns)
+    one, other = trimmed(run), trimmed(moved)
+    assert (one.kept, one.cut_by, one.why) == (other.kept, other.cut_by, other.why)
+    assert one.turned == pytest.approx(other.turned, abs=1e-9)
+
+
+def reason(run: Run) -> str:
+    """The sentence for which a run is set aside."""
+    good, aside = half_turns([run])
+    assert not good and len(aside) == 1 and (aside[0].file, aside[0].run) == ("run.csv", "run")
+    return aside[0].why
+
+
+@pytest.mark.parametrize("way", [-1, 1])
+def test_reasons(way: int) -> None:
+    def seen(run: Run) -> str:
+        return reason(run if way > 0 else mirrored(run)).replace(f"step of {0.5 * way:g} nu", "step")
+
+    assert seen(step_run(0.5, length=1.2)) == (
+        "ended before steady: the log ended after 16 degrees of the step, and its rate was still changing. "
+        "Hold each moment for half a turn"
+    )
+    run = step_run(0.5, length=4.0)
+    short = replace(run, moment=np.where(run.time > 101.2, -0.1 * way, run.command))
+    assert seen(short).startswith("moment changed before steady: the moment changed after 1")
+    still = replace(run, heading=np.deg2rad(np.random.default_rng(1).standard_normal(len(run))))
+    assert seen(still) == (
+        "never moved: 1 degree turned in the step. Use a larger moment, and check thrusters and tether; "
+        "if the heading column is in radians, name it heading_rad"
+    )
+    stuck = replace(run, heading=np.full(len(run), 1.25))
+    assert seen(stuck) == (
+        "compass stuck: 40 of 40 samples of the step show one heading. "
+        "Check the compass, or whether the vehicle was held"
+    )
+    assert seen(replace(run, heading=-run.heading)) == (
+        "units look wrong: the step turned the vehicle 110 degrees against it. If the heading counts "
+        "counter-clockwise, map it with sign = -1 in the --columns file"
+    )
+    assert seen(step_run(0.5, rest=0.0, rate0=0.4, noise_deg=0.0)).startswith(
+        "not from rest: the step begins at "
+    )
+    assert seen(step_run(0.5, length=0.6)) == (
+        "too short: the step has 6 samples (the log ended); at least 8 are needed. "
+        "Log faster or hold the moment longer"
+    )
+    assert seen(replace(run, moment=np.sin(run.time))) == (
+        "no step: no constant moment is held for at least 5 samples. Hold the moment constant, or fit "
+        "whole runs"
+    )
+
+
+def test_the_first_step_that_serves_is_taken() -> None:
+    """A nudge, rest, then the real step."""
+    run = step_run(0.5, rest=12.0)
+    nudge = (run.time > 90) & (run.time < 90.6)
+    (turn,), aside = half_turns([replace(run, moment=np.where(nudge, 0.2, run.command))])
+    assert turn.switch_to == run.time[run.time > 100][0] and aside == ()
+
+
+def test_what_ended_it_is_told() -> None:
+    run = step_run(0.5, length=5.0)
+    assert trimmed(run).cut_by == LOG_ENDS and trimmed(run).serves
+    longer = step_run(0.5, length=7.0)
+    ended = replace(longer, moment=np.where(longer.time > 105, 0.0, longer.command))
+    assert trimmed(ended).cut_by == MOMENT_ENDS and trimmed(ended).serves

@@ -1,0 +1,127 @@
+"""Steps: the instant is bounded, rest is told from motion, and everything is mirrored."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from made_runs import mirrored, step_heading, step_run
+
+from automarine_cli.runs.run import Run
+from automarine_cli.runs.steps import find_steps, segments, start_heading
+
+MOMENTS = [-1.2, -0.5, -0.1, 0.1, 0.5, 1.2]
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+@pytest.mark.parametrize("phase", [0.01, 0.5, 0.99])
+def test_the_switch_is_bounded_by_two_samples(moment: float, phase: float) -> None:
+    run = step_run(moment, phase=phase, clock=1234.5)
+    (step,) = find_steps(run)
+    assert step.switch_from < 1234.5 < step.switch_to
+    assert step.switch_to - step.switch_from == pytest.approx(0.1)
+    assert step.switch_to == run.time[step.first] and step.switch_from == run.time[step.first - 1]
+    assert step.moment == moment and step.stop == len(run) and step.ends_log and not step.begins_log
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_the_start_heading_is_the_mean_of_the_rest(moment: float) -> None:
+    errors = []
+    for seed in range(30):
+        run = step_run(moment, seed=seed)
+        (step,) = find_steps(run)
+        assert step.from_rest and step.rest is not None and step.start_rate == 0
+        assert step.start_heading == run.heading[step.rest].mean()
+        errors.append(np.rad2deg(step.start_heading - 0.7))
+    # mean of up to 20 samples of 1 degree: 0.22 degrees; a few runs keep only a part of the rest
+    assert abs(np.mean(errors)) < 0.2 and np.std(errors) < 0.4
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_a_log_that_begins_with_the_moment_on(moment: float) -> None:
+    rest, errors = [], []
+    for seed in range(30):
+        run = step_run(moment, rest=0.0, seed=seed)
+        (step,) = find_steps(run)
+        assert step.begins_log and step.rest is None and step.start_heading is None
+        assert step.switch_from == pytest.approx(run.time[0] - 0.1) and len(step.notes) == 1
+        rest.append(step.from_rest)
+        errors.append(np.rad2deg(start_heading(step) - 0.7))
+    assert np.mean(rest) > 0.9
+    assert abs(np.mean(errors)) < 0.5 and np.std(errors) < 1.2
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+@pytest.mark.parametrize("against", [-1, 1])
+def test_a_vehicle_that_turns_already_is_not_at_rest(moment: float, against: int) -> None:
+    rate = against * 0.6 * np.sqrt(abs(moment) / 1.257)
+    for rest in (0.0, 2.0):
+        run = step_run(moment, rest=rest, rate0=rate, noise_deg=0.3)
+        (step,) = find_steps(run)
+        assert not step.from_rest and step.rest is None
+    (step,) = find_steps(step_run(moment, rest=0.0, rate0=rate, noise_deg=0.0))
+    assert step.start_rate == pytest.approx(rate, rel=0.25)
+    assert np.rad2deg(start_heading(step) - 0.7) == pytest.approx(0, abs=2.5)
+
+
+def test_coasting_is_no_rest_until_it_is_over() -> None:
+    """A vehicle coasts after a step; the next step follows while it still turns."""
+    time = 0.1 * np.arange(200)
+    moment = np.where(time < 6, 0.8, np.where(time < 8, 0.0, -0.8))
+    coast = step_heading(np.minimum(time, 6), 0.8)
+    rate = np.sqrt(0.8 / 1.257)
+    slowed = 1.018 / 1.257 * np.log1p(1.257 / 1.018 * rate * np.clip(time - 6, 0, None))
+    run = Run("run", "run.csv", time, coast + slowed, moment, "nu")
+    first, second = find_steps(run)
+    assert first.from_rest and not second.from_rest and second.rest is None
+
+
+def test_drifting_rest_is_cut_down_to_the_still_part() -> None:
+    run = step_run(0.5, rest=6.0, noise_deg=0.1)
+    drift = np.where(run.time < 97, 0.4 * (97 - run.time), 0.0)
+    (step,) = find_steps(replace(run, heading=run.heading - drift))
+    assert step.rest is not None and run.time[step.rest.start] >= 96.5
+    assert step.start_heading == pytest.approx(0.7, abs=0.01)
+
+
+@given(moment=st.sampled_from(MOMENTS), rest=st.sampled_from([0.0, 0.5, 2.0]), seed=st.integers(0, 999))
+def test_mirrored_run_mirrored_step(moment: float, rest: float, seed: int) -> None:
+    run = step_run(moment, rest=rest, seed=seed)
+    for one, other in zip(find_steps(run), find_steps(mirrored(run)), strict=True):
+        assert (one.first, one.stop, one.rest, one.from_rest) == (
+            other.first,
+            other.stop,
+            other.rest,
+            other.from_rest,
+        )
+        assert one.moment == -other.moment
+        assert start_heading(one) == pytest.approx(-start_heading(other), abs=1e-12)
+        assert one.start_rate == pytest.approx(-other.start_rate, abs=1e-12)
+
+
+@given(shift=st.floats(-1e6, 1e6), moment=st.sampled_from(MOMENTS), rest=st.sampled_from([0.0, 2.0]))
+def test_a_shifted_clock_changes_nothing(shift: float, moment: float, rest: float) -> None:
+    run = step_run(moment, rest=rest)
+    (one,), (other,) = find_steps(run), find_steps(replace(run, time=run.time + shift))
+    assert (one.first, one.stop, one.rest, one.from_rest) == (
+        other.first,
+        other.stop,
+        other.rest,
+        other.from_rest,
+    )
+    assert other.switch_from - shift == pytest.approx(one.switch_from, abs=1e-8)
+    assert start_heading(one) == pytest.approx(start_heading(other), abs=1e-7)
+
+
+def test_segments() -> None:
+    moment = np.array([0, 0, 1, 1, 1 + 1e-9, -2, -2, 1e-8, 0])
+    assert segments(moment) == [(0, 2, 0.0), (2, 5, 1.0), (5, 7, -2.0), (7, 9, 0.0)]
+    assert segments(np.zeros(3)) == [(0, 3, 0.0)] and segments(np.array([])) == []
+
+
+def test_short_stretches_and_changing_commands_are_no_steps() -> None:
+    run = step_run(0.5)
+    wobbling = np.where(run.time > 100, 0.5 + 0.1 * np.sin(run.time), 0.0)
+    assert find_steps(replace(run, moment=wobbling)) == ()
+    assert find_steps(replace(run, moment=np.zeros(len(run)))) == ()
