@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 SAME_MOMENT = 1e-6  # of the run's largest moment: moments closer than this are one
 FEWEST_SAMPLES = 5  # a shorter stretch of one moment is part of a changing command
-FEWEST_AT_REST = 3
+FEWEST_AT_REST = 2
 SHORT_REST = 10
 START_ANGLE = np.deg2rad(10)  # turned angle up to which the start is a parabola in time
 SLOW = 0.1  # of the mean rate of the step: a slower start counts as standing still
@@ -142,7 +142,11 @@ def start_motion(time: Floats, heading: Floats, sigma: float) -> tuple[float, fl
     """
     count = start_length(heading)
     coefficients, root = _parabola(time[:count], heading[:count])
-    return float(coefficients[1]), sigma * float(np.sqrt((root @ root.T)[1, 1]))
+    left = (
+        heading[:count] - np.vander(time[:count] - time[0], len(coefficients), increasing=True) @ coefficients
+    )
+    misfit = float(np.sqrt(left @ left / max(count - 3, 1)))  # a slow logger sees more than a parabola
+    return float(coefficients[1]), max(sigma, misfit) * float(np.sqrt((root @ root.T)[1, 1]))
 
 
 def start_length(heading: Floats) -> int:

@@ -75,7 +75,7 @@ def _ends(time: Floats, heading: Floats, threshold: float) -> NDArray[np.bool_]:
         for width in range(1, LONGEST_SPIKE + 1):
             inner = order[width : width + 6]
             steps = wrapped(np.diff(heading[inner]))
-            rate = np.median(steps / np.diff(time[inner]))
+            rate = np.array(np.median(steps / np.diff(time[inner])))
             jump = abs(float(wrapped(heading[inner[0]] - heading[order[width - 1]])))
             agree = np.abs(_off(time, heading, rate, inner[:-1], inner[1:])) < threshold / 4
             far = np.abs(_off(time, heading, rate, np.repeat(inner[0], width), order[:width])) > threshold
