@@ -1,13 +1,15 @@
 """Every log format before the one judge of `reader_contract`."""
 
+import gzip
+import os
 import random
 from pathlib import Path
 
 import pytest
-from reader_contract import SUFFIXES, WRITERS, YAW, judge_bad_files, judge_good_file, log
+from reader_contract import SUFFIXES, WRITERS, YAW, judge_bad_files, judge_good_file, log, refusal
 
 from automarine_cli.errors import AutomarineError
-from automarine_cli.logs import read_log, require_yaw
+from automarine_cli.logs import LogFile, read_log, require_yaw
 from automarine_cli.logs.formats import format_of, formats, stem_of
 
 
@@ -53,3 +55,39 @@ def test_damaged_bytes_give_an_answer_or_one_clear_line(tmp_path: Path, suffix: 
             assert str(error).isprintable() and str(error).startswith("damaged")
             outcomes.add("refused")
     assert "refused" in outcomes
+
+
+def test_packed_text_that_is_damaged_or_no_log(tmp_path: Path) -> None:
+    good = WRITERS[".csv.gz"](YAW)
+    cut = refusal(log(tmp_path, good[:-20], "cut.csv.gz"))
+    assert cut == "cut.csv.gz: the gzip data ends too early; the file was cut short, copy it again"
+    plain = refusal(log(tmp_path, WRITERS[".csv"](YAW), "plain.csv.gz"))
+    assert plain == (
+        "plain.csv.gz: not sound gzip data (Not a gzipped file (b'ti')); copy it again, "
+        "or drop .gz from its name if it is plain text"
+    )
+    bomb = refusal(log(tmp_path, gzip.compress(bytes(70 << 20), 6), "bomb.csv.gz"))
+    assert bomb == "bomb.csv.gz: unpacks to more than 200 times its size; this is no log"
+
+
+def test_parquet_that_was_cut_short(tmp_path: Path) -> None:
+    sentence = refusal(log(tmp_path, WRITERS[".parquet"](YAW)[:-20], "cut.parquet"))
+    assert sentence.startswith("cut.parquet: not a sound Parquet file (")
+    assert sentence.endswith("); it was cut short or damaged, copy it again")
+
+
+def test_what_is_no_regular_file_does_not_hang(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.csv")
+    assert refusal(LogFile(tmp_path / "pipe.csv", "pipe.csv", True)) == (
+        "pipe.csv: no regular file; expected a CSV file"
+    )
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may read everything")
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_file_that_may_not_be_read(tmp_path: Path, suffix: str) -> None:
+    file = log(tmp_path, WRITERS[suffix](YAW), f"secret{suffix}")
+    file.path.chmod(0)
+    assert refusal(file) == (
+        f"secret{suffix}: cannot be opened (Permission denied); check that it exists and that you may read it"
+    )

@@ -74,6 +74,8 @@ def _read_raw(file: LogFile, text: frozenset[str]) -> RawLog:
             )
         if path.stat().st_size == 0:
             raise LogError(f"{name}: the file is empty; expected a {form.name} file with a header and rows")
+        with path.open("rb"):  # a file that may not be read is told from one that is not sound
+            pass
         raw = form.read(path, name, text)
     except OSError as error:
         raise LogError(
