@@ -18,6 +18,7 @@ SIDES = (("forward", 1.0), ("backward", -1.0))
 class Side:
     """Points of one direction with positive thrust: |n| [unit of n], thrust [N], weights, all of shape (P,).
 
+    `stderr` [N] is the standard error of each point's own samples, 0 where it is one reading;
     `group` numbers what counts as one independent measurement (a level, see `groups_of`); `record` numbers
     the test records or voltage steps where there are enough of them to be a second source of scatter, else
     None.
@@ -30,6 +31,7 @@ class Side:
     weight: Floats
     group: Ints
     record: Ints | None
+    stderr: Floats
     tare_stderr: float
 
     @property
@@ -48,7 +50,8 @@ def sides_of(points: Points, step: Ints | None, tare_stderr: float) -> dict[str,
         kept = points.where(here)
         group = groups_of(np.abs(kept.n))
         record = _crossed(group, step[here] if step is not None else kept.record)
-        values = (np.abs(kept.n), sign * kept.force, kept.weight, group, record)
+        own = np.nan_to_num(kept.stderr)
+        values = (np.abs(kept.n), sign * kept.force, kept.weight, group, record, own)
         sides[name] = Side(name, sign, *values, tare_stderr)
     return sides
 
@@ -147,33 +150,39 @@ def _estimates(
     root = np.sqrt(side.weight)
     rows, errors = root[:, None] * scaled, root * residual
     inverse = np.linalg.pinv(rows.T @ rows)
-    variance = _clustered(rows, errors, inverse, side.group)
-    clusters = side.groups
+    variance, dof = _clustered(rows, errors, inverse, side.group)
     if side.record is not None:
         both = np.unique(np.stack([side.group, side.record]), axis=1, return_inverse=True)[1].ravel()
-        crossed = (
-            variance
-            + _clustered(rows, errors, inverse, side.record)
-            - _clustered(rows, errors, inverse, both.astype(np.int64))
-        )
-        variance = np.maximum(variance, crossed)
-        clusters = min(clusters, len(np.unique(side.record)))
+        of_records, dof_records = _clustered(rows, errors, inverse, side.record)
+        of_both, _ = _clustered(rows, errors, inverse, both.astype(np.int64))
+        variance = np.maximum(variance, variance + of_records - of_both)
+        dof = np.minimum(dof, dof_records)
+    # A few levels may agree by chance better than the samples behind them allow.
+    variance = np.maximum(variance, (inverse @ (rows * root[:, None]).T) ** 2 @ side.stderr**2)
     tare = inverse @ (rows.T @ root) * side.tare_stderr
     stderr = np.sqrt(variance + tare**2) / size
-    dof = clusters - len(values)
-    return tuple(Estimate.from_stderr(v, error, dof, unit) for v, error, unit in zip(values, stderr, units))
+    return tuple(Estimate.from_stderr(*column) for column in zip(values, stderr, dof, units))
 
 
-def _clustered(rows: Floats, errors: Floats, inverse: Floats, group: Ints) -> Floats:
-    """Variances of the parameters, shape (K,), with each cluster's residuals freed of its own leverage.
+def _clustered(rows: Floats, errors: Floats, inverse: Floats, group: Ints) -> tuple[Floats, Floats]:
+    """Variances of the parameters and their degrees of freedom, both of shape (K,).
 
-    With one point a cluster this is HC3 (MacKinnon & White 1985), else its cluster form CR3: the jackknife.
+    Each cluster's residuals are freed of their own leverage: HC3 with one point a cluster (MacKinnon & White
+    1985), else its cluster form CR3, the jackknife. The degrees of freedom are Satterthwaite's for
+    independent equal errors (Bell & McCaffrey 2002; Pustejovsky & Tipton 2018, J. Bus. Econ. Stat. 36:672): a
+    square law rests on its few highest levels, so that they are far fewer than the levels.
     """
-    total = np.zeros(len(inverse))
+    variance, effects = np.zeros(len(inverse)), []
     for number in np.unique(group):
         here = group == number
         own = rows[here]
         share, axes = np.linalg.eigh(own @ inverse @ own.T)
-        freed = axes @ ((axes.T @ errors[here]) / (1.0 - np.minimum(share, 0.99)))
-        total += (inverse @ (own.T @ freed)) ** 2
-    return total
+        freed = (axes / (1.0 - np.minimum(share, 0.99))) @ axes.T @ own @ inverse  # (points here, K)
+        variance += (errors[here] @ freed) ** 2
+        effect = -rows @ (inverse @ (own.T @ freed))
+        effect[here] += freed
+        effects.append(effect)
+    stacked = np.stack(effects, axis=2)  # (points, K, clusters)
+    between = np.einsum("pkg,pkh->kgh", stacked, stacked)
+    trace = np.einsum("kgg->k", between)
+    return variance, trace**2 / np.maximum(np.sum(between**2, axis=(1, 2)), 1e-300)

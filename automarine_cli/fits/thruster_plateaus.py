@@ -9,7 +9,7 @@ from automarine_cli.fits.thruster_points import Floats, Points, join
 from automarine_cli.runs.thruster_test import Series
 
 HANDFUL = 5  # up to this many equal commands in sequence are single readings, not a raw series
-BATCHES = 20  # batch means: enough batches for a stable variance, long enough to outlive the autocorrelation
+BATCHES = 10  # batch means: enough for a variance, long enough to outlive the autocorrelation
 SPIKE = 8.0  # robust standard deviations beyond which one sample is an electrical spike
 NOISY = 0.02  # command noise up to this share of its range still means "held constant"
 
@@ -139,15 +139,13 @@ def _plateaus(
         if len(held) <= HANDFUL:
             counts["too_short"] += len(held)
             continue
+        spike = _spikes(record.force[held])
+        counts["spike"] += int(np.count_nonzero(spike))
+        held = held[~spike]
         cut, settled = settled_from(record.force[held])
         counts["transient"] += cut
         held = held[cut:]
         force = record.force[held]
-        middle = np.median(force)
-        scale = 1.4826 * np.median(np.abs(force - middle))
-        good = np.abs(force - middle) <= SPIKE * scale if scale > 0 else np.ones(len(held), dtype=bool)
-        counts["spike"] += int(np.count_nonzero(~good))
-        held, force = held[good], force[good]
         level = _level(record.n, held)
         if not settled:
             unsettled.append(level)
@@ -167,6 +165,21 @@ def _plateaus(
         raw=np.ones(len(table), dtype=bool),
     )
     return points, counts, unsettled
+
+
+def _spikes(force: Floats) -> np.ndarray:
+    """Electrical spikes, shape (N,): samples that stand out of their six neighbours and the whole plateau."""
+    window = 7
+    if len(force) <= 2 * window:
+        return np.zeros(len(force), dtype=bool)
+    around = np.median(np.lib.stride_tricks.sliding_window_view(force, window), axis=1)
+    # The first samples are the transient's; the last are judged by the last whole window.
+    centre = np.concatenate([force[:3], around, np.full(3, around[-1])])
+    off = np.abs(force - centre)
+    whole = np.abs(force - np.median(force))
+    return np.asarray(
+        (off > SPIKE * 1.4826 * np.median(off)) & (whole > SPIKE * 1.4826 * np.median(whole)) & (off > 0)
+    )
 
 
 def _bridged(n: Floats, segments: list[tuple[int, int]], counts: dict[str, int]) -> list[np.ndarray]:

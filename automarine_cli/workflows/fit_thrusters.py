@@ -7,11 +7,12 @@ import numpy as np
 
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.thruster_analysis import Analysis, analyse
+from automarine_cli.fits.thruster_contradictions import flag_contradictions
 from automarine_cli.fits.thruster_levels import voltage_steps
 from automarine_cli.fits.thruster_plateaus import reduce_series
 from automarine_cli.fits.thruster_points import Ints, Points
 from automarine_cli.fits.thruster_result import ThrusterFit
-from automarine_cli.fits.thruster_tare import Tare, flag_contradictions, subtract_tare
+from automarine_cli.fits.thruster_tare import Tare, subtract_tare
 from automarine_cli.fits.thruster_voltage import VoltageExponent, voltage_exponents
 from automarine_cli.logs import ColumnMap, read_column_map
 from automarine_cli.pipeline.outputs import result_folder
