@@ -67,6 +67,23 @@ def test_what_is_dropped_is_counted(tmp_path: Path) -> None:
     assert abs(np.diff(run.heading)).max() < np.deg2rad(12)
 
 
+def test_what_a_compass_says_instead_of_nothing_is_dropped(tmp_path: Path) -> None:
+    def change(table: pd.DataFrame) -> None:
+        table["heading_deg"] = table["heading_deg"].astype(float)
+        table.loc[[20, 21, 50], "heading_deg"] = [1e9, 1e9, -9999.0]
+
+    run = odd(loaded(tmp_path, change))
+    assert run.counts["glitches"] == 3 and np.ptp(run.heading) < 1.2 * np.pi
+
+
+def test_a_clock_coarser_than_the_log_is_told(tmp_path: Path) -> None:
+    run = odd(loaded(tmp_path, lambda table: table.assign(time_s=np.floor(2 * table.time_s) / 2)))
+    assert run.sample_period == 0.5
+    assert run.notes == (
+        f"{87 - len(run)} of 87 stamps repeat the one before: the clock is coarser than the log",
+    )
+
+
 def test_a_short_gap_is_flagged(tmp_path: Path) -> None:
     run = odd(loaded(tmp_path, lambda table: table.drop(index=range(45, 50))))
     assert run.counts["gaps"] == 1

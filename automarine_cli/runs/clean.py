@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.sense import clock_trouble, heading_trouble, stuck
+from automarine_cli.runs.sense import LARGEST_HEADING, clock_trouble, heading_trouble, stuck
 from automarine_cli.runs.unwrap import find_glitches, unwrap
 
 Floats = NDArray[np.float64]
 GAP_IN_PERIODS = 3.0 + 1e-6  # more than three periods, clocks being rounded
+COARSE = 0.2  # of the rows: more repeated stamps than this are no accident
 COUNTS = ("rows", "missing", "duplicates", "glitches", "gaps")
 
 
@@ -48,6 +49,7 @@ def clean(table: LogTable, chosen: NDArray[np.int64], name: str) -> tuple[Run, .
     _refuse(clock_trouble(columns["time"]))
     _refuse(heading_trouble(columns["time"], columns["heading"]))
     glitch = find_glitches(columns["time"], columns["heading"])
+    glitch |= np.abs(columns["heading"]) > LARGEST_HEADING  # what some compasses say instead of nothing
     counts["glitches"] = int(glitch.sum())
     columns = _only(columns, ~glitch)
     _refuse(clock_trouble(columns["time"]))
@@ -67,8 +69,15 @@ def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapp
         moment_unit=table.moment_unit or "",
         extras=extras,
         counts=counts,
-        notes=table.notes,
+        notes=table.notes + _coarse_clock(counts),
     )
+
+
+def _coarse_clock(counts: Mapping[str, int]) -> tuple[str, ...]:
+    repeated, rows = counts["duplicates"], counts["rows"]
+    if repeated <= COARSE * rows:
+        return ()
+    return (f"{repeated} of {rows} stamps repeat the one before: the clock is coarser than the log",)
 
 
 def _only(columns: Mapping[str, Floats], kept: NDArray[np.bool_]) -> dict[str, Floats]:

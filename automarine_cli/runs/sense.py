@@ -40,7 +40,7 @@ def clock_trouble(time: Floats) -> str | None:
 
 def heading_trouble(time: Floats, heading: Floats) -> str | None:
     """Why a heading as logged, shape (N,) [rad], cannot be one, or None."""
-    if np.abs(heading).max() > LARGEST_HEADING:
+    if np.median(np.abs(heading)) > LARGEST_HEADING:
         return (
             f"units look wrong: a heading of {np.rad2deg(np.abs(heading).max()):.3g} degrees. "
             "Check which column is the heading"
