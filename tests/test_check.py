@@ -162,3 +162,13 @@ def test_the_thruster_tables() -> None:
     raw = {"n": ColumnRule("cmd"), "force_N": ColumnRule("force_two_thrusters_n"), "run": ColumnRule("file")}
     series = check([DATA / "thrusters" / "kingfisher_heron_bollard_raw.csv"], columns=ColumnMap(raw)).tests
     assert len(series) == 20 and {(test.points, test.levels) for test in series} == {(1000, 1)}
+
+
+@needs_data
+def test_a_lake_run_that_turns_already_is_not_from_rest() -> None:
+    """Runs 1, 3, 21 and 29 begin at full moment while the boat still turns the other way."""
+    columns = ColumnMap({n: ColumnRule(f, sign=-1) for n, f in
+                         (("heading_deg", "heading_deg"), ("tau_Nm", "tau_N_nominal_Nm"))})  # fmt: skip
+    runs = check([DATA / "yaw" / "kingfisher_lake"], columns=columns).runs
+    moving = [run.run for run in runs if run.why is not None and run.why.startswith("not from rest")]
+    assert moving == ["run_01", "run_03", "run_21", "run_29"]
