@@ -142,11 +142,11 @@ def start_motion(time: Floats, heading: Floats, sigma: float) -> tuple[float, fl
     """
     count = start_length(heading)
     coefficients, root = _parabola(time[:count], heading[:count])
-    left = (
-        heading[:count] - np.vander(time[:count] - time[0], len(coefficients), increasing=True) @ coefficients
-    )
-    misfit = float(np.sqrt(left @ left / max(count - 3, 1)))  # a slow logger sees more than a parabola
-    return float(coefficients[1]), max(sigma, misfit) * float(np.sqrt((root @ root.T)[1, 1]))
+    if abs(heading[count - 1] - heading[0]) > 2 * START_ANGLE:  # a slow logger sees more than a parabola
+        powers = np.vander(time[:count] - time[0], len(coefficients), increasing=True)
+        left = heading[:count] - powers @ coefficients
+        sigma = max(sigma, float(np.sqrt(left @ left / max(count - 3, 1))))
+    return float(coefficients[1]), sigma * float(np.sqrt((root @ root.T)[1, 1]))
 
 
 def start_length(heading: Floats) -> int:
