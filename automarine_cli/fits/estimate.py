@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 from scipy import stats
 
 
@@ -19,6 +20,12 @@ class Estimate:
         """Interval from Student's t with `dof` degrees of freedom (about the number of independent runs less parameters)."""
         half = float(stats.t.ppf(0.975, max(dof, 1.0))) * stderr
         return cls(float(value), float(stderr), (float(value - half), float(value + half)), unit)
+
+    @classmethod
+    def from_log(cls, value: float, stderr_of_log: float, dof: float, unit: str) -> "Estimate":
+        """Interval of a positive number, symmetric on its logarithm."""
+        half = float(stats.t.ppf(0.975, max(dof, 1.0))) * stderr_of_log
+        return cls(float(value), float(value * stderr_of_log), (float(value * np.exp(-half)), float(value * np.exp(half))), unit)
 
     def to_json(self) -> dict[str, object]:
         """The contract's form."""

@@ -12,6 +12,9 @@ from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
 
+WINDOW = 2.0
+"""Length [s] of the windows in which a disturbance moment is held."""
+
 MOST_EDGES = 24
 """Runs with more changes of command than this (closed-loop driving) get one shift for all their changes together."""
 
@@ -28,7 +31,7 @@ class Batch:
     its edge; `edge` (R, M) index of that edge; `moment` (R, M) command held over each step; `node` (R, N) which grid
     node each sample is; `seen` (R, N) which samples exist; `heading` (R, N) measured [rad], 0 in the padding;
     `interval` (R, E) sample interval [s] in which each change happened, 0 in the padding; `start` (R,) clock of
-    the first sample [s]; `signals` other logged columns held over the steps, (R, M).
+    the first sample [s]; `window` (R, M) which of the windows of `WINDOW` seconds each step lies in; `signals` other logged columns held over the steps, (R, M).
     """
 
     names: tuple[str, ...]
@@ -41,8 +44,14 @@ class Batch:
     heading: Floats
     interval: Floats
     start: Floats
+    window: NDArray[np.int64]
     moment_unit: str
     signals: Mapping[str, Floats]
+
+    @property
+    def windows(self) -> int:
+        """Number of windows of the longest run."""
+        return int(self.window.max()) + 1
 
     @property
     def time(self) -> Floats:
@@ -97,9 +106,10 @@ def make_batch(runs: Sequence[Run], max_step: float, signals: Sequence[str] = ()
             row[: len(values)] = values
         return out
 
+    lengths = padded([g.length for g in grids], steps)
     return Batch(
         names=tuple(run.name for run in runs),
-        length=padded([g.length for g in grids], steps),
+        length=lengths,
         stretch=padded([g.stretch for g in grids], steps),
         edge=padded([g.edge for g in grids], steps),
         moment=padded([run.command[g.held] for run, g in zip(runs, grids)], steps),
@@ -108,6 +118,7 @@ def make_batch(runs: Sequence[Run], max_step: float, signals: Sequence[str] = ()
         heading=padded([run.heading for run in runs], samples),
         interval=padded([g.interval for g in grids], edges),
         start=np.array([run.time[0] for run in runs]),
+        window=((np.cumsum(lengths, axis=1) - 0.5 * lengths) / WINDOW).astype(int),
         moment_unit=units.pop(),
         signals={n: padded([run.extras[n][g.held] for run, g in zip(runs, grids)], steps) for n in signals},
     )

@@ -20,13 +20,15 @@ class Start:
     """What differs from run to run and is no property of the vehicle; each broadcasts to (P, R), shift to (P, R, E).
 
     `heading` [rad] and `rate` [rad/s] at the first sample, `log_gain` of the moment delivered, `shift` [s] of every
-    change of command from the middle of the interval in which it happened.
+    change of command from the middle of the interval in which it happened, `disturbance` (P, R, windows) a moment
+    added in each window of the batch.
     """
 
     heading: ArrayLike = 0.0
     rate: ArrayLike = 0.0
     log_gain: ArrayLike = 0.0
     shift: Floats | None = None
+    disturbance: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,8 @@ def simulate(model: YawModel, batch: Batch, theta: Floats | None = None, start: 
         if effect.place is Place.ACTUATOR:
             wide = tuple(v[..., None] for v in values)
             commands = type(commands)(effect.deliver(commands, wide), commands.start, commands.length, commands.signals)
-    heading, rate = _integrate(theta[:, :1], terms, batch, commands, start, shape)
+    with np.errstate(over="ignore", invalid="ignore"):  # a fit may try parameters that no vehicle has; it sees the infinity
+        heading, rate = _integrate(theta[:, :1], terms, batch, commands, start, shape)
     time = np.concatenate([np.zeros_like(commands.start[..., :1]), commands.start + commands.length], axis=2)
     for effect, values in terms:
         if effect.place is Place.SENSOR:
@@ -73,8 +76,11 @@ def _integrate(inertia, terms, batch, commands, start, shape):  # type: ignore[n
     for effect, _ in movers:
         slots.append(slice(used, used + len(effect.states)))
         used += len(effect.states)
-    gain = np.exp(np.asarray(start.log_gain))
-    delivered = np.moveaxis(np.broadcast_to(commands.moment, (*np.broadcast_shapes(commands.moment.shape[:2], shape), commands.moment.shape[2])), 2, 0) * gain
+    delivered = commands.moment * np.exp(np.asarray(start.log_gain))[..., None]
+    if start.disturbance is not None:
+        index = np.broadcast_to(batch.window[None], (len(start.disturbance), *batch.window.shape))
+        delivered = delivered + np.take_along_axis(start.disturbance, index, axis=2)
+    delivered = np.ascontiguousarray(np.moveaxis(np.broadcast_to(delivered, (*shape, delivered.shape[2])), 2, 0))
     lengths, begins = np.moveaxis(commands.length, 2, 0), np.moveaxis(commands.start, 2, 0)
     state = np.zeros((used, *shape))
     state[0], state[1] = start.heading, start.rate

@@ -1,0 +1,243 @@
+"""Maximum likelihood for runs that differ: nonlinear mixed-effects regression, the heart of every dynamic fit.
+
+Heading j of run i is  y_ij = f_ij(theta, b_i) + noise,  noise ~ N(0, s²),  b_i ~ N(0, D_i): theta belongs to the vehicle, b_i to
+the run (start heading, start rate, instants of the command changes, thrust gain). Every entry of b_i has a standard deviation
+that is either known or a known scale times one estimated factor (the scatter of the thrust gain, say).
+
+Estimator (Lindstrom and Bates 1990, Biometrics 46:673): linearise f at the present theta and b, which makes the problem
+linear and Gaussian (see linear_mixed.py); choose the variance factors by restricted likelihood, theta by generalised least
+squares, b by its posterior mean; repeat. After the linearisation a run is a small Gram matrix, so resampling runs, leaving one
+out and comparing models cost next to nothing.
+
+Assumptions: noise white within a run, runs independent. The standard errors by the jackknife over runs hold without the first.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, stats
+
+from automarine_cli.errors import FitError
+from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram, RunEffects
+
+Floats = NDArray[np.float64]
+
+Response = Callable[[Floats, Floats], Floats]
+"""Headings (P, R, N) for theta (P, p) and run effects (P, R, q)."""
+
+SMALLEST = 1e-9
+"""What a positive parameter may fall to: nothing, for all that a log can show."""
+
+RUN_STEP = 1e-6
+"""Step of the one-sided differences by run effects, whose scales are all of the order of one."""
+
+SETTLED = 1e-3
+"""A fit has converged when no parameter moves by more than this share of its standard error."""
+
+BOLDEST = 1.0
+"""Largest change of the logarithm of a positive parameter in one step."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Measured headings (R, N) with their mask, the response, the run effects, and bounds of theta (p, 2).
+
+    `positive` (p,) marks the parameters that are searched, and whose intervals are formed, on the logarithm.
+    """
+
+    response: Response
+    measured: Floats
+    seen: NDArray[np.bool_]
+    effects: RunEffects
+    bounds: Floats
+    positive: NDArray[np.bool_]
+
+    def natural(self, phi: Floats) -> Floats:
+        """theta (..., p) of the search's coordinates phi."""
+        return np.where(self.positive, np.exp(np.where(self.positive, phi, 0.0)), phi)
+
+    def search(self, theta: Floats) -> Floats:
+        """phi (..., p) of theta; a positive parameter at zero counts as `SMALLEST`."""
+        return np.where(self.positive, np.log(np.maximum(np.where(self.positive, theta, 1.0), SMALLEST)), theta)
+
+    def headings(self, phi: Floats, b: Floats) -> Floats:
+        """Headings (R, N) at one phi (p,) and b (R, q)."""
+        return self.response(self.natural(phi)[None], b[None])[0]
+
+
+@dataclass(frozen=True)
+class MixedFit:
+    """Outcome of one fit.
+
+    `theta` (p,) and `phi` (p,), the same in the search's coordinates, in which are `covariance` (p, p) from the likelihood and `left_out`
+    (R, p), phi without each run; `noise` s [rad], `factors` of the run effects, `run_effects` (R, q), `log_likelihood`
+    (marginal, maximum likelihood), `predictive` (R,) log density of each run predicted from the others, `fitted` (R, N)
+    headings, `at_bound` indices of the parameters that a bound stopped.
+    """
+
+    theta: Floats
+    phi: Floats
+    positive: NDArray[np.bool_]
+    covariance: Floats
+    left_out: Floats
+    noise: float
+    factors: Floats
+    run_effects: Floats
+    log_likelihood: float
+    predictive: Floats
+    fitted: Floats
+    at_bound: tuple[int, ...]
+    iterations: int
+    converged: bool
+    deviance_of: Callable[[Floats], float] = field(repr=False)
+
+    @property
+    def jackknife_covariance(self) -> Floats:
+        """Covariance of phi from leaving each run out, (p, p); needs no assumption on the noise within a run."""
+        count = len(self.left_out)
+        spread = self.left_out - self.left_out.mean(axis=0)
+        return (count - 1) / count * spread.T @ spread
+
+    def factor_interval(self, index: int, limits: tuple[float, float]) -> tuple[float, float]:
+        """95 % interval of one variance factor: where the restricted deviance rises by 3.84, the other variances fixed."""
+        best = np.append(np.log(self.noise), np.log(np.maximum(self.factors, SMALLEST_FACTOR)))
+        level = self.deviance_of(best) + float(stats.chi2.ppf(0.95, 1))
+
+        def above(log_factor: float) -> float:
+            trial = best.copy()
+            trial[1 + index] = log_factor
+            return self.deviance_of(trial) - level
+
+        ends = []
+        for limit in limits:
+            edge = float(np.log(max(limit, SMALLEST_FACTOR)))
+            inside = above(edge) <= 0 or abs(edge - best[1 + index]) < 1e-9
+            ends.append(edge if inside else float(optimize.brentq(above, edge, best[1 + index], xtol=1e-6)))
+        low, high = np.exp(ends)
+        return (0.0 if low <= max(limits[0], SMALLEST_FACTOR) * (1 + 1e-9) else float(low)), float(high)
+
+
+def fit_mixed(
+    problem: Problem,
+    theta: Floats,
+    *,
+    noise: float,
+    factors: Floats,
+    run_effects: Floats | None = None,
+    iterations: int = 60,
+) -> MixedFit:
+    """Fit `problem` from the start values; shapes as in `Problem`.
+
+    Raises FitError when there are no more samples than parameters or the response is not finite at the start.
+    """
+    if problem.seen.sum() <= len(theta) + 1:
+        raise FitError(f"{problem.seen.sum()} samples cannot carry {len(theta)} parameters; give more or longer runs")
+    bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
+    phi = np.clip(problem.search(theta), bounds[:, 0], bounds[:, 1])
+    b = np.zeros_like(problem.effects.scale) if run_effects is None else run_effects
+    variances = np.append(np.log(noise), np.log(np.maximum(factors, SMALLEST_FACTOR)))
+    converged, step = False, 0
+    while step < iterations and not converged:
+        step += 1
+        gram, _ = _linearise(problem, phi, b)
+        variances = linear_mixed.choose_variances(gram, problem.effects, variances)
+        weighted = linear_mixed.weigh(gram, problem.effects, variances)
+        new_phi = linear_mixed.least_squares(weighted, phi, bounds)
+        new_b = linear_mixed.posterior_mean(gram, problem.effects, variances, new_phi)
+        precision = np.sqrt(np.diagonal(linear_mixed.covariance_of(weighted.hessian.sum(axis=0))))
+        old, (phi, b) = phi, _line_search(problem, variances, phi, b, new_phi, new_b)
+        converged = bool(np.all(np.abs(phi - old) <= SETTLED * precision))
+    return _report(problem, phi, b, variances, bounds, step, converged)
+
+
+def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
+    """Headings (R, N), their derivatives by phi (R, N, p), central, and by the run effects (R, N, q), one-sided.
+
+    A run effect that can only be zero is not perturbed.
+    """
+    free = np.flatnonzero(problem.effects.scale.any(axis=0))
+    p, q = len(phi), len(free)
+    step = 1e-5 * np.maximum(np.abs(phi), 1e-1)
+    sets = np.tile(phi, (1 + 2 * p + q, 1))
+    effects = np.tile(b, (1 + 2 * p + q, 1, 1))
+    sets[np.arange(1, 1 + p), np.arange(p)] += step
+    sets[np.arange(1 + p, 1 + 2 * p), np.arange(p)] -= step
+    effects[np.arange(1 + 2 * p, 1 + 2 * p + q), :, free] += RUN_STEP
+    out = np.where(problem.seen, problem.response(problem.natural(sets), effects), 0.0)
+    by_phi = (out[1 : 1 + p] - out[1 + p : 1 + 2 * p]) / (2.0 * step[:, None, None])
+    by_run = np.zeros((b.shape[1], *out.shape[1:]))
+    by_run[free] = (out[1 + 2 * p :] - out[0]) / RUN_STEP
+    return out[0], np.moveaxis(by_phi, 0, 2), np.moveaxis(by_run, 0, 2)
+
+
+def _linearise(problem: Problem, phi: Floats, b: Floats) -> tuple[Gram, Floats]:
+    """The problem about (phi, b) as inner products, and the headings there."""
+    fitted, by_phi, by_run = derivatives(problem, phi, b)
+    residual = np.where(problem.seen, problem.measured - fitted, 0.0)
+    data = residual + by_phi @ phi + np.einsum("rnq,rq->rn", by_run, b)
+    return Gram.of(by_phi, by_run, data, problem.seen.sum(axis=1)), fitted
+
+
+def _penalised(problem: Problem, variances: Floats, phi: Floats, b: Floats) -> float:
+    """Sum of squares that phi and b minimise together at fixed variances."""
+    scale = problem.effects.deviation(variances)
+    residual = np.where(problem.seen, problem.measured - problem.headings(phi, b), 0.0)
+    penalty = np.divide(b, scale, out=np.zeros_like(b), where=scale > 0) ** 2
+    return float((residual**2).sum() / np.exp(2.0 * variances[0]) + penalty.sum())
+
+
+def _line_search(
+    problem: Problem, variances: Floats, phi: Floats, b: Floats, new_phi: Floats, new_b: Floats
+) -> tuple[Floats, Floats]:
+    """Step towards the new point, halved until the penalised sum of squares does not rise."""
+    old_cost = _penalised(problem, variances, phi, b)
+    boldest = np.max(np.abs(new_phi - phi)[problem.positive], initial=0.0)
+    share = min(1.0, BOLDEST / max(float(boldest), 1e-300))
+    for _ in range(12):
+        trial, effects = phi + share * (new_phi - phi), b + share * (new_b - b)
+        with np.errstate(over="ignore", invalid="ignore"):
+            cost = _penalised(problem, variances, trial, effects)
+        if np.isfinite(cost) and cost <= old_cost * (1 + 1e-12) + 1e-12:
+            return trial, effects
+        share /= 2.0
+    return phi, b
+
+
+def _report(
+    problem: Problem, phi: Floats, b: Floats, variances: Floats, bounds: Floats, iterations: int, converged: bool
+) -> MixedFit:
+    gram, fitted = _linearise(problem, phi, b)
+    weighted = linear_mixed.weigh(gram, problem.effects, variances)
+    hessian = weighted.hessian.sum(axis=0)
+    at_bound = (phi - bounds[:, 0] < 1e-9) | (bounds[:, 1] - phi < 1e-9)
+    free = np.flatnonzero(~at_bound)
+    grid = np.ix_(free, free)
+    covariance = np.zeros_like(hessian)
+    covariance[grid] = linear_mixed.covariance_of(hessian[grid])
+    push = weighted.gradient - weighted.hessian @ phi
+    left_out = np.tile(phi, (len(problem.measured), 1))
+    for i in range(len(left_out) if len(left_out) > 1 else 0):
+        rest, pull = hessian - weighted.hessian[i], push.sum(axis=0) - push[i]
+        left_out[i, free] += linear_mixed.solve_scaled(rest[grid], pull[free])
+    ml = linear_mixed.choose_variances(gram, problem.effects, variances, restricted=False)
+    ml_deviance = linear_mixed.deviance(gram, problem.effects, ml, restricted=False)
+    return MixedFit(
+        theta=problem.natural(phi),
+        phi=phi,
+        positive=problem.positive,
+        covariance=covariance,
+        left_out=left_out,
+        noise=float(np.exp(variances[0])),
+        factors=np.exp(variances[1:]),
+        run_effects=b,
+        log_likelihood=-0.5 * (ml_deviance + int(problem.seen.sum()) * np.log(2 * np.pi)),
+        predictive=linear_mixed.predictive(gram, weighted, left_out),
+        fitted=fitted,
+        at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)),
+        iterations=iterations,
+        converged=converged,
+        deviance_of=lambda v: linear_mixed.deviance(gram, problem.effects, v, restricted=True),
+    )

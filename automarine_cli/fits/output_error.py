@@ -1,0 +1,147 @@
+"""Maximum likelihood of models 1 to 3 on headings: estimates with intervals over runs, and which model the evidence prefers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli import effects
+from automarine_cli.errors import FitError
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
+from automarine_cli.fits.step_response import NAMES, Known, StepData, step_problem
+from automarine_cli.fits.whole_runs import rough_model, whole_run_problem, without_gain
+from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
+from automarine_cli.quantities import unit_of
+from automarine_cli.simulation.batch import Batch
+
+Floats = NDArray[np.float64]
+
+ENOUGH_RUNS = 8
+"""From this many runs on, standard errors are the jackknife's alone; with fewer the larger of it and the likelihood's."""
+
+
+@dataclass(frozen=True)
+class OutputErrorFit:
+    """One model fitted to headings by maximum likelihood.
+
+    `estimates` by parameter name, `inertial_turn_angle` I/k_rr [rad] (models 2 and 3), `offset` of the command's instant [sample
+    intervals], `gain_scatter` run to run (relative), `noise` [rad], `correlation` of (I, drag).
+    """
+
+    number: str
+    model: YawModel
+    estimates: Mapping[str, Estimate]
+    inertial_turn_angle: Estimate | None
+    offset: Estimate
+    gain_scatter: Estimate
+    noise: float
+    mixed: MixedFit
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance of phi (logarithms of positive parameters) with the run as the unit, (p, p)."""
+        return run_covariance(self.mixed)
+
+
+@dataclass(frozen=True)
+class Preference:
+    """Which model the runs prefer, and the sentence that says why."""
+
+    number: str
+    because: str
+
+
+def fit_half_turns(data: StepData, number: str, start: tuple[float, float, float], moment_unit: str, known: Known) -> OutputErrorFit:
+    """Fit one model to half-turns; `start` is (I_r, k_r, k_rr) to begin from, wherever it came from."""
+    inertia, k_r, k_rr = start
+    values = {"1": (k_r,), "2": (k_rr, k_r), "3": (k_rr,)}[number]
+    problem = step_problem(data, number, known)
+    mixed = fit_mixed(problem, np.array([inertia, *values, 0.0]), noise=0.02, factors=np.array([0.03, 0.5]))
+    return _outcome(number, problem, mixed, moment_unit)
+
+
+def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> OutputErrorFit:
+    """Fit one model to whole runs by simulation: first without a random gain, then with it from there.
+
+    Raises FitError where no start leads anywhere.
+    """
+    rough = rough_model(number, batch)
+    problem = whole_run_problem(rough, batch, at_rest)
+    pooled = without_gain(problem)
+    factors = np.array([0.01, 0.5, 0.03])
+    first = fit_mixed(pooled, np.append(rough.theta, 0.0), noise=0.05, factors=factors, iterations=20)
+    best = fit_mixed(
+        problem, first.theta, noise=first.noise, factors=np.append(0.02, first.factors[1:]), run_effects=first.run_effects
+    )
+    return _outcome(number, problem, best, batch.moment_unit)
+
+
+def run_covariance(mixed: MixedFit) -> Floats:
+    """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p)."""
+    runs = len(mixed.left_out)
+    if runs < 2:
+        return mixed.covariance
+    jackknife = mixed.jackknife_covariance
+    if runs >= ENOUGH_RUNS:
+        return jackknife
+    sizes = [np.sqrt(np.maximum(np.diagonal(c), 1e-300)) for c in (mixed.covariance, jackknife)]
+    grow = np.maximum(sizes[1] / sizes[0], 1.0)
+    return mixed.covariance * np.outer(grow, grow)
+
+
+def _outcome(number: str, problem: Problem, mixed: MixedFit, moment_unit: str) -> OutputErrorFit:
+    covariance = run_covariance(mixed)
+    runs = len(problem.measured)
+    dof = float(runs - 1 if runs > 1 else problem.seen.sum() - len(mixed.theta))
+    names = NAMES[number]
+    estimates = {name: _estimate(mixed, covariance, i, dof, unit_of(name, moment_unit)) for i, name in enumerate(names)}
+    turn = None
+    if "k_rr" in names and 1 not in mixed.at_bound:
+        stderr = float(np.sqrt(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1]))
+        turn = Estimate.from_log(mixed.theta[0] / mixed.theta[1], stderr, dof, "rad")
+    low, high = mixed.factor_interval(0, problem.effects.limits[0])
+    scatter = Estimate(float(mixed.factors[0]), (high - low) / 3.92, (low, high), "1")
+    offset = _estimate(mixed, covariance, len(mixed.theta) - 1, dof, "sample interval")
+    model = YawModel.base(number, mixed.theta[0], mixed.theta[1:-1], moment_unit)
+    return OutputErrorFit(number, model, estimates, turn, offset, scatter, mixed.noise, mixed)
+
+
+def _estimate(mixed: MixedFit, covariance: Floats, i: int, dof: float, unit: str) -> Estimate:
+    """One parameter; the interval of a positive one is formed on its logarithm."""
+    stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
+    form = Estimate.from_log if mixed.positive[i] else Estimate.from_stderr
+    return form(float(mixed.theta[i]), stderr, dof, unit)
+
+
+def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
+    """The model whose left-out runs are predicted best; of two that do not differ, the simpler.
+
+    Evidence is the log density of each run under the fit to the others, summed over runs; a difference counts when it exceeds
+    two of its standard errors over runs (Vehtari, Gelman and Gabry 2017, Statistics and Computing 27:1413).
+    """
+    totals = {number: float(fit.mixed.predictive.sum()) for number, fit in fits.items()}
+    best = max(totals, key=lambda number: totals[number])
+    parameters = {number: sum(len(effects.get(name).parameters) for name in BASE_TERMS[number]) for number in fits}
+    chosen, parts = best, []
+    for number in sorted(fits, key=lambda n: parameters[n]):
+        gap, error = _lead(fits[best], fits[number])
+        if number != best and parameters[number] < parameters[chosen] and gap <= 2.0 * error:
+            chosen = number
+    for number in sorted(fits):
+        if number == chosen:
+            continue
+        gap, error = _lead(fits[chosen], fits[number])
+        if gap >= 0:
+            parts.append(f"it predicts runs left out of the fit better than model {number} by {gap:.1f} ± {error:.1f} in log density")
+        else:
+            parts.append(f"model {number} predicts them better by only {-gap:.1f} ± {error:.1f}, not enough to pay for another parameter")
+    return Preference(chosen, f"Model {chosen}: " + "; ".join(parts) + ".")
+
+
+def _lead(a: OutputErrorFit, b: OutputErrorFit) -> tuple[float, float]:
+    """How much better a predicts left-out runs than b, and the standard error of that over runs."""
+    difference = a.mixed.predictive - b.mixed.predictive
+    error = np.sqrt(len(difference)) * np.std(difference, ddof=1) if len(difference) > 1 else np.inf
+    return float(difference.sum()), float(error)

@@ -1,0 +1,94 @@
+"""Half-turn steps as arrays, and the closed-form response of models 1 to 3 to them with what differs from run to run."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.fits.linear_mixed import RunEffects
+from automarine_cli.fits.mixed_model import Problem
+from automarine_cli.models.closed_form import response
+
+Floats = NDArray[np.float64]
+
+NAMES = {"1": ("I_r", "k_r"), "2": ("I_r", "k_rr", "k_r"), "3": ("I_r", "k_rr")}
+"""Parameters of the paper's models in the order of theta."""
+
+START_HEADING_SD = 10.0
+"""Standard deviation [rad] of a start heading before the data: so wide that it says nothing."""
+
+
+@dataclass(frozen=True)
+class StepData:
+    """R half-turns padded to N samples, rest before the step included.
+
+    `time` (R, N) [s] since the middle of the interval in which the command switched, `heading` (R, N) [rad] less the
+    start heading's first guess, `seen` (R, N), `moment` (R,), `interval` (R,) [s] width of the interval of the switch.
+    """
+
+    names: tuple[str, ...]
+    time: Floats
+    heading: Floats
+    seen: NDArray[np.bool_]
+    moment: Floats
+    interval: Floats
+
+
+@dataclass(frozen=True)
+class Known:
+    """What an experimenter may know of the runs: then it is not estimated."""
+
+    start_heading: bool = False
+    switch_instant: bool = False
+    gain: bool = False
+
+
+def step_data(
+    names: Sequence[str],
+    times: Sequence[Floats],
+    headings: Sequence[Floats],
+    moments: Sequence[float],
+    intervals: Sequence[float],
+) -> StepData:
+    """Pad runs, given as time since the middle of the switch interval [s] and heading less start heading [rad]."""
+    width = max(len(t) for t in times)
+    time, heading = np.zeros((2, len(times), width))
+    seen = np.zeros((len(times), width), dtype=bool)
+    for i, (t, psi) in enumerate(zip(times, headings)):
+        time[i, : len(t)], heading[i, : len(t)], seen[i, : len(t)] = t, psi, True
+    return StepData(tuple(names), time, heading, seen, np.array(moments, dtype=float), np.array(intervals, dtype=float))
+
+
+def step_problem(data: StepData, model: str, known: Known = Known()) -> Problem:  # noqa: B008 frozen default
+    """Likelihood of the half-turns under model "1", "2" or "3".
+
+    theta is (I_r, drag in the order of BASE_TERMS, offset): the offset, in sample intervals within ±1/2, is the logger's
+    convention for the instant of a command, common to all runs. Run effects are start heading, log gain of the moment, and the
+    run's own switch instant; the last two scatter by an estimated factor.
+    """
+    time, moment, interval = data.time[None], data.moment[None, :, None], data.interval[None, :, None]
+
+    def headings(theta: Floats, b: Floats) -> Floats:
+        columns = [theta[:, i, None, None] for i in range(theta.shape[1])]
+        late = columns[-1] * interval + b[:, :, 2, None]
+        gained = moment * np.exp(b[:, :, 1, None])
+        return response(
+            time - late, gained, columns[0], **dict(zip(NAMES[model][1:], columns[1:])), heading0=b[:, :, 0, None]
+        )[0]
+
+    ones = np.ones(len(data.moment))
+    scale = np.stack(
+        [
+            0.0 * ones if known.start_heading else START_HEADING_SD * ones,
+            0.0 * ones if known.gain else ones,
+            0.0 * ones if known.switch_instant else data.interval / np.sqrt(12.0),
+        ],
+        axis=1,
+    )
+    effects = RunEffects(scale, np.array([-1, 0, 1]), ((1e-4, 1.0), (1e-3, 1.0)))
+    drags = [(0.0 if name == "k_rr" else -np.inf, np.inf) for name in NAMES[model][1:]]
+    half = 0.0 if known.switch_instant else 0.5
+    bounds = np.array([(0.0, np.inf), *drags, (-half, half)])
+    positive = np.array([True, *(name == "k_rr" for name in NAMES[model][1:]), False])
+    return Problem(headings, data.heading, data.seen, effects, bounds, positive)

@@ -1,0 +1,184 @@
+"""The paper's method: steady rate and velocity error of each half-turn's tail, drag from the rates, inertia from the errors.
+
+Tail: the straight end of a half-turn. Its line has the steady rate as slope; its intercept at the instant of the step, less the
+start heading, is the velocity error (equation 5). Inertia follows by equation 7 (model 1), 9 (model 3) or their common
+generalisation (model 2) with the drag of Table 1. A line fitted too early still sees the transient: the tail starts at the
+earliest angle where the whole procedure, run on its own noise-free answer, is off by less than `BIAS_LIMIT` in inertia and drag.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.errors import FitError
+from automarine_cli.fits.drag import DragFit, fit_drag, regressors
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.step_response import StepData
+from automarine_cli.models.closed_form import inertia_from_velocity_error, response
+from automarine_cli.quantities import unit_of
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+BIAS_LIMIT = 0.005
+AIM = 0.0045  # leaves room for the bias of the reference itself
+FEWEST_TAIL_SAMPLES = 3
+ANGLES = np.radians(np.arange(30.0, 169.0, 2.0))
+
+
+@dataclass(frozen=True)
+class TailLines:
+    """Straight ends of R half-turns: steady rate (R,) [rad/s], velocity error (R,) [rad], samples used (R, N)."""
+
+    rate: Floats
+    error: Floats
+    used: Mask
+
+
+@dataclass(frozen=True)
+class InertiaTable:
+    """Table 2 for one model: inertia of each run (R,), mean at each moment, overall with its interval."""
+
+    per_run: Floats
+    per_moment: Mapping[float, float]
+    overall: Estimate
+
+
+@dataclass(frozen=True)
+class VelocityErrorFit:
+    """Tables 1 and 2 by the paper's method.
+
+    `tail_from` [rad] turned angle at which the tail starts, `bias` its own relative bias (inertia, drag) on the
+    noise-free response, `steady` whether that is within BIAS_LIMIT. `inertia["2"]` or `drag["2"]` is absent where the moments cannot
+    carry model 2.
+    """
+
+    tail_from: float
+    bias: tuple[float, float]
+    steady: bool
+    tails: TailLines
+    drag: Mapping[str, DragFit]
+    inertia: Mapping[str, InertiaTable]
+
+
+def fit_velocity_error(data: StepData, start_heading: Floats, offset: float = 0.0, moment_unit: str = "nu") -> VelocityErrorFit:
+    """Run the paper's method on half-turns.
+
+    `start_heading` (R,) [rad] on the scale of `data.heading`; `offset` moves every instant of a step by that share of
+    its switch interval (the logger's convention). Raises FitError where too few runs or samples are left.
+    """
+    time = data.time - offset * data.interval[:, None]
+    if len(data.moment) < 3 or len(np.unique(np.abs(data.moment))) < 2:
+        raise FitError(
+            f"{len(data.moment)} half-turns at {len(np.unique(np.abs(data.moment)))} sizes of moment cannot carry Table 1; "
+            "at least 3 runs at 2 moments are needed"
+        )
+    used = _last_share(time, data.seen, 0.3)
+    for _ in range(3):  # the reference that places the tail comes from the tail: two rounds settle it
+        tails = tail_lines(time, data.heading, start_heading, used)
+        reference = _reference(data.moment, tails)
+        tail_from, bias = _choose_tail(time, data, reference)
+        used = _tail_mask(time, data, reference, tail_from)
+    tails = tail_lines(time, data.heading, start_heading, used)
+    drag, inertia = {}, {}
+    for model in ("1", "2", "3", "3+c"):
+        if model in ("2", "3+c") and (len(data.moment) < 4 or len(np.unique(np.abs(data.moment))) < 2):
+            continue
+        drag[model] = fit_drag(data.moment, tails.rate, model, moment_unit)
+        if model != "3+c":
+            inertia[model] = _inertia_table(data.moment, tails, drag[model], moment_unit)
+    return VelocityErrorFit(float(tail_from), bias, max(np.abs(bias)) <= BIAS_LIMIT, tails, drag, inertia)
+
+
+def tail_lines(time: Floats, heading: Floats, start_heading: Floats, used: Mask) -> TailLines:
+    """Least-squares line through the used samples of each run: shapes (..., R, N); slope and intercept at time 0."""
+    count = used.sum(axis=-1)
+    if np.any(count < FEWEST_TAIL_SAMPLES):
+        raise FitError(
+            f"only {count.min()} samples in the steady tail of a half-turn where {FEWEST_TAIL_SAMPLES} are needed; "
+            "log the heading faster, or drop the highest moments"
+        )
+    mean_t = np.sum(time * used, axis=-1) / count
+    mean_h = np.sum(heading * used, axis=-1) / count
+    spread = (time - mean_t[..., None]) * used
+    rate = np.sum(spread * (heading - mean_h[..., None]), axis=-1) / np.sum(spread**2, axis=-1)
+    return TailLines(rate, mean_h - rate * mean_t - start_heading, used)
+
+
+def _last_share(time: Floats, seen: Mask, share: float) -> Mask:
+    """Samples in the last share of the time since the step."""
+    end = np.where(seen, time, -np.inf).max(axis=1)
+    return seen & (time >= (1.0 - share) * end[:, None])
+
+
+@dataclass(frozen=True)
+class _Reference:
+    """A model good enough to say when a turn is steady."""
+
+    inertia: float
+    k_r: float
+    k_rr: float
+
+    def heading(self, time: Floats, moment: Floats) -> Floats:
+        return np.abs(response(time, moment[:, None], self.inertia, self.k_r, self.k_rr)[0])
+
+
+def _reference(moment: Floats, tails: TailLines) -> _Reference:
+    """Model 1 or 3, whichever fits the first tails better, with its median inertia."""
+    fits = [fit_drag(moment, tails.rate, model) for model in ("1", "3")]
+    best = min(fits, key=lambda fit: fit.sse)
+    inertia = float(np.median(inertia_from_velocity_error(tails.error, moment, *best.drag)))
+    if inertia <= 0 or max(best.drag) <= 0:
+        raise FitError(
+            "the half-turns give a negative inertia or drag: the heading runs ahead of its steady line or against the moment; "
+            "check the sign of the moment and of the heading (--columns), and that each step starts from rest"
+        )
+    return _Reference(inertia, *best.drag)
+
+
+def _tail_mask(time: Floats, data: StepData, model: _Reference, start: float) -> Mask:
+    """Samples past the turned angle `start` by the reference model, so that noise does not choose them; at least a few."""
+    past = data.seen & (model.heading(time, data.moment) >= start)
+    last = np.where(data.seen, np.arange(time.shape[1]), -1).max(axis=1)
+    few = data.seen & (np.arange(time.shape[1]) > last[:, None] - FEWEST_TAIL_SAMPLES) & (time > 0)
+    return past | few
+
+
+def _choose_tail(time: Floats, data: StepData, model: _Reference) -> tuple[float, tuple[float, float]]:
+    """Earliest tail start whose own bias is within the limit, else the least biased one."""
+    exact = response(time, data.moment[:, None], model.inertia, model.k_r, model.k_rr)[0]
+    kind = "3" if model.k_rr > 0 else "1"
+    best, least = (ANGLES[0], (np.inf, np.inf)), np.inf
+    for start in ANGLES:
+        tails = tail_lines(time, exact, np.zeros(len(exact)), _tail_mask(time, data, model, start))
+        drag = fit_drag(data.moment, tails.rate, kind).drag
+        inertia = np.mean(inertia_from_velocity_error(tails.error, data.moment, *drag))
+        bias = (float(inertia / model.inertia - 1.0), float(max(drag) / max(model.k_r, model.k_rr) - 1.0))
+        worst = max(abs(bias[0]), abs(bias[1]))
+        if worst < least:
+            best, least = (start, bias), worst
+        if worst <= AIM:
+            break
+    return best
+
+
+def _inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str) -> InertiaTable:
+    """Inertia of each run, mean at each moment and over all; standard error by the jackknife over runs, drag refitted."""
+    per_run = inertia_from_velocity_error(tails.error, moment, *drag.drag)
+    levels = np.unique(moment)
+    per_moment = {float(level): float(per_run[moment == level].mean()) for level in levels}
+    left_out = np.array([_inertia_without(i, moment, tails, drag.model) for i in range(len(moment))])
+    count = len(moment)
+    stderr = float(np.sqrt((count - 1) / count * np.sum((left_out - left_out.mean()) ** 2)))
+    overall = Estimate.from_stderr(float(per_run.mean()), stderr, count - 1, unit_of("I_r", moment_unit))
+    return InertiaTable(per_run, per_moment, overall)
+
+
+def _inertia_without(i: int, moment: Floats, tails: TailLines, model: str) -> float:
+    keep = np.arange(len(moment)) != i
+    x = regressors(tails.rate[keep], model)
+    values = np.linalg.lstsq(x, moment[keep], rcond=None)[0]
+    k_rr, k_r = {"1": (0.0, values[0]), "2": (values[0], values[-1]), "3": (values[0], 0.0)}[model]
+    return float(np.mean(inertia_from_velocity_error(tails.error[keep], moment[keep], k_r, k_rr)))

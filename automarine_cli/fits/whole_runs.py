@@ -1,0 +1,105 @@
+"""Whole runs simulated under any model: closed-loop driving, sequences, runs with effects that half-turns cannot show."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli import effects
+from automarine_cli.fits.linear_mixed import RunEffects
+from automarine_cli.fits.mixed_model import Problem
+from automarine_cli.fits.step_response import START_HEADING_SD
+from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
+from automarine_cli.simulation.batch import Batch
+from automarine_cli.simulation.rollout import Start, simulate
+
+Floats = NDArray[np.float64]
+
+START_RATE_SD = 1.0
+"""Standard deviation [rad/s] of the start rate of a vehicle that may be moving: wide for vehicles of this kind."""
+
+
+def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_]) -> Problem:
+    """Likelihood of whole runs by simulation.
+
+    theta is (the model's parameters, offset) with the offset as for half-turns. Run effects are start heading [rad, relative to
+    the first sample], start rate [rad/s] (only where `at_rest` (R,) is false), log gain of the moment delivered, a shift of each
+    change of command, and a disturbance moment held over each window of the batch: wind, waves, tether and whatever the model
+    lacks. Its size is estimated; it is zero in a quiet pool, and without it a minute of free running on a lake would say
+    nothing of the vehicle, because heading integrates every disturbance. It is told as an acceleration [rad/s²], so that a
+    common gain scales inertia and drag and nothing else.
+    """
+    first = batch.heading[:, :1]
+    late = batch.interval[None]
+    edges = batch.interval.shape[1]
+
+    def headings(theta: Floats, b: Floats) -> Floats:
+        shift = theta[:, -1, None, None] * late + b[:, :, 3 : 3 + edges]  # beyond its interval a step runs backwards, exactly
+        start = Start(first[None, :, 0] + b[:, :, 0], b[:, :, 1], b[:, :, 2], shift, theta[:, :1, None] * b[:, :, 3 + edges :])
+        return simulate(model, batch, theta[:, :-1], start).heading
+
+    ones = np.ones((len(at_rest), 1))
+    lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
+    windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
+    moving = np.where(at_rest[:, None], 0.0, START_RATE_SD)
+    scale = np.concatenate(
+        [START_HEADING_SD * ones, moving, ones, batch.interval / np.sqrt(12.0), windows],
+        axis=1,
+    )
+    factor = np.array([-1, -1, 0] + [1] * edges + [2] * batch.windows)
+    bounds = np.array([*parameter_bounds(model), (-0.5, 0.5)])
+    return Problem(
+        headings,
+        np.where(batch.seen, batch.heading, 0.0),
+        batch.seen,
+        RunEffects(scale, factor, ((1e-4, 0.3), (1e-3, 1.0), (1e-5, 1.0))),
+        bounds,
+        bounds[:, 0] >= 0.0,
+    )
+
+
+def without_gain(problem: Problem) -> Problem:
+    """The same problem for runs whose thrust does not scatter."""
+    scale = problem.effects.scale.copy()
+    scale[:, 2] = 0.0
+    return replace(problem, effects=replace(problem.effects, scale=scale))
+
+
+def parameter_bounds(model: YawModel) -> list[tuple[float, float]]:
+    """Bounds of the model's parameters; the linear term of model 2 may take either sign, as in Table 1."""
+    bounds = [(0.0, np.inf)]
+    both = {term.name for term in model.terms} >= set(BASE_TERMS["2"])
+    for term in model.terms:
+        for parameter in effects.get(term.name).parameters:
+            lower = -np.inf if both and term.name == "linear-drag" else parameter.lower
+            bounds.append((lower, parameter.upper))
+    return bounds
+
+
+def rough_model(number: str, batch: Batch) -> YawModel:
+    """Start values for model "1", "2" or "3": least squares of the momentum balance over windows of about a second.
+
+    I (r2 - r1) + k_rr ∫|r|r dt + k_r ∫r dt = ∫tau dt, with rates from differences of the heading over the same windows.
+    """
+    rows, sides = [], []
+    for i in range(len(batch.names)):
+        seen = batch.seen[i]
+        time, heading = batch.time[i][seen], batch.heading[i][seen]
+        clock = np.concatenate([[0.0], np.cumsum(batch.length[i])])
+        impulse = np.concatenate([[0.0], np.cumsum(batch.length[i] * batch.moment[i])])
+        window = max(time[-1] / 200.0, min(1.0, time[-1] / 8.0))
+        knots = np.arange(time[0], time[-1], window)
+        psi = np.interp(knots, time, heading)
+        rate = np.diff(psi) / window
+        middle = 0.5 * (knots[1:] + knots[:-1])
+        swing = np.diff(rate)
+        push = np.diff(np.interp(middle, clock, impulse))
+        mean = 0.5 * (rate[1:] + rate[:-1])
+        rows.append(np.stack([swing, window * np.abs(mean) * mean, window * mean], axis=1))
+        sides.append(push)
+    x, y = np.concatenate(rows), np.concatenate(sides)
+    keep = {"1": [0, 2], "2": [0, 1, 2], "3": [0, 1]}[number]
+    values = np.linalg.lstsq(x[:, keep], y, rcond=None)[0] if len(y) >= len(keep) else np.ones(len(keep))
+    scale = float(np.abs(batch.moment).max()) or 1.0
+    values = np.where(values > 1e-3 * scale, values, 0.3 * scale)
+    return YawModel.base(number, values[0], values[1:], batch.moment_unit)
