@@ -1,0 +1,66 @@
+"""Thruster commands of a log -> yaw moment through a thruster map; knows of a run only what it needs of one."""
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.errors import ModelError, RunError
+from automarine_cli.models.thruster_map import ThrusterMap
+
+Floats = NDArray[np.float64]
+UNIT = "N m"
+COMMANDS = ("n_port", "n_stbd")
+
+
+class Driven(Protocol):
+    """A run with thruster commands among its `extras`: `runs.run.Run`."""
+
+    @property
+    def name(self) -> str:
+        """Name of the run."""
+        ...
+
+    @property
+    def source(self) -> str:
+        """File that it is from."""
+        ...
+
+    @property
+    def extras(self) -> Mapping[str, Floats]:
+        """Logged columns by name, each (N,)."""
+        ...
+
+    def with_moment(self, moment: Floats, unit: str) -> Self:
+        """The same run driven by another moment."""
+        ...
+
+
+RunLike = TypeVar("RunLike", bound=Driven)
+
+
+def drive_by_thrusters(runs: Sequence[RunLike], thrusters: ThrusterMap, arm: float) -> tuple[RunLike, ...]:
+    """The runs with the moment [N m] that two equal thrusters `arm` [m] off the centre line make of their
+    commands.
+
+    A moment that is in the log gives way. Raises RunError for a run without `n_port` and `n_stbd`, and
+    ModelError for an arm that is no length or a direction that the map lacks.
+    """
+    return tuple(drive_run_by_thrusters(run, thrusters, arm) for run in runs)
+
+
+def drive_run_by_thrusters(run: RunLike, thrusters: ThrusterMap, arm: float) -> RunLike:
+    """One run driven by its thruster commands; see `drive_by_thrusters`."""
+    lacking = [name for name in COMMANDS if name not in run.extras]
+    if lacking:
+        raise RunError(
+            f"{run.source}, run {run.name!r}: no thruster command {' or '.join(lacking)} in the log, which "
+            "--thrusters needs; map the log's columns to n_port and n_stbd with --columns, or leave "
+            "--thrusters out"
+        )
+    try:
+        moment = thrusters.moment(run.extras["n_port"], run.extras["n_stbd"], arm)
+    except ModelError as error:
+        raise ModelError(f"{run.source}, run {run.name!r}: {error}") from None
+    return run.with_moment(moment, UNIT)

@@ -1,0 +1,226 @@
+"""Models from files: `yaw_model.json` of a yaw fit and `thrusters.json` of a thruster fit; plain data, checked."""
+
+import difflib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from automarine_cli import effects
+from automarine_cli.errors import ModelError
+from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
+from automarine_cli.quantities import MOMENT_UNITS
+
+SCHEMA = "automarine/yaw-model/1"
+DRAG_NAMES = {"linear-drag": "k_r", "quadratic-drag": "k_rr"}
+LATEST_SWITCH = 0.5  # of a sample interval: beyond it another sample would show the command first
+_READ = ("schema", "models", "preferred", "moment_unit", "switch_offset", "effects")
+
+
+@dataclass(frozen=True)
+class StoredModels:
+    """The yaw models of one file, by number, each with the file's effects already in it.
+
+    `preferred` is the number of the model that the fit prefers; `moment_unit` is "nu" or "N m"; `switch_offset`
+    is the share of a sample interval by which commands act later than the middle of the interval before the
+    sample that first shows them (the logger's convention); `source` is the file's name, `effects` the names of
+    what was added to the drag.
+    """
+
+    models: Mapping[str, YawModel]
+    preferred: str
+    moment_unit: str
+    switch_offset: float
+    source: str
+    effects: tuple[str, ...] = ()
+
+
+def load_yaw_models(path: Path) -> StoredModels:
+    """The models of a `yaw_model.json` or `extended_model.json`.
+
+    Raises ModelError with the file and the key's path for anything that is not what the schema says.
+    """
+    return yaw_models_from_json(_read_json(path), path.name)
+
+
+def load_thruster_map(path: Path) -> ThrusterMap:
+    """The map of a `thrusters.json`. Raises ModelError with the file and the key's path."""
+    return ThrusterMap.from_json(_read_json(path), path.name)
+
+
+def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels:
+    """The models in the content of a `yaw_model.json`; `where` names it for messages. Raises ModelError."""
+    top = _object(data, where)
+    _check_schema(top, where)
+    _refuse_misspelt(top, where)
+    entries = _object(_needed(top, "models", where), f"{where}: models")
+    unit = _moment_unit(top, entries, where)
+    added = _effects(top.get("effects", []), f"{where}: effects")
+    models = {}
+    for number, entry in entries.items():
+        if number not in BASE_TERMS:
+            raise ModelError(f"{where}: models.{number}: unknown model; known are {', '.join(BASE_TERMS)}")
+        if entry is not None:  # null: a model that could not be fitted
+            models[number] = _with_effects(_base(number, entry, unit, f"{where}: models.{number}"), added)
+    if not models:
+        raise ModelError(f"{where}: models: holds no model; expected one or more of {', '.join(BASE_TERMS)}")
+    preferred = _needed(top, "preferred", where)
+    if not isinstance(preferred, str) or preferred not in models:
+        raise ModelError(
+            f"{where}: preferred: found {_told(preferred)}, expected one of the file's models "
+            f"({', '.join(models)})"
+        )
+    offset = top.get("switch_offset")
+    late = 0.0 if offset is None else _number(offset, f"{where}: switch_offset")
+    if abs(late) > LATEST_SWITCH:
+        raise ModelError(
+            f"{where}: switch_offset: found {late:g}, expected a share of a sample interval "
+            f"between -{LATEST_SWITCH} and {LATEST_SWITCH}"
+        )
+    names = tuple(name for name, _ in added)
+    return StoredModels(MappingProxyType(models), preferred, unit, late, where, names)
+
+
+def _read_json(path: Path) -> object:
+    try:
+        return json.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as problem:
+        raise ModelError(f"{path.name}: cannot be read ({problem.strerror})") from None
+    except UnicodeDecodeError:
+        raise ModelError(f"{path.name}: expected a JSON file in UTF-8, found other bytes") from None
+    except (ValueError, RecursionError) as problem:
+        raise ModelError(f"{path.name}: not valid JSON: {problem}") from None
+
+
+def _check_schema(top: Mapping[str, object], where: str) -> None:
+    schema = top.get("schema")
+    if schema != SCHEMA:
+        hint = "give the yaw_model.json that `automarine fit-yaw` writes"
+        if isinstance(schema, str) and schema.startswith("automarine/thruster-map/"):
+            hint = f"this is a thruster map; {hint}"
+        raise ModelError(f"{where}: schema: found {_told(schema)}, expected {_told(SCHEMA)}; {hint}")
+
+
+def _refuse_misspelt(top: Mapping[str, object], where: str) -> None:
+    """More keys are welcome, but one that seems to be meant as a key that is read must not be passed over."""
+    for key in top:
+        absent = [name for name in _READ if name not in top]
+        close = difflib.get_close_matches(str(key), absent, n=1, cutoff=0.8)
+        if key not in _READ and close:
+            raise ModelError(f"{where}: unknown key {_told(key)}; did you mean {_told(close[0])}?")
+
+
+def _moment_unit(top: Mapping[str, object], entries: Mapping[str, object], where: str) -> str:
+    """The moment's unit: said by the file, or told by the unit of an inertia."""
+    unit = top.get("moment_unit")
+    if unit is None:
+        inertias = [entry.get("I_r") for entry in entries.values() if isinstance(entry, Mapping)]
+        units = [one.get("unit") for one in inertias if isinstance(one, Mapping)]
+        unit = next((one.removesuffix(" s²") for one in units if isinstance(one, str)), None)
+    if unit not in MOMENT_UNITS:
+        expected = " or ".join(_told(one) for one in MOMENT_UNITS)
+        raise ModelError(f"{where}: moment_unit: found {_told(unit)}, expected {expected}")
+    return str(unit)
+
+
+def _base(number: str, data: object, unit: str, where: str) -> YawModel:
+    """Model `number` without effects. Model 2's linear term may have either sign, as in the paper's Table 1."""
+    entry = _object(data, where)
+    drags = [DRAG_NAMES[term] for term in BASE_TERMS[number]]
+    for name in DRAG_NAMES.values():
+        if name in entry and name not in drags:
+            raise ModelError(f"{where}.{name}: model {number} has no such term; it has {', '.join(drags)}")
+    inertia = _number(_needed(entry, "I_r", where), f"{where}.I_r")
+    if inertia <= 0:
+        raise ModelError(f"{where}.I_r: found {inertia:g}, expected an inertia above zero")
+    values = []
+    for name in drags:
+        value = _number(_needed(entry, name, where), f"{where}.{name}")
+        if value < 0 and not (number == "2" and name == "k_r"):
+            raise ModelError(f"{where}.{name}: found {value:g}, expected a drag of zero or more")
+        values.append(value)
+    return YawModel.base(number, inertia, values, unit)
+
+
+def _effects(data: object, where: str) -> list[tuple[str, tuple[float, ...]]]:
+    """Name and values of each effect of the file."""
+    if not isinstance(data, list):
+        raise ModelError(f"{where}: expected a list, found {_told(data)}")
+    found = []
+    for i, item in enumerate(data):
+        place = f"{where}[{i}]"
+        entry = _object(item, place)
+        name = _needed(entry, "name", place)
+        if not isinstance(name, str) or name not in effects.names():
+            raise ModelError(
+                f"{place}.name: found {_told(name)}, expected one of {', '.join(effects.names())}"
+            )
+        given = _object(_needed(entry, "parameters", place), f"{place}.parameters")
+        found.append((name, _parameters(name, given, f"{place}.parameters")))
+    return found
+
+
+def _parameters(name: str, given: Mapping[str, object], where: str) -> tuple[float, ...]:
+    wanted = effects.get(name).parameters
+    names = ", ".join(parameter.name for parameter in wanted) or "none"
+    for key in given:
+        if key not in {parameter.name for parameter in wanted}:
+            raise ModelError(f"{where}: unknown key {_told(key)}; {name} has {names}")
+    values = []
+    for parameter in wanted:
+        value = _number(_needed(given, parameter.name, where), f"{where}.{parameter.name}")
+        if not parameter.lower <= value <= parameter.upper:
+            raise ModelError(
+                f"{where}.{parameter.name}: found {value:g}, expected {parameter.lower:g} to "
+                f"{parameter.upper:g}"
+            )
+        values.append(value)
+    return tuple(values)
+
+
+def _with_effects(model: YawModel, added: list[tuple[str, tuple[float, ...]]]) -> YawModel:
+    for name, values in added:
+        model = model.with_effect(name, values)
+    return model
+
+
+def _number(data: object, where: str) -> float:
+    """A finite number: an estimate's `value`, or plain."""
+    if isinstance(data, Mapping):
+        where, data = f"{where}.value", _needed(data, "value", where)
+    if isinstance(data, bool) or not isinstance(data, int | float):
+        raise ModelError(f"{where}: found {_told(data)}, expected a number")
+    try:
+        value = float(data)
+    except OverflowError:
+        value = math.inf
+    if not math.isfinite(value):
+        raise ModelError(f"{where}: found {_told(data)}, expected a finite number")
+    return value
+
+
+def _object(data: object, where: str) -> Mapping[str, object]:
+    if not isinstance(data, Mapping):
+        raise ModelError(f"{where}: found {_told(data)}, expected an object with named keys")
+    return data
+
+
+def _needed(data: Mapping[str, object], key: str, where: str) -> object:
+    if key not in data:
+        raise ModelError(f"{where}: key {_told(key)} is missing")
+    return data[key]
+
+
+def _told(value: object) -> str:
+    """A value in words, short enough for one line."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, Mapping):
+        return "an object"
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= 40 else text[:37] + "..."
