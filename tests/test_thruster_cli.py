@@ -11,6 +11,8 @@ import pytest
 from click.testing import Result
 from matplotlib.figure import Figure
 
+from automarine_cli.cli import fit_thrusters as fit_thrusters_command
+from automarine_cli.models.thruster_forms import FORMS
 from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.workflows.fit_thrusters import FILES, fit_thrusters
@@ -115,6 +117,7 @@ def test_voltage_gives_a_map_each_and_the_exponent(run: Run, tmp_path: Path) -> 
     sagging = volts * (1 - 0.002 * np.abs(n) / 150)
     log = write(tmp_path / "volts.csv", "n,force_N,voltage_V", n, force, sagging)
     data = json.loads(run("fit-thrusters", log, "--json").stdout)
+    assert data == json.loads(run("fit-thrusters", log, "--json", "--jobs", 2).stdout)
     assert len(data["voltages"]) == 4
     for entry, step in zip(data["voltages"], (10.0, 12.0, 14.0, 16.0)):
         assert entry["voltage_V"] == pytest.approx(step, rel=0.003)
@@ -135,7 +138,11 @@ def test_figure_has_measured_points_both_curves_and_residuals(log: Path) -> None
     assert residual.get_xlabel() == "Control signal n [unit as logged]"
     assert residual.get_ylabel().endswith("[N]")
     labels = [text.get_text() for text in thrust.get_legend().get_texts()]
-    assert {"square law", "chosen: square", "measured"} <= set(labels)
+    assert {"square law (chosen)", "measured"} <= set(labels)
+    curved = thruster_figure(fit_thrusters([log], form="power"))
+    assert {"square law", "chosen: power"} <= {
+        text.get_text() for text in curved.axes[0].get_legend().get_texts()
+    }
     for axes in figure.axes:
         for line in axes.get_lines():
             assert np.all(np.isfinite(np.asarray(line.get_ydata(), dtype=float)))
@@ -184,3 +191,7 @@ def test_refusals_are_one_line(run: Run, tmp_path: Path) -> None:
 def test_help_ends_with_an_example(run: Run) -> None:
     text = run("fit-thrusters", "--help").stdout
     assert "automarine fit-thrusters sample_runs/thrusters --thrusters-per-test 2" in text
+
+
+def test_the_command_offers_every_form() -> None:
+    assert set(fit_thrusters_command.FORMS) == set(FORMS)

@@ -81,6 +81,17 @@ def test_gain_that_differs_between_records_widens_the_interval() -> None:
     assert np.mean(inside) >= 0.85
 
 
+@pytest.mark.parametrize("gains", [(0.98, 1.02), (0.97, 1.0, 1.03)])
+def test_gains_that_cancel_within_levels_are_still_scatter(gains: tuple[float, ...]) -> None:
+    """Two or three whole records either side of their mean: every level's residuals sum to nothing."""
+    n = np.tile(LEVELS, len(gains))
+    both = points(n, np.repeat(gains, len(LEVELS)) * paper(n))
+    both = Points(**{**vars(both), "record": np.repeat(np.arange(len(gains)), len(LEVELS))})
+    estimate = square_law(sides_of(both, None, 0.0)["forward"], "N")
+    assert estimate.value == pytest.approx(AHEAD, rel=EXACT)
+    assert estimate.stderr == pytest.approx(AHEAD * np.std(gains) / np.sqrt(len(gains)), rel=1e-6)
+
+
 def test_mirrored_data_swap_the_directions() -> None:
     rng = np.random.default_rng(1)
     force = paper(BOTH) + 0.05 * rng.standard_normal(len(BOTH))
@@ -215,6 +226,7 @@ def test_a_direction_that_was_not_measured_has_a_why() -> None:
         (BOTH, np.abs(paper(BOTH)), "logged as a magnitude"),
         (np.array([10.0, 20.0]), np.array([1.0, 4.0]), "at least 3 different commands"),
         (np.zeros(5), np.ones(5), "no direction can be fitted"),
+        (BOTH + 1500.0, paper(BOTH), r"push both ways.*offset = -REST"),
     ],
 )
 def test_bad_data_are_refused_in_one_sentence(n: np.ndarray, force: np.ndarray, words: str) -> None:

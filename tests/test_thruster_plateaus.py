@@ -175,3 +175,23 @@ def test_still_changing_thrust_is_said() -> None:
 def test_segments() -> None:
     assert constant_segments(np.array([1.0, 1, 2, 2, 2, 1])) == [(0, 2), (2, 5), (5, 6)]
     assert constant_segments(np.empty(0)) == []
+
+
+def test_a_long_sweep_goes_in_means_of_neighbours() -> None:
+    n = np.sin(np.linspace(0, 2 * np.pi, 20000))
+    force = A * n * np.abs(n) + 0.5 * np.random.default_rng(0).standard_normal(20000)
+    reduction = reduce_series([Series("sweep.csv", "", n, force)])
+    points = reduction.points
+    assert reduction.plateaus == 0 and len(points) == 2000 and points.count.sum() == 20000
+    assert points.force - A * points.n * np.abs(points.n) == pytest.approx(0.0, abs=5 * 0.5 / np.sqrt(10))
+
+
+@pytest.mark.parametrize("start", [600, 1800])
+def test_a_faulty_plateau_among_five_is_flagged(start: int) -> None:
+    """One of five commands ahead, then one astern, hardly pulls: flagged although the table is coarse."""
+    record = raw(1, tare=(1.0, 1.6))
+    force = record.force.copy()
+    force[start : start + 200] *= 0.02
+    points = reduce_series([Series("test.csv", "", record.n, force, record.time)]).points
+    flagged = flag_contradictions(points, None)
+    assert np.flatnonzero(flagged.flag != "").tolist() == [start // 200]

@@ -29,6 +29,7 @@ FORMS = (*FORM_NAMES, *(f"{name}-saturation" for name in FORM_NAMES))
 @options.out_option
 @options.overwrite_option
 @options.strict_option
+@options.jobs_option
 @options.json_option
 @options.verbosity
 def fit_thrusters(
@@ -39,6 +40,7 @@ def fit_thrusters(
     out: Path | None,
     overwrite: bool,
     strict: bool,
+    jobs: int,
     as_json: bool,
 ) -> object:
     """Bollard tests (columns n, force_N) into the map of one thruster, forward and backward apart.
@@ -61,6 +63,7 @@ def fit_thrusters(
         strict=strict,
         thrusters_per_test=thrusters_per_test,
         form=None if form == "auto" else form,
+        jobs=jobs,
         progress=options.terminal_progress(),
     )
     options.echo_result(

@@ -20,6 +20,8 @@ from automarine_cli.fits.thruster_points import Floats, Ints, Points
 from automarine_cli.fits.thruster_selection import FormScore, Selection, select_form
 from automarine_cli.models.thruster_map import ThrusterMap
 
+ROUNDING = 1e-12  # errors below this share of full scale are zero
+MIXED = 0.2  # share of readings with thrust of either sign from which a direction is two directions
 FAINT = 0.05  # thrust the wrong way that is smaller than this share of full scale is "none", not a sign error
 
 
@@ -69,7 +71,9 @@ class Analysis:
 
     def percent(self, value: float | None) -> float | None:
         """Newtons as a percentage of full scale."""
-        return None if value is None else 100.0 * value / self.full_scale
+        if value is None:
+            return None
+        return 0.0 if value < ROUNDING * self.full_scale else 100.0 * value / self.full_scale
 
 
 def _map(score: FormScore, n_unit: str) -> ThrusterMap:
@@ -141,6 +145,13 @@ def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -
             continue
         side = sides[name]
         count = len(np.unique(levels_of(side.magnitude)))
+        ahead, astern = (np.mean(sign * side.thrust > FAINT * full_scale) for sign in (1.0, -1.0))
+        if min(ahead, astern) > MIXED:
+            raise FitError(
+                f"{where}: commands of one sign push both ways; the control signal looks counted from its "
+                'end, not from rest. Write n = { from = "NAME", offset = -REST } under [columns] in the '
+                "--columns file (a pulse width rests at about 1500)"
+            )
         mean = float((side.weight * side.magnitude**2) @ side.thrust / (side.weight @ side.magnitude**2))
         if count < FEWEST_LEVELS:
             without[name] = f"{count} {name} level{'s' if count > 1 else ''}, at least {FEWEST_LEVELS} needed"

@@ -48,6 +48,7 @@ def _scale(force: Floats) -> float:
 
 def _contradictions(n: Floats, force: Floats) -> Found:
     """First what breaks the rise of the curve, then, worst first, what lies off its course or repeats."""
+    force = force - _rest(n, force)
     scale = _scale(force)
     if not np.isfinite(scale) or scale == 0.0:
         return {}
@@ -65,15 +66,30 @@ def _contradictions(n: Floats, force: Floats) -> Found:
     return found
 
 
+def _rest(n: Floats, force: Floats) -> float:
+    """Zero reading [N], if the readings next to it bear it out; else 0."""
+    zero, ahead, astern = n == 0.0, n > 0.0, n < 0.0
+    if not (np.any(zero) and np.any(ahead) and np.any(astern)):
+        return 0.0
+    value = float(np.median(force[zero]))
+    below, above = force[astern][np.argmax(n[astern])], force[ahead][np.argmin(n[ahead])]
+    return value if below <= value <= above else 0.0
+
+
 def _falls(n: Floats, force: Floats, level: Ints, scale: float) -> Found:
     """The fewest readings without which thrust rises with the command, but for a tolerance.
 
     The longest rising chain through the readings stays; a drop-out leaves it, however many stand side by
     side.
     """
-    members, middle, smooth = _courses(n, force, level, np.ones(len(n), dtype=bool))
-    tolerance = max(RISE * scale, RISE_MADS * _roughness(force, members, middle, smooth))
     order = np.lexsort((force, n))
+    everything = np.ones(len(n), dtype=bool)
+    strict = np.zeros(len(n), dtype=bool)
+    strict[order[_longest_rise(force[order], RISE * scale)]] = True
+    # The strict chain is smoother than the noise, the whole table rougher where it is contaminated.
+    rough, smoother = (_roughness(force, *_courses(n, force, level, good)) for good in (everything, strict))
+    rough = min(rough, 2.0 * smoother)
+    tolerance = max(RISE * scale, RISE_MADS * rough)
     chain = order[_longest_rise(force[order], tolerance)]
     kept = np.isin(order, chain)
     found: Found = {}
@@ -116,9 +132,13 @@ def _courses(
 
 def _roughness(force: Floats, members: list[np.ndarray], middle: Floats, smooth: Floats) -> float:
     """Robust standard deviation [N] of the readings about a smooth curve, or of repeats if that is larger."""
-    known = np.isfinite(smooth)
-    off = 1.4826 * float(np.median(np.abs(middle - smooth)[known])) if np.any(known) else 0.0
-    return max(off, _repeat_noise(force, members))
+    off = np.abs(middle - smooth)[np.isfinite(smooth)]
+    if len(off) == 0:
+        return _repeat_noise(force, members)
+    # Median and lower quartile of a normal sample; in a coarse table half of the levels may stand by a bad
+    # one.
+    rough = min(1.4826 * float(np.median(off)), 3.139 * float(np.quantile(off, 0.25)))
+    return max(rough, _repeat_noise(force, members))
 
 
 def _off_course(
@@ -155,8 +175,12 @@ def _repeat_noise(force: Floats, members: list[np.ndarray]) -> float:
 
 
 def left_out(place: Floats, middle: Floats) -> Floats:
-    """Each level by the parabola through three levels on each side [N]; NaN near zero and the ends."""
+    """Each level by the parabola through three levels on each side [N]; NaN near zero and the ends.
+
+    The parabola goes through the root of the thrust, which is nearly straight: coarse tables stay smooth.
+    """
     predicted = np.full(len(place), np.nan)
+    root = np.sign(middle) * np.sqrt(np.abs(middle))
     for j in range(len(place)):
         if place[j] == 0.0:
             continue
@@ -166,5 +190,6 @@ def left_out(place: Floats, middle: Floats) -> Floats:
             continue
         near = np.concatenate([low, high])
         scaled = (place[near] - place[j]) / np.ptp(place[near])
-        predicted[j] = np.polynomial.polynomial.polyfit(scaled, middle[near], 2)[0]
+        straight = float(np.polynomial.polynomial.polyfit(scaled, root[near], 2)[0])
+        predicted[j] = straight * abs(straight)
     return predicted

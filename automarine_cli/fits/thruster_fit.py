@@ -11,6 +11,7 @@ from automarine_cli.fits.thruster_points import Floats, Ints, Points
 from automarine_cli.models.thruster_forms import SQUARE, Curve, Form
 
 FEWEST_LEVELS = 3
+ENOUGH_RECORDS = 4  # records from which their scatter alone carries an interval
 SIDES = (("forward", 1.0), ("backward", -1.0))
 
 
@@ -57,9 +58,9 @@ def sides_of(points: Points, step: Ints | None, tare_stderr: float) -> dict[str,
 
 
 def _crossed(group: Ints, record: Ints) -> Ints | None:
-    """Test records as a second way to cluster: at least four of them, each over several levels."""
+    """Test records as a second way to cluster, where each of several covers several levels."""
     numbers = np.unique(record)
-    if len(numbers) < 4 or any(len(np.unique(group[record == number])) < FEWEST_LEVELS for number in numbers):
+    if len(numbers) < 2 or any(len(np.unique(group[record == number])) < FEWEST_LEVELS for number in numbers):
         return None
     return record
 
@@ -153,10 +154,14 @@ def _estimates(
     variance, dof = _clustered(rows, errors, inverse, side.group)
     if side.record is not None:
         both = np.unique(np.stack([side.group, side.record]), axis=1, return_inverse=True)[1].ravel()
-        of_records, dof_records = _clustered(rows, errors, inverse, side.record)
         of_both, _ = _clustered(rows, errors, inverse, both.astype(np.int64))
-        variance = np.maximum(variance, variance + of_records - of_both)
-        dof = np.minimum(dof, dof_records)
+        many = len(np.unique(side.record)) >= ENOUGH_RECORDS
+        of_records, dof_records = _clustered(rows, errors, inverse, side.record, corrected=many)
+        if many:
+            variance = np.maximum(variance, variance + of_records - of_both)
+            dof = np.minimum(dof, dof_records)
+        # Gains of two records that lie either side of their mean cancel in every level, not in these.
+        variance = np.maximum(variance, np.maximum(of_records, of_both))
     # A few levels may agree by chance better than the samples behind them allow.
     variance = np.maximum(variance, (inverse @ (rows * root[:, None]).T) ** 2 @ side.stderr**2)
     tare = inverse @ (rows.T @ root) * side.tare_stderr
@@ -164,8 +169,13 @@ def _estimates(
     return tuple(Estimate.from_stderr(*column) for column in zip(values, stderr, dof, units))
 
 
-def _clustered(rows: Floats, errors: Floats, inverse: Floats, group: Ints) -> tuple[Floats, Floats]:
+def _clustered(
+    rows: Floats, errors: Floats, inverse: Floats, group: Ints, corrected: bool = True
+) -> tuple[Floats, Floats]:
     """Variances of the parameters and their degrees of freedom, both of shape (K,).
+
+    Not `corrected` is the plain sandwich: with two or three clusters the correction would say only that they
+    are few.
 
     Each cluster's residuals are freed of their own leverage: HC3 with one point a cluster (MacKinnon & White
     1985), else its cluster form CR3, the jackknife. The degrees of freedom are Satterthwaite's for
@@ -177,7 +187,8 @@ def _clustered(rows: Floats, errors: Floats, inverse: Floats, group: Ints) -> tu
         here = group == number
         own = rows[here]
         share, axes = np.linalg.eigh(own @ inverse @ own.T)
-        freed = (axes / (1.0 - np.minimum(share, 0.99))) @ axes.T @ own @ inverse  # (points here, K)
+        leverage = np.minimum(share, 0.99) if corrected else np.zeros(len(share))
+        freed = (axes / (1.0 - leverage)) @ axes.T @ own @ inverse  # (points here, K)
         variance += (errors[here] @ freed) ** 2
         effect = -rows @ (inverse @ (own.T @ freed))
         effect[here] += freed

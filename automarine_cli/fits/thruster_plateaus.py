@@ -11,6 +11,8 @@ from automarine_cli.runs.thruster_test import Series
 HANDFUL = 5  # up to this many equal commands in sequence are single readings, not a raw series
 BATCHES = 10  # batch means: enough for a variance, long enough to outlive the autocorrelation
 SPIKE = 8.0  # robust standard deviations beyond which one sample is an electrical spike
+MOST_READINGS = 2000  # rows of one record that are judged one by one
+SLOW = 0.02  # of the range: how far the command may move within the mean of neighbouring rows
 NOISY = 0.02  # command noise up to this share of its range still means "held constant"
 
 
@@ -214,6 +216,18 @@ def _level(n: Floats, held: np.ndarray) -> float:
 
 
 def _readings(record: Series, number: int) -> Points:
-    """A table: every row is a point."""
-    when = np.arange(len(record.n), dtype=float) if record.time is None else record.time
-    return Points.measured(record.n, record.force, when, record.voltage, number)
+    """A table: every row is a point. A long slow sweep goes in means of neighbouring rows."""
+    n, force, voltage = record.n, record.force, record.voltage
+    when = np.arange(len(n), dtype=float) if record.time is None else record.time
+    size = -(-len(n) // MOST_READINGS)
+    if size <= 1 or np.median(np.abs(np.diff(n))) * size > SLOW * np.ptp(n):
+        return Points.measured(n, force, when, voltage, number)
+    blocks = np.array_split(np.arange(len(n)), -(-len(n) // size))
+    means = (np.array([np.mean(column[block]) for block in blocks]) for column in (n, force, when))
+    level, thrust, middle = means
+    return replace(
+        Points.measured(level, thrust, middle, None, number),
+        voltage=np.array([np.nan if voltage is None else np.mean(voltage[block]) for block in blocks]),
+        spread=np.array([np.std(force[block], ddof=1) if len(block) > 1 else np.nan for block in blocks]),
+        count=np.array([len(block) for block in blocks], dtype=np.int64),
+    )

@@ -81,4 +81,6 @@ def _tare_error(points: Points, zero: np.ndarray, raw: bool) -> float:
     order = np.argsort(points.n[good], kind="stable")
     residual = points.force[good][order] - left_out(points.n[good][order], points.force[good][order])
     rough = 1.4826 * float(np.nanmedian(np.abs(residual))) if np.any(np.isfinite(residual)) else 0.0
-    return rough / np.sqrt(len(values))
+    # Too few levels to tell how rough the table is: half a percent of full scale.
+    known = np.any(np.isfinite(residual))
+    return (rough if known else 0.005 * points.full_scale) / np.sqrt(len(values))

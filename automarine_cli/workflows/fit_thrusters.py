@@ -1,6 +1,7 @@
 """`fit-thrusters`: bollard tests -> thruster map (the source paper's section 3.1, equations 2 and 3)."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy as np
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.thruster_analysis import Analysis, analyse
 from automarine_cli.fits.thruster_contradictions import flag_contradictions
+from automarine_cli.fits.thruster_fit import Side
 from automarine_cli.fits.thruster_levels import voltage_steps
 from automarine_cli.fits.thruster_plateaus import reduce_series
 from automarine_cli.fits.thruster_points import Ints, Points
@@ -16,6 +18,7 @@ from automarine_cli.fits.thruster_tare import Tare, subtract_tare
 from automarine_cli.fits.thruster_voltage import VoltageExponent, voltage_exponents
 from automarine_cli.logs import ColumnMap, read_column_map
 from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import thruster_tables
 from automarine_cli.report.figures.style import png
@@ -35,6 +38,7 @@ def fit_thrusters(
     strict: bool = False,
     thrusters_per_test: int | None = None,
     form: str | None = None,
+    jobs: int = 1,
     progress: Progress = silent,
 ) -> ThrusterFit:
     """Fit the thruster map of one thruster to bollard tests in which `thrusters_per_test` equal thrusters
@@ -48,7 +52,7 @@ def fit_thrusters(
     )
     loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)
     if out is None:
-        return _fit_loaded(loaded, column_map, thrusters_per_test, form)
+        return _fit_loaded(loaded, column_map, thrusters_per_test, form, jobs, progress)
     inputs = [(file.name, file.path) for file in loaded.inputs]
     options = {
         "thrusters_per_test": thrusters_per_test,
@@ -61,7 +65,7 @@ def fit_thrusters(
     with result_folder(
         out, command="fit-thrusters", options=options, inputs=inputs, seed=None, overwrite=overwrite
     ) as folder:
-        result = _fit_loaded(loaded, column_map, thrusters_per_test, form)
+        result = _fit_loaded(loaded, column_map, thrusters_per_test, form, jobs, progress)
         folder.write_json("thrusters.json", result.to_json())
         folder.write("thrusters.csv", thruster_tables.points_csv(result))
         folder.write("thrusters.md", thruster_tables.markdown(result))
@@ -70,7 +74,12 @@ def fit_thrusters(
 
 
 def _fit_loaded(
-    loaded: ThrusterLogs, columns: ColumnMap, thrusters: int | None, form: str | None
+    loaded: ThrusterLogs,
+    columns: ColumnMap,
+    thrusters: int | None,
+    form: str | None,
+    jobs: int,
+    progress: Progress,
 ) -> ThrusterFit:
     count = _thrusters(thrusters, columns)
     where = loaded.inputs[0].name if len(loaded.inputs) == 1 else f"{len(loaded.inputs)} logs"
@@ -79,11 +88,11 @@ def _fit_loaded(
     reduction = reduce_series(list(loaded.records))
     points = reduction.points.divided(count)
     step = voltage_steps(points.voltage)
-    if step is not None and step.max() == 0:
-        step = None
+    unsorted = _without_voltages(points, step)
     points, tare = subtract_tare(flag_contradictions(points, step))
-    analysis, _ = analyse(points, step, tare.stderr if tare.subtracted else 0.0, n_unit, form, where)
-    voltages, exponents, notes = _by_voltage(points, step, tare, n_unit, form)
+    varied = step if step is not None and step.max() > 0 else None
+    analysis, _ = analyse(points, varied, tare.stderr if tare.subtracted else 0.0, n_unit, form, where)
+    voltages, exponents, notes = _by_voltage(points, step, tare, n_unit, form, jobs, progress)
     return ThrusterFit(
         loaded,
         reduction,
@@ -92,7 +101,7 @@ def _fit_loaded(
         count,
         voltages,
         exponents,
-        (*reduction.notes, *_notes(points), *notes),
+        (*reduction.notes, *unsorted, *_notes(points), *notes),
     )
 
 
@@ -107,23 +116,24 @@ def _thrusters(given: int | None, columns: ColumnMap) -> int:
 
 
 def _by_voltage(
-    points: Points, step: Ints | None, tare: Tare, n_unit: str, form: str | None
+    points: Points,
+    step: Ints | None,
+    tare: Tare,
+    n_unit: str,
+    form: str | None,
+    jobs: int,
+    progress: Progress,
 ) -> tuple[tuple[tuple[float, Analysis], ...], dict[str, VoltageExponent | None], tuple[str, ...]]:
     """A map for each voltage step, and the exponents of thrust against voltage."""
-    if step is None:
+    if step is None or step.max() == 0:
         return (), {}, ()
-    fits, sides, notes = [], [], []
     stderr = tare.stderr if tare.subtracted else 0.0
-    for number in np.unique(step):
-        here = points.where(step == number)
-        volts = float(np.median(here.voltage))
-        try:
-            analysis, found = analyse(here, None, stderr, n_unit, form, f"{volts:.4g} V")
-        except FitError as refusal:
-            notes.append(f"No map at this voltage: {refusal}.")
-            continue
-        fits.append((volts, analysis))
-        sides.append(found)
+    groups = [points.where(step == number) for number in np.unique(step)]
+    judge = partial(_one_voltage, tare_stderr=stderr, n_unit=n_unit, form=form)
+    found = ordered_map(judge, groups, jobs, progress=progress, stage="voltages")
+    notes = [f"No map at this voltage: {one}." for one in found if isinstance(one, str)]
+    fits = [(volts, analysis) for volts, analysis, _ in (one for one in found if not isinstance(one, str))]
+    sides = [one[2] for one in found if not isinstance(one, str)]
     laws = [{name: estimate.value for name, estimate in analysis.square.items()} for _, analysis in fits]
     exponents = (
         voltage_exponents(np.array([volts for volts, _ in fits]), sides, laws) if len(fits) > 1 else {}
@@ -135,6 +145,27 @@ def _by_voltage(
             "the map over all voltages is a mean; for a known voltage use that voltage's map."
         )
     return tuple(fits), exponents, tuple(notes)
+
+
+def _one_voltage(
+    points: Points, *, tare_stderr: float, n_unit: str, form: str | None
+) -> tuple[float, Analysis, dict[str, Side]] | str:
+    """Voltage, analysis and sides of one step, or why there is none."""
+    volts = float(np.median(points.voltage))
+    try:
+        analysis, sides = analyse(points, None, tare_stderr, n_unit, form, f"{volts:.4g} V")
+    except FitError as refusal:
+        return str(refusal)
+    return volts, analysis, sides
+
+
+def _without_voltages(points: Points, step: Ints | None) -> tuple[str, ...]:
+    """Why there is no map for each voltage although voltages were logged."""
+    if step is not None or not np.any(np.isfinite(points.voltage)):
+        return ()
+    missing = int(np.count_nonzero(~np.isfinite(points.voltage)))
+    why = f"{missing} of {len(points)} points have none" if missing else "it drifts without steps"
+    return (f"The supply voltage is not used: {why}.",)
 
 
 def _notes(points: Points) -> tuple[str, ...]:

@@ -13,7 +13,9 @@ from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, l
 
 SHADES = ("#000000", "#0072B2", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#D55E00")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "h", "*", "p")
+DASHES = (0, (5, 1.5))
 CROWD = 60  # more points than this are drawn smaller
+SQUARE = "square"
 
 
 @house_style
@@ -23,43 +25,15 @@ def thruster_figure(result: ThrusterFit) -> Figure:
     thrust, rest = axes[:, 0]
     separate = len(result.voltages) > 1 and _apart(result)
     _measured(thrust, result)
-    analysis = result.analysis
     if separate:
-        for index, (_, one) in enumerate(result.voltages):
-            first, colour = index == 0, SHADES[index % len(SHADES)]
-            _line(
-                thrust,
-                one,
-                True,
-                0.7,
-                color=colour,
-                linestyle=(0, (4, 1.5)),
-                label="square law at each voltage" if first else "_",
-            )
-            _line(thrust, one, False, 1.3, color=colour, label="chosen map at each voltage" if first else "_")
+        _maps_by_voltage(thrust, result)
+        _residuals_by_voltage(rest, result)
     else:
-        _line(
-            thrust,
-            analysis,
-            True,
-            1.3,
-            color=COLOURS["vermilion"],
-            linestyle=(0, (5, 1.5)),
-            label="square law",
-        )
-        _line(
-            thrust,
-            analysis,
-            False,
-            1.3,
-            color=COLOURS["blue"],
-            label=f"chosen: {analysis.selection.chosen.form.name}",
-        )
-    _residuals(rest, result, separate)
-    unit = analysis.n_unit or "unit as logged"
+        _maps(thrust, result.analysis)
+        _residuals(rest, result)
     thrust.set_ylabel("Thrust of one thruster [N]")
     rest.set_ylabel("Measured − fitted [N]")
-    rest.set_xlabel(f"Control signal n [{unit}]")
+    rest.set_xlabel(f"Control signal n [{result.analysis.n_unit or 'unit as logged'}]")
     legend(thrust, loc="upper left")
     legend(rest, loc="best", ncols=2)
     return figure
@@ -86,85 +60,84 @@ def _groups(result: ThrusterFit) -> list[tuple[str, NDArray[np.bool_], str, str]
 
 
 def _measured(axes: Axes, result: ThrusterFit) -> None:
+    """Points with the spread of their samples; those that weigh less as crosses."""
     points = result.points
-    size = 2.0 if len(points) > CROWD else 4.0
+    crowded = len(points) > CROWD
     good = points.flag == ""
     axes.axhline(0.0, color="0.6", linewidth=0.6)
     for label, here, colour, marker in _groups(result):
         shown = here & good
-        spread = np.where(np.isfinite(points.spread), points.spread, 0.0)
+        spread = np.where(np.isfinite(points.spread), points.spread, 0.0)[shown]
+        known = bool(np.any(spread))
         axes.errorbar(
             points.n[shown],
             points.force[shown],
-            yerr=spread[shown] if np.any(spread[shown]) else None,
+            yerr=spread if known else None,
             fmt=marker,
             color=colour,
-            markersize=size,
+            markersize=2.0 if crowded else 4.0,
             elinewidth=0.8,
             capsize=2.0,
             linestyle="none",
-            label=label + (" ± standard deviation of samples" if np.any(spread[shown]) else ""),
-            alpha=0.45 if len(points) > CROWD else 1.0,
+            label=label + (" ± standard deviation of samples" if known else ""),
+            alpha=0.45 if crowded else 1.0,
             zorder=2,
         )
     if not np.all(good):
-        axes.plot(
-            points.n[~good],
-            points.force[~good],
-            "x",
-            color=COLOURS["vermilion"],
-            markersize=6.0,
-            markeredgewidth=1.4,
-            linestyle="none",
-            label="contradicts its neighbours",
-            zorder=4,
-        )
+        style: dict[str, Any] = {"markersize": 6.0, "markeredgewidth": 1.4, "zorder": 4}
+        label = "contradicts its neighbours"
+        axes.plot(points.n[~good], points.force[~good], "x", color=COLOURS["vermilion"], label=label, **style)
 
 
-def _line(axes: Axes, analysis: Analysis, square: bool, width: float, **style: Any) -> None:
+def _chosen(analysis: Analysis) -> str:
+    """Name of the chosen form in a legend."""
+    name = analysis.selection.chosen.form.name
+    return "square law (chosen)" if name == SQUARE else f"chosen: {name}"
+
+
+def _line(axes: Axes, analysis: Analysis, square: bool, **style: Any) -> None:
     """One map over the range that it was measured in, both directions that it has."""
     n = analysis.points.n
     along = np.linspace(float(np.min(n, initial=0.0)), float(np.max(n, initial=0.0)), 801, dtype=float)
-    axes.plot(along, analysis.fitted(along, square=square), linewidth=width, zorder=3, **style)
+    axes.plot(along, analysis.fitted(along, square=square), zorder=3, **style)
 
 
-def _residuals(axes: Axes, result: ThrusterFit, separate: bool) -> None:
-    """Residuals of chosen map (filled) and square law (open), or of each voltage's own chosen map."""
+def _maps(axes: Axes, analysis: Analysis) -> None:
+    """The chosen map, and the square law where that is another one."""
+    if analysis.selection.chosen.form.name != SQUARE:
+        _line(axes, analysis, True, color=COLOURS["vermilion"], linestyle=DASHES, label="square law")
+    _line(axes, analysis, False, color=COLOURS["blue"], label=_chosen(analysis))
+
+
+def _maps_by_voltage(axes: Axes, result: ThrusterFit) -> None:
+    """Chosen map (full) and square law (thin, dashed) of each voltage in its colour."""
+    for index, (_, one) in enumerate(result.voltages):
+        colour = SHADES[index % len(SHADES)]
+        labels = ("_", "_") if index else ("square law at each voltage", "chosen map at each voltage")
+        _line(axes, one, True, color=colour, linestyle=DASHES, linewidth=0.7, label=labels[0])
+        _line(axes, one, False, color=colour, label=labels[1])
+
+
+def _residuals(axes: Axes, result: ThrusterFit) -> None:
+    """Residuals of the chosen map (filled) and of the square law (open)."""
     points, analysis = result.points, result.analysis
     good = points.flag == ""
     size = 2.0 if len(points) > CROWD else 3.5
     axes.axhline(0.0, color="0.6", linewidth=0.6)
-    if not separate:
-        square = points.force - analysis.fitted(points.n, square=True)
-        axes.plot(
-            points.n[good],
-            square[good],
-            "o",
-            color=COLOURS["vermilion"],
-            markerfacecolor="none",
-            markeredgewidth=0.7,
-            markersize=size + 1.0,
-            linestyle="none",
-            label="square law",
-        )
-        chosen = points.force - analysis.fitted(points.n)
-        axes.plot(
-            points.n[good],
-            chosen[good],
-            "o",
-            color=COLOURS["blue"],
-            markersize=size,
-            linestyle="none",
-            label=f"chosen: {analysis.selection.chosen.form.name}",
-        )
-        return
+    if analysis.selection.chosen.form.name != SQUARE:
+        rest = (points.force - analysis.fitted(points.n, square=True))[good]
+        style: dict[str, Any] = {"markerfacecolor": "none", "markeredgewidth": 0.7, "markersize": size + 1.0}
+        axes.plot(points.n[good], rest, "o", color=COLOURS["vermilion"], label="square law", **style)
+    rest = (points.force - analysis.fitted(points.n))[good]
+    axes.plot(points.n[good], rest, "o", color=COLOURS["blue"], markersize=size, label=_chosen(analysis))
+
+
+def _residuals_by_voltage(axes: Axes, result: ThrusterFit) -> None:
+    """Residuals of each voltage's own chosen map."""
+    points = result.points
+    good = points.flag == ""
+    size = 2.0 if len(points) > CROWD else 3.5
+    axes.axhline(0.0, color="0.6", linewidth=0.6)
     for (_, here, colour, marker), (_, one) in zip(_groups(result), result.voltages):
-        shown = here & good
-        axes.plot(
-            points.n[shown],
-            points.force[shown] - one.fitted(points.n[shown]),
-            marker,
-            color=colour,
-            markersize=size,
-            linestyle="none",
-        )
+        n, force = points.n[here & good], points.force[here & good]
+        axes.plot(n, force - one.fitted(n), marker, color=colour, markersize=size)
