@@ -98,10 +98,10 @@ def _falls(n: Floats, force: Floats, level: Ints, scale: float) -> Found:
         before = force[order[:place][kept[:place]]][-1:].tolist()
         after = force[order[place:][kept[place:]]][:1].tolist()
         low, high = min(before + after, default=0.0), max(before + after, default=0.0)
-        deviation = float(max(low - force[index], force[index] - high))
+        outside = float(max(low - force[index], force[index] - high))
         limit = max(tolerance, SCATTER * min(abs(low), abs(high))) if before and after else END * scale
-        if deviation > limit:
-            found[int(index)] = (deviation, limit)
+        if outside > limit:
+            found[int(index)] = (float(abs(force[index] - (low + high) / 2)), limit)
     return found
 
 

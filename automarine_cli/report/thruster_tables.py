@@ -193,9 +193,9 @@ def flagged(result: ThrusterFit) -> Table:
         for index in order[:SHOWN]
     )
     more = (f"and {len(order) - SHOWN} more, see thrusters.csv",) if len(order) > SHOWN else ()
+    title = f"{len(order)} of {len(points)} points weigh less: they contradict their neighbours"
     return Table(
-        f"{len(order)} point{'s' if len(order) > 1 else ''} of {len(points)} weigh less because they "
-        "contradict their neighbours",
+        title,
         ("log", "n", "thrust [N]", "weight", "why"),
         rows,
         notes=more,
