@@ -1,4 +1,4 @@
-"""Thruster commands of a log -> yaw moment through a thruster map; knows of a run only what it needs of one."""
+"""Thruster commands of a log -> yaw moment through a thruster map; knows of a run only what it needs."""
 
 from collections.abc import Mapping, Sequence
 from typing import Protocol, Self, TypeVar

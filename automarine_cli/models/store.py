@@ -1,4 +1,4 @@
-"""Models from files: `yaw_model.json` of a yaw fit and `thrusters.json` of a thruster fit; plain data, checked."""
+"""Models from files: `yaw_model.json` of a yaw fit, `thrusters.json` of a thruster fit; plain data, checked."""
 
 import difflib
 import json
@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 from automarine_cli import effects
 from automarine_cli.errors import ModelError
@@ -24,10 +23,10 @@ _READ = ("schema", "models", "preferred", "moment_unit", "switch_offset", "effec
 class StoredModels:
     """The yaw models of one file, by number, each with the file's effects already in it.
 
-    `preferred` is the number of the model that the fit prefers; `moment_unit` is "nu" or "N m"; `switch_offset`
-    is the share of a sample interval by which commands act later than the middle of the interval before the
-    sample that first shows them (the logger's convention); `source` is the file's name, `effects` the names of
-    what was added to the drag.
+    `preferred` is the number of the model that the fit prefers; `moment_unit` is "nu" or "N m";
+    `switch_offset` is the share of a sample interval by which commands act later than the middle of the
+    interval before the sample that first shows them (the logger's convention); `source` is the file's name,
+    `effects` the names of what was added to the drag.
     """
 
     models: Mapping[str, YawModel]
@@ -81,7 +80,7 @@ def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels
             f"between -{LATEST_SWITCH} and {LATEST_SWITCH}"
         )
     names = tuple(name for name, _ in added)
-    return StoredModels(MappingProxyType(models), preferred, unit, late, where, names)
+    return StoredModels(models, preferred, unit, late, where, names)
 
 
 def _read_json(path: Path) -> object:
@@ -127,11 +126,11 @@ def _moment_unit(top: Mapping[str, object], entries: Mapping[str, object], where
 
 
 def _base(number: str, data: object, unit: str, where: str) -> YawModel:
-    """Model `number` without effects. Model 2's linear term may have either sign, as in the paper's Table 1."""
+    """Model `number` without effects. Model 2's linear term may have either sign, as in a least-squares fit."""
     entry = _object(data, where)
     drags = [DRAG_NAMES[term] for term in BASE_TERMS[number]]
     for name in DRAG_NAMES.values():
-        if name in entry and name not in drags:
+        if entry.get(name) is not None and name not in drags:
             raise ModelError(f"{where}.{name}: model {number} has no such term; it has {', '.join(drags)}")
     inertia = _number(_needed(entry, "I_r", where), f"{where}.I_r")
     if inertia <= 0:
