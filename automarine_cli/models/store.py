@@ -1,4 +1,4 @@
-"""Models from files: `yaw_model.json` of a yaw fit, `thrusters.json` of a thruster fit; plain data, checked."""
+"""Models from files: `yaw_model.json` of a yaw fit, `thrusters.json` of a thruster fit; all of it checked."""
 
 import difflib
 import json
@@ -126,7 +126,7 @@ def _moment_unit(top: Mapping[str, object], entries: Mapping[str, object], where
 
 
 def _base(number: str, data: object, unit: str, where: str) -> YawModel:
-    """Model `number` without effects. Model 2's linear term may have either sign, as in a least-squares fit."""
+    """Model `number` without effects. Model 2's linear term may have either sign, as in Table 1."""
     entry = _object(data, where)
     drags = [DRAG_NAMES[term] for term in BASE_TERMS[number]]
     for name in DRAG_NAMES.values():
