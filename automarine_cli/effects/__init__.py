@@ -21,5 +21,7 @@ def get(name: str) -> Effect:
     if name not in names():
         raise ModelError(f"effect {name!r} is not in the library; known are {', '.join(names())}")
     module = importlib.import_module(f"{__name__}.{name.replace('-', '_')}")
-    found = [c for c in vars(module).values() if isinstance(c, type) and issubclass(c, Effect) and c is not Effect]
+    found = [
+        c for c in vars(module).values() if isinstance(c, type) and issubclass(c, Effect) and c is not Effect
+    ]
     return found[0]()

@@ -7,13 +7,15 @@ An effect is one term of the equation of motion, baseline drag and hidden distur
 Recipe: one file in this folder, one subclass of `Effect` with
 
 1. `name` (the contract's name, with hyphens), `place`, `equation`, `says`, `reveals`, `source`;
-2. `parameters`, in the order in which the methods take them, each with unit, bounds, start, and the value at which
+2. `parameters`, in the order in which the methods take them, each with unit, bounds, start, and the value at
+which
    the effect is off, so that the model with the effect switched off is exactly the model without it;
 3. one of the methods: `deliver` for actuators, `moment` for moments, `read` for sensors; and `states` with
    `derivatives` where the effect carries a state of its own (water that turns, a thruster that lags).
 
 The folder is the registry: `effects.get("my-effect")` and the contract test find the new file by themselves.
-Every method is a pure function of arrays of shape (P, R), parameter sets by runs, or shapes that broadcast to it.
+Every method is a pure function of arrays of shape (P, R), parameter sets by runs, or shapes that broadcast
+to it.
 """
 
 from collections.abc import Mapping
@@ -38,7 +40,8 @@ class Place(Enum):
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of an effect: unit (`{moment}` stands for the moment's unit), bounds, start, and off value."""
+    """One parameter of an effect: unit (`{moment}` stands for the moment's unit), bounds, start, and off
+    value."""
 
     name: str
     meaning: str
@@ -57,8 +60,8 @@ class Parameter:
 class Motion:
     """State of all runs under all parameter sets at one instant: arrays that broadcast to (P, R).
 
-    `heading` psi [rad, unwrapped, true], `rate` r [rad/s], `water` rate of the water [rad/s], `delivered` moment
-    after the actuators, `time` in the run [s], `signals` other logged columns held over the step.
+    `heading` psi [rad, unwrapped, true], `rate` r [rad/s], `water` rate of the water [rad/s], `delivered`
+    moment after the actuators, `time` in the run [s], `signals` other logged columns held over the step.
     """
 
     heading: Floats

@@ -1,8 +1,10 @@
 """Table 1: yaw moment on steady yaw rate by least squares, for the paper's three drag models.
 
-One point is one run. Model 1 is tau = k_r r, model 2 tau = k_rr |r| r + k_r r, model 3 tau = k_rr |r| r; beside them
-the reading of Table 1 with a constant moment, tau = k_rr |r| r + c, which the printed numbers fit. Standard errors are
-robust against unequal scatter (HC3, MacKinnon and White 1985, J. Econometrics 29:305), intervals from Student's t.
+One point is one run. Model 1 is tau = k_r r, model 2 tau = k_rr |r| r + k_r r, model 3 tau = k_rr |r| r; beside
+them the reading of Table 1 with a constant moment, tau = k_rr |r| r + c, which the printed numbers fit. Standard
+errors are
+robust against unequal scatter (HC3, MacKinnon and White 1985, J. Econometrics 29:305), intervals from
+Student's t.
 """
 
 from dataclasses import dataclass
@@ -62,7 +64,8 @@ def fit_drag(moment: Floats, rate: Floats, model: str, moment_unit: str = "nu") 
     points, count = x.shape
     if points < count + 1 or np.linalg.matrix_rank(x / np.abs(x).max(axis=0)) < count:
         raise FitError(
-            f"{points} steady points at {len(np.unique(np.round(moment, 9)))} moments cannot carry the {count} terms of model "
+            f"{points} steady points at {len(np.unique(np.round(moment, 9)))} moments cannot carry the "
+            f"{count} terms of model "
             f"{model}; run more moments"
         )
     inverse = np.linalg.inv(x.T @ x)
@@ -73,14 +76,17 @@ def fit_drag(moment: Floats, rate: Floats, model: str, moment_unit: str = "nu") 
     stderr = np.sqrt(np.diagonal(inverse @ score.T @ score @ inverse))
     sse = float(residuals @ residuals)
     estimates = {
-        name: Estimate.from_stderr(v, e, points - count, moment_unit if name == "c" else unit_of(name, moment_unit))
+        name: Estimate.from_stderr(
+            v, e, points - count, moment_unit if name == "c" else unit_of(name, moment_unit)
+        )
         for name, v, e in zip(COLUMNS[model], values, stderr)
     }
     return DragFit(model, estimates, sse, _aicc(sse, points, count), residuals)
 
 
 def _aicc(sse: float, points: int, parameters: int) -> float:
-    """Akaike's criterion corrected for few points (Hurvich and Tsai 1989); the noise variance counts as a parameter."""
+    """Akaike's criterion corrected for few points (Hurvich and Tsai 1989); the noise variance counts as a
+    parameter."""
     k = parameters + 1
     correction = 2.0 * k * (k + 1) / (points - k - 1) if points > k + 1 else np.inf
     return float(points * np.log(max(sse, 1e-300) / points) + 2.0 * k + correction)

@@ -1,6 +1,7 @@
 """A number with its uncertainty: what every fit returns and every result file holds."""
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from scipy import stats
@@ -17,7 +18,8 @@ class Estimate:
 
     @classmethod
     def from_stderr(cls, value: float, stderr: float, dof: float, unit: str) -> "Estimate":
-        """Interval from Student's t with `dof` degrees of freedom (about the number of independent runs less parameters)."""
+        """Interval from Student's t with `dof` degrees of freedom (about the number of independent runs less
+        parameters)."""
         half = float(stats.t.ppf(0.975, max(dof, 1.0))) * stderr
         return cls(float(value), float(stderr), (float(value - half), float(value + half)), unit)
 
@@ -25,7 +27,12 @@ class Estimate:
     def from_log(cls, value: float, stderr_of_log: float, dof: float, unit: str) -> "Estimate":
         """Interval of a positive number, symmetric on its logarithm."""
         half = float(stats.t.ppf(0.975, max(dof, 1.0))) * stderr_of_log
-        return cls(float(value), float(value * stderr_of_log), (float(value * np.exp(-half)), float(value * np.exp(half))), unit)
+        return cls(
+            float(value),
+            float(value * stderr_of_log),
+            (float(value * np.exp(-half)), float(value * np.exp(half))),
+            unit,
+        )
 
     def to_json(self) -> dict[str, object]:
         """The contract's form."""
@@ -34,5 +41,6 @@ class Estimate:
     @classmethod
     def from_json(cls, data: dict[str, object]) -> "Estimate":
         """Inverse of `to_json`; the caller has checked the types."""
-        low, high = data["ci95"]  # type: ignore[misc]
-        return cls(float(data["value"]), float(data["stderr"]), (float(low), float(high)), str(data["unit"]))  # type: ignore[arg-type]
+        low, high = cast(list[float], data["ci95"])
+        value, stderr = cast(float, data["value"]), cast(float, data["stderr"])
+        return cls(float(value), float(stderr), (float(low), float(high)), str(data["unit"]))

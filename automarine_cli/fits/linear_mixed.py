@@ -1,7 +1,9 @@
-"""The linear half of the mixed model: every run reduced to its inner products, then variances, parameters and run effects.
+"""The linear half of the mixed model: every run reduced to its inner products, then variances, parameters
+and run effects.
 
 Run i is  w_i = J_i phi + V_i b_i + noise,  noise ~ N(0, s² 1),  b_i ~ N(0, D_i), so that w_i has covariance
-R_i = s² 1 + V_i D_i V_i'. R_i^-1 acts through the small matrix K = s² 1 + L V'V L with D = L² (Woodbury), which also
+R_i = s² 1 + V_i D_i V_i'. R_i^-1 acts through the small matrix K = s² 1 + L V'V L with D = L² (Woodbury), which
+also
 works where an entry of D is zero. Shapes: runs R, parameters p, run effects q.
 """
 
@@ -22,8 +24,8 @@ SMALLEST_FACTOR = 1e-5
 class RunEffects:
     """What is known of the q run effects b_i before the data.
 
-    `scale` (R, q) standard deviations; `factor` (q,) index of the estimated factor that multiplies each, -1 for none;
-    `limits` (lower, upper) of each factor.
+    `scale` (R, q) standard deviations; `factor` (q,) index of the estimated factor that multiplies each, -1
+    for none; `limits` (lower, upper) of each factor.
     """
 
     scale: Floats
@@ -37,7 +39,8 @@ class RunEffects:
 
 @dataclass(frozen=True)
 class Gram:
-    """Inner products of one linearisation: parameters J, run effects V, data w; runs first. `count` (R,) samples."""
+    """Inner products of one linearisation: parameters J, run effects V, data w; runs first. `count` (R,)
+    samples."""
 
     jj: Floats
     jv: Floats
@@ -52,13 +55,15 @@ class Gram:
         """From J (R, N, p), V (R, N, q) and w (R, N), zero in the padding."""
         left, right, w = np.swapaxes(by_theta, 1, 2), np.swapaxes(by_run, 1, 2), data[:, :, None]
         return cls(
-            left @ by_theta, left @ by_run, right @ by_run, (left @ w)[..., 0], (right @ w)[..., 0], (data**2).sum(axis=1), count
+            left @ by_theta, left @ by_run, right @ by_run, (left @ w)[..., 0], (right @ w)[..., 0],
+            (data**2).sum(axis=1), count
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Weighted:
-    """Each run's share of the normal equations at given variances: H (R, p, p), h (R, p), w'w (R,), log|R_i| (R,)."""
+    """Each run's share of the normal equations at given variances: H (R, p, p), h (R, p), w'w (R,), log|R_i|
+    (R,)."""
 
     hessian: Floats
     gradient: Floats
@@ -69,7 +74,9 @@ class Weighted:
 def weigh(gram: Gram, effects: RunEffects, variances: Floats) -> Weighted:
     """Apply R_i^-1 to every inner product. Raises FitError where the response was not finite."""
     if not np.all(np.isfinite(gram.ww)):
-        raise FitError("the model's response is not finite on these runs; look at the logs with `automarine check`")
+        raise FitError(
+            "the model's response is not finite on these runs; look at the logs with `automarine check`"
+        )
     s2 = np.exp(2.0 * variances[0])
     scale = effects.deviation(variances)
     q = scale.shape[1]
@@ -79,7 +86,8 @@ def weigh(gram: Gram, effects: RunEffects, variances: Floats) -> Weighted:
     inner = np.swapaxes(half, 1, 2) @ half
     log_det = (gram.count - q) * np.log(s2) + 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
     return Weighted(
-        (gram.jj - inner[:, :-1, :-1]) / s2, (gram.jw - inner[:, :-1, -1]) / s2, (gram.ww - inner[:, -1, -1]) / s2, log_det
+        (gram.jj - inner[:, :-1, :-1]) / s2, (gram.jw - inner[:, :-1, -1]) / s2, (gram.ww - inner[:, -1, -1])
+        / s2, log_det
     )  # fmt: skip
 
 
@@ -88,7 +96,8 @@ def _kernel(gram: Gram, scale: Floats, s2: float) -> Floats:
 
 
 def deviance(gram: Gram, effects: RunEffects, variances: Floats, *, restricted: bool) -> float:
-    """-2 log marginal likelihood with phi profiled out, but for n log 2 pi; `restricted` as Patterson and Thompson (1971)."""
+    """-2 log marginal likelihood with phi profiled out, but for n log 2 pi; `restricted` as Patterson and
+    Thompson (1971)."""
     weighted = weigh(gram, effects, variances)
     hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
     value = weighted.log_det.sum() + weighted.square.sum() - gradient @ solve_scaled(hessian, gradient)
@@ -115,19 +124,25 @@ def curvature_scale(hessian: Floats) -> Floats:
 
 
 def solve_scaled(hessian: Floats, gradient: Floats) -> Floats:
-    """Solve H x = h with the parameters scaled to unit curvature; a direction without information stays at zero."""
+    """Solve H x = h with the parameters scaled to unit curvature; a direction without information stays at
+    zero."""
     scale = curvature_scale(hessian)
-    return np.asarray(np.linalg.lstsq(hessian / np.outer(scale, scale), gradient / scale, rcond=1e-13)[0] / scale)
+    return np.asarray(
+        np.linalg.lstsq(hessian / np.outer(scale, scale), gradient / scale, rcond=1e-13)[0] / scale
+    )
 
 
 def covariance_of(hessian: Floats) -> Floats:
     """Inverse of H, scaled to unit curvature first."""
     scale = curvature_scale(hessian)
-    return np.asarray(np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale))
+    return np.asarray(
+        np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
+    )
 
 
 def least_squares(weighted: Weighted, phi: Floats, bounds: Floats) -> Floats:
-    """Generalised least squares for phi within `bounds` (p, 2), by an active set that starts with every parameter free."""
+    """Generalised least squares for phi within `bounds` (p, 2), by an active set that starts with every
+    parameter free."""
     hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
     new, free = phi.copy(), np.ones(len(phi), dtype=bool)
     while free.any():

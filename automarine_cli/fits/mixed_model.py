@@ -1,15 +1,18 @@
-"""Maximum likelihood for runs that differ: nonlinear mixed-effects regression, the heart of every dynamic fit.
+"""Maximum likelihood for runs that differ: nonlinear mixed-effects regression, the heart of every dynamic
+fit.
 
-Heading j of run i is  y_ij = f_ij(theta, b_i) + noise,  noise ~ N(0, s²),  b_i ~ N(0, D_i): theta belongs to the vehicle, b_i to
-the run (start heading, start rate, instants of the command changes, thrust gain). Every entry of b_i has a standard deviation
-that is either known or a known scale times one estimated factor (the scatter of the thrust gain, say).
+Heading j of run i is  y_ij = f_ij(theta, b_i) + noise,  noise ~ N(0, s²),  b_i ~ N(0, D_i): theta belongs to the
+vehicle, b_i to the run (start heading, start rate, instants of the command changes, thrust gain). Every entry of b_i
+has a standard deviation that is either known or a known scale times one estimated factor (the scatter of the thrust
+gain, say).
 
-Estimator (Lindstrom and Bates 1990, Biometrics 46:673): linearise f at the present theta and b, which makes the problem
-linear and Gaussian (see linear_mixed.py); choose the variance factors by restricted likelihood, theta by generalised least
-squares, b by its posterior mean; repeat. After the linearisation a run is a small Gram matrix, so resampling runs, leaving one
-out and comparing models cost next to nothing.
+Estimator (Lindstrom and Bates 1990, Biometrics 46:673): linearise f at the present theta and b, which makes the
+problem linear and Gaussian (see linear_mixed.py); choose the variance factors by restricted likelihood, theta by
+generalised least squares, b by its posterior mean; repeat. After the linearisation a run is a small Gram matrix, so
+resampling runs, leaving one out and comparing models cost next to nothing.
 
-Assumptions: noise white within a run, runs independent. The standard errors by the jackknife over runs hold without the first.
+Assumptions: noise white within a run, runs independent. The standard errors by the jackknife over runs hold without
+the first.
 """
 
 from collections.abc import Callable
@@ -61,7 +64,9 @@ class Problem:
 
     def search(self, theta: Floats) -> Floats:
         """phi (..., p) of theta; a positive parameter at zero counts as `SMALLEST`."""
-        return np.where(self.positive, np.log(np.maximum(np.where(self.positive, theta, 1.0), SMALLEST)), theta)
+        return np.where(
+            self.positive, np.log(np.maximum(np.where(self.positive, theta, 1.0), SMALLEST)), theta
+        )
 
     def headings(self, phi: Floats, b: Floats) -> Floats:
         """Headings (R, N) at one phi (p,) and b (R, q)."""
@@ -72,10 +77,11 @@ class Problem:
 class MixedFit:
     """Outcome of one fit.
 
-    `theta` (p,) and `phi` (p,), the same in the search's coordinates, in which are `covariance` (p, p) from the likelihood and `left_out`
-    (R, p), phi without each run; `noise` s [rad], `factors` of the run effects, `run_effects` (R, q), `log_likelihood`
-    (marginal, maximum likelihood), `predictive` (R,) log density of each run predicted from the others, `fitted` (R, N)
-    headings, `at_bound` indices of the parameters that a bound stopped.
+    `theta` (p,) and `phi` (p,), the same in the search's coordinates, in which are `covariance` (p, p) from
+    the likelihood and `left_out` (R, p), phi without each run; `noise` s [rad], `factors` of the run
+    effects, `run_effects` (R, q), `log_likelihood` (marginal, maximum likelihood), `predictive` (R,) log
+    density of each run predicted from the others, `fitted` (R, N) headings, `at_bound` indices of the
+    parameters that a bound stopped.
     """
 
     theta: Floats
@@ -92,24 +98,28 @@ class MixedFit:
     at_bound: tuple[int, ...]
     iterations: int
     converged: bool
-    deviance_of: Callable[[Floats], float] = field(repr=False)
+    gram: Gram = field(repr=False)
+    effects: RunEffects = field(repr=False)
 
     @property
     def jackknife_covariance(self) -> Floats:
-        """Covariance of phi from leaving each run out, (p, p); needs no assumption on the noise within a run."""
+        """Covariance of phi from leaving each run out, (p, p); needs no assumption on the noise within a
+        run."""
         count = len(self.left_out)
         spread = self.left_out - self.left_out.mean(axis=0)
         return (count - 1) / count * spread.T @ spread
 
-    def factor_interval(self, index: int, limits: tuple[float, float]) -> tuple[float, float]:
-        """95 % interval of one variance factor: where the restricted deviance rises by 3.84, the other variances fixed."""
+    def factor_interval(self, index: int) -> tuple[float, float]:
+        """95 % interval of one variance factor: where the restricted deviance rises by 3.84, the other
+        variances fixed."""
         best = np.append(np.log(self.noise), np.log(np.maximum(self.factors, SMALLEST_FACTOR)))
-        level = self.deviance_of(best) + float(stats.chi2.ppf(0.95, 1))
+        limits = self.effects.limits[index]
+        level = self._deviance(best) + float(stats.chi2.ppf(0.95, 1))
 
         def above(log_factor: float) -> float:
             trial = best.copy()
             trial[1 + index] = log_factor
-            return self.deviance_of(trial) - level
+            return self._deviance(trial) - level
 
         ends = []
         for limit in limits:
@@ -118,6 +128,9 @@ class MixedFit:
             ends.append(edge if inside else float(optimize.brentq(above, edge, best[1 + index], xtol=1e-6)))
         low, high = np.exp(ends)
         return (0.0 if low <= max(limits[0], SMALLEST_FACTOR) * (1 + 1e-9) else float(low)), float(high)
+
+    def _deviance(self, variances: Floats) -> float:
+        return linear_mixed.deviance(self.gram, self.effects, variances, restricted=True)
 
 
 def fit_mixed(
@@ -134,7 +147,9 @@ def fit_mixed(
     Raises FitError when there are no more samples than parameters or the response is not finite at the start.
     """
     if problem.seen.sum() <= len(theta) + 1:
-        raise FitError(f"{problem.seen.sum()} samples cannot carry {len(theta)} parameters; give more or longer runs")
+        raise FitError(
+            f"{problem.seen.sum()} samples cannot carry {len(theta)} parameters; give more or longer runs"
+        )
     bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
     phi = np.clip(problem.search(theta), bounds[:, 0], bounds[:, 1])
     b = np.zeros_like(problem.effects.scale) if run_effects is None else run_effects
@@ -154,7 +169,8 @@ def fit_mixed(
 
 
 def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
-    """Headings (R, N), their derivatives by phi (R, N, p), central, and by the run effects (R, N, q), one-sided.
+    """Headings (R, N), their derivatives by phi (R, N, p), central, and by the run effects (R, N, q),
+    one-sided.
 
     A run effect that can only be zero is not perturbed.
     """
@@ -207,7 +223,13 @@ def _line_search(
 
 
 def _report(
-    problem: Problem, phi: Floats, b: Floats, variances: Floats, bounds: Floats, iterations: int, converged: bool
+    problem: Problem,
+    phi: Floats,
+    b: Floats,
+    variances: Floats,
+    bounds: Floats,
+    iterations: int,
+    converged: bool,
 ) -> MixedFit:
     gram, fitted = _linearise(problem, phi, b)
     weighted = linear_mixed.weigh(gram, problem.effects, variances)
@@ -239,5 +261,6 @@ def _report(
         at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)),
         iterations=iterations,
         converged=converged,
-        deviance_of=lambda v: linear_mixed.deviance(gram, problem.effects, v, restricted=True),
+        gram=gram,
+        effects=problem.effects,
     )

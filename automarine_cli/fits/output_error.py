@@ -1,4 +1,5 @@
-"""Maximum likelihood of models 1 to 3 on headings: estimates with intervals over runs, and which model the evidence prefers."""
+"""Maximum likelihood of models 1 to 3 on headings: estimates with intervals over runs, and which model the
+evidence prefers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.errors import FitError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
 from automarine_cli.fits.step_response import NAMES, Known, StepData, step_problem
@@ -19,15 +19,17 @@ from automarine_cli.simulation.batch import Batch
 Floats = NDArray[np.float64]
 
 ENOUGH_RUNS = 8
-"""From this many runs on, standard errors are the jackknife's alone; with fewer the larger of it and the likelihood's."""
+"""From this many runs on, standard errors are the jackknife's alone; with fewer the larger of it and the
+likelihood's."""
 
 
 @dataclass(frozen=True)
 class OutputErrorFit:
     """One model fitted to headings by maximum likelihood.
 
-    `estimates` by parameter name, `inertial_turn_angle` I/k_rr [rad] (models 2 and 3), `offset` of the command's instant [sample
-    intervals], `gain_scatter` run to run (relative), `noise` [rad], `correlation` of (I, drag).
+    `estimates` by parameter name, `inertial_turn_angle` I/k_rr [rad] (models 2 and 3), `offset` of the
+    command's instant [sample intervals], `gain_scatter` run to run (relative), `noise` [rad], `correlation`
+    of (I, drag).
     """
 
     number: str
@@ -53,7 +55,9 @@ class Preference:
     because: str
 
 
-def fit_half_turns(data: StepData, number: str, start: tuple[float, float, float], moment_unit: str, known: Known) -> OutputErrorFit:
+def fit_half_turns(
+    data: StepData, number: str, start: tuple[float, float, float], moment_unit: str, known: Known
+) -> OutputErrorFit:
     """Fit one model to half-turns; `start` is (I_r, k_r, k_rr) to begin from, wherever it came from."""
     inertia, k_r, k_rr = start
     values = {"1": (k_r,), "2": (k_rr, k_r), "3": (k_rr,)}[number]
@@ -73,7 +77,11 @@ def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> Out
     factors = np.array([0.01, 0.5, 0.03])
     first = fit_mixed(pooled, np.append(rough.theta, 0.0), noise=0.05, factors=factors, iterations=20)
     best = fit_mixed(
-        problem, first.theta, noise=first.noise, factors=np.append(0.02, first.factors[1:]), run_effects=first.run_effects
+        problem,
+        first.theta,
+        noise=first.noise,
+        factors=np.append(0.02, first.factors[1:]),
+        run_effects=first.run_effects,
     )
     return _outcome(number, problem, best, batch.moment_unit)
 
@@ -96,12 +104,14 @@ def _outcome(number: str, problem: Problem, mixed: MixedFit, moment_unit: str) -
     runs = len(problem.measured)
     dof = float(runs - 1 if runs > 1 else problem.seen.sum() - len(mixed.theta))
     names = NAMES[number]
-    estimates = {name: _estimate(mixed, covariance, i, dof, unit_of(name, moment_unit)) for i, name in enumerate(names)}
+    estimates = {
+        name: _estimate(mixed, covariance, i, dof, unit_of(name, moment_unit)) for i, name in enumerate(names)
+    }
     turn = None
     if "k_rr" in names and 1 not in mixed.at_bound:
         stderr = float(np.sqrt(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1]))
         turn = Estimate.from_log(mixed.theta[0] / mixed.theta[1], stderr, dof, "rad")
-    low, high = mixed.factor_interval(0, problem.effects.limits[0])
+    low, high = mixed.factor_interval(0)
     scatter = Estimate(float(mixed.factors[0]), (high - low) / 3.92, (low, high), "1")
     offset = _estimate(mixed, covariance, len(mixed.theta) - 1, dof, "sample interval")
     model = YawModel.base(number, mixed.theta[0], mixed.theta[1:-1], moment_unit)
@@ -118,26 +128,36 @@ def _estimate(mixed: MixedFit, covariance: Floats, i: int, dof: float, unit: str
 def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
     """The model whose left-out runs are predicted best; of two that do not differ, the simpler.
 
-    Evidence is the log density of each run under the fit to the others, summed over runs; a difference counts when it exceeds
-    two of its standard errors over runs (Vehtari, Gelman and Gabry 2017, Statistics and Computing 27:1413).
+    Evidence is the log density of each run under the fit to the others, summed over runs; a difference
+    counts when it exceeds two of its standard errors over runs (Vehtari, Gelman and Gabry 2017, Statistics
+    and Computing 27:1413).
     """
     totals = {number: float(fit.mixed.predictive.sum()) for number, fit in fits.items()}
     best = max(totals, key=lambda number: totals[number])
-    parameters = {number: sum(len(effects.get(name).parameters) for name in BASE_TERMS[number]) for number in fits}
+    parameters = {
+        number: sum(len(effects.get(name).parameters) for name in BASE_TERMS[number]) for number in fits
+    }
     chosen, parts = best, []
     for number in sorted(fits, key=lambda n: parameters[n]):
         gap, error = _lead(fits[best], fits[number])
         if number != best and parameters[number] < parameters[chosen] and gap <= 2.0 * error:
             chosen = number
     for number in sorted(fits):
+        gap, error = _lead(fits[chosen], fits[number])
         if number == chosen:
             continue
-        gap, error = _lead(fits[chosen], fits[number])
-        if gap >= 0:
-            parts.append(f"it predicts runs left out of the fit better than model {number} by {gap:.1f} ± {error:.1f} in log density")
+        if gap < 0:
+            parts.append(
+                f"model {number} leads by {-gap:.1f} ± {error:.1f}, too little to pay for another parameter"
+            )
+        elif gap <= 2.0 * error:
+            parts.append(
+                f"it is level with model {number}, which has more parameters ({gap:.1f} ± {error:.1f})"
+            )
         else:
-            parts.append(f"model {number} predicts them better by only {-gap:.1f} ± {error:.1f}, not enough to pay for another parameter")
-    return Preference(chosen, f"Model {chosen}: " + "; ".join(parts) + ".")
+            parts.append(f"it leads model {number} by {gap:.1f} ± {error:.1f}")
+    because = f"Model {chosen} predicts runs left out of the fit best or as well as any simpler one: in log density "
+    return Preference(chosen, because + " and ".join(parts) + ".")
 
 
 def _lead(a: OutputErrorFit, b: OutputErrorFit) -> tuple[float, float]:

@@ -1,4 +1,5 @@
-"""Half-turn steps as arrays, and the closed-form response of models 1 to 3 to them with what differs from run to run."""
+"""Half-turn steps as arrays, and the closed-form response of models 1 to 3 to them with what differs from
+run to run."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,11 +10,16 @@ from numpy.typing import NDArray
 from automarine_cli.fits.linear_mixed import RunEffects
 from automarine_cli.fits.mixed_model import Problem
 from automarine_cli.models.closed_form import response
+from automarine_cli.runs.half_turn import HalfTurn
 
 Floats = NDArray[np.float64]
 
 NAMES = {"1": ("I_r", "k_r"), "2": ("I_r", "k_rr", "k_r"), "3": ("I_r", "k_rr")}
 """Parameters of the paper's models in the order of theta."""
+
+MOST_REST = 200
+"""Samples of rest before a step that are used; more would say little of the start heading and much of slow
+drifts."""
 
 START_HEADING_SD = 10.0
 """Standard deviation [rad] of a start heading before the data: so wide that it says nothing."""
@@ -23,8 +29,9 @@ START_HEADING_SD = 10.0
 class StepData:
     """R half-turns padded to N samples, rest before the step included.
 
-    `time` (R, N) [s] since the middle of the interval in which the command switched, `heading` (R, N) [rad] less the
-    start heading's first guess, `seen` (R, N), `moment` (R,), `interval` (R,) [s] width of the interval of the switch.
+    `time` (R, N) [s] since the middle of the interval in which the command switched, `heading` (R, N) [rad]
+    less the start heading's first guess, `seen` (R, N), `moment` (R,), `interval` (R,) [s] width of the
+    interval of the switch.
     """
 
     names: tuple[str, ...]
@@ -44,6 +51,25 @@ class Known:
     gain: bool = False
 
 
+def half_turn_data(turns: Sequence[HalfTurn]) -> StepData:
+    """Half-turns with the rest before them as padded arrays.
+
+    The command of a log that begins with the moment already on is taken to have switched at its first
+    sample, any other in the middle of the interval in which it did; both may move by half an interval.
+    """
+    names, times, headings, moments, intervals = [], [], [], [], []
+    for turn in turns:
+        run, rest = turn.step.run, turn.step.rest or slice(turn.kept.start, turn.kept.start)
+        instant = turn.switch_to if turn.step.begins_log else turn.step.switch_mid
+        kept = slice(max(rest.start, rest.stop - MOST_REST), rest.stop), turn.kept
+        names.append(turn.name)
+        times.append(np.concatenate([run.time[part] for part in kept]) - instant)
+        headings.append(np.concatenate([run.heading[part] for part in kept]) - turn.start_heading)
+        moments.append(turn.moment)
+        intervals.append(turn.switch_to - turn.switch_from)
+    return step_data(names, times, headings, moments, intervals)
+
+
 def step_data(
     names: Sequence[str],
     times: Sequence[Floats],
@@ -51,21 +77,24 @@ def step_data(
     moments: Sequence[float],
     intervals: Sequence[float],
 ) -> StepData:
-    """Pad runs, given as time since the middle of the switch interval [s] and heading less start heading [rad]."""
+    """Pad runs, given as time since the middle of the switch interval [s] and heading less start heading
+    [rad]."""
     width = max(len(t) for t in times)
     time, heading = np.zeros((2, len(times), width))
     seen = np.zeros((len(times), width), dtype=bool)
     for i, (t, psi) in enumerate(zip(times, headings)):
         time[i, : len(t)], heading[i, : len(t)], seen[i, : len(t)] = t, psi, True
-    return StepData(tuple(names), time, heading, seen, np.array(moments, dtype=float), np.array(intervals, dtype=float))
+    return StepData(
+        tuple(names), time, heading, seen, np.array(moments, dtype=float), np.array(intervals, dtype=float)
+    )
 
 
-def step_problem(data: StepData, model: str, known: Known = Known()) -> Problem:  # noqa: B008 frozen default
+def step_problem(data: StepData, model: str, known: Known = Known()) -> Problem:
     """Likelihood of the half-turns under model "1", "2" or "3".
 
-    theta is (I_r, drag in the order of BASE_TERMS, offset): the offset, in sample intervals within ±1/2, is the logger's
-    convention for the instant of a command, common to all runs. Run effects are start heading, log gain of the moment, and the
-    run's own switch instant; the last two scatter by an estimated factor.
+    theta is (I_r, drag in the order of BASE_TERMS, offset): the offset, in sample intervals within ±1/2, is
+    the logger's convention for the instant of a command, common to all runs. Run effects are start heading,
+    log gain of the moment, and the run's own switch instant; the last two scatter by an estimated factor.
     """
     time, moment, interval = data.time[None], data.moment[None, :, None], data.interval[None, :, None]
 
@@ -74,7 +103,11 @@ def step_problem(data: StepData, model: str, known: Known = Known()) -> Problem:
         late = columns[-1] * interval + b[:, :, 2, None]
         gained = moment * np.exp(b[:, :, 1, None])
         return response(
-            time - late, gained, columns[0], **dict(zip(NAMES[model][1:], columns[1:])), heading0=b[:, :, 0, None]
+            time - late,
+            gained,
+            columns[0],
+            **dict(zip(NAMES[model][1:], columns[1:])),
+            heading0=b[:, :, 0, None],
         )[0]
 
     ones = np.ones(len(data.moment))

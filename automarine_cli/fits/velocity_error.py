@@ -1,9 +1,11 @@
-"""The paper's method: steady rate and velocity error of each half-turn's tail, drag from the rates, inertia from the errors.
+"""The paper's method: steady rate and velocity error of each half-turn's tail, drag from the rates, inertia
+from the errors.
 
-Tail: the straight end of a half-turn. Its line has the steady rate as slope; its intercept at the instant of the step, less the
-start heading, is the velocity error (equation 5). Inertia follows by equation 7 (model 1), 9 (model 3) or their common
-generalisation (model 2) with the drag of Table 1. A line fitted too early still sees the transient: the tail starts at the
-earliest angle where the whole procedure, run on its own noise-free answer, is off by less than `BIAS_LIMIT` in inertia and drag.
+Tail: the straight end of a half-turn. Its line has the steady rate as slope; its intercept at the instant of
+the step, less the start heading, is the velocity error (equation 5). Inertia follows by equation 7 (model
+1), 9 (model 3) or their common generalisation (model 2) with the drag of Table 1. A line fitted too early
+still sees the transient: the tail starts at the earliest angle where the whole procedure, run on its own
+noise-free answer, is off by less than `BIAS_LIMIT` in inertia and drag.
 """
 
 from collections.abc import Mapping
@@ -30,7 +32,8 @@ ANGLES = np.radians(np.arange(30.0, 169.0, 2.0))
 
 @dataclass(frozen=True)
 class TailLines:
-    """Straight ends of R half-turns: steady rate (R,) [rad/s], velocity error (R,) [rad], samples used (R, N)."""
+    """Straight ends of R half-turns: steady rate (R,) [rad/s], velocity error (R,) [rad], samples used (R,
+    N)."""
 
     rate: Floats
     error: Floats
@@ -50,9 +53,9 @@ class InertiaTable:
 class VelocityErrorFit:
     """Tables 1 and 2 by the paper's method.
 
-    `tail_from` [rad] turned angle at which the tail starts, `bias` its own relative bias (inertia, drag) on the
-    noise-free response, `steady` whether that is within BIAS_LIMIT. `inertia["2"]` or `drag["2"]` is absent where the moments cannot
-    carry model 2.
+    `tail_from` [rad] turned angle at which the tail starts, `bias` its own relative bias (inertia, drag) on
+    the noise-free response, `steady` whether that is within BIAS_LIMIT. `inertia["2"]` or `drag["2"]` is
+    absent where the moments cannot carry model 2.
     """
 
     tail_from: float
@@ -63,16 +66,20 @@ class VelocityErrorFit:
     inertia: Mapping[str, InertiaTable]
 
 
-def fit_velocity_error(data: StepData, start_heading: Floats, offset: float = 0.0, moment_unit: str = "nu") -> VelocityErrorFit:
+def fit_velocity_error(
+    data: StepData, start_heading: Floats, offset: float = 0.0, moment_unit: str = "nu"
+) -> VelocityErrorFit:
     """Run the paper's method on half-turns.
 
-    `start_heading` (R,) [rad] on the scale of `data.heading`; `offset` moves every instant of a step by that share of
-    its switch interval (the logger's convention). Raises FitError where too few runs or samples are left.
+    `start_heading` (R,) [rad] on the scale of `data.heading`; `offset` moves every instant of a step by that
+    share of its switch interval (the logger's convention). Raises FitError where too few runs or samples are
+    left.
     """
     time = data.time - offset * data.interval[:, None]
     if len(data.moment) < 3 or len(np.unique(np.abs(data.moment))) < 2:
         raise FitError(
-            f"{len(data.moment)} half-turns at {len(np.unique(np.abs(data.moment)))} sizes of moment cannot carry Table 1; "
+            f"{len(data.moment)} half-turns at {len(np.unique(np.abs(data.moment)))} sizes of moment cannot "
+            "carry Table 1; "
             "at least 3 runs at 2 moments are needed"
         )
     used = _last_share(time, data.seen, 0.3)
@@ -93,11 +100,13 @@ def fit_velocity_error(data: StepData, start_heading: Floats, offset: float = 0.
 
 
 def tail_lines(time: Floats, heading: Floats, start_heading: Floats, used: Mask) -> TailLines:
-    """Least-squares line through the used samples of each run: shapes (..., R, N); slope and intercept at time 0."""
+    """Least-squares line through the used samples of each run: shapes (..., R, N); slope and intercept at
+    time 0."""
     count = used.sum(axis=-1)
     if np.any(count < FEWEST_TAIL_SAMPLES):
         raise FitError(
-            f"only {count.min()} samples in the steady tail of a half-turn where {FEWEST_TAIL_SAMPLES} are needed; "
+            f"only {count.min()} samples in the steady tail of a half-turn where {FEWEST_TAIL_SAMPLES} are "
+            "needed; "
             "log the heading faster, or drop the highest moments"
         )
     mean_t = np.sum(time * used, axis=-1) / count
@@ -132,14 +141,16 @@ def _reference(moment: Floats, tails: TailLines) -> _Reference:
     inertia = float(np.median(inertia_from_velocity_error(tails.error, moment, *best.drag)))
     if inertia <= 0 or max(best.drag) <= 0:
         raise FitError(
-            "the half-turns give a negative inertia or drag: the heading runs ahead of its steady line or against the moment; "
+            "the half-turns give a negative inertia or drag: the heading runs ahead of its steady line or "
+            "against the moment; "
             "check the sign of the moment and of the heading (--columns), and that each step starts from rest"
         )
     return _Reference(inertia, *best.drag)
 
 
 def _tail_mask(time: Floats, data: StepData, model: _Reference, start: float) -> Mask:
-    """Samples past the turned angle `start` by the reference model, so that noise does not choose them; at least a few."""
+    """Samples past the turned angle `start` by the reference model, so that noise does not choose them; at
+    least a few."""
     past = data.seen & (model.heading(time, data.moment) >= start)
     last = np.where(data.seen, np.arange(time.shape[1]), -1).max(axis=1)
     few = data.seen & (np.arange(time.shape[1]) > last[:, None] - FEWEST_TAIL_SAMPLES) & (time > 0)
@@ -165,7 +176,8 @@ def _choose_tail(time: Floats, data: StepData, model: _Reference) -> tuple[float
 
 
 def _inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str) -> InertiaTable:
-    """Inertia of each run, mean at each moment and over all; standard error by the jackknife over runs, drag refitted."""
+    """Inertia of each run, mean at each moment and over all; standard error by the jackknife over runs, drag
+    refitted."""
     per_run = inertia_from_velocity_error(tails.error, moment, *drag.drag)
     levels = np.unique(moment)
     per_moment = {float(level): float(per_run[moment == level].mean()) for level in levels}

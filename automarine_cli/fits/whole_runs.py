@@ -1,4 +1,5 @@
-"""Whole runs simulated under any model: closed-loop driving, sequences, runs with effects that half-turns cannot show."""
+"""Whole runs simulated under any model: closed-loop driving, sequences, runs with effects that half-turns
+cannot show."""
 
 from dataclasses import replace
 
@@ -16,26 +17,36 @@ from automarine_cli.simulation.rollout import Start, simulate
 Floats = NDArray[np.float64]
 
 START_RATE_SD = 1.0
-"""Standard deviation [rad/s] of the start rate of a vehicle that may be moving: wide for vehicles of this kind."""
+"""Standard deviation [rad/s] of the start rate of a vehicle that may be moving: wide for vehicles of this
+kind."""
 
 
 def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_]) -> Problem:
     """Likelihood of whole runs by simulation.
 
-    theta is (the model's parameters, offset) with the offset as for half-turns. Run effects are start heading [rad, relative to
-    the first sample], start rate [rad/s] (only where `at_rest` (R,) is false), log gain of the moment delivered, a shift of each
-    change of command, and a disturbance moment held over each window of the batch: wind, waves, tether and whatever the model
-    lacks. Its size is estimated; it is zero in a quiet pool, and without it a minute of free running on a lake would say
-    nothing of the vehicle, because heading integrates every disturbance. It is told as an acceleration [rad/s²], so that a
-    common gain scales inertia and drag and nothing else.
+    theta is (the model's parameters, offset) with the offset as for half-turns. Run effects are start
+    heading [rad, relative to the first sample], start rate [rad/s] (only where `at_rest` (R,) is false), log
+    gain of the moment delivered, a shift of each change of command, and a disturbance moment held over each
+    window of the batch: wind, waves, tether and whatever the model lacks. Its size is estimated; it is zero
+    in a quiet pool, and without it a minute of free running on a lake would say nothing of the vehicle,
+    because heading integrates every disturbance. It is told as an acceleration [rad/s²], so that a common
+    gain scales inertia and drag and nothing else.
     """
     first = batch.heading[:, :1]
     late = batch.interval[None]
     edges = batch.interval.shape[1]
 
     def headings(theta: Floats, b: Floats) -> Floats:
-        shift = theta[:, -1, None, None] * late + b[:, :, 3 : 3 + edges]  # beyond its interval a step runs backwards, exactly
-        start = Start(first[None, :, 0] + b[:, :, 0], b[:, :, 1], b[:, :, 2], shift, theta[:, :1, None] * b[:, :, 3 + edges :])
+        shift = (
+            theta[:, -1, None, None] * late + b[:, :, 3 : 3 + edges]
+        )  # beyond its interval a step runs backwards, exactly
+        start = Start(
+            first[None, :, 0] + b[:, :, 0],
+            b[:, :, 1],
+            b[:, :, 2],
+            shift,
+            theta[:, :1, None] * b[:, :, 3 + edges :],
+        )
         return simulate(model, batch, theta[:, :-1], start).heading
 
     ones = np.ones((len(at_rest), 1))
@@ -77,9 +88,11 @@ def parameter_bounds(model: YawModel) -> list[tuple[float, float]]:
 
 
 def rough_model(number: str, batch: Batch) -> YawModel:
-    """Start values for model "1", "2" or "3": least squares of the momentum balance over windows of about a second.
+    """Start values for model "1", "2" or "3": least squares of the momentum balance over windows of about a
+    second.
 
-    I (r2 - r1) + k_rr ∫|r|r dt + k_r ∫r dt = ∫tau dt, with rates from differences of the heading over the same windows.
+    I (r2 - r1) + k_rr ∫|r|r dt + k_r ∫r dt = ∫tau dt, with rates from differences of the heading over the
+    same windows.
     """
     rows, sides = [], []
     for i in range(len(batch.names)):

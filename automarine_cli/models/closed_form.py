@@ -4,13 +4,13 @@ With a = |tau|/I, b = k_r/I, c = k_rr/I the rate obeys, once it has the moment's
 r' = a - b r - c r². Its solution needs one formula for all three models:
 
     delta = sqrt(b²/4 + a c),   r_inf = a/(delta + b/2),   z(t) = (r_inf - r0) (1 - exp(-2 delta t))/(2 delta)
-    psi(t) = psi0 + r_inf t + ln(1 - c z)/c,               r(t) = r_inf - (r_inf - r0) exp(-2 delta t)/(1 - c z)
+    psi(t) = psi0 + r_inf t + ln(1 - c z)/c,    r(t) = r_inf - (r_inf - r0) exp(-2 delta t)/(1 - c z)
 
-For c = 0 the logarithm becomes -z, the paper's equation 6; for b = 0 and r0 = 0 it is the paper's ln cosh (equation 8).
-From rest the heading ends on a line through eps = psi0 - sgn(tau) (I/k_rr) ln(1 + r_inf/r_2) at the instant of the step, where
-r_2 = (delta + b/2)/c is the size of the other root: equation 9 for k_r = 0, equation 7 for k_rr = 0.
-While the vehicle still turns against the moment drag helps the moment: the same formula holds for the size of the rate
-with a replaced by -a (delta may become imaginary), until the rate is zero.
+For c = 0 the logarithm becomes -z, the paper's equation 6; for b = 0 and r0 = 0 it is the paper's ln cosh
+(equation 8). From rest the heading ends on a line through eps = psi0 - sgn(tau) (I/k_rr) ln(1 + r_inf/r_2) at the
+instant of the step, where r_2 = (delta + b/2)/c is the size of the other root: equation 9 for k_r = 0, equation 7 for
+k_rr = 0. While the vehicle still turns against the moment drag helps the moment: the same formula holds for the size
+of the rate with a replaced by -a (delta may become imaginary), until the rate is zero.
 """
 
 import numpy as np
@@ -36,7 +36,7 @@ def response(
     time, moment, rate0 = (np.asarray(x, dtype=float) for x in (time, moment, rate0))
     forward = np.where(moment != 0, np.sign(moment), np.sign(rate0))
     t = np.maximum(time, 0.0)
-    a, b, c = np.abs(moment) / inertia, np.asarray(k_r) / inertia, np.asarray(k_rr) / inertia
+    a, b, c = _scaled(moment, inertia, k_r, k_rr)
     start = forward * rate0
     if np.any(start < 0):
         turned, rate = _against(t, a, b, c, start)
@@ -46,12 +46,14 @@ def response(
     return heading0 + forward * turned + early * rate0, np.where(time < 0, rate0, forward * rate)
 
 
-def velocity_error(moment: ArrayLike, inertia: ArrayLike, k_r: ArrayLike = 0.0, k_rr: ArrayLike = 0.0) -> Floats:
+def velocity_error(
+    moment: ArrayLike, inertia: ArrayLike, k_r: ArrayLike = 0.0, k_rr: ArrayLike = 0.0
+) -> Floats:
     """Intercept at the step's instant of the line on which the heading ends, start heading removed [rad].
 
     -sgn(tau) (I/k_rr) ln(1 + r_inf/r_2); equation 7 for k_rr = 0, equation 9 for k_r = 0.
     """
-    a, b, c = np.abs(moment) / inertia, np.asarray(k_r) / inertia, np.asarray(k_rr) / inertia
+    a, b, c = _scaled(moment, inertia, k_r, k_rr)
     delta = np.sqrt(b * b / 4 + a * c)
     with np.errstate(divide="ignore", invalid="ignore"):
         gap = np.where(a > 0, a / (delta + b / 2) / (2 * delta), 0.0)
@@ -59,12 +61,22 @@ def velocity_error(moment: ArrayLike, inertia: ArrayLike, k_r: ArrayLike = 0.0, 
 
 
 def inertia_from_velocity_error(eps: ArrayLike, moment: ArrayLike, k_r: ArrayLike, k_rr: ArrayLike) -> Floats:
-    """Inertia that gives the velocity error `eps` [rad] of the size expected for `moment`; inverse of `velocity_error`.
+    """Inertia that gives the velocity error `eps` [rad] of the size expected for `moment`; inverse of
+    `velocity_error`.
 
-    eps is proportional to the inertia: I = |eps| k_r²/|tau| (equation 7), |eps| k_rr/ln 2 (equation 9), and between them for model 2.
-    The sign is kept: a velocity error on the wrong side gives a negative inertia.
+    eps is proportional to the inertia: I = |eps| k_r²/|tau| (equation 7), |eps| k_rr/ln 2 (equation 9), and
+    between them for model 2. The sign is kept: a velocity error on the wrong side gives a negative inertia.
     """
     return np.asarray(eps) / velocity_error(moment, 1.0, k_r, k_rr)
+
+
+def _scaled(
+    moment: ArrayLike, inertia: ArrayLike, k_r: ArrayLike, k_rr: ArrayLike
+) -> tuple[Floats, Floats, Floats]:
+    """a, b, c of the Riccati equation."""
+    size, linear, quadratic = (np.asarray(x, dtype=float) for x in (np.abs(moment), k_r, k_rr))
+    mass = np.asarray(inertia, dtype=float)
+    return size / mass, linear / mass, quadratic / mass
 
 
 def _with(t: Floats, a: Floats, b: Floats, c: Floats, start: Floats) -> tuple[Floats, Floats]:
@@ -83,7 +95,9 @@ def _against(t: Floats, a: Floats, b: Floats, c: Floats, start: Floats) -> tuple
     speed = np.maximum(-start, 0.0)
     delta = np.sqrt((b * b / 4 - a * c).astype(complex))
     delta = np.where(np.abs(delta) < 1e-9, 1e-9, delta)
-    resisted = np.where(a + b * speed / 2 > 0, a + b * speed / 2, 1.0)  # only coasting has none, and it never brakes
+    resisted = np.where(
+        a + b * speed / 2 > 0, a + b * speed / 2, 1.0
+    )  # only coasting has none, and it never brakes
     stop = np.real(np.arctanh(delta * speed / resisted) / delta)
     braking = np.minimum(t, stop)
     final = -a / (delta + b / 2)

@@ -39,9 +39,13 @@ class YawModel:
     moment_unit: str = "nu"
 
     @classmethod
-    def base(cls, number: str, inertia: float, values: Sequence[float], moment_unit: str = "nu") -> "YawModel":
+    def base(
+        cls, number: str, inertia: float, values: Sequence[float] | Floats, moment_unit: str = "nu"
+    ) -> "YawModel":
         """Model "1", "2" or "3" of the paper; `values` in the order of BASE_TERMS."""
-        terms = tuple(Term(name, (float(value),)) for name, value in zip(BASE_TERMS[number], values, strict=True))
+        terms = tuple(
+            Term(name, (float(value),)) for name, value in zip(BASE_TERMS[number], values, strict=True)
+        )
         return cls(float(inertia), terms, moment_unit)
 
     @property
@@ -58,7 +62,9 @@ class YawModel:
         """The same terms with other values."""
         values = [float(v) for v in np.asarray(theta)]
         if len(values) != len(self.theta):
-            raise ModelError(f"{len(values)} values given for the {len(self.theta)} parameters {self.parameter_names}")
+            raise ModelError(
+                f"{len(values)} values given for the {len(self.theta)} parameters {self.parameter_names}"
+            )
         rest = iter(values[1:])
         terms = tuple(replace(term, values=tuple(next(rest) for _ in term.values)) for term in self.terms)
         return replace(self, inertia=values[0], terms=terms)
@@ -92,8 +98,8 @@ class YawModel:
 
 def steady_rate(moment: ArrayLike, k_r: ArrayLike, k_rr: ArrayLike) -> Floats:
     """Rate at which drag balances the moment [rad/s]: root of k_rr |r| r + k_r r = tau; inputs broadcast."""
-    size = np.abs(moment)
-    root = np.sqrt(np.square(k_r) + 4.0 * np.asarray(k_rr) * size)
+    size, linear = np.abs(np.asarray(moment, dtype=float)), np.asarray(k_r, dtype=float)
+    root = np.sqrt(linear**2 + 4.0 * np.asarray(k_rr, dtype=float) * size)
     with np.errstate(divide="ignore", invalid="ignore"):
-        rate = np.sign(moment) * 2.0 * size / (k_r + root)
+        rate = np.sign(np.asarray(moment, dtype=float)) * 2.0 * size / (linear + root)
     return np.where(size > 0, rate, 0.0)

@@ -1,7 +1,9 @@
-"""Many runs padded to one array: simulation grid, held commands, and command changes that may move, worked out once."""
+"""Many runs padded to one array: simulation grid, held commands, and command changes that may move, worked
+out once."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,22 +18,24 @@ WINDOW = 2.0
 """Length [s] of the windows in which a disturbance moment is held."""
 
 MOST_EDGES = 24
-"""Runs with more changes of command than this (closed-loop driving) get one shift for all their changes together."""
+"""Runs with more changes of command than this (closed-loop driving) get one shift for all their changes
+together."""
 
 
 @dataclass(frozen=True)
 class Batch:
     """R runs on a common layout: N samples, M steps and E command changes at most; shorter runs are padded.
 
-    The command changes half a sample interval before the sample that first shows it; a shift [s] of that instant
-    stretches the steps before it and shortens those after it, so that samples stay where they are and no step ever
-    holds two commands.
+    The command changes half a sample interval before the sample that first shows it; a shift [s] of that
+    instant stretches the steps before it and shortens those after it, so that samples stay where they are
+    and no step ever holds two commands.
 
-    `length` (R, M) step lengths [s], 0 in the padding; `stretch` (R, M) change of a length per second of shift of
-    its edge; `edge` (R, M) index of that edge; `moment` (R, M) command held over each step; `node` (R, N) which grid
-    node each sample is; `seen` (R, N) which samples exist; `heading` (R, N) measured [rad], 0 in the padding;
-    `interval` (R, E) sample interval [s] in which each change happened, 0 in the padding; `start` (R,) clock of
-    the first sample [s]; `window` (R, M) which of the windows of `WINDOW` seconds each step lies in; `signals` other logged columns held over the steps, (R, M).
+    `length` (R, M) step lengths [s], 0 in the padding; `stretch` (R, M) change of a length per second of
+    shift of its edge; `edge` (R, M) index of that edge; `moment` (R, M) command held over each step; `node`
+    (R, N) which grid node each sample is; `seen` (R, N) which samples exist; `heading` (R, N) measured
+    [rad], 0 in the padding; `interval` (R, E) sample interval [s] in which each change happened, 0 in the
+    padding; `start` (R,) clock of the first sample [s]; `window` (R, M) which of the windows of `WINDOW`
+    seconds each step lies in; `signals` other logged columns held over the steps, (R, M).
     """
 
     names: tuple[str, ...]
@@ -60,7 +64,8 @@ class Batch:
         return np.take_along_axis(clock, self.node, axis=1)
 
     def commands(self, shift: Floats | None = None) -> Commands:
-        """Commands on the grid, (P or 1, R, M), with the instants of change moved by `shift` (P, R, E) [s]."""
+        """Commands on the grid, (P or 1, R, M), with the instants of change moved by `shift` (P, R, E)
+        [s]."""
         length = self.length[None]
         if shift is not None:
             index = np.broadcast_to(self.edge[None], (len(shift), *self.edge.shape))
@@ -83,25 +88,30 @@ class _Grid:
 def make_batch(runs: Sequence[Run], max_step: float, signals: Sequence[str] = ()) -> Batch:
     """Lay `runs` out for simulation with steps of at most `max_step` [s].
 
-    `signals` names the columns of `Run.extras` that effects need. Raises RunError for no runs, a run without a
-    moment, runs with moments in different units, or a missing signal.
+    `signals` names the columns of `Run.extras` that effects need. Raises RunError for no runs, a run without
+    a moment, runs with moments in different units, or a missing signal.
     """
     if not runs:
         raise RunError("no runs to simulate; give at least one log")
     units = {run.moment_unit for run in runs}
     if len(units) > 1:
-        raise RunError(f"the logs give moments in different units ({', '.join(sorted(units))}); map them to one with --columns")
+        raise RunError(
+            f"the logs give moments in different units ({', '.join(sorted(units))}); map them to one with "
+            "--columns"
+        )
     for run in runs:
         missing = [name for name in signals if name not in run.extras]
         if missing:
-            raise RunError(f"{run.source}, run {run.name!r}: the model needs column {missing[0]!r}, which the log lacks")
+            raise RunError(
+                f"{run.source}, run {run.name!r}: the model needs column {missing[0]!r}, which the log lacks"
+            )
     grids = [_grid(run, max_step) for run in runs]
     steps = max(len(g.length) for g in grids)
     samples = max(len(run) for run in runs)
     edges = max(1, *(len(g.interval) for g in grids))
 
-    def padded(rows: Sequence[NDArray[np.generic]], width: int, fill: float = 0.0) -> Floats:
-        out = np.full((len(rows), width), fill, dtype=np.result_type(*rows))
+    def padded(rows: Sequence[NDArray[Any]], width: int) -> NDArray[Any]:
+        out = np.zeros((len(rows), width), dtype=np.result_type(*rows))
         for row, values in zip(out, rows):
             row[: len(values)] = values
         return out
@@ -125,7 +135,8 @@ def make_batch(runs: Sequence[Run], max_step: float, signals: Sequence[str] = ()
 
 
 def _grid(run: Run, max_step: float) -> _Grid:
-    """Steps between the samples of one run; an interval in which the command changes is halved at the change."""
+    """Steps between the samples of one run; an interval in which the command changes is halved at the
+    change."""
     intervals = np.diff(run.time)
     changed = np.diff(run.command) != 0
     count = np.maximum(np.ceil(intervals / max_step - 1e-9).astype(int), 1)

@@ -1,4 +1,5 @@
-"""Advance every run under every parameter set together: classical Runge-Kutta with a fixed step, blind to the effects.
+"""Advance every run under every parameter set together: classical Runge-Kutta with a fixed step, blind to
+the effects.
 
 Order of the axes everywhere: parameter sets P, runs R, samples N (or steps M).
 """
@@ -17,11 +18,12 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Start:
-    """What differs from run to run and is no property of the vehicle; each broadcasts to (P, R), shift to (P, R, E).
+    """What differs from run to run and is no property of the vehicle; each broadcasts to (P, R), shift to
+    (P, R, E).
 
-    `heading` [rad] and `rate` [rad/s] at the first sample, `log_gain` of the moment delivered, `shift` [s] of every
-    change of command from the middle of the interval in which it happened, `disturbance` (P, R, windows) a moment
-    added in each window of the batch.
+    `heading` [rad] and `rate` [rad/s] at the first sample, `log_gain` of the moment delivered, `shift` [s]
+    of every change of command from the middle of the interval in which it happened, `disturbance` (P, R,
+    windows) a moment added in each window of the batch.
     """
 
     heading: ArrayLike = 0.0
@@ -33,7 +35,8 @@ class Start:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Simulated heading as the sensor reads it [rad] and true yaw rate [rad/s] at the samples, both (P, R, N)."""
+    """Simulated heading as the sensor reads it [rad] and true yaw rate [rad/s] at the samples, both (P, R,
+    N)."""
 
     heading: Floats
     rate: Floats
@@ -44,22 +47,30 @@ def step_for(model: YawModel, moment: float) -> float:
     return float(np.clip(model.fastest(moment) / 4.0, 1e-3, 0.2))
 
 
-def simulate(model: YawModel, batch: Batch, theta: Floats | None = None, start: Start | None = None) -> Trajectory:
+def simulate(
+    model: YawModel, batch: Batch, theta: Floats | None = None, start: Start | None = None
+) -> Trajectory:
     """Simulate all runs of `batch` under all parameter sets `theta` (P, p), by default the model's own.
 
-    Returns headings and rates of shape (P, R, N). Commands are held over each step; the order is actuators on the commands,
-    sum of moments with water states, division by inertia, sensors on the heading.
+    Returns headings and rates of shape (P, R, N). Commands are held over each step; the order is actuators
+    on the commands, sum of moments with water states, division by inertia, sensors on the heading.
     """
     theta = np.atleast_2d(model.theta if theta is None else theta)
     start = start or Start()
-    shape = np.broadcast_shapes((len(theta), len(batch.names)), np.shape(start.heading), np.shape(start.log_gain))
+    shape = np.broadcast_shapes(
+        (len(theta), len(batch.names)), np.shape(start.heading), np.shape(start.log_gain)
+    )
     terms = list(model.unpack(theta))
     commands = batch.commands(start.shift)
     for effect, values in terms:
         if effect.place is Place.ACTUATOR:
             wide = tuple(v[..., None] for v in values)
-            commands = type(commands)(effect.deliver(commands, wide), commands.start, commands.length, commands.signals)
-    with np.errstate(over="ignore", invalid="ignore"):  # a fit may try parameters that no vehicle has; it sees the infinity
+            commands = type(commands)(
+                effect.deliver(commands, wide), commands.start, commands.length, commands.signals
+            )
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # a fit may try parameters that no vehicle has; it sees the infinity
         heading, rate = _integrate(theta[:, :1], terms, batch, commands, start, shape)
     time = np.concatenate([np.zeros_like(commands.start[..., :1]), commands.start + commands.length], axis=2)
     for effect, values in terms:
@@ -80,7 +91,9 @@ def _integrate(inertia, terms, batch, commands, start, shape):  # type: ignore[n
     if start.disturbance is not None:
         index = np.broadcast_to(batch.window[None], (len(start.disturbance), *batch.window.shape))
         delivered = delivered + np.take_along_axis(start.disturbance, index, axis=2)
-    delivered = np.ascontiguousarray(np.moveaxis(np.broadcast_to(delivered, (*shape, delivered.shape[2])), 2, 0))
+    delivered = np.ascontiguousarray(
+        np.moveaxis(np.broadcast_to(delivered, (*shape, delivered.shape[2])), 2, 0)
+    )
     lengths, begins = np.moveaxis(commands.length, 2, 0), np.moveaxis(commands.start, 2, 0)
     state = np.zeros((used, *shape))
     state[0], state[1] = start.heading, start.rate

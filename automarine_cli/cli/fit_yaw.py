@@ -1,0 +1,50 @@
+"""`automarine fit-yaw`: options in, one workflow call, tables out."""
+
+from pathlib import Path
+
+import click
+
+from automarine_cli.cli import options
+from automarine_cli.cli.echo import Printable
+
+
+@click.command("fit-yaw")
+@options.logs_argument
+@options.columns_option
+@options.thrusters_option
+@options.arm_option
+@click.option(
+    "--fit-to", type=click.Choice(("auto", "half-turns", "whole-runs")), default="auto", show_default=True,
+    help="What of the runs is fitted; auto takes half-turns where enough runs have them.",
+)  # fmt: skip
+@options.out_option
+@options.overwrite_option
+@options.strict_option
+@options.jobs_option
+@options.json_option
+@options.verbosity
+def fit_yaw(
+    logs: tuple[str, ...], columns: Path | None, thrusters: Path | None, arm: float | None, fit_to: str,
+    out: Path | None, overwrite: bool, strict: bool, jobs: int, as_json: bool,
+) -> object:  # fmt: skip
+    """Identify the yaw model from step runs: drag (Table 1) and inertia (Table 2).
+
+    Each run is trimmed to its first half-turn and fitted twice: by the paper's steady rates and velocity
+    errors, and by maximum likelihood on the headings. Logs without steps are fitted as whole runs.
+
+    \b
+    Example:
+      automarine fit-yaw sample_runs/steps -o out/fit-yaw
+    """
+    from automarine_cli.report import yaw_report
+    from automarine_cli.workflows import fit_yaw as workflow
+
+    result = workflow.fit_yaw(
+        logs, columns=columns, thrusters=thrusters, arm=arm, fit_to=fit_to, out=out, overwrite=overwrite,
+        strict=strict, jobs=jobs, progress=options.terminal_progress(),
+    )  # fmt: skip
+    tables: list[Printable | str] = [*yaw_report.tables(result, short=True), *yaw_report.sentences(result)]
+    options.echo_result(
+        result, as_json=as_json, out=out, tables=tables, files=("yaw_model.json", "table1.md", "table2.md")
+    )
+    return result

@@ -1,0 +1,140 @@
+"""From runs to a yaw fit: which runs serve for what, then both estimators and the preferred model."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.errors import FitError, RunError
+from automarine_cli.fits.output_error import OutputErrorFit, fit_half_turns, fit_whole_runs, prefer
+from automarine_cli.fits.step_response import Known, StepData, half_turn_data
+from automarine_cli.fits.velocity_error import fit_velocity_error
+from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.fits.yaw_warnings import fit_warnings, step_warnings
+from automarine_cli.runs.half_turn import HalfTurn, half_turns
+from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.steps import find_steps
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import step_for
+
+Map = Callable[[Callable[[str], OutputErrorFit], Sequence[str]], Sequence[OutputErrorFit]]
+
+NOTHING_KNOWN = Known()
+
+FEWEST_STEPS = 3
+FEWEST_SAMPLES = 20  # of a whole run
+
+
+STEPS = (0.1, 0.025)
+"""Largest simulation steps [s] for whole runs, tried in turn."""
+
+
+def identify(
+    runs: Sequence[Run], fit_to: str = "auto", known: Known = NOTHING_KNOWN, each: Map | None = None
+) -> YawFit:
+    """Fit the three models to `runs`.
+
+    `fit_to` is "half-turns", "whole-runs", or "auto": half-turns if at least three at two sizes of moment
+    serve and they are half of the runs or more, else whole runs. `known` is what need not be estimated;
+    `each` maps a function over the models (to use processes). Raises RunError where too few runs are left,
+    FitError where the data cannot carry a fit.
+    """
+    each = each or (lambda function, models: [function(model) for model in models])
+    turns, set_aside = half_turns(runs)
+    sizes = len({round(abs(turn.moment), 9) for turn in turns})
+    enough = len(turns) >= FEWEST_STEPS and sizes >= 2
+    if fit_to == "half-turns" and not enough:
+        raise RunError(
+            f"{len(turns)} half-turns at {sizes} sizes of moment serve, and at least {FEWEST_STEPS} at 2 "
+            "are needed; "
+            f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
+        )
+    if fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= len(runs)):
+        return _fit_steps(turns, set_aside, known, each)
+    return _fit_whole(tuple(runs), turns, set_aside, each)
+
+
+def _reasons(set_aside: Sequence[SetAside]) -> str:
+    return (
+        f"the first set aside: {set_aside[0].file}, run {set_aside[0].run}: {set_aside[0].why}; "
+        if set_aside
+        else ""
+    )
+
+
+def _fit_steps(
+    turns: tuple[HalfTurn, ...], set_aside: tuple[SetAside, ...], known: Known, each: Map
+) -> YawFit:
+    unit = turns[0].step.run.moment_unit
+    data = half_turn_data(turns)
+    zero = np.zeros(len(turns))
+    rough = fit_velocity_error(data, zero, moment_unit=unit)
+    start = (rough.inertia["3"].overall.value, rough.drag["1"].drag[0], rough.drag["3"].drag[1])
+    fits = dict(
+        zip("123", each(partial(_fit_model, data=data, start=start, unit=unit, known=known), ("1", "2", "3")))
+    )
+    preference = prefer(fits)
+    seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit)
+    warnings = (*step_warnings(turns, seed), *fit_warnings(fits, preference))
+    return YawFit(unit, turns, data, (), fits, seed, "", preference, set_aside, warnings)
+
+
+def _fit_model(
+    number: str, data: StepData, start: tuple[float, float, float], unit: str, known: Known
+) -> OutputErrorFit:
+    inertia, k_r, k_rr = start
+    if number == "1":  # its inertia from the same tails: equation 7 against equation 9
+        inertia *= 0.7
+    return fit_half_turns(data, number, (inertia, k_r if number == "1" else 0.02 * k_r, k_rr), unit, known)
+
+
+def _fit_whole(
+    runs: tuple[Run, ...], turns: Sequence[HalfTurn], set_aside: Sequence[SetAside], each: Map
+) -> YawFit:
+    serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in runs]
+    moving = tuple(run for run, good in zip(runs, serves) if good)
+    short = tuple(
+        SetAside(run.source, run.name, _too_little(run)) for run, good in zip(runs, serves) if not good
+    )
+    if not moving:
+        raise RunError(
+            f"none of {len(runs)} runs has a moment that acts; {_reasons(short)}look at them with "
+            "`automarine check`"
+        )
+    at_rest = np.array([starts_at_rest(run) for run in moving])
+    fits = dict(zip("123", each(partial(_fit_whole_model, runs=moving, at_rest=at_rest), ("1", "2", "3"))))
+    why = (
+        f"{len(turns)} of {len(runs)} runs hold a constant moment from rest through a half-turn, too few "
+        "for steady rates and "
+        "velocity errors; the whole runs were fitted by output error"
+    )
+    preference = prefer(fits)
+    warnings = tuple(fit_warnings(fits, preference))
+    return YawFit(moving[0].moment_unit, (), None, moving, fits, None, why, preference, short, warnings)
+
+
+def _too_little(run: Run) -> str:
+    if len(run) < FEWEST_SAMPLES:
+        return f"{len(run)} samples say nothing of drag or inertia; log for longer, at least {FEWEST_SAMPLES} samples"
+    return "no moment acts in this run; it shows the noise, but neither drag nor inertia"
+
+
+def _fit_whole_model(number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_]) -> OutputErrorFit:
+    """Fit, and fit again with finer steps where the model turns out to be faster than the first ones."""
+    largest = max(float(np.abs(run.command).max()) for run in runs)
+    for step in STEPS:
+        fit = fit_whole_runs(make_batch(runs, step), number, at_rest)
+        if step_for(fit.model, largest) >= 0.5 * step:
+            return fit
+    raise FitError(
+        f"model {number} answers within {1000 * fit.model.fastest(largest):.0f} ms, faster than these logs "
+        "can show; "
+        "check the units of moment and time"
+    )
+
+
+def starts_at_rest(run: Run) -> bool:
+    """Whether the run begins with the vehicle standing still at zero moment."""
+    steps = find_steps(run)
+    return bool(steps) and steps[0].rest is not None and steps[0].rest.start <= 2

@@ -1,0 +1,120 @@
+"""A whole yaw identification: which runs serve for what, both estimators, the preferred model, and what to
+be warned of."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.fits.drag import nested_test
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.output_error import (
+    OutputErrorFit,
+    Preference,
+)
+from automarine_cli.fits.step_response import StepData
+from automarine_cli.fits.velocity_error import VelocityErrorFit
+from automarine_cli.runs.half_turn import HalfTurn
+from automarine_cli.runs.run import Run, SetAside
+
+Floats = NDArray[np.float64]
+Map = Callable[[Callable[[str], OutputErrorFit], Sequence[str]], Sequence[OutputErrorFit]]
+
+SCHEMA = "automarine/yaw-model/1"
+
+
+@dataclass(frozen=True)
+class YawFit:
+    """Everything that a yaw identification found.
+
+    `turns` and `data` are the half-turns used (empty and None for whole runs), `runs` the whole runs (or
+    empty), `output_error` and `seed_method` the two estimators by model, `why_no_seed_method` a sentence
+    where there is none.
+    """
+
+    moment_unit: str
+    turns: tuple[HalfTurn, ...]
+    data: StepData | None
+    runs: tuple[Run, ...]
+    output_error: Mapping[str, OutputErrorFit]
+    seed_method: VelocityErrorFit | None
+    why_no_seed_method: str
+    preference: Preference
+    set_aside: tuple[SetAside, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def preferred(self) -> OutputErrorFit:
+        """The preferred model's maximum-likelihood fit."""
+        return self.output_error[self.preference.number]
+
+    @property
+    def inertial_turn_angle(self) -> Estimate | None:
+        """I/k_rr [rad] of the preferred model, of model 3 where that has no quadratic drag."""
+        return self.preferred.inertial_turn_angle or self.output_error["3"].inertial_turn_angle
+
+    @property
+    def used(self) -> int:
+        """Number of runs fitted."""
+        return len(self.turns) or len(self.runs)
+
+    def to_json(self) -> dict[str, object]:
+        """The result file: schema automarine/yaw-model/1."""
+        fit, turn = self.preferred, self.inertial_turn_angle
+        content: dict[str, object] = {
+            "schema": SCHEMA,
+            "moment_unit": self.moment_unit,
+            "fitted_to": "half-turns" if self.turns else "whole runs",
+            "models": {number: self._model_json(number) for number in sorted(self.output_error)},
+            "preferred": self.preference.number,
+            "preferred_because": self.preference.because,
+            "inertial_turn_angle_rad": None if turn is None else turn.to_json(),
+            "effects": [],
+            "gain_scatter": fit.gain_scatter.to_json(),
+            "switch_offset": fit.offset.to_json(),
+            "heading_noise_deg": float(np.degrees(fit.noise)),
+            "warnings": list(self.warnings),
+            "runs": {"used": self.used, "set_aside": [asdict(run) for run in self.set_aside]},
+        }
+        return content
+
+    def _model_json(self, number: str) -> dict[str, object]:
+        fit = self.output_error[number]
+        content: dict[str, object] = {name: e.to_json() for name, e in _drag_first(fit.estimates).items()}
+        content["inertial_turn_angle_rad"] = (
+            None if fit.inertial_turn_angle is None else fit.inertial_turn_angle.to_json()
+        )
+        content["output_error"] = {
+            **{name: e.to_json() for name, e in _drag_first(fit.estimates).items()},
+            "log_likelihood": fit.mixed.log_likelihood,
+            "log_density_of_left_out_runs": float(fit.mixed.predictive.sum()),
+            "gain_scatter": fit.gain_scatter.to_json(),
+            "switch_offset": fit.offset.to_json(),
+            "heading_noise_deg": float(np.degrees(fit.noise)),
+            "converged": fit.mixed.converged,
+        }
+        seed = self.seed_method
+        if seed is None or number not in seed.drag:
+            why = self.why_no_seed_method or "too few half-turns to carry two drag terms"
+            return content | {"sse": None, "velocity_error": None, "why": why}
+        drag = seed.drag[number]
+        content["sse"] = drag.sse
+        content["velocity_error"] = {
+            **{name: e.to_json() for name, e in drag.estimates.items()},
+            "I_r": seed.inertia[number].overall.to_json(),
+            "sse": drag.sse,
+            "aicc": drag.aicc if np.isfinite(drag.aicc) else None,
+            "f_test_against_2": asdict(nested_test(drag, seed.drag["2"]))
+            if number != "2" and "2" in seed.drag
+            else None,
+            "I_r_mean_at_moment": {
+                f"{level:g}": mean for level, mean in seed.inertia[number].per_moment.items()
+            },
+            "tail_from_deg": float(np.degrees(seed.tail_from)),
+        }
+        return content
+
+
+def _drag_first(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    return {name: estimates[name] for name in ("k_rr", "k_r", "I_r") if name in estimates}

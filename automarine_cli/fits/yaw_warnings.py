@@ -1,0 +1,82 @@
+"""What a person must know before trusting a yaw fit: said in sentences, from the fit itself."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from automarine_cli.fits.drag import identity_gap
+from automarine_cli.fits.output_error import OutputErrorFit, Preference
+from automarine_cli.fits.velocity_error import BIAS_LIMIT, VelocityErrorFit
+from automarine_cli.runs.half_turn import HalfTurn
+
+PLAUSIBLE_TURN = (0.05, 3.0)
+"""Inertial turn angles [rad] of small vehicles; outside, a unit or an unmodelled delay is the likelier
+story."""
+
+
+LATE = (
+    "The moment seems to act half a sample interval or more after the log shows it: a delay or a lag of the "
+    "thrusters, which inflates the inertia."
+)
+EARLY = (
+    "The moment seems to act half a sample interval or more before the log shows it: check the clocks of heading "
+    "and command."
+)
+
+
+def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit) -> list[str]:
+    found = []
+    if not seed.steady:
+        found.append(
+            "Half a turn is not enough to get steady: the best tail, from "
+            f"{np.degrees(seed.tail_from):.0f}° on, still leaves a bias of "
+            f"{100 * max(map(abs, seed.bias)):.1f} %, more than {100 * BIAS_LIMIT:.1f} %; trust the maximum "
+            "likelihood, which needs no tail."
+        )
+    unsteady = [turn.name for turn in turns if not turn.steady]
+    if unsteady:
+        found.append(f"{len(unsteady)} half-turns end before the rate is steady, {unsteady[0]} first.")
+    if "2" in seed.drag and "3" in seed.drag:
+        rate, two = seed.tails.rate, seed.drag["2"].drag
+        gap = identity_gap(rate, seed.drag["3"].drag[1], two[1], two[0])
+        if abs(gap) > 1e-6 * abs(two[1]):
+            found.append(
+                f"Table 1 breaks the identity k3 = k2 + k_r sum|r|^3/sum r^4 by {gap:.2g}: the fit is "
+                "ill-conditioned."
+            )
+    return found
+
+
+def fit_warnings(fits: Mapping[str, OutputErrorFit], preference: Preference) -> list[str]:
+    found = []
+    fit = fits[preference.number]
+    turn = fit.inertial_turn_angle or fits["3"].inertial_turn_angle
+    low, high = PLAUSIBLE_TURN
+    if turn is not None and not low <= turn.value <= high:
+        found.append(
+            f"The inertial turn angle of {turn.value:.3g} rad lies outside {low:g} to {high:g} rad, where "
+            "small vehicles are: "
+            "check the units of time and heading, and whether the thrusters or the log lag."
+        )
+    for number, other in sorted(fits.items()):
+        if not other.mixed.converged:
+            found.append(
+                f"Model {number} had not converged after {other.mixed.iterations} iterations; its numbers "
+                "are rough."
+            )
+        names = tuple(other.estimates)
+        for i in other.mixed.at_bound:
+            if i == len(names):
+                if number == preference.number:
+                    found.append(LATE if other.mixed.theta[i] > 0 else EARLY)
+                continue
+            found.append(
+                f"Model {number}: {names[i]} stands at a bound of its range, so its interval says nothing."
+            )
+        for name, estimate in other.estimates.items():
+            if number == preference.number and estimate.stderr > abs(estimate.value):
+                found.append(
+                    f"Model {number}: the standard error of {name} exceeds its value; these runs hardly "
+                    "show it."
+                )
+    return found

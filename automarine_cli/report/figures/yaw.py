@@ -1,0 +1,226 @@
+"""Figures of a yaw fit: half-turns with their trims, drag (the paper's Fig. 7), inertia (Fig. 9), the
+collapse, whole runs."""
+
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from automarine_cli.fits.step_response import StepData
+from automarine_cli.fits.velocity_error import VelocityErrorFit
+from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.models.closed_form import response
+from automarine_cli.models.yaw_model import steady_rate
+from automarine_cli.report.figures.style import (
+    COLOURS,
+    MEASURED,
+    MODEL_COLOURS,
+    MODEL_LINES,
+    PAGE_IN,
+    house_style,
+    legend,
+    new_figure,
+)
+
+MOMENT_MAP = "cividis"
+
+
+@house_style
+def half_turns_figure(fit: YawFit) -> Figure:
+    """Heading against time of every half-turn: kept part coloured by the size of the moment, what follows in
+    grey."""
+    figure, axes = new_figure(1, 2, PAGE_IN, 3.2, sharey=True)
+    scale, colours = _moment_scale(np.array([turn.moment for turn in fit.turns]))
+    for ax, sign, side in zip(
+        axes[0], (-1, 1), ("to port (negative moments)", "to starboard (positive moments)")
+    ):
+        for turn in fit.turns:
+            if np.sign(turn.moment) != sign:
+                continue
+            run, start = turn.step.run, turn.step.switch_mid
+            first = turn.step.rest.start if turn.step.rest is not None else turn.kept.start
+            after = slice(turn.kept.stop - 1, turn.step.stop)
+            zero = np.degrees(turn.start_heading)
+            for part, style in ((slice(first, turn.kept.start + 1), "-"), (after, "-")):
+                ax.plot(
+                    run.time[part] - start,
+                    np.degrees(run.heading[part]) - zero,
+                    style,
+                    color="0.82",
+                    lw=0.7,
+                    zorder=1,
+                )
+            ax.plot(
+                turn.time - start,
+                np.degrees(turn.heading) - zero,
+                color=colours(abs(turn.moment)),
+                lw=0.9,
+                zorder=2,
+            )
+        ax.axhline(sign * 180.0, color=COLOURS["vermilion"], lw=0.9, ls="--", zorder=3)
+        ax.set_title(side)
+        ax.set_xlabel("Time since the step [s]")
+    axes[0, 0].set_ylabel("Heading less start heading ψ − ψ₀ [deg]")
+    axes[0, 1].plot([], [], color="0.82", label="rest, and what was cut")
+    axes[0, 1].plot([], [], color=COLOURS["vermilion"], ls="--", label="half a turn")
+    legend(axes[0, 1], loc="lower right")
+    figure.colorbar(scale, ax=axes, label=f"Size of the moment |τ| [{fit.moment_unit}]", pad=0.01)
+    return figure
+
+
+@house_style
+def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
+    """Steady yaw rate against moment with the three curves of Table 1, residuals below (the paper's Fig.
+    7)."""
+    figure, axes = new_figure(2, 1, 4.6, 4.6, sharex=True, height_ratios=(2.4, 1.0))
+    top, bottom = axes[:, 0]
+    moment, rate = np.array([turn.moment for turn in fit.turns]), seed.tails.rate
+    grid = np.linspace(min(moment.min(), 0.0), max(moment.max(), 0.0), 401) * 1.03
+    top.plot(
+        moment,
+        np.degrees(rate),
+        "o",
+        mfc="none",
+        mec=MEASURED,
+        mew=0.8,
+        label="measured, one run each",
+        zorder=2,
+    )
+    for number in ("1", "2", "3"):
+        if number not in seed.drag:
+            continue
+        k_r, k_rr = seed.drag[number].drag
+        look: dict[str, Any] = {"color": MODEL_COLOURS[number], "zorder": 4 if number == "2" else 3}
+        top.plot(
+            grid,
+            np.degrees(steady_rate(grid, k_r, k_rr)),
+            ls=MODEL_LINES[number],
+            label=f"model {number}",
+            **look,
+        )
+        shift = (int(number) - 2) * 0.006 * np.ptp(grid)
+        bottom.plot(
+            moment + shift, seed.drag[number].residuals, "^os"[int(number) - 1], ms=2.6, mec="none", **look
+        )
+    top.set_ylabel("Steady yaw rate r [deg/s]")
+    bottom.set_ylabel(f"Residual [{fit.moment_unit}]")
+    bottom.set_xlabel(f"Yaw moment τ [{fit.moment_unit}]")
+    bottom.axhline(0.0, color="0.4", lw=0.6, zorder=1)
+    legend(top, loc="upper left")
+    return figure
+
+
+@house_style
+def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
+    """Inertia of each run, mean at each moment, overall by both methods (the paper's Fig. 9)."""
+    models = [number for number in ("1", "3") if number in seed.inertia]
+    figure, axes = new_figure(1, len(models), PAGE_IN, 3.0)
+    moment = np.array([turn.moment for turn in fit.turns])
+    for ax, number in zip(axes[0], models):
+        table, ml = seed.inertia[number], fit.output_error[number].estimates["I_r"]
+        ax.plot(moment, table.per_run, "o", mfc="none", mec=MEASURED, mew=0.8, label="one run")
+        means = sorted(table.per_moment.items())
+        ax.plot(
+            *np.transpose(means),
+            "D",
+            ms=4,
+            color=COLOURS["vermilion"],
+            mec="none",
+            label="mean at one moment",
+        )
+        ends = moment.min() * 1.05, moment.max() * 1.05
+        for estimate, colour, name in (
+            (table.overall, COLOURS["black"], "velocity error"),
+            (ml, COLOURS["blue"], "maximum likelihood"),
+        ):
+            style = "-" if name == "maximum likelihood" else "--"
+            ax.hlines(estimate.value, *ends, color=colour, ls=style, lw=1.1, label=f"overall, {name}")
+            ax.fill_between(ends, *estimate.ci95, color=colour, alpha=0.15, lw=0)
+        spread = np.array([*table.per_run, *ml.ci95])
+        low, high = np.percentile(spread, [2, 98])
+        ax.set_ylim(min(0.0, low), max(1.1 * high, high + 0.35 * np.ptp([low, high])))
+        ax.set_title(f"model {number}")
+        ax.set_xlabel(f"Yaw moment τ [{fit.moment_unit}]")
+    axes[0, 0].set_ylabel(f"Yaw inertia $I_r$ [{fit.moment_unit} s²]")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+@house_style
+def collapse_figure(fit: YawFit, data: StepData) -> Figure:
+    """Heading against time times the root of the moment: one curve for all runs if model 3 holds."""
+    figure, axes = new_figure(2, 1, 4.6, 4.6, sharex=True, height_ratios=(2.4, 1.0))
+    top, bottom = axes[:, 0]
+    model = fit.output_error["3"]
+    k_rr, inertia = model.estimates["k_rr"].value, model.estimates["I_r"].value
+    scale, colours = _moment_scale(data.moment)
+    late = model.offset.value * data.interval
+    longest = 0.0
+    for i, moment in enumerate(data.moment):
+        used = data.seen[i] & (data.time[i] >= 0)
+        scaled = np.maximum(data.time[i][used] - late[i], 0.0) * np.sqrt(abs(moment))
+        turned = np.sign(moment) * data.heading[i][used]
+        curve = response(scaled, 1.0, inertia, 0.0, k_rr)[0]
+        look: dict[str, Any] = {"color": colours(abs(moment)), "ms": 2.0, "mec": "none"}
+        top.plot(scaled, np.degrees(turned), "o", **look)
+        bottom.plot(scaled, np.degrees(turned - curve), "o", **look)
+        longest = max(longest, float(scaled.max(initial=0.0)))
+    grid = np.linspace(0.0, longest, 400)
+    name = r"$(I_r/k_{r|r|})\,\ln\cosh\,(s\sqrt{k_{r|r|}}/I_r)$"
+    top.plot(
+        grid,
+        np.degrees(response(grid, 1.0, inertia, 0.0, k_rr)[0]),
+        color=COLOURS["vermilion"],
+        lw=1.4,
+        label=name,
+    )
+    bottom.axhline(0.0, color=COLOURS["vermilion"], lw=1.0)
+    top.set_ylabel("Heading turned sgn(τ)(ψ − ψ₀) [deg]")
+    bottom.set_ylabel("Off the curve [deg]")
+    bottom.set_xlabel(f"Scaled time s = t √|τ| [s ({fit.moment_unit})$^{{1/2}}$]")
+    legend(top, loc="upper left")
+    figure.colorbar(scale, ax=axes, label=f"Size of the moment |τ| [{fit.moment_unit}]", pad=0.01)
+    return figure
+
+
+@house_style
+def whole_runs_figure(fit: YawFit) -> Figure:
+    """Measured heading of each whole run, and the preferred model's with the disturbance that the fit allows
+    it."""
+    count = len(fit.runs)
+    shown = list(range(count))[:24]
+    columns = min(3, len(shown))
+    rows = -(-len(shown) // columns)
+    figure, axes = new_figure(rows, columns, PAGE_IN, 0.6 + 1.7 * rows)
+    number = fit.preference.number
+    for ax, i in zip(axes.flat, shown):
+        run = fit.runs[i]
+        time, fitted = run.time - run.time[0], fit.preferred.mixed.fitted[i][: len(run)]
+        ax.plot(time, np.degrees(run.heading), color=MEASURED, lw=2.0, label="measured")
+        ax.plot(
+            time,
+            np.degrees(fitted),
+            color=MODEL_COLOURS[number],
+            ls=MODEL_LINES[number],
+            lw=1.0,
+            label=f"model {number} with disturbance",
+        )
+        ax.set_title(run.name)
+    for ax in axes.flat[len(shown) :]:
+        ax.set_axis_off()
+    for ax in axes[-1]:
+        ax.set_xlabel("Time in the run [s]")
+    for ax in axes[:, 0]:
+        ax.set_ylabel("Heading ψ [deg]")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
+    return figure
+
+
+def _moment_scale(moment: Any) -> tuple[Any, Any]:
+    """A colour for each size of moment: the mappable for the colour bar, and the function."""
+    sizes = np.abs(moment)
+    low, high = float(sizes.min()), float(sizes.max())
+    scale = matplotlib.cm.ScalarMappable(Normalize(low if high > low else 0.9 * low, high), MOMENT_MAP)
+    return scale, scale.to_rgba

@@ -1,0 +1,118 @@
+"""All files of a yaw fit, in memory: tables, figures, one row a run."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.report import yaw_tables
+from automarine_cli.report.figures import yaw as figures
+from automarine_cli.report.figures.style import png
+from automarine_cli.report.tables import Table
+
+
+def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
+    """Tables 1 and 2; `short` leaves out the means at each moment."""
+    notes = (
+        (yaw_tables.tail_note(fit.seed_method),)
+        if fit.seed_method is not None
+        else (f"{fit.why_no_seed_method}.",)
+    )
+    one = yaw_tables.drag_table(fit.seed_method, fit.output_error, fit.moment_unit, notes)
+    two = yaw_tables.inertia_table(fit.seed_method, fit.output_error, fit.moment_unit, notes, not short)
+    return one, two
+
+
+def sentences(fit: YawFit) -> tuple[str, ...]:
+    """What a person should read beside the tables: choice, inertial turn angle, scatter, warnings."""
+    preferred, turn = fit.preferred, fit.inertial_turn_angle
+    lines = [fit.preference.because]
+    if turn is not None:
+        low, high = turn.ci95
+        lines.append(
+            f"Inertial turn angle I_r/k_r|r|: {turn.value:.4g} rad [{low:.4g}, {high:.4g}], whatever the "
+            "moment's unit."
+        )
+    low, high = preferred.gain_scatter.ci95
+    lines.append(
+        f"Thrust scatters from run to run by {100 * preferred.gain_scatter.value:.1f} % [{100 * low:.1f}, "
+        f"{100 * high:.1f}]; "
+        f"heading noise {np.degrees(preferred.noise):.2f}°; commands act {preferred.offset.value:+.2f} "
+        "sample intervals "
+        f"[{preferred.offset.ci95[0]:+.2f}, {preferred.offset.ci95[1]:+.2f}] from the middle of theirs."
+    )
+    return (*lines, *(f"Warning: {warning}" for warning in fit.warnings))
+
+
+def files(fit: YawFit) -> Iterator[tuple[str, str | bytes]]:
+    """Name and content of every file but the model's JSON."""
+    for name, table in zip(("table1", "table2"), tables(fit)):
+        yield f"{name}.csv", table.to_csv()
+        yield f"{name}.md", table.to_markdown()
+        yield f"{name}.tex", table.to_latex()
+    yield "runs.parquet", parquet(run_rows(fit))
+    if fit.seed_method is not None and fit.data is not None:
+        yield "half_turns.png", png(figures.half_turns_figure(fit))
+        yield "drag.png", png(figures.drag_figure(fit, fit.seed_method))
+        yield "inertia.png", png(figures.inertia_figure(fit, fit.seed_method))
+        yield "collapse.png", png(figures.collapse_figure(fit, fit.data))
+    else:
+        yield "whole_runs.png", png(figures.whole_runs_figure(fit))
+
+
+def run_rows(fit: YawFit) -> pa.Table:
+    """One row a run: what was kept of it, why, and what both methods found in it."""
+    mixed, measured = fit.preferred.mixed, []
+    effects = mixed.run_effects
+    if fit.seed_method is None or fit.data is None:
+        for i, run in enumerate(fit.runs):
+            off = np.degrees(run.heading - mixed.fitted[i][: len(run)])
+            measured.append(
+                {
+                    "run": run.name,
+                    "file": run.source,
+                    "samples": len(run),
+                    "duration_s": float(run.time[-1] - run.time[0]),
+                    "start_rate_deg_s": float(np.degrees(effects[i, 1])),
+                    "gain": float(np.exp(effects[i, 2])),
+                    "rmse_deg": float(np.sqrt(np.mean(off**2))),
+                }
+            )
+        return pa.Table.from_pylist(measured)
+    seed, data = fit.seed_method, fit.data
+    for i, turn in enumerate(fit.turns):
+        off = np.degrees((data.heading - mixed.fitted)[i][data.seen[i]])
+        row: dict[str, object] = {
+            "run": turn.name,
+            "file": turn.step.run.source,
+            "moment": turn.moment,
+            "time_from_s": float(turn.time[0]),
+            "time_to_s": float(turn.time[-1]),
+            "samples": len(turn.time),
+            "turned_deg": float(np.degrees(turn.turned)),
+            "cut_by": turn.cut_by,
+            "steady": turn.steady,
+            "start_heading_deg": float(np.degrees(turn.start_heading)),
+            "switch_from_s": turn.switch_from,
+            "switch_to_s": turn.switch_to,
+            "tail_samples": int(seed.tails.used[i].sum()),
+            "steady_rate_deg_s": float(np.degrees(seed.tails.rate[i])),
+            "velocity_error_deg": float(np.degrees(seed.tails.error[i])),
+        }
+        row |= {f"I_r_model_{number}": float(table.per_run[i]) for number, table in seed.inertia.items()}
+        row |= {
+            "gain": float(np.exp(effects[i, 1])),
+            "switch_shift_s": float(effects[i, 2] + fit.preferred.offset.value * data.interval[i]),
+            "rmse_deg": float(np.sqrt(np.mean(off**2))),
+        }
+        measured.append(row)
+    return pa.Table.from_pylist(measured)
+
+
+def parquet(table: pa.Table) -> bytes:
+    """The table as Parquet bytes, the same each time."""
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink, compression="zstd")
+    return bytes(sink.getvalue().to_pybytes())

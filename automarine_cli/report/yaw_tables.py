@@ -1,0 +1,100 @@
+"""Tables 1 and 2 of a yaw fit: the paper's layout above the rule, our own rows below it."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from automarine_cli.fits.drag import DragFit, nested_test
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.output_error import OutputErrorFit
+from automarine_cli.fits.velocity_error import VelocityErrorFit
+from automarine_cli.report.tables import MISSING, Cell, Math, Table, interval, number
+
+MODELS = ("1", "2", "3")
+HEADER: tuple[Cell, ...] = ("Model", *MODELS)
+K_RR = Math("k_r|r|", "k_{r|r|}")
+K_R = Math("k_r", "k_r")
+I_R = Math("I_r", "I_r")
+
+
+def drag_table(
+    seed: VelocityErrorFit | None, ml: Mapping[str, OutputErrorFit], unit: str, notes: tuple[str, ...]
+) -> Table:
+    """Table 1: drag of the three models and the sum of squares; intervals, tests and maximum likelihood
+    below."""
+    fits: Mapping[str, DragFit] = {} if seed is None else seed.drag
+
+    def of(name: str, form: Callable[[Estimate], str]) -> list[str]:
+        return [
+            form(fits[m].estimates[name]) if m in fits and name in fits[m].estimates else MISSING
+            for m in MODELS
+        ]
+
+    rows: list[tuple[Cell, ...]] = [
+        (K_RR, *of("k_rr", lambda e: number(e.value))),
+        (K_R, *of("k_r", lambda e: number(e.value))),
+        ("SSE", *(number(fits[m].sse) if m in fits else MISSING for m in MODELS)),
+        ("k_r|r|, 95 %", *of("k_rr", interval)),
+        ("k_r, 95 %", *of("k_r", interval)),
+        ("AICc", *(number(fits[m].aicc) if m in fits else MISSING for m in MODELS)),
+        ("F test against 2, p", *(_f_test(fits, m) for m in MODELS)),
+        ("k_r|r|, maximum likelihood", *(_ml(ml, m, "k_rr") for m in MODELS)),
+        ("k_r, maximum likelihood", *(_ml(ml, m, "k_r") for m in MODELS)),
+        (
+            "log density of left-out runs",
+            *(number(float(ml[m].mixed.predictive.sum()), 6) if m in ml else MISSING for m in MODELS),
+        ),
+    ]
+    unit_note = (
+        f"Moment [{unit}], k_r|r| [{unit} s²], k_r [{unit} s], SSE [{unit}²]; brackets are 95 % intervals."
+    )
+    return Table("Table 1. Identified yaw models: drag", HEADER, tuple(rows), (3, 7), (unit_note, *notes))
+
+
+def inertia_table(
+    seed: VelocityErrorFit | None,
+    ml: Mapping[str, OutputErrorFit],
+    unit: str,
+    notes: tuple[str, ...],
+    means: bool = True,
+) -> Table:
+    """Table 2: inertia of the three models; maximum likelihood, inertial turn angle and the mean at each
+    moment below."""
+    tables = {} if seed is None else seed.inertia
+    rows: list[tuple[Cell, ...]] = [
+        (I_R, *(number(tables[m].overall.value) if m in tables else MISSING for m in MODELS)),
+        ("I_r, 95 %", *(interval(tables[m].overall) if m in tables else MISSING for m in MODELS)),
+        ("I_r, maximum likelihood", *(_ml(ml, m, "I_r") for m in MODELS)),
+        (
+            "I_r/k_r|r| [rad], maximum likelihood",
+            *(interval(ml[m].inertial_turn_angle) if m in ml else MISSING for m in MODELS),
+        ),
+    ]
+    levels = sorted({level for table in tables.values() for level in table.per_moment}) if means else []
+    for level in levels:
+        row = (number(tables[m].per_moment[level]) if m in tables else MISSING for m in MODELS)
+        rows.append((f"mean at {level:+.4g} {unit}", *row))
+    rules = (1, 4) if levels else (1,)
+    unit_note = f"I_r [{unit} s²]; brackets are 95 % intervals"
+    unit_note += "; means over the runs at each moment are by the velocity error." if levels else "."
+    return Table("Table 2. Identified yaw models: inertia", HEADER, tuple(rows), rules, (unit_note, *notes))
+
+
+def tail_note(seed: VelocityErrorFit) -> str:
+    """Where the tails start and what bias that leaves."""
+    inertia, drag = (100 * b for b in seed.bias)
+    return (
+        f"Tails start at {np.degrees(seed.tail_from):.0f}° of turn, where the method's own bias is "
+        f"{inertia:+.2f} % in inertia and {drag:+.2f} % in drag."
+    )
+
+
+def _ml(ml: Mapping[str, OutputErrorFit], model: str, name: str) -> str:
+    fit = ml.get(model)
+    return interval(fit.estimates[name]) if fit is not None and name in fit.estimates else MISSING
+
+
+def _f_test(fits: Mapping[str, DragFit], model: str) -> str:
+    if model == "2" or model not in fits or "2" not in fits:
+        return MISSING
+    return number(nested_test(fits[model], fits["2"]).p_value, 2)

@@ -1,0 +1,77 @@
+"""`fit-yaw`: step runs -> drag (Table 1), inertia (Table 2), yaw model, figures; whole runs where there are
+no steps."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from automarine_cli.fits.identify import NOTHING_KNOWN, identify
+from automarine_cli.fits.output_error import OutputErrorFit
+from automarine_cli.fits.step_response import Known
+from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.logs import ColumnMap, read_column_map
+from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.report import yaw_report
+from automarine_cli.runs.load import load_runs, refused_by_strict
+from automarine_cli.workflows.moments import with_moments
+
+FIT_TO = ("auto", "half-turns", "whole-runs")
+
+
+def fit_yaw(
+    logs: Sequence[str | Path],
+    *,
+    columns: Path | ColumnMap | None = None,
+    thrusters: Path | ThrusterMap | None = None,
+    arm: float | None = None,
+    fit_to: str = "auto",
+    known: Known = NOTHING_KNOWN,
+    out: Path | None = None,
+    overwrite: bool = False,
+    strict: bool = False,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> YawFit:
+    """Identify the yaw model of a vehicle from its logs; writes the results if `out` is given.
+
+    `thrusters` and `arm` [m] turn thruster commands into moments; `fit_to` and `known` as in
+    `fits.yaw_fit.identify`. Raises LogError, RunError, FitError, SettingError or OutputError.
+    """
+    column_map = (
+        columns if isinstance(columns, ColumnMap) else read_column_map(columns) if columns else ColumnMap()
+    )
+    campaign = load_runs(logs, column_map, strict=strict, progress=progress, jobs=jobs)
+    runs = with_moments(campaign.runs, thrusters, arm, column_map)
+
+    def each(function: Callable[[str], OutputErrorFit], models: Sequence[str]) -> Sequence[OutputErrorFit]:
+        return ordered_map(function, models, jobs, progress=progress, stage="fitting models")
+
+    def work() -> YawFit:
+        fit = identify(runs, fit_to, known, each)
+        fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside))
+        if strict and fit.set_aside:
+            raise refused_by_strict(fit.set_aside[0])
+        return fit
+
+    if out is None:
+        return work()
+    inputs = [(file.name, file.path) for file in campaign.inputs]
+    inputs += [(path.name, path) for path in (columns, thrusters) if isinstance(path, Path)]
+    options = {
+        "columns": columns if isinstance(columns, Path) else None,
+        "thrusters": thrusters if isinstance(thrusters, Path) else None,
+        "arm": arm,
+        "fit_to": fit_to,
+        "strict": strict,
+    }
+    with result_folder(
+        out, command="fit-yaw", options=options, inputs=inputs, seed=None, overwrite=overwrite
+    ) as folder:
+        fit = work()
+        folder.write_json("yaw_model.json", fit.to_json())
+        for name, content in yaw_report.files(fit):
+            folder.write(name, content)
+    return fit
