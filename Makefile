@@ -62,7 +62,9 @@ check: $(READY) ## Lint, format, types and the order of imports
 	$(BIN)/python -m pytest -q tests/test_house.py
 
 sample-runs: $(READY) ## Make sample_runs again from its specification, byte for byte
-	$(AUTOMARINE) simulate sample_runs/campaign.toml -o sample_runs --overwrite
+	$(AUTOMARINE) simulate sample_runs/campaign.toml -o $(OUT)/sample_runs --overwrite
+	for made in thrusters steps validation truth.json; do \
+	  rm -rf sample_runs/$$made && cp -R $(OUT)/sample_runs/$$made sample_runs/$$made || exit 1; done
 
 paper: $(READY) ## The paper's own tables against 200 simulated campaigns
 	$(BIN)/python tests/benchmarks/paper.py

@@ -1,0 +1,53 @@
+"""`automarine simulate`: options in, one workflow call, where the logs are."""
+
+from pathlib import Path
+
+import click
+
+from automarine_cli.cli import options
+
+
+@click.command("simulate")
+@click.argument(
+    "specification", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="SPEC.toml"
+)
+@click.option(
+    "-o", "--out", type=click.Path(path_type=Path), required=True, metavar="DIR",
+    help="Write the logs and the truth into this folder.",
+)  # fmt: skip
+@options.overwrite_option
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=None,
+    metavar="N",
+    help="Instead of the specification's seed.",
+)
+@options.jobs_option
+@options.json_option
+@options.verbosity
+def simulate(
+    specification: Path, out: Path, overwrite: bool, seed: int | None, jobs: int, as_json: bool
+) -> object:
+    """A pool campaign with known truth, made from a specification.
+
+    The specification says what vehicle is tested, what acts on it that a model may not know of, what the logger
+    loses, and which runs are made: steps, coast-downs, reversals, sequences, ramps, rests, bollard tests. The
+    same specification and seed make the same bytes. truth.json, beside the logs, holds all that was drawn.
+
+    \b
+    Example:
+      automarine simulate sample_runs/campaign.toml -o out/campaign
+    """
+    from automarine_cli.workflows import simulate as workflow
+
+    result = workflow.simulate(
+        specification,
+        out=out,
+        seed=seed,
+        overwrite=overwrite,
+        jobs=jobs,
+        progress=options.terminal_progress(),
+    )
+    options.echo_result(result, as_json=as_json, out=out, tables=result.tables(), files=(workflow.TRUTH,))
+    return result

@@ -1,0 +1,211 @@
+"""`make_campaign`: a specification becomes runs with known truth; `make_runs`: the same as clean `Run`s."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
+from math import exp, floor, log2
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli import effects as library
+from automarine_cli.errors import SettingError
+from automarine_cli.logs import LogTable
+from automarine_cli.logs.canonical import DEGREE
+from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.runs.clean import NotUsable, clean
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.logging_chain import Log, commanded, log_run, sample_times, switch_times
+from automarine_cli.simulation.plans import Plan, make_plans
+from automarine_cli.simulation.rollout import Start, simulate, step_for
+from automarine_cli.simulation.specification import Specification
+from automarine_cli.simulation.streams import normal, uniform
+
+Floats = NDArray[np.float64]
+
+FINER = 4.0  # steps are this much shorter than a fit needs: the error stays below the last digit logged
+AROUND = 1e-7  # s: the command changes in the middle of an interval of twice this length
+CHUNK = 64  # runs that are simulated together
+MOST_REDRAWS = 10_000
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What was drawn for one run: start heading and compass zero [rad], the factor on the moment delivered, the
+    constant moment added [moment unit], and the instants [s since the first sample] at which commands changed.
+    """
+
+    start_heading: float
+    heading_zero: float
+    log_gain: float
+    added_moment: float
+    switches: Floats
+
+    @property
+    def gain(self) -> float:
+        """Moment delivered over moment commanded."""
+        return exp(self.log_gain)
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """One run: its plan, what was drawn for it, and its log."""
+
+    plan: Plan
+    drawn: Drawn
+    log: Log
+
+
+def make_runs(specification: Specification, seed: int | None = None) -> list[Run]:
+    """The campaign as runs, cleaned as if read from its logs; a run that cleaning sets aside is left out.
+
+    `seed` replaces the specification's. No file is written. Raises SettingError.
+    """
+    runs: list[Run] = []
+    for made in make_campaign(specification, seed):
+        table = as_table(made, specification.vehicle.moment_unit)
+        try:
+            runs += clean(table, np.arange(len(table)), made.plan.name)
+        except NotUsable:
+            continue
+    return runs
+
+
+def as_table(made: SimulatedRun, moment_unit: str) -> LogTable:
+    """The log as the reader would give it."""
+    columns = {
+        "time": made.log.time_s,
+        "heading": made.log.heading_deg * DEGREE,
+        "moment": made.log.moment,
+    }
+    if made.log.rate_deg_s is not None:
+        columns["yaw_rate"] = made.log.rate_deg_s * DEGREE
+    rows = np.arange(1, len(made.log.time_s) + 1)
+    return LogTable(made.plan.file, columns, rows, moment_unit=moment_unit)
+
+
+def make_campaign(
+    specification: Specification, seed: int | None = None, *, jobs: int = 1, progress: Progress = silent
+) -> tuple[SimulatedRun, ...]:
+    """All runs in the order in which they were made; the same for any `jobs`. Raises SettingError."""
+    seed = specification.seed if seed is None else seed
+    plans = make_plans(specification, seed)
+    steps = [_step(plan, specification) for plan in plans]
+    order = sorted(range(len(plans)), key=lambda i: (steps[i], plans[i].samples, i))
+    chunks: list[list[int]] = []
+    for _, same in groupby(order, key=lambda i: steps[i]):
+        members = list(same)
+        chunks += [members[i : i + CHUNK] for i in range(0, len(members), CHUNK)]
+    work = [(tuple(plans[i] for i in chunk), steps[chunk[0]]) for chunk in chunks]
+    make = partial(_make, specification=specification, seed=seed)
+    found = ordered_map(make, work, jobs, progress=progress, stage="simulating")
+    made = dict(zip((i for chunk in chunks for i in chunk), (run for runs in found for run in runs)))
+    return tuple(made[i] for i in range(len(plans)))
+
+
+def _step(plan: Plan, specification: Specification) -> float:
+    """Step [s] for one run: a power of two, so that a run's numbers do not depend on its neighbours."""
+    largest = max((abs(moment) for moment in plan.moments), default=0.0)
+    wanted = step_for(specification.model(), largest) / FINER
+    return float(2.0 ** floor(log2(wanted)))
+
+
+def _make(work: tuple[Sequence[Plan], float], specification: Specification, seed: int) -> list[SimulatedRun]:
+    """Simulate and log some runs with one step."""
+    plans, step = work
+    logger = specification.logger
+    drawn = [_draw(plan, specification, seed) for plan in plans]
+    times = [sample_times(plan, logger, seed) for plan in plans]
+    truth = _truth(plans, specification, drawn, times, step)
+    made = []
+    for plan, draw, time, (heading, rate) in zip(plans, drawn, times, truth):
+        reading = heading + draw.heading_zero
+        made.append(SimulatedRun(plan, draw, log_run(plan, logger, seed, time, reading, rate, draw.switches)))
+    return made
+
+
+def _draw(plan: Plan, specification: Specification, seed: int) -> Drawn:
+    scatter, key = specification.scatter, plan.key
+    start = scatter.start_heading_deg
+    if start == "random":
+        degrees = 360.0 * float(uniform(1, seed, key, "start heading")[0])
+    else:
+        degrees = start[plan.turn % len(start)] if isinstance(start, tuple) else float(start)
+    return Drawn(
+        start_heading=float(np.deg2rad(degrees)),
+        heading_zero=float(np.deg2rad(scatter.heading_zero_deg) * normal(1, seed, key, "heading zero")[0]),
+        log_gain=scatter.gain * float(normal(1, seed, key, "gain")[0]),
+        added_moment=_added_moment(plan, specification, seed),
+        switches=switch_times(plan, specification.logger, seed),
+    )
+
+
+def _added_moment(plan: Plan, specification: Specification, seed: int) -> float:
+    scatter = specification.scatter
+    if scatter.moment == 0:
+        return 0.0
+    smallest = min((abs(moment) for moment in plan.moments if moment), default=np.inf)
+    most = np.inf if scatter.moment_most is None else scatter.moment_most * smallest
+    for draw in range(MOST_REDRAWS):
+        moment = scatter.moment * float(normal(1, seed, plan.key, "moment", str(draw))[0])
+        if abs(moment) <= most:
+            return moment
+    raise SettingError(
+        f"{specification.source}: scatter.moment is {scatter.moment:g}, far above moment_most of the moment "
+        f"{smallest:g} of run {plan.name!r}; expected less scatter, or a larger moment_most"
+    )
+
+
+def _truth(
+    plans: Sequence[Plan],
+    specification: Specification,
+    drawn: Sequence[Drawn],
+    times: Sequence[Floats],
+    step: float,
+) -> list[tuple[Floats, Floats]]:
+    """True reading [rad] and yaw rate [rad/s] of each run at its samples."""
+    model = specification.model()
+    held = specification.campaign.held
+    clocks = [_knots(time, draw.switches, held) for time, draw in zip(times, drawn)]
+    runs = [
+        Run(
+            name=plan.name,
+            source=plan.file,
+            time=clock,
+            heading=np.zeros_like(clock),
+            moment=commanded(clock, draw.switches, plan.moments),
+            moment_unit=model.moment_unit,
+        )
+        for plan, draw, clock in zip(plans, drawn, clocks)
+    ]
+    signals = sorted({name for effect in specification.effects for name in library.get(effect.name).needs})
+    batch = make_batch(runs, step, signals)
+    added = np.array([draw.added_moment for draw in drawn])
+    start = Start(
+        heading=np.array([[draw.start_heading for draw in drawn]]),
+        log_gain=np.array([[draw.log_gain for draw in drawn]]),
+        disturbance=np.broadcast_to(added[None, :, None], (1, len(plans), batch.windows)),
+    )
+    found = simulate(model, batch, start=start)
+    truth = []
+    for i, (plan, clock, time) in enumerate(zip(plans, clocks, times)):
+        node = np.searchsorted(clock, np.maximum(time, clock[0]))  # held still before the clock begins
+        if plan.group.fault == "never-moves":
+            node = np.zeros_like(node)
+        truth.append((found.heading[0, i, node], found.rate[0, i, node]))
+    return truth
+
+
+def _knots(time: Floats, switches: Floats, held: bool) -> Floats:
+    """Instants at which a run is simulated [s]: its samples, and close to both sides of each change of command.
+
+    They begin with the first sample; with the first change where that comes earlier or the vehicle is `held`.
+    """
+    first = time[0]
+    if len(switches) and (held or switches[0] < first):
+        first = switches[0]
+    knots = np.unique(np.concatenate([[first], time, switches - AROUND, switches + AROUND]))
+    return np.asarray(knots[knots >= first])

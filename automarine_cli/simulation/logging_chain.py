@@ -1,0 +1,102 @@
+"""From the truth to the log: what a logger with a rate, a clock, a compass and losses makes of a run."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.simulation.plans import Plan
+from automarine_cli.simulation.specification import Logger
+from automarine_cli.simulation.streams import normal, uniform
+
+Floats = NDArray[np.float64]
+
+DECIMALS = 3  # of seconds and degrees in every log
+MOMENT_DECIMALS = 6
+EARLY_END = np.deg2rad(40.0)  # turned angle at which a run that ends early ends
+STUCK_AFTER = 5  # samples of the step before the compass sticks
+
+
+@dataclass(frozen=True)
+class Log:
+    """What is in one run's log: `time_s`, `heading_deg`, `moment` and perhaps `rate_deg_s`, shape (N,), rounded.
+
+    `lost` samples were dropped, `glitches` left in.
+    """
+
+    time_s: Floats
+    heading_deg: Floats
+    moment: Floats
+    rate_deg_s: Floats | None
+    lost: int
+    glitches: int
+
+
+def sample_times(plan: Plan, logger: Logger, seed: int) -> Floats:
+    """Instants of the samples since the run's nominal first one [s], shape (N,); never falling."""
+    even: Floats = np.arange(plan.samples) * logger.period
+    if logger.clock_jitter_s == 0:
+        return even
+    off = logger.clock_jitter_s * normal(plan.samples, seed, plan.key, "clock")
+    return np.asarray(even + np.clip(off, -0.45 * logger.period, 0.45 * logger.period))
+
+
+def switch_times(plan: Plan, logger: Logger, seed: int) -> Floats:
+    """Instants at which the commands change [s], each anywhere within the sample interval before it shows."""
+    share = uniform(len(plan.changes), seed, plan.key, "switch")
+    return np.asarray((np.array(plan.changes, dtype=float) - share) * logger.period)
+
+
+def commanded(time: Floats, switches: Floats, moments: tuple[float, ...]) -> Floats:
+    """The moment in force at each `time` [s]: nothing before the first switch."""
+    return np.concatenate([[0.0], moments])[np.searchsorted(switches, time, side="right")]
+
+
+def log_run(
+    plan: Plan, logger: Logger, seed: int, time: Floats, heading: Floats, rate: Floats, switches: Floats
+) -> Log:
+    """The log of a run whose sensor would read `heading` [rad] at `time` [s since its first sample] without
+    noise; `rate` [rad/s] is the true one; all of shape (N,).
+    """
+    count = len(time)
+    reading = np.rad2deg(heading) + logger.noise_deg * normal(count, seed, plan.key, "noise")
+    glitch = uniform(count, seed, plan.key, "glitch") < logger.glitch
+    side = np.where(uniform(count, seed, plan.key, "glitch side") < 0.5, -1.0, 1.0)
+    reading = reading + np.where(glitch, side * logger.glitch_deg, 0.0)
+    moment = commanded(time, switches, plan.moments)
+    kept = uniform(count, seed, plan.key, "lost") >= logger.dropout
+    lost = int(np.count_nonzero(~kept))
+    if plan.group.fault == "stuck-compass" and plan.changes:
+        stuck = min(plan.changes[0] + STUCK_AFTER, count - 1)
+        reading[stuck:] = reading[stuck]
+    if plan.group.fault == "ends-early":
+        beyond = np.abs(heading - heading[0]) > EARLY_END
+        kept[int(np.argmax(beyond)) if beyond.any() else count // 2 :] = False
+    turning = None
+    if logger.rate_noise_deg_s is not None:
+        noise = logger.rate_noise_deg_s * normal(count, seed, plan.key, "rate noise")
+        turning = _rounded(np.rad2deg(rate) + noise, DECIMALS)[kept]
+    return Log(
+        time_s=_rounded(plan.start + time, DECIMALS)[kept],
+        heading_deg=_wrapped(reading, logger)[kept],
+        moment=_rounded(moment, MOMENT_DECIMALS)[kept],
+        rate_deg_s=turning,
+        lost=lost,
+        glitches=int(np.count_nonzero(glitch & kept)),
+    )
+
+
+def _wrapped(degrees: Floats, logger: Logger) -> Floats:
+    """Quantised, wrapped and rounded as the compass says it."""
+    if logger.quantisation_deg > 0:
+        degrees = np.round(degrees / logger.quantisation_deg) * logger.quantisation_deg
+    if logger.wrap == "none":
+        return _rounded(degrees, DECIMALS)
+    low = 0.0 if logger.wrap == "0..360" else -180.0
+    wrapped = _rounded((degrees - low) % 360.0, DECIMALS)
+    return _rounded(np.where(wrapped >= 360.0, 0.0, wrapped) + low, DECIMALS)
+
+
+def _rounded(values: Floats, decimals: int) -> Floats:
+    """Rounded, and no negative zeros."""
+    return np.asarray(np.round(values, decimals) + 0.0)

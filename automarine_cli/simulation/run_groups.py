@@ -1,0 +1,271 @@
+"""The kinds of runs that a specification may ask for; a new kind is one class here.
+
+A group makes cases: a label, and the commands as (moment [moment unit], seconds) one after the other. The rest
+before and after belongs to the campaign's schedule.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import ClassVar, Literal, TypeAlias
+
+import numpy as np
+
+from automarine_cli.errors import SettingError
+from automarine_cli.models.closed_form import response
+from automarine_cli.pipeline.recipe import from_mapping
+from automarine_cli.simulation.checks import positive, safe_path
+
+Format: TypeAlias = Literal["csv", "csv.gz", "parquet"]
+Fault: TypeAlias = Literal["never-moves", "stuck-compass", "ends-early"]
+Commands: TypeAlias = tuple[tuple[float, float], ...]
+Drag: TypeAlias = tuple[float, float, float]
+"""(I_r, k_r, k_rr): what the duration of a turn is worked out from."""
+
+MOST_LEVELS = 100_000
+
+
+@dataclass(frozen=True)
+class Range:
+    """Values `from_` to `to` in steps of `step`, both ends included, without zero."""
+
+    from_: float
+    to: float
+    step: float
+
+    def __post_init__(self) -> None:
+        positive(self, "step")
+        if self.to < self.from_:
+            raise SettingError(f"to is {self.to:g}; expected at least from, {self.from_:g}")
+        if (self.to - self.from_) / self.step > MOST_LEVELS:
+            raise SettingError(f"step is {self.step:g}; that makes more than {MOST_LEVELS} values")
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The values; rounded, so that three steps of 0.1 are 0.3."""
+        count = int((self.to - self.from_) / self.step + 1e-9) + 1
+        return tuple(v for v in (round(self.from_ + i * self.step, 10) for i in range(count)) if v != 0)
+
+
+Levels: TypeAlias = tuple[float, ...] | Range
+
+
+def levels_of(levels: Levels) -> tuple[float, ...]:
+    """The values of a list or range. Raises SettingError if there are none."""
+    values = levels.values if isinstance(levels, Range) else levels
+    if not values:
+        raise SettingError("no values are left in the list or range of levels; expected at least one")
+    return values
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunGroup:
+    """What all kinds share: where the logs go and what is wrong with them on purpose.
+
+    Files are `folder/LABEL.format` with a letter for the repeat (or `suffix`); with `together` all runs of the
+    group go into the one file of that name, told apart by a column `run`.
+    """
+
+    kind: str
+    name: str = ""
+    folder: str = "runs"
+    format: Format = "csv"
+    together: str | None = None
+    repeats: int = 1
+    suffix: str | None = None
+    fault: Fault | None = None
+
+    own_name: ClassVar[str] = "run"
+
+    def __post_init__(self) -> None:
+        positive(self, "repeats")
+        safe_path(self, "folder", "together", "suffix")
+        if self.name:
+            safe_path(self, "name")
+        if self.suffix is not None and self.repeats > 1:
+            raise SettingError("suffix names a single run; expected repeats = 1 with it")
+
+    @property
+    def base(self) -> str:
+        """What the labels begin with."""
+        return self.name or self.own_name
+
+    def cases(self, drag: Drag) -> Iterator[tuple[str, Commands]]:
+        """Label and commands of each run of the group, repeats left out."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepRuns(RunGroup):
+    """One constant moment, held until the base vehicle has turned `turn_deg`, or for `duration_s`."""
+
+    kind: Literal["step"] = "step"
+    moments: Levels
+    turn_deg: float | None = None
+    duration_s: float | None = None
+
+    own_name: ClassVar[str] = "tau"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive(self, "turn_deg", "duration_s")
+        if (self.turn_deg is None) == (self.duration_s is None):
+            raise SettingError("expected one of turn_deg and duration_s")
+        if 0.0 in levels_of(self.moments):
+            raise SettingError('moments has a zero; expected other values (a run of kind "rest" has none)')
+
+    def hold(self, drag: Drag, moment: float) -> float:
+        """How long the moment is held [s]."""
+        if self.duration_s is not None:
+            return self.duration_s
+        return time_to_turn(np.deg2rad(self.turn_deg or 0.0), moment, drag)
+
+    def cases(self, drag: Drag) -> Iterator[tuple[str, Commands]]:
+        """The moments in their order."""
+        for moment in levels_of(self.moments):
+            yield f"{self.base}_{moment_text(moment)}", self.commands(moment, self.hold(drag, moment))
+
+    def commands(self, moment: float, hold: float) -> Commands:
+        """What is commanded when `moment` is first held for `hold` [s]."""
+        return ((moment, hold),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoastDownRuns(StepRuns):
+    """A step, then zero moment for `coast_s`."""
+
+    kind: Literal["coast-down"] = "coast-down"  # type: ignore[assignment]
+    coast_s: float
+
+    own_name: ClassVar[str] = "coast"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive(self, "coast_s")
+
+    def commands(self, moment: float, hold: float) -> Commands:
+        """The step, then nothing."""
+        return ((moment, hold), (0.0, self.coast_s))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReversalRuns(StepRuns):
+    """A step, then the opposite moment for `back_s`, by default for twice as long as the step."""
+
+    kind: Literal["reversal"] = "reversal"  # type: ignore[assignment]
+    back_s: float | None = None
+
+    own_name: ClassVar[str] = "reversal"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive(self, "back_s")
+
+    def commands(self, moment: float, hold: float) -> Commands:
+        """The step there and back."""
+        return ((moment, hold), (-moment, 2.0 * hold if self.back_s is None else self.back_s))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceRuns(RunGroup):
+    """Any `commands`, each [moment, seconds], like the source paper's figure 10."""
+
+    kind: Literal["sequence"] = "sequence"
+    commands: tuple[tuple[float, float], ...]
+
+    own_name: ClassVar[str] = "sequence"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.commands or min(seconds for _, seconds in self.commands) <= 0:
+            raise SettingError("commands: expected at least one [moment, seconds], each longer than 0 s")
+
+    def cases(self, drag: Drag) -> Iterator[tuple[str, Commands]]:
+        """The one sequence, equal neighbours joined."""
+        joined: list[tuple[float, float]] = []
+        for moment, seconds in self.commands:
+            if joined and joined[-1][0] == moment:
+                joined[-1] = (moment, joined[-1][1] + seconds)
+            else:
+                joined.append((moment, seconds))
+        yield self.base, tuple(joined)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RampRuns(RunGroup):
+    """The moment goes from `from_` to `to` in `steps` equal stairs over `duration_s`."""
+
+    kind: Literal["ramp"] = "ramp"
+    to: float
+    duration_s: float
+    from_: float = 0.0
+    steps: int = 20
+
+    own_name: ClassVar[str] = "ramp"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive(self, "duration_s", "steps")
+        if self.to == self.from_:
+            raise SettingError(f"to is {self.to:g}, the same as from; expected another moment")
+
+    def cases(self, drag: Drag) -> Iterator[tuple[str, Commands]]:
+        """The one ramp; the last stair is `to`."""
+        stairs = [self.from_ + (self.to - self.from_) * (i + 1) / self.steps for i in range(self.steps)]
+        commands = tuple((round(moment, 6), self.duration_s / self.steps) for moment in stairs)
+        if any(one == other for (one, _), (other, _) in pairwise(commands)):
+            raise SettingError(f"steps is {self.steps}; expected fewer, the stairs are below 1e-6")
+        yield f"{self.base}_{moment_text(self.to)}", commands
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestRuns(RunGroup):
+    """Nothing is commanded for `duration_s`."""
+
+    kind: Literal["rest"] = "rest"
+    duration_s: float
+
+    own_name: ClassVar[str] = "rest"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive(self, "duration_s")
+
+    def cases(self, drag: Drag) -> Iterator[tuple[str, Commands]]:
+        """The one rest."""
+        yield self.base, ((0.0, self.duration_s),)
+
+
+_CLASSES = (StepRuns, CoastDownRuns, ReversalRuns, SequenceRuns, RampRuns, RestRuns)
+KINDS: Mapping[str, type[RunGroup]] = {str(vars(one)["kind"]): one for one in _CLASSES}
+
+
+def group_from(table: object, where: str) -> RunGroup:
+    """The group held by one [[runs]] table. Raises SettingError with the key's path."""
+    kind = table.get("kind") if isinstance(table, Mapping) else None
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise SettingError(f"{where}: kind is {kind!r}; expected one of {', '.join(KINDS)}")
+    return from_mapping(KINDS[kind], table, where)
+
+
+def moment_text(moment: float) -> str:
+    """A moment in a file name: signed, with a decimal point."""
+    text = f"{moment:+.10g}"
+    return text if set(text) & {".", "e"} else f"{text}.0"
+
+
+def time_to_turn(angle: float, moment: float, drag: Drag) -> float:
+    """Time [s] in which the vehicle turns by `angle` [rad] from rest under a constant moment."""
+    inertia, k_r, k_rr = drag
+
+    def turned(time: float) -> float:
+        return float(response(time, abs(moment), inertia, k_r, k_rr)[0])
+
+    high = 1.0
+    while turned(high) < angle:
+        high *= 2.0
+    low = 0.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if turned(middle) < angle else (low, middle)
+    return high

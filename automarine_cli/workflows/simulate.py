@@ -1,0 +1,131 @@
+"""`simulate`: a specification -> the logs of a pool campaign, and the truth beside them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.recipe import to_mapping
+from automarine_cli.report.tables import Table
+from automarine_cli.simulation.bollard_test import bollard_columns
+from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
+from automarine_cli.simulation.log_files import label, log_bytes, run_logs
+from automarine_cli.simulation.run_groups import levels_of
+from automarine_cli.simulation.specification import Specification, read_specification
+
+TRUTH = "truth.json"
+SCHEMA = "automarine/simulation-truth/1"
+DECIMALS = 9  # of what was drawn: more would show the machine's own rounding
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A campaign that was made: its specification, the seed used, and its runs in the order of the campaign."""
+
+    specification: Specification
+    seed: int
+    runs: tuple[SimulatedRun, ...]
+
+    def to_json(self) -> dict[str, object]:
+        """The truth (schema automarine/simulation-truth/1): vehicle, effects, and what was drawn for each run."""
+        made = self.specification
+        bollard = None if made.bollard is None else to_mapping(made.bollard)
+        if made.bollard is not None and bollard is not None:
+            bollard = {"file": made.bollard.file} | {
+                key: value for key, value in bollard.items() if key not in ("folder", "name", "format")
+            }
+        return {
+            "schema": SCHEMA,
+            "simulated": label(made, self.seed),
+            "seed": self.seed,
+            "vehicle": to_mapping(made.vehicle),
+            "effects": [{"name": effect.name, **effect.values} for effect in made.effects],
+            "thrusters": bollard,
+            "logger": to_mapping(made.logger),
+            "scatter": to_mapping(made.scatter),
+            "campaign": to_mapping(made.campaign),
+            "made": [_truth_of(run, number) for number, run in enumerate(self.runs, 1)],
+        }
+
+    def tables(self) -> tuple[Table, ...]:
+        """How many runs, files and samples each folder holds."""
+        groups: dict[tuple[str, str], list[SimulatedRun]] = {}
+        for run in self.runs:
+            groups.setdefault((run.plan.group.folder, run.plan.group.kind), []).append(run)
+        rows = [_row(folder, kind, runs) for (folder, kind), runs in sorted(groups.items())]
+        bollard = self.specification.bollard
+        if bollard is not None:
+            readings = str(len(levels_of(bollard.levels)) * bollard.repeats)
+            rows.append((bollard.folder, "bollard test", "1", "1", readings, "0"))
+        notes = (label(self.specification, self.seed), f"The truth is in {TRUTH}.")
+        header = ("folder", "kind", "runs", "files", "samples", "faulty on purpose")
+        return (Table("Simulated campaign", header, tuple(rows), notes=notes),)
+
+
+def simulate(
+    specification: Path | Specification,
+    *,
+    out: Path | None = None,
+    seed: int | None = None,
+    overwrite: bool = False,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> Simulation:
+    """Make the campaign of a specification; `seed` replaces the one in it.
+
+    Writes logs and truth if `out` is given. Raises SettingError for a specification that makes no sense,
+    OutputError.
+    """
+    asked = specification if isinstance(specification, Specification) else read_specification(specification)
+    used = asked.seed if seed is None else seed
+    if out is None:
+        return Simulation(asked, used, make_campaign(asked, used, jobs=jobs, progress=progress))
+    inputs = [(asked.source, specification)] if isinstance(specification, Path) else []
+    with result_folder(
+        out, command="simulate", options={}, inputs=inputs, seed=used, overwrite=overwrite
+    ) as folder:
+        result = Simulation(asked, used, make_campaign(asked, used, jobs=jobs, progress=progress))
+        for name, content in run_logs(result.runs, asked, used):
+            folder.write(name, content)
+        if asked.bollard is not None:
+            columns = bollard_columns(asked.bollard, used)
+            folder.write(asked.bollard.file, log_bytes(columns, asked.bollard.format, label(asked, used)))
+        folder.write_json(TRUTH, result.to_json())
+    return result
+
+
+def _row(folder: str, kind: str, runs: list[SimulatedRun]) -> tuple[str, ...]:
+    """One line of the table."""
+    files = {run.plan.file for run in runs}
+    samples = sum(len(run.log.time_s) for run in runs)
+    faulty = sum(run.plan.group.fault is not None for run in runs)
+    return folder, kind, *(str(number) for number in (len(runs), len(files), samples, faulty))
+
+
+def _truth_of(run: SimulatedRun, number: int) -> dict[str, object]:
+    """What was drawn for one run; instants on the campaign's clock."""
+    plan, drawn, log = run.plan, run.drawn, run.log
+    commands = [
+        {"moment": moment, "from_s": _rounded(plan.start + instant)}
+        for moment, instant in zip(plan.moments, drawn.switches.tolist())
+    ]
+    truth: dict[str, object] = {
+        "file": plan.file,
+        "run": plan.name,
+        "kind": plan.group.kind,
+        "number_in_campaign": number,
+        "start_s": _rounded(plan.start),
+        "start_heading_rad": _rounded(drawn.start_heading),
+        "heading_zero_rad": _rounded(drawn.heading_zero),
+        "gain": _rounded(drawn.gain),
+        "added_moment": _rounded(drawn.added_moment),
+        "commands": commands,
+        "samples": len(log.time_s),
+        "lost_samples": log.lost,
+        "glitches": log.glitches,
+    }
+    return truth if plan.group.fault is None else truth | {"fault": plan.group.fault}
+
+
+def _rounded(value: float) -> float:
+    return round(value, DECIMALS) + 0.0
