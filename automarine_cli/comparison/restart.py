@@ -1,0 +1,127 @@
+"""Restarted simulation: the state is set anew from the measured heading wherever the moment changes.
+
+Heading integrates every error, so that one per cent of gain is several degrees after a minute of free running;
+restarted, the error says how well the model follows each change of moment by itself. Water and thrusters that
+carry a state of their own begin afresh at a restart.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.comparison.residuals import FreeRun
+from automarine_cli.comparison.rollouts import groups, has_sensor, roll
+from automarine_cli.comparison.starts import State, aligned, rest_state
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.runs.noise import heading_noise
+from automarine_cli.runs.run import Run
+from automarine_cli.runs.steps import segments
+
+Floats = NDArray[np.float64]
+
+FEWEST = 4  # samples to either side over which a state is smoothed
+LONGEST = 1.5  # s to either side
+SHORTEST = 1.0  # s between restarts
+EVERY = 15.0  # s between restarts where the moment changes all the time
+ALL_THE_TIME = 0.2  # changes a sample
+
+AT_CHANGES = "at each change of moment"
+AT_TIMES = f"every {EVERY:g} s, because the moment changes all the time"
+NEVER = "never: the moment does not change after the start"
+
+
+@dataclass(frozen=True)
+class Restarts:
+    """Where a run is restarted: samples `at`, from 0 (the run's own start) to its last; `rule` says why there,
+    `horizon` is the median time from one to the next [s], `states` are those in between.
+    """
+
+    at: tuple[int, ...]
+    rule: str
+    horizon: float
+    states: tuple[State, ...]
+
+    @property
+    def pieces(self) -> list[tuple[int, int]]:
+        """(first, last) sample of each piece; the last of one is the first of the next."""
+        return list(pairwise(self.at))
+
+
+def find_restarts(run: Run) -> Restarts:
+    """Restart at the last sample before each change of moment, or every 15 s where it changes all the time."""
+    changes = [first for first, _, _ in segments(run.command)[1:]]
+    driven = len(changes) > ALL_THE_TIME * len(run)
+    if driven:
+        clock = np.arange(run.time[0] + EVERY, run.time[-1], EVERY)
+        wanted = [int(np.searchsorted(run.time, t)) for t in clock]
+    else:
+        wanted = [first - 1 for first in changes]
+    at = [0]
+    for i in wanted:
+        if run.time[i] - run.time[at[-1]] >= SHORTEST and i < len(run) - 1:
+            at.append(i)
+    reach = _reach(run)
+    rest = rest_state(run)
+    states = tuple(
+        State(rest.heading, 0.0, "the rest with which the run begins")
+        if rest is not None and changes[0] == i + 1
+        else _smoothed(run, i, [] if driven else changes, reach)
+        for i in at[1:]
+    )
+    at.append(len(run) - 1)
+    horizon = float(np.median(np.diff(run.time[at])))
+    return Restarts(tuple(at), AT_TIMES if driven else AT_CHANGES if states else NEVER, horizon, states)
+
+
+def restarted_errors(
+    model: YawModel, free: Sequence[FreeRun], restarts: Sequence[Restarts], switch_offset: float = 0.0
+) -> Iterator[Floats]:
+    """Measured less restarted heading [rad], (N,), run by run; 0 at the first sample of all.
+
+    The first piece of each run is that of the free run; all others are simulated many at a time.
+    """
+    pieces = [(i, *piece) for i, one in enumerate(restarts) for piece in one.pieces[1:]]
+    states = [state for one in restarts for state in one.states]
+    runs = [free[i].run.cut(first, last + 1) for i, first, last in pieces]
+    errors = [one.error.copy() for one in free]
+    for group in groups(pieces, [len(run) for run in runs]):
+        some, begin = runs[group], states[group]
+        heads = aligned(model, some, begin) if has_sensor(model) else [state.heading for state in begin]
+        rates = np.array([state.rate for state in begin])
+        shown = roll(model, some, np.array(heads), rates, switch_offset).heading[0]
+        for (i, first, last), run, heading in zip(pieces[group], some, shown):
+            errors[i][first + 1 : last + 1] = (run.heading - heading[: len(run)])[1:]
+    yield from errors
+
+
+def _smoothed(run: Run, i: int, changes: Sequence[int], reach: float) -> State:
+    """Heading and rate at sample `i` from a parabola over `reach` [s] to either side, fewer samples: a line.
+
+    Where the moment changes right after `i`, the parabola bends differently before and after the middle of that
+    interval; it never reaches across another change.
+    """
+    bend = i + 1 in changes
+    low, high = np.searchsorted(run.time, [run.time[i] - reach, run.time[i] + reach])
+    low = max([int(low), *(c for c in changes if c <= i)])
+    high = min([int(high), *(c for c in changes if c > i + 1)])
+    middle = 0.5 * (run.time[i] + run.time[i + 1]) if bend else run.time[i]
+    t, at = run.time[low:high] - middle, run.time[i] - middle
+    after = [np.minimum(t, 0.0) ** 2, np.maximum(t, 0.0) ** 2] if bend else [t**2]
+    powers = np.stack([np.ones_like(t), t, *after], axis=1)[:, : max(1, len(t) - 1)]
+    found = np.zeros(4)
+    found[: powers.shape[1]] = np.linalg.lstsq(powers, run.heading[low:high], rcond=None)[0]
+    heading, rate = found[0] + found[1] * at + found[2] * at**2, found[1] + 2 * found[2] * at
+    return State(float(heading), float(rate), f"smoothed: parabola over {high - low} samples")
+
+
+def _reach(run: Run) -> float:
+    """Seconds to either side over which the heading is smoothed: where its noise and the parabola's bias balance.
+
+    The variance of a slope falls with the cube of the reach, the square of the bias grows with its fourth power,
+    so that the best reach goes with the noise to the power 2/7, and is about a second for a degree at 10 Hz.
+    """
+    noise = np.rad2deg(heading_noise(run.time, run.heading)) * np.sqrt(run.sample_period / 0.1)
+    return float(np.clip(noise ** (2 / 7), FEWEST * run.sample_period, LONGEST)) * (1 + 1e-9)

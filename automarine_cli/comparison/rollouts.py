@@ -1,0 +1,91 @@
+"""Runs simulated under one model, with steps halved until they no longer matter."""
+
+from collections.abc import Iterator, Sequence
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from automarine_cli import effects
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import Start, Trajectory, simulate, step_for
+
+Floats = NDArray[np.float64]
+Item = TypeVar("Item")
+
+SETTLED = np.deg2rad(0.01)  # halving the step must not move a heading further than this
+MOST_HALVINGS = 4
+GROUP_SAMPLES = 500_000  # padded samples simulated together: a few hundred megabytes at most
+
+
+def needed_signals(model: YawModel) -> tuple[str, ...]:
+    """Columns of `Run.extras` that the model's effects read, in the order of its terms."""
+    return tuple(dict.fromkeys(name for term in model.terms for name in effects.get(term.name).needs))
+
+
+def has_sensor(model: YawModel) -> bool:
+    """Whether what the compass shows differs from the true heading under this model."""
+    return any(effects.get(term.name).place is effects.Place.SENSOR for term in model.terms)
+
+
+def step_of(model: YawModel, runs: Sequence[Run]) -> float:
+    """Step [s] to begin with: fit for the drag under the largest moment."""
+    return step_for(model, max(float(np.abs(run.command).max()) for run in runs))
+
+
+def roll(
+    model: YawModel,
+    runs: Sequence[Run],
+    heading: ArrayLike,
+    rate: ArrayLike,
+    switch_offset: float = 0.0,
+    step: float | None = None,
+) -> Trajectory:
+    """Simulate `runs` from `heading` [rad] and `rate` [rad/s] at their first samples, (P, R) or (R,).
+
+    `switch_offset` is the share of a sample interval by which commands act later than mid-interval. With `step`
+    [s] that step is used as it is; without it the step is halved until headings settle to 0.01 degrees. Returns
+    headings and rates (P, R, N), padded; not finite where the model runs away. Raises RunError as `make_batch`.
+    """
+    fixed = step is not None
+    step = step_of(model, runs) if step is None else step
+    best = _once(model, runs, heading, rate, switch_offset, step)
+    for _ in range(0 if fixed else MOST_HALVINGS):
+        step /= 2
+        finer = _once(model, runs, heading, rate, switch_offset, step)
+        both = np.isfinite(finer.heading) & np.isfinite(best.heading)
+        moved = np.abs(np.where(both, finer.heading, 0.0) - np.where(both, best.heading, 0.0)).max()
+        same_fate = bool(np.all(np.isfinite(finer.heading) == np.isfinite(best.heading)))
+        best = finer
+        if same_fate and moved <= SETTLED:
+            break
+    return best
+
+
+def _once(
+    model: YawModel,
+    runs: Sequence[Run],
+    heading: ArrayLike,
+    rate: ArrayLike,
+    switch_offset: float,
+    step: float,
+) -> Trajectory:
+    batch = make_batch(runs, step, needed_signals(model))
+    shift = switch_offset * batch.interval[None] if switch_offset else None
+    heading, rate = np.atleast_2d(heading), np.atleast_2d(rate)
+    with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away is told of, not warned about
+        return simulate(model, batch, start=Start(heading, rate, shift=shift))
+
+
+def groups(items: Sequence[Item], sizes: Sequence[int]) -> Iterator[slice]:
+    """Slices of consecutive items whose padded size stays within reach of the memory."""
+    begin, longest = 0, 0
+    for i, size in enumerate(sizes):
+        longest = max(longest, size)
+        if i > begin and longest * (i + 1 - begin) > GROUP_SAMPLES:
+            yield slice(begin, i)
+            begin, longest = i, size
+    if items:
+        yield slice(begin, len(items))

@@ -1,0 +1,185 @@
+"""Scores of simulated runs: sums a run, so that runs pool and resample exactly; intervals over runs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_coeffs
+
+from automarine_cli.comparison.residuals import FreeRun
+from automarine_cli.comparison.starts import State
+from automarine_cli.runs.clean import GAP_IN_PERIODS
+from automarine_cli.runs.noise import heading_noise
+from automarine_cli.runs.run import Run
+
+Floats = NDArray[np.float64]
+
+SMOOTHED = 1.0  # s over which a heading is smoothed for its rate
+FEWEST_RUNS = 3  # for an interval over runs
+DRAWS = 2000  # bootstrap resamples
+
+SCORES = ("rmse_deg", "max_abs_deg", "fit_percent", "restarted_rmse_deg", "rate_rmse_deg_s")
+"""Names of the scores, as in the contract."""
+
+SUMMED = ("rmse_deg", "restarted_rmse_deg", "rate_rmse_deg_s")
+"""Those that are roots of mean squares."""
+
+
+@dataclass(frozen=True)
+class RunScore:
+    """One run under one model: sums of squares [deg², (deg/s)²] with their numbers of samples.
+
+    `spread` is the sum of squares of the measured heading about its mean, `worst` the largest error [deg]. All
+    are 0 where the simulation `diverged`; a count of 0 says that the run has no such score.
+    """
+
+    start: State
+    diverged: bool
+    worst: float
+    squares: Mapping[str, float]
+    counts: Mapping[str, int]
+    spread: float
+
+    def value(self, name: str) -> float | None:
+        """The score of that name (see SCORES), None where there is none."""
+        if self.diverged:
+            return None
+        if name == "max_abs_deg":
+            return self.worst
+        if name == "fit_percent":
+            return fit_percent(self.squares["rmse_deg"], self.spread)
+        count = self.counts[name]
+        return float(np.sqrt(self.squares[name] / count)) if count else None
+
+
+def fit_percent(square: float, spread: float) -> float | None:
+    """100 (1 - |error|/|measured - mean|) from sums of squares; None for a heading that never changed."""
+    return float(100.0 * (1.0 - np.sqrt(square / spread))) if spread > 0 else None
+
+
+def score(free: FreeRun, restarted: Floats) -> RunScore:
+    """Score a free run and its restarted errors (N,) [rad]; no restarted score where a restart runs away."""
+    if free.diverged:
+        nothing = dict.fromkeys(SUMMED, 0)
+        return RunScore(free.start, True, 0.0, nothing, nothing, 0.0)
+    error = np.rad2deg(free.error)
+    again = np.rad2deg(restarted[1:]) if np.all(np.isfinite(restarted)) else np.zeros(0)
+    measured = np.rad2deg(free.run.heading)
+    rate = rate_error(free)
+    columns = dict(zip(SUMMED, (error, again, rate)))
+    return RunScore(
+        start=free.start,
+        diverged=False,
+        worst=float(np.abs(error).max()),
+        squares={name: float(column @ column) for name, column in columns.items()},
+        counts={name: len(column) for name, column in columns.items()},
+        spread=float(np.sum((measured - measured.mean()) ** 2)),
+    )
+
+
+def rate_source(run: Run) -> str:
+    """Where the measured yaw rate of a run comes from, in words."""
+    if "yaw_rate" in run.extras:
+        return "yaw rate in the log"
+    return f"slope of the heading smoothed over {rate_window(run) * run.sample_period:.3g} s"
+
+
+def rate_error(free: FreeRun) -> Floats:
+    """Measured less simulated yaw rate [deg/s], as many values as there are.
+
+    With a yaw rate in the log at the samples that have one; otherwise both headings are treated alike, put on an
+    even grid and differentiated by Savitzky and Golay's parabola, never across a gap.
+    """
+    run = free.run
+    if "yaw_rate" in run.extras:
+        error = run.extras["yaw_rate"] - free.rate
+        return np.rad2deg(error[~np.isnan(run.extras["yaw_rate"])])
+    period, width = run.sample_period, rate_window(run)
+    weights = savgol_coeffs(width, 2, deriv=1, delta=period)
+    edges = np.flatnonzero(np.diff(run.time) > GAP_IN_PERIODS * period) + 1
+    slopes = []
+    for time, error in zip(np.split(run.time, edges), np.split(free.error, edges)):
+        even = np.arange(time[0], time[-1] + 1e-6 * period, period)
+        if len(even) >= width:
+            slopes.append(np.convolve(np.interp(even, time, error), weights, mode="valid"))
+    return np.rad2deg(np.concatenate(slopes)) if slopes else np.zeros(0)
+
+
+def rate_window(run: Run) -> int:
+    """Samples, an odd number, over which a heading is smoothed for its rate: about a second, 5 at least."""
+    return max(5, 2 * round(SMOOTHED / run.sample_period / 2) + 1)
+
+
+def noise_floor(run: Run) -> float:
+    """White noise of the heading [deg], measured apart from any model."""
+    return float(np.rad2deg(heading_noise(run.time, run.heading)))
+
+
+def pooled_floor(runs: Sequence[Run]) -> float:
+    """Noise floor of all runs together [deg], weighted as a pooled rmse is."""
+    sizes = np.array([len(run) for run in runs])
+    floors = np.array([noise_floor(run) for run in runs])
+    return float(np.sqrt(sizes @ floors**2 / sizes.sum()))
+
+
+@dataclass(frozen=True)
+class Overall:
+    """One score over all runs, with its 95 % interval over runs where there are three or more."""
+
+    value: float | None
+    ci95: tuple[float, float] | None = None
+
+
+def resamples(runs: int, seed: int) -> NDArray[np.int64]:
+    """How often each run is drawn in each bootstrap resample, (DRAWS, runs)."""
+    generator = np.random.default_rng(seed)
+    return generator.multinomial(runs, np.full(runs, 1.0 / runs), size=DRAWS)
+
+
+def overall(scores: Sequence[RunScore], drawn: NDArray[np.int64]) -> dict[str, Overall]:
+    """Every score over all runs: all samples pooled, the largest error of all.
+
+    `drawn` as from `resamples`. Nothing is scored under a model that diverged in any run.
+    """
+    if any(one.diverged for one in scores):
+        return {name: Overall(None) for name in SCORES}
+    found = {"max_abs_deg": Overall(max(one.worst for one in scores))}
+    for name in SUMMED:
+        squares = np.array([one.squares[name] for one in scores])
+        counts = np.array([one.counts[name] for one in scores], dtype=float)
+        found[name] = _ratio(squares, counts, drawn)
+    squares = np.array([one.squares["rmse_deg"] for one in scores])
+    shares = _ratio(squares, np.array([one.spread for one in scores]), drawn)
+    found["fit_percent"] = Overall(
+        None if shares.value is None else 100.0 * (1.0 - shares.value),
+        None if shares.ci95 is None else (100.0 * (1.0 - shares.ci95[1]), 100.0 * (1.0 - shares.ci95[0])),
+    )
+    return {name: found[name] for name in SCORES}
+
+
+def lead(better: Sequence[RunScore], worse: Sequence[RunScore], drawn: NDArray[np.int64]) -> Overall:
+    """By how much the pooled free-run rmse [deg] of one model is below another's, over the same resamples."""
+    counts = np.array([one.counts["rmse_deg"] for one in better], dtype=float)
+    roots = []
+    for scores in (worse, better):
+        squares = np.array([one.squares["rmse_deg"] for one in scores])
+        roots.append((np.sqrt(squares.sum() / counts.sum()), np.sqrt(drawn @ squares / (drawn @ counts))))
+    (first, many_first), (second, many_second) = roots
+    return Overall(float(first - second), _interval(many_first - many_second, len(better)))
+
+
+def _ratio(above: Floats, below: Floats, drawn: NDArray[np.int64]) -> Overall:
+    """Root of a ratio of sums, and its interval over runs."""
+    if below.sum() <= 0:
+        return Overall(None)
+    sums = drawn @ below
+    roots = np.sqrt((drawn @ above)[sums > 0] / sums[sums > 0])
+    return Overall(float(np.sqrt(above.sum() / below.sum())), _interval(roots, int(np.sum(below > 0))))
+
+
+def _interval(draws: Floats, runs: int) -> tuple[float, float] | None:
+    if runs < FEWEST_RUNS:
+        return None
+    low, high = np.percentile(draws, [2.5, 97.5])
+    return float(low), float(high)

@@ -1,0 +1,100 @@
+"""All runs under all models of a file: free runs, restarted runs, scores, and which model does best."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from automarine_cli.comparison.residuals import FreeRun, free_runs
+from automarine_cli.comparison.restart import Restarts, find_restarts, restarted_errors
+from automarine_cli.comparison.scores import (
+    Overall,
+    RunScore,
+    lead,
+    noise_floor,
+    overall,
+    pooled_floor,
+    resamples,
+    score,
+)
+from automarine_cli.models.store import StoredModels
+from automarine_cli.pipeline.progress import Progress, counted, silent
+from automarine_cli.runs.run import Run
+
+
+@dataclass(frozen=True)
+class Scored:
+    """One model: its free runs and scores in the order of the runs, and its scores over all of them."""
+
+    free: tuple[FreeRun, ...]
+    scores: tuple[RunScore, ...]
+    overall: Mapping[str, Overall]
+
+    @property
+    def diverged(self) -> tuple[str, ...]:
+        """Names of the runs in which the simulated heading ran away."""
+        return tuple(one.run.name for one in self.free if one.diverged)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What was measured against what each model says, R runs; `floors` [deg] are theirs, `floor` that of all.
+
+    `best` is the number of the model with the smallest free-run heading error over all runs, None where every
+    model diverged; `because` is the sentence that says so.
+    """
+
+    runs: tuple[Run, ...]
+    restarts: tuple[Restarts, ...]
+    models: Mapping[str, Scored]
+    floors: tuple[float, ...]
+    floor: float
+    best: str | None
+    because: str
+
+
+def compare(
+    stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: Progress = silent
+) -> Comparison:
+    """Simulate and score `runs` under every model. Raises RunError as `make_batch`."""
+    restarts = [find_restarts(run) for run in runs]
+    drawn = resamples(len(runs), seed)
+    models: dict[str, Scored] = {}
+    for number, model in stored.models.items():
+        stage = f"simulating model {number}"
+        found = free_runs(model, runs, stored.switch_offset)
+        free = list(counted(progress, stage, found, len(runs)))
+        again = restarted_errors(model, free, restarts, stored.switch_offset)
+        scores = tuple(score(one, errors) for one, errors in zip(free, again))
+        models[number] = Scored(tuple(free), scores, overall(scores, drawn))
+    sizes = {number: len(model.theta) for number, model in stored.models.items()}
+    values = {number: one.overall["rmse_deg"].value for number, one in models.items()}
+    ranked = sorted((value, sizes[number], number) for number, value in values.items() if value is not None)
+    best = ranked[0][2] if ranked else None
+    leads = {
+        number: lead(models[best].scores, models[number].scores, drawn)
+        for _, _, number in ranked[1:]
+        if best is not None
+    }
+    floors = tuple(noise_floor(run) for run in runs)
+    because = _because(best, leads, models)
+    return Comparison(tuple(runs), tuple(restarts), models, floors, pooled_floor(runs), best, because)
+
+
+def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str, Scored]) -> str:
+    """One sentence: which model follows the runs best, and whether its lead could be chance."""
+    if best is None:
+        return "No model follows these runs: every simulation runs away."
+    parts = []
+    for number, gap in leads.items():
+        part = f"{gap.value:.2g} deg below model {number}"
+        if gap.ci95 is not None:
+            sure = "" if gap.ci95[0] > 0 else ", which may be chance"
+            part += f" (95 % interval {gap.ci95[0]:.2g} to {gap.ci95[1]:.2g} over runs{sure})"
+        parts.append(part)
+    told = ["; ".join(parts)] if parts else []
+    told += [
+        f"model {number} runs away in {len(m.diverged)} of {len(m.free)} runs"
+        for number, m in models.items()
+        if m.diverged
+    ]
+    tail = f": {'; '.join(told)}" if told else ""
+    return f"Model {best} has the smallest free-run heading error over all runs{tail}."

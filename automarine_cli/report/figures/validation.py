@@ -1,0 +1,84 @@
+"""The figure of `validate`, the source paper's Fig. 10: headings, their errors and the moment of one run."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from automarine_cli.comparison.residuals import FreeRun
+from automarine_cli.report.figures.style import (
+    COLOURS,
+    MEASURED,
+    MODEL_COLOURS,
+    MODEL_LINES,
+    PAGE_IN,
+    house_style,
+    new_figure,
+)
+from automarine_cli.report.tables import number
+from automarine_cli.runs.clean import GAP_IN_PERIODS
+
+Floats = NDArray[np.float64]
+LONGEST_TITLE = 90
+CROWD = 400  # more samples than this are drawn smaller
+
+
+@house_style
+def validation_figure(free: Mapping[str, FreeRun], floor_deg: float) -> Figure:
+    """One run: `free` holds its free run under each model, `floor_deg` is its heading noise [deg]."""
+    run = next(iter(free.values())).run
+    figure, axes = new_figure(3, 1, PAGE_IN, 6.0, sharex=True, height_ratios=(2.0, 1.3, 0.9))
+    headings, errors, moment = axes[:, 0]
+    time, measured = run.time - run.time[0], np.rad2deg(run.heading)
+    size = 3.0 if len(run) <= CROWD else 1.5
+    headings.plot(time, measured, "o", color=MEASURED, markersize=size, label="measured", zorder=2)
+    shown = {model: one for model, one in free.items() if not one.diverged}
+    for model, one in shown.items():
+        error = np.rad2deg(one.error)
+        style = {"color": MODEL_COLOURS[model], "linestyle": MODEL_LINES[model], "zorder": 3}
+        label = f"model {model}: rmse {number(float(np.sqrt(np.mean(error**2))), 2)} deg"
+        headings.plot(*_broken(time, np.rad2deg(one.heading), run.sample_period), label=label, **style)
+        errors.plot(*_broken(time, error, run.sample_period), linewidth=1.0, **style)
+    for model in (model for model in free if model not in shown):
+        label = f"model {model} runs away"
+        headings.plot([], [], color=MODEL_COLOURS[model], linestyle=MODEL_LINES[model], label=label)
+    low, high = float(measured.min()), float(measured.max())
+    span, most = max(high - low, 1.0), max(3 * floor_deg, 0.5)
+    _limits(headings, [np.rad2deg(one.heading) for one in shown.values()], low, high, span)
+    _limits(errors, [np.rad2deg(one.error) for one in shown.values()], -most, most, span)
+    errors.axhline(0.0, color="0.4", linewidth=0.7, zorder=1)
+    if floor_deg > 0:
+        band = f"± 2 × noise floor of {number(floor_deg, 2)} deg"
+        errors.axhspan(-2 * floor_deg, 2 * floor_deg, color="0.92", linewidth=0, zorder=0, label=band)
+    moment.axhline(0.0, color="0.4", linewidth=0.7, zorder=1)
+    moment.plot(*_broken(time, run.command, run.sample_period), color=COLOURS["green"], drawstyle="steps-mid")
+    headings.set_ylabel(r"Heading $\psi$ [deg]")
+    errors.set_ylabel("Measured − simulated [deg]")
+    moment.set_ylabel(rf"Moment $\tau$ [{run.moment_unit}]")
+    moment.set_xlabel("Time from the start of the run [s]")
+    headings.set_title(_short(run.name), parse_math=False)
+    moment.set_xlim(0.0, float(time[-1]))
+    moment.margins(y=0.15)
+    handles = [handle for panel in (headings, errors) for handle in panel.get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    figure.align_ylabels()
+    return figure
+
+
+def _broken(time: Floats, values: Floats, period: float) -> tuple[Floats, Floats]:
+    """The line with a break in every gap of the log."""
+    at = np.flatnonzero(np.diff(time) > GAP_IN_PERIODS * period) + 1
+    return np.insert(time, at, np.nan), np.insert(values, at, np.nan)
+
+
+def _limits(axes: Axes, lines: list[Floats], low: float, high: float, reach: float) -> None:
+    """Limits that hold `low` to `high`, and the lines as far as they come within `reach` of that."""
+    inside = np.concatenate([[low, high], *(np.clip(line, low - reach, high + reach) for line in lines)])
+    margin = 0.05 * float(max(np.ptp(inside), 1e-6))
+    axes.set_ylim(float(inside.min()) - margin, float(inside.max()) + margin)
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= LONGEST_TITLE else f"{name[: LONGEST_TITLE - 1]}…"

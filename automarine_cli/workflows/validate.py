@@ -1,0 +1,237 @@
+"""`validate`: simulate each log with each model, compare, plot (the source paper's section 5 and Fig. 10)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from automarine_cli.comparison.residuals import FreeRun
+from automarine_cli.comparison.rollouts import needed_signals
+from automarine_cli.comparison.scores import SCORES, RunScore, rate_source
+from automarine_cli.comparison.validation import Comparison, Scored, compare
+from automarine_cli.errors import AutomarineError, ModelError, RunError, SettingError
+from automarine_cli.logs import ColumnMap, LogFile, read_column_map
+from automarine_cli.models.propulsion import drive_run_by_thrusters
+from automarine_cli.models.store import StoredModels, load_thruster_map, load_yaw_models
+from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.pipeline.outputs import ResultFolder, file_stems, result_folder
+from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.report.figures.style import png
+from automarine_cli.report.figures.validation import validation_figure
+from automarine_cli.report.tables import Table
+from automarine_cli.report.validation_tables import overall_table, run_table, score_table
+from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
+from automarine_cli.runs.run import Run, SetAside
+
+SCHEMA = "automarine/validation/1"
+MEANING = {
+    "rmse_deg": "free run: measured less simulated heading from the start of each run to its end",
+    "max_abs_deg": "free run: the largest heading error",
+    "fit_percent": "free run: 100 (1 - |error| / |measured - its mean|)",
+    "restarted_rmse_deg": "heading error with the state set anew from the smoothed measured heading at each restart",
+    "rate_rmse_deg_s": "free run: measured less simulated yaw rate",
+}
+
+
+@dataclass(frozen=True)
+class Validation:
+    """What `validate` found: the models and their effects, the comparison, the runs left out."""
+
+    stored: StoredModels
+    comparison: Comparison
+    set_aside: tuple[SetAside, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The result: schema automarine/validation/1."""
+        found = self.comparison
+        return {
+            "schema": SCHEMA,
+            "models": {number: self._model_json(scored) for number, scored in found.models.items()},
+            "noise_floor_deg": found.floor,
+            "best": found.best,
+            "best_because": found.because,
+            "preferred_by_fit": self.stored.preferred,
+            "effects": list(self.stored.effects),
+            "moment_unit": self.stored.moment_unit,
+            "switch_offset": self.stored.switch_offset,
+            "scores": MEANING,
+            "logs": {run.name: self._log_json(i) for i, run in enumerate(found.runs)},
+            "runs": {"used": len(found.runs), "set_aside": [asdict(run) for run in self.set_aside]},
+        }
+
+    def tables(self) -> tuple[Table, ...]:
+        """Models over all runs, then run by run."""
+        return overall_table(self.comparison), run_table(self.comparison)
+
+    def _model_json(self, scored: Scored) -> dict[str, Any]:
+        data: dict[str, Any] = {}
+        for name in SCORES:
+            data[name] = scored.overall[name].value
+            if scored.overall[name].ci95 is not None:
+                data[f"{name}_ci95"] = list(scored.overall[name].ci95 or ())
+        data["diverged"] = list(scored.diverged)
+        names = (run.name for run in self.comparison.runs)
+        data["runs"] = {name: _run_json(one) for name, one in zip(names, scored.scores)}
+        return data
+
+    def _log_json(self, i: int) -> dict[str, Any]:
+        run, restarts = self.comparison.runs[i], self.comparison.restarts[i]
+        return {
+            "file": run.source,
+            "samples": len(run),
+            "duration_s": float(run.time[-1] - run.time[0]),
+            "noise_floor_deg": self.comparison.floors[i],
+            "restarts": len(restarts.states),
+            "restarted_at": restarts.rule,
+            "restarted_horizon_s": restarts.horizon,
+            "rate_from": rate_source(run),
+        }
+
+
+def _run_json(one: RunScore) -> dict[str, Any]:
+    start = {
+        "heading_deg": float(np.rad2deg(one.start.heading)),
+        "rate_deg_s": float(np.rad2deg(one.start.rate)),
+        "how": one.start.how,
+    }
+    return {**{name: one.value(name) for name in SCORES}, "diverged": one.diverged, "start": start}
+
+
+def validate(
+    logs: Sequence[str | Path],
+    *,
+    model: Path,
+    columns: Path | ColumnMap | None = None,
+    thrusters: Path | None = None,
+    arm: float | None = None,
+    out: Path | None = None,
+    figures: bool = True,
+    overwrite: bool = False,
+    strict: bool = False,
+    seed: int = 0,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> Validation:
+    """Simulate every run with every model of the file `model` and score what it says against what was measured.
+
+    `thrusters` and `arm` [m] make the moment of thruster commands; `seed` is that of the bootstrap over runs.
+    Writes the results if `out` is given, one figure a run unless `figures` is false. Raises LogError, RunError,
+    ModelError, SettingError, OutputError.
+    """
+    stored = load_yaw_models(model)
+    drive = _thrusters(thrusters, arm)
+    names = (
+        columns if isinstance(columns, ColumnMap) else read_column_map(columns) if columns else ColumnMap()
+    )
+    campaign = load_runs(logs, names, strict=strict, progress=progress, jobs=jobs)
+    runs, aside = _usable(campaign.runs, stored, drive, arm)
+    if strict and aside:
+        raise refused_by_strict(aside[0])
+    if not runs:
+        raise none_left(len(campaign.inputs), (*campaign.set_aside, *aside))
+    _same_unit(runs, stored)
+    left_out = (*campaign.set_aside, *aside)
+    if out is None:
+        return Validation(stored, compare(stored, runs, seed, progress), left_out)
+    options = {
+        "model": model,
+        "columns": names.source or None,
+        "thrusters": thrusters,
+        "arm": arm,
+        "figures": figures,
+        "strict": strict,
+    }
+    inputs = _inputs(campaign.inputs, model, thrusters, columns if isinstance(columns, Path) else None)
+    with result_folder(
+        out, command="validate", options=options, inputs=inputs, seed=seed, overwrite=overwrite
+    ) as folder:
+        result = Validation(stored, compare(stored, runs, seed, progress), left_out)
+        _write(folder, result, figures, jobs, progress)
+    return result
+
+
+def _thrusters(path: Path | None, arm: float | None) -> ThrusterMap | None:
+    """The map of `--thrusters`, which makes sense only together with an arm."""
+    if (path is None) != (arm is None):
+        given, lacking = (
+            ("--arm", "--thrusters MAP.json") if path is None else ("--thrusters", "--arm METRES")
+        )
+        raise SettingError(
+            f"{given} needs {lacking} with it: the moment is arm times the difference in thrust"
+        )
+    return None if path is None else load_thruster_map(path)
+
+
+def _usable(
+    runs: Sequence[Run], stored: StoredModels, thrusters: ThrusterMap | None, arm: float | None
+) -> tuple[list[Run], list[SetAside]]:
+    """The runs that every model can be driven by, and the others with their reasons."""
+    signals = dict.fromkeys(name for model in stored.models.values() for name in needed_signals(model))
+    good: list[Run] = []
+    aside: list[SetAside] = []
+    for run in runs:
+        try:
+            driven = run if thrusters is None else drive_run_by_thrusters(run, thrusters, arm or 0.0)
+            _ = driven.command
+            _complete(driven, tuple(signals))
+        except AutomarineError as error:
+            why = str(error).removeprefix(f"{run.source}, run {run.name!r}: ")
+            aside.append(SetAside(run.source, run.name, why))
+        else:
+            good.append(driven)
+    return good, aside
+
+
+def _complete(run: Run, signals: Sequence[str]) -> None:
+    """Refuse a run without a value of each signal at each sample."""
+    for name in signals:
+        if name not in run.extras:
+            raise RunError(
+                f"an effect of the model needs the column {name!r}, which the log lacks; map it with --columns"
+            )
+        missing = int(np.count_nonzero(~np.isfinite(run.extras[name])))
+        if missing:
+            raise RunError(f"an effect of the model needs {name!r} in every row; {missing} rows lack it")
+
+
+def _same_unit(runs: Sequence[Run], stored: StoredModels) -> None:
+    for run in runs:
+        if run.moment_unit != stored.moment_unit:
+            raise ModelError(
+                f"{stored.source} was fitted to moments in {stored.moment_unit}, {run.source} gives them in "
+                f"{run.moment_unit}; there is no factor between the two. Validate with logs in "
+                f"{stored.moment_unit}, or fit a model to logs in {run.moment_unit}"
+            )
+
+
+def _inputs(
+    logs: Sequence[LogFile], model: Path, thrusters: Path | None, columns: Path | None
+) -> list[tuple[str, Path]]:
+    """Everything read, with the short names that results use."""
+    others = [path for path in (model, thrusters, columns) if path is not None]
+    return [(file.name, file.path) for file in logs] + [(path.name, path) for path in others]
+
+
+def _write(folder: ResultFolder, result: Validation, figures: bool, jobs: int, progress: Progress) -> None:
+    found = result.comparison
+    folder.write_json("validation.json", result.to_json())
+    folder.write("validation.csv", score_table(found).to_csv())
+    folder.write("validation.md", "\n".join(table.to_markdown() for table in result.tables()))
+    folder.write("validation.tex", "\n".join(table.to_latex() for table in result.tables()))
+    if not figures:
+        return
+    free = [
+        {number: scored.free[i] for number, scored in found.models.items()} for i in range(len(found.runs))
+    ]
+    pages = ordered_map(_picture, list(zip(free, found.floors)), jobs, progress=progress, stage="figures")
+    for stem, page in zip(file_stems([run.name for run in found.runs]), pages):
+        folder.write(f"validation_{stem}.png", page)
+
+
+def _picture(one: tuple[Mapping[str, FreeRun], float]) -> bytes:
+    """The figure of one run as PNG."""
+    free, floor_deg = one
+    return png(validation_figure(free, floor_deg))

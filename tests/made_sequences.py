@@ -1,0 +1,88 @@
+"""Validation sequences of known truth: scipy's solver drives the paper's vehicle through any list of moments."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from made_runs import INERTIA, K_RR
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from automarine_cli.runs.run import Run
+
+Floats = NDArray[np.float64]
+STEPS = (0.5, -0.8, 0.0, 0.3, -0.3, 1.0)
+
+
+def solved(
+    switches: Sequence[float], moments: Sequence[float], time: Floats, k_r: float, k_rr: float, rate0: float
+) -> Floats:
+    """True heading [rad] at `time` (N,) for moments held from each of `switches` [s], by scipy's solver."""
+    state, heading = np.array([0.0, rate0]), np.empty(len(time))
+    bounds = [*switches, time[-1] + 1.0]
+    for begin, end, moment in zip(bounds[:-1], bounds[1:], moments):
+        here = (time >= begin) & (time < end)
+        found = solve_ivp(
+            lambda t, y, tau: [y[1], (tau - (k_r + k_rr * abs(y[1])) * y[1]) / INERTIA],
+            (begin, end),
+            state,
+            args=(moment,),
+            t_eval=np.append(time[here], end),
+            rtol=1e-9,
+            atol=1e-11,
+        )
+        heading[here], state = found.y[0, :-1], found.y[:, -1]
+    return heading
+
+
+def sequence_run(
+    moments: Sequence[float] = STEPS,
+    *,
+    hold: float = 4.0,
+    rest: float = 2.0,
+    period: float = 0.1,
+    noise_deg: float = 0.0,
+    name: str = "sequence",
+    k_r: float = 0.0,
+    k_rr: float = K_RR,
+    rate0: float = 0.0,
+    seed: int = 0,
+) -> Run:
+    """Rest, then each moment held for `hold` [s]; commands switch halfway between two samples."""
+    time = period * np.arange(round((rest + hold * len(moments)) / period) + 1)
+    switches = rest + hold * np.arange(len(moments)) - period / 2
+    levels = (0.0, *moments) if rest else tuple(moments)
+    starts = (time[0], *switches) if rest else (time[0], *switches[1:])
+    heading = solved(starts, levels, time, k_r, k_rr, rate0)
+    held = np.array(levels)[np.searchsorted(starts, time, side="right") - 1]
+    noise = np.deg2rad(noise_deg) * np.random.default_rng(seed).standard_normal(len(time))
+    return Run(name, f"{name}.csv", 50.0 + time, 0.4 + heading + noise, held, "nu")
+
+
+def model_file(path: Path, **changes: object) -> Path:
+    """A yaw_model.json written by hand: model 3 is the truth, models 1 and 2 as a fit to it would have them."""
+
+    def estimate(value: float, unit: str) -> dict[str, object]:
+        return {"value": value, "stderr": 0.01 * value, "ci95": [0.98 * value, 1.02 * value], "unit": unit}
+
+    inertia, k_r, k_rr = ("I_r", "nu s²"), ("k_r", "nu s"), ("k_rr", "nu s²")
+    values = {
+        "1": {inertia: 0.7058, k_r: 0.9961},
+        "2": {inertia: INERTIA, k_rr: K_RR - 0.03, k_r: 0.03},
+        "3": {inertia: INERTIA, k_rr: K_RR},
+    }
+    data = {
+        "schema": "automarine/yaw-model/1",
+        "models": {
+            number: {name: estimate(value, unit) for (name, unit), value in model.items()}
+            for number, model in values.items()
+        },
+        "preferred": "3",
+        "preferred_because": "It is the truth.",
+        "moment_unit": "nu",
+        "effects": [],
+        **changes,
+    }
+    path.write_text(json.dumps(data), encoding="utf-8")
+    return path
