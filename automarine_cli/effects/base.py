@@ -6,7 +6,8 @@ An effect is one term of the equation of motion, baseline drag and hidden distur
 
 Recipe: one file in this folder, one subclass of `Effect` with
 
-1. `name` (the contract's name, with hyphens), `place`, `equation`, `says`, `reveals`, `source`;
+1. `name` (the contract's name, with hyphens), `place`, `equation`, `says` (the verdict's sentence), `reveals` (the runs
+   that show it), `mistaken_for` (names) and `separated_by` (the run that tells them apart), `source`;
 2. `parameters`, in the order in which the methods take them, each with unit, bounds, start, and the value at
 which
    the effect is off, so that the model with the effect switched off is exactly the model without it;
@@ -27,6 +28,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+
+
+EVEN = "even"
+"""A mirrored campaign (heading and command negated) has the same parameters."""
+MIXED = "mixed"
+"""A mirrored campaign has the parameters of the mirrored equation: some negated, some not."""
+ODD = "odd"
+"""A mirrored campaign has all parameters negated."""
 
 
 class Place(Enum):
@@ -60,11 +69,13 @@ class Parameter:
 class Motion:
     """State of all runs under all parameter sets at one instant: arrays that broadcast to (P, R).
 
-    `heading` psi [rad, unwrapped, true], `rate` r [rad/s], `water` rate of the water [rad/s], `delivered`
-    moment after the actuators, `time` in the run [s], `signals` other logged columns held over the step.
+    `heading` psi [rad, unwrapped, true], `turned` the same since the run's start, `rate` r [rad/s], `water` rate of
+    the water [rad/s], `delivered` moment after the actuators, `time` in the run [s], `signals` other logged columns
+    held over the step.
     """
 
     heading: Floats
+    turned: Floats
     rate: Floats
     water: Floats | float
     delivered: Floats
@@ -82,12 +93,17 @@ class Commands:
     """The commands of all runs on the simulation grid, for actuator effects.
 
     `moment` (P, R, M) is held over each of the M steps, `start` and `length` (P, R, M) [s] say when;
-    `signals` are other logged columns, (R, M).
+    `before` (R, 1) is the moment held before the first sample, `largest` the largest |moment| of all runs, `campaign`
+    (R, M) the time on the campaign's clock as a share of the whole campaign, 0 to 1; `signals` are other logged
+    columns, (R, M).
     """
 
     moment: Floats
     start: Floats
     length: Floats
+    before: Floats
+    largest: float
+    campaign: Floats
     signals: Mapping[str, Floats]
 
 
@@ -100,7 +116,10 @@ class Effect:
     equation: ClassVar[str]
     says: ClassVar[str]
     reveals: ClassVar[str]
+    mistaken_for: ClassVar[tuple[str, ...]]
+    separated_by: ClassVar[str]
     source: ClassVar[str]
+    parity: ClassVar[str] = EVEN
     states: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
 

@@ -1,7 +1,7 @@
-"""A constant moment that is not in the log: tether twist, reaction torque of a vertical thruster, steady
-current."""
+"""A constant moment that is not in the log: tether twist, reaction torque of a vertical thruster, steady "
+"current."""
 
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import ODD, Effect, Floats, Motion, Parameter, Place
 
 
 class BiasMoment(Effect):
@@ -9,11 +9,16 @@ class BiasMoment(Effect):
 
     name = "bias-moment"
     place = Place.MOMENT
-    parameters = (Parameter("b", "constant moment", "{moment}", float("-inf"), float("inf"), 0.01),)
+    parameters = (Parameter("b", "constant moment", "{moment}", -float("inf"), float("inf"), 0.02),)
     equation = "+b"
     says = "A constant moment acts on the vehicle in one direction, commanded or not."
     reveals = "a rest record (the vehicle drifts), and equal moments to both sides (one side turns faster)"
-    source = "M. Stipanov, N. Miskovic, Z. Vukic and M. Barisic (2007), read with a constant in Table 1"
+    mistaken_for = ("gyro-drift", "thrust-asymmetry", "drag-asymmetry")
+    separated_by = (
+        "a rest record with a second heading sensor, and pairs of small and large moments to both sides"
+    )
+    source = "Stipanov, Miskovic, Vukic and Barisic (2007), Table 1 read with a constant"
+    parity = ODD
 
     def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
         (b,) = values

@@ -12,6 +12,8 @@ class LinearDrag(Effect):
     equation = "-k_r r"
     says = "Part of the drag grows with the yaw rate itself, not with its square."
     reveals = "low moments, and coast-downs, which end exponentially instead of as 1/t"
+    mistaken_for = ("coulomb-drag", "dead-band", "thrust-exponent")
+    separated_by = "a coast-down below the rate where both drags are equal"
     source = "Fossen (1994), Guidance and Control of Ocean Vehicles"
 
     def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:

@@ -14,6 +14,8 @@ class QuadraticDrag(Effect):
     equation = "-k_rr |r| r"
     says = "Part of the drag grows with the square of the yaw rate."
     reveals = "high moments, and the first seconds of coast-downs"
+    mistaken_for = ("cubic-drag", "linear-drag")
+    separated_by = "moments over a range of ten or more"
     source = "Fossen (1994), Guidance and Control of Ocean Vehicles"
 
     def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from automarine_cli.effects import Commands
 from automarine_cli.errors import RunError
 from automarine_cli.runs.run import Run
+from automarine_cli.runs.steps import find_steps
 
 Floats = NDArray[np.float64]
 
@@ -48,6 +49,7 @@ class Batch:
     heading: Floats
     interval: Floats
     start: Floats
+    before: Floats
     window: NDArray[np.int64]
     moment_unit: str
     signals: Mapping[str, Floats]
@@ -70,7 +72,12 @@ class Batch:
         if shift is not None:
             index = np.broadcast_to(self.edge[None], (len(shift), *self.edge.shape))
             length = length + self.stretch[None] * np.take_along_axis(shift, index, axis=2)
-        return Commands(self.moment[None], np.cumsum(length, axis=2) - length, length, self.signals)
+        begins = np.cumsum(length, axis=2) - length
+        clock = self.start[:, None] + begins[0] - self.start.min()
+        ends = self.start + self.length.sum(axis=1)
+        campaign = clock / max(float(ends.max() - self.start.min()), 1e-9)
+        largest = float(np.abs(self.moment).max())
+        return Commands(self.moment[None], begins, length, self.before, largest, campaign, self.signals)
 
 
 @dataclass(frozen=True)
@@ -128,6 +135,7 @@ def make_batch(runs: Sequence[Run], max_step: float, signals: Sequence[str] = ()
         heading=padded([run.heading for run in runs], samples),
         interval=padded([g.interval for g in grids], edges),
         start=np.array([run.time[0] for run in runs]),
+        before=np.array([[_moment_before(run)] for run in runs]),
         window=((np.cumsum(lengths, axis=1) - 0.5 * lengths) / WINDOW).astype(int),
         moment_unit=units.pop(),
         signals={n: padded([run.extras[n][g.held] for run, g in zip(runs, grids)], steps) for n in signals},
@@ -157,3 +165,10 @@ def _grid(run: Run, max_step: float) -> _Grid:
         node=np.concatenate([[0], np.cumsum(count)]),
         interval=width,
     )
+
+
+def _moment_before(run: Run) -> float:
+    """Moment held before the first sample: none if the vehicle starts from rest, else what the first sample shows."""
+    steps = find_steps(run)
+    from_rest = bool(steps) and steps[0].begins_log and steps[0].from_rest
+    return 0.0 if from_rest else float(run.command[0])

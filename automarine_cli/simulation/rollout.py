@@ -4,7 +4,7 @@ the effects.
 Order of the axes everywhere: parameter sets P, runs R, samples N (or steps M).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -65,9 +65,7 @@ def simulate(
     for effect, values in terms:
         if effect.place is Place.ACTUATOR:
             wide = tuple(v[..., None] for v in values)
-            commands = type(commands)(
-                effect.deliver(commands, wide), commands.start, commands.length, commands.signals
-            )
+            commands = replace(commands, moment=effect.deliver(commands, wide))
     with np.errstate(
         over="ignore", invalid="ignore"
     ):  # a fit may try parameters that no vehicle has; it sees the infinity
@@ -100,13 +98,14 @@ def _integrate(inertia, terms, batch, commands, start, shape):  # type: ignore[n
     steps = len(delivered)
     nodes = np.empty((steps + 1, 2, *shape))
     nodes[0] = state[:2]
+    heading0 = state[0].copy()
 
     def slope(state, time, tau, signals):  # type: ignore[no-untyped-def]
         water = 0.0
         for (effect, values), slot in zip(movers, slots):
             if effect.place is Place.WATER:
                 water = water + effect.water_rate(tuple(state[slot]), values)
-        motion = Motion(state[0], state[1], water, tau, time, signals)
+        motion = Motion(state[0], state[0] - heading0, state[1], water, tau, time, signals)
         out = np.empty_like(state)
         out[0] = state[1]
         total = tau

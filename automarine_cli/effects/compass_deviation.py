@@ -1,0 +1,31 @@
+"""A compass in the vehicle's own magnetic field: hard iron (one cycle a turn) and soft iron (two)."""
+
+import numpy as np
+
+from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place
+
+
+class CompassDeviation(Effect):
+    """psi_m = psi + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi; the constant A is part of the start "
+    "heading."""
+
+    name = "compass-deviation"
+    place = Place.SENSOR
+    parameters = (
+        Parameter("B", "hard iron, sine", "rad", -0.5, 0.5, 0.05),
+        Parameter("C", "hard iron, cosine", "rad", -0.5, 0.5, 0.0),
+        Parameter("D", "soft iron, sine", "rad", -0.3, 0.3, 0.0),
+        Parameter("E", "soft iron, cosine", "rad", -0.3, 0.3, 0.0),
+    )
+    equation = "psi_m = psi + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi"
+    says = "The compass deviates with the heading, the same in both directions and at all moments."
+    reveals = "whole turns, several start headings, a gyro beside the compass"
+    mistaken_for = ("heading-moment", "thrust-asymmetry")
+    separated_by = "start headings a quarter turn apart, at a small and a large moment"
+    source = "National Geospatial-Intelligence Agency (2004), Handbook of Magnetic Compass Adjustment"
+    parity = MIXED
+
+    def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:
+        b, c, d, e = values
+        single = b * np.sin(heading) + c * np.cos(heading)
+        return heading + single + d * np.sin(2 * heading) + e * np.cos(2 * heading)

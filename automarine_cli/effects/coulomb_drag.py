@@ -1,0 +1,28 @@
+"""Dry friction: a tether that scuffs the floor, a seal."""
+
+import numpy as np
+
+from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+
+CREEP = 0.02  # rad/s within which the sign is smoothed, far below any rate that a step reaches
+
+
+class CoulombDrag(Effect):
+    """-c sgn(r), smoothed within CREEP."""
+
+    name = "coulomb-drag"
+    place = Place.MOMENT
+    parameters = (Parameter("c", "dry friction moment", "{moment}", 0.0, float("inf"), 0.03),)
+    equation = "-c sgn(r)"
+    says = "A friction moment of constant size opposes every motion."
+    reveals = (
+        "the ends of coast-downs, which stop in finite time, and small moments, which do not start the "
+        "vehicle"
+    )
+    mistaken_for = ("dead-band", "linear-drag")
+    separated_by = "a coast-down: Coulomb drag stops it in finite time, a dead-band leaves it alone"
+    source = "Olsson et al. (1998), Friction models and friction compensation, European J. Control 4:176"
+
+    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+        (c,) = values
+        return -c * np.tanh(motion.rate / CREEP)

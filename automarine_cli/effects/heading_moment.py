@@ -1,0 +1,30 @@
+"""A moment that depends on where the vehicle points: current, a magnetised tether, the pool's shape."""
+
+import numpy as np
+
+from automarine_cli.effects.base import MIXED, Effect, Floats, Motion, Parameter, Place
+
+
+class HeadingMoment(Effect):
+    """b sin psi + c cos psi on the true heading."""
+
+    name = "heading-moment"
+    place = Place.MOMENT
+    parameters = (
+        Parameter("b", "sine part", "{moment}", -float("inf"), float("inf"), 0.03),
+        Parameter("c", "cosine part", "{moment}", -float("inf"), float("inf"), 0.0),
+    )
+    equation = "b sin psi + c cos psi"
+    says = "A moment turns the vehicle towards one heading, like a weathervane."
+    reveals = "several start headings, whole turns at a small moment, rest records at several headings"
+    mistaken_for = ("compass-deviation", "bias-moment")
+    separated_by = (
+        "start headings a quarter turn apart, at a small and a large moment: a moment fades with the "
+        "moment's size, a compass does not"
+    )
+    source = "Fossen (2011), Handbook of Marine Craft Hydrodynamics, section 8 (current and weathervaning)"
+    parity = MIXED
+
+    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+        b, c = values
+        return b * np.sin(motion.heading) + c * np.cos(motion.heading)

@@ -1,0 +1,25 @@
+"""Thrusters that give no more than a largest moment: current limit or end of the map."""
+
+import numpy as np
+
+from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
+
+
+class Saturation(Effect):
+    """min(|tau|, tau_max) with the sign of tau."""
+
+    name = "saturation"
+    place = Place.ACTUATOR
+    parameters = (
+        Parameter("tau_max", "largest moment", "{moment}", 0.0, float("inf"), 1.0, off=float("inf")),
+    )
+    equation = "tau_delivered = sgn(tau) min(|tau|, tau_max)"
+    says = "The thrusters give no more than a largest moment, whatever is commanded."
+    reveals = "the highest moments: the steady rate stops rising"
+    mistaken_for = ("cubic-drag", "battery-sag", "thrust-exponent")
+    separated_by = "more levels above and below the suspected limit"
+    source = "Blanke, Lindegaard and Fossen (2000), Dynamic model for thrust generation of marine propellers"
+
+    def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
+        (tau_max,) = values
+        return np.sign(commands.moment) * np.minimum(np.abs(commands.moment), tau_max)

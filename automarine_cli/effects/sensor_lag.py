@@ -1,0 +1,35 @@
+"""A heading that is read late: a floating compass card, a filter in the attitude reference."""
+
+import numpy as np
+
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place
+
+
+class SensorLag(Effect):
+    """T_s psi_m' = psi - psi_m."""
+
+    name = "sensor-lag"
+    place = Place.SENSOR
+    parameters = (Parameter("T_s", "time constant of the heading sensor", "s", 0.0, 3.0, 0.1),)
+    equation = "T_s psi_m' = psi - psi_m"
+    says = "The heading is read with a lag."
+    reveals = "reversals, and turning the vehicle by hand beside a second sensor"
+    mistaken_for = ("input-delay", "thruster-lag")
+    separated_by = "turning the vehicle by hand, or a second heading sensor"
+    source = "Titterton and Weston (2004), Strapdown Inertial Navigation Technology"
+
+    def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:
+        """Exact for a heading that is straight between two nodes; starts without lag at the run's first "
+        "sample."""
+        (lag,) = values
+        shape = np.broadcast_shapes(heading.shape, time.shape, lag.shape)
+        lag = np.maximum(np.broadcast_to(lag, shape)[..., 0], 1e-6)
+        step = np.diff(np.broadcast_to(time, shape), axis=2)
+        heading = np.broadcast_to(heading, shape)
+        out = np.empty(shape)
+        out[..., 0] = heading[..., 0]
+        for m in range(shape[2] - 1):
+            rise = np.diff(heading[..., m : m + 2], axis=2)[..., 0] / np.maximum(step[..., m], 1e-12)
+            behind = out[..., m] - (heading[..., m] - lag * rise)
+            out[..., m + 1] = heading[..., m + 1] - lag * rise + behind * np.exp(-step[..., m] / lag)
+        return np.where(np.concatenate([np.ones((*shape[:2], 1)), step], axis=2) > 0, out, heading)

@@ -1,0 +1,23 @@
+"""A tether that twists: a torsional spring towards the heading at which the run began."""
+
+from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+
+
+class TetherSpring(Effect):
+    """-kappa (psi - psi_start)."""
+
+    name = "tether-spring"
+    place = Place.MOMENT
+    parameters = (
+        Parameter("kappa", "torsional stiffness of the tether", "{moment}/rad", 0.0, float("inf"), 0.01),
+    )
+    equation = "-kappa (psi - psi_start)"
+    says = "The tether pulls back like a torsional spring, the more the vehicle has turned."
+    reveals = "turns of a whole revolution and more, and an unwinding turn"
+    mistaken_for = ("water-swirl", "linear-drag")
+    separated_by = "a long turn and back again: a spring helps the way back, swirl resists it"
+    source = "stiffness G J / L of a twisted cable; Feldman (1979) on tow cables"
+
+    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+        (kappa,) = values
+        return -kappa * motion.turned

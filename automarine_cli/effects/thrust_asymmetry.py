@@ -1,0 +1,29 @@
+"""Thrusters that push the vehicle harder one way round than the other."""
+
+import numpy as np
+
+from automarine_cli.effects.base import ODD, Commands, Effect, Floats, Parameter, Place
+
+
+class ThrustAsymmetry(Effect):
+    """(1 + a sgn tau) tau; the part common to both sides is a gain and cannot be seen."""
+
+    name = "thrust-asymmetry"
+    place = Place.ACTUATOR
+    parameters = (
+        Parameter("a", "half the relative difference of starboard and port turns", "1", -0.9, 0.9, 0.05),
+    )
+    equation = "tau_delivered = (1 + a sgn(tau)) tau"
+    says = "The same commanded moment gives more to one side than to the other."
+    reveals = "equal moments to both sides, and reversals"
+    mistaken_for = ("drag-asymmetry", "bias-moment", "gyro-drift")
+    separated_by = "a coast-down to each side: drag differs in it, thrust does not"
+    source = (
+        "port and starboard propellers of unlike thrust ahead and astern: equation 2 of Stipanov et al. "
+        "(2007)"
+    )
+    parity = ODD
+
+    def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
+        (a,) = values
+        return (1.0 + a * np.sign(commands.moment)) * commands.moment

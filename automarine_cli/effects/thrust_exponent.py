@@ -1,0 +1,28 @@
+"""Thrust that does not grow as the map says: another power of the command."""
+
+import numpy as np
+
+from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
+
+
+class ThrustExponent(Effect):
+    """tau_largest (|tau|/tau_largest)^p with the sign of tau."""
+
+    name = "thrust-exponent"
+    place = Place.ACTUATOR
+    parameters = (
+        Parameter(
+            "p", "exponent of the delivered moment against the commanded one", "1", 0.3, 3.0, 0.9, off=1.0
+        ),
+    )
+    equation = "tau_delivered = sgn(tau) tau_largest (|tau|/tau_largest)^p"
+    says = "Thrust grows with another power of the command than the map says."
+    reveals = "a bollard test over the whole range of commands"
+    mistaken_for = ("dead-band", "linear-drag", "battery-sag")
+    separated_by = "a bollard test, or moments over a range of ten and a coast-down"
+    source = "Blue Robotics T200 performance data (2019): thrust as command to the power 1.64 to 1.69"
+
+    def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
+        (p,) = values
+        share = np.abs(commands.moment) / commands.largest
+        return np.sign(commands.moment) * commands.largest * share**p

@@ -1,0 +1,30 @@
+"""Propellers that lose thrust when the vehicle's turn feeds them (advance speed, momentum drag)."""
+
+import numpy as np
+
+from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+
+
+class ThrustLoss(Effect):
+    """-b n r with n = sqrt|tau|, the second term of the bilinear thruster model."""
+
+    name = "thrust-loss"
+    place = Place.MOMENT
+    parameters = (
+        Parameter(
+            "b", "loss of moment by rate and root of moment", "({moment})^1/2 s", 0.0, float("inf"), 0.05
+        ),
+    )
+    equation = "-b sqrt|tau| r"
+    says = "Thrust falls as the turn feeds the propellers with moving water."
+    reveals = (
+        "reversals at speed and coast-downs; nothing at all in steps from rest, where it hides in drag and "
+        "inertia"
+    )
+    mistaken_for = ("quadratic-drag", "linear-drag")
+    separated_by = "coast-downs (no propeller turns) beside steps"
+    source = "Fossen (1994), bilinear thruster model: equation 1 of Stipanov et al. (2007)"
+
+    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+        (b,) = values
+        return -b * np.sqrt(np.abs(motion.delivered)) * motion.rate

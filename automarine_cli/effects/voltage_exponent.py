@@ -1,0 +1,23 @@
+"""Thrust that follows the logged voltage."""
+
+from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
+
+
+class VoltageExponent(Effect):
+    """tau (V/V_mean)^p."""
+
+    name = "voltage-exponent"
+    place = Place.ACTUATOR
+    parameters = (Parameter("p", "exponent of thrust against voltage", "1", 0.0, 4.0, 1.2),)
+    equation = "tau_delivered = tau (V / V_mean)^p"
+    says = "Thrust follows the supply voltage."
+    reveals = "the same moments at two or more voltages"
+    mistaken_for = ("battery-sag",)
+    separated_by = "a repeat at another voltage"
+    source = "Blue Robotics T200 performance data (2019): exponent 1.0 to 1.5 at fixed command"
+    needs = ("voltage",)
+
+    def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
+        (p,) = values
+        volts = commands.signals["voltage"]
+        return commands.moment * (volts / volts.mean()) ** p

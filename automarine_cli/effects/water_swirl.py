@@ -1,0 +1,37 @@
+"""Water that begins to turn with the vehicle: the whirlpool for which the paper trims to half a turn."""
+
+from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+
+
+class WaterSwirl(Effect):
+    """Drag acts on r - w, and the water's rate follows T_w w' = chi r - w."""
+
+    name = "water-swirl"
+    place = Place.WATER
+    parameters = (
+        Parameter("chi", "share of the yaw rate that the water reaches", "1", 0.0, 0.9, 0.15),
+        Parameter("T_w", "time constant of the water", "s", 0.5, 200.0, 10.0),
+    )
+    equation = "drag on r - w, T_w w' = chi r - w"
+    says = "The water begins to turn with the vehicle and carries it along."
+    reveals = (
+        "turns of a whole revolution and more, a reversal after a long turn, coast-downs that do not end "
+        "at zero"
+    )
+    mistaken_for = ("tether-spring", "battery-sag")
+    separated_by = "a reversal after a long turn: its first seconds are slower than from rest"
+    source = (
+        "Stipanov et al. (2007), section 3.2 (whirlpool); Thomasson and Woolsey (2013), IEEE J. Oceanic "
+        "Engineering"
+    )
+
+    states = ("water",)
+
+    def water_rate(self, states: tuple[Floats, ...], values: tuple[Floats, ...]) -> Floats:
+        return states[0]
+
+    def derivatives(
+        self, motion: Motion, states: tuple[Floats, ...], values: tuple[Floats, ...]
+    ) -> tuple[Floats, ...]:
+        chi, lag = values
+        return ((chi * motion.rate - states[0]) / lag,)
