@@ -17,6 +17,7 @@ from automarine_cli.errors import FitError
 
 Floats = NDArray[np.float64]
 
+NOT_FINITE = "the model's response is not finite on these runs; look at the logs with `automarine check`"
 SMALLEST_FACTOR = 1e-5
 
 
@@ -63,12 +64,19 @@ class Gram:
 @dataclass(frozen=True)
 class Weighted:
     """Each run's share of the normal equations at given variances: H (R, p, p), h (R, p), w'w (R,), log|R_i|
-    (R,)."""
+    (R,).
+
+    For the slope of the likelihood: `left` (R, q), the share of each run effect's prior variance that the data
+    leave, and `by_prior` (R, q, p + 1), the posterior means of the effects in units of their prior deviation
+    that J's columns and w itself would give.
+    """
 
     hessian: Floats
     gradient: Floats
     square: Floats
     log_det: Floats
+    left: Floats
+    by_prior: Floats
 
 
 def weigh(gram: Gram, effects: RunEffects, variances: Floats) -> Weighted:
@@ -82,13 +90,18 @@ def weigh(gram: Gram, effects: RunEffects, variances: Floats) -> Weighted:
     q = scale.shape[1]
     root = np.linalg.cholesky(_kernel(gram, scale, s2))
     both = np.concatenate([np.swapaxes(gram.jv, 1, 2), gram.vw[:, :, None]], axis=2) * scale[:, :, None]
-    half = np.linalg.solve(root, both)
+    inverse = np.linalg.inv(root)
+    half = inverse @ both
     inner = np.swapaxes(half, 1, 2) @ half
     log_det = (gram.count - q) * np.log(s2) + 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
     return Weighted(
-        (gram.jj - inner[:, :-1, :-1]) / s2, (gram.jw - inner[:, :-1, -1]) / s2, (gram.ww - inner[:, -1, -1])
-        / s2, log_det
-    )  # fmt: skip
+        hessian=(gram.jj - inner[:, :-1, :-1]) / s2,
+        gradient=(gram.jw - inner[:, :-1, -1]) / s2,
+        square=(gram.ww - inner[:, -1, -1]) / s2,
+        log_det=log_det,
+        left=s2 * (inverse**2).sum(axis=1),
+        by_prior=np.swapaxes(inverse, 1, 2) @ half,
+    )
 
 
 def _kernel(gram: Gram, scale: Floats, s2: float) -> Floats:
@@ -96,15 +109,50 @@ def _kernel(gram: Gram, scale: Floats, s2: float) -> Floats:
 
 
 def deviance(gram: Gram, effects: RunEffects, variances: Floats, *, restricted: bool) -> float:
-    """-2 log marginal likelihood with phi profiled out, but for n log 2 pi; `restricted` as Patterson and
-    Thompson (1971)."""
-    weighted = weigh(gram, effects, variances)
-    hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
-    value = weighted.log_det.sum() + weighted.square.sum() - gradient @ solve_scaled(hessian, gradient)
+    """-2 log marginal likelihood with phi profiled out, but for n log 2 pi; see `deviance_and_slope`."""
+    return deviance_and_slope(gram, effects, variances, restricted=restricted)[0]
+
+
+def deviance_and_slope(
+    gram: Gram, effects: RunEffects, variances: Floats, *, restricted: bool
+) -> tuple[float, Floats]:
+    """-2 log marginal likelihood with phi profiled out, but for n log 2 pi, and its gradient by the variances.
+
+    `restricted` as Patterson and Thompson (1971, Biometrika 58:545). The gradient rests on d log|R| = tr(R^-1 dR) and
+    d(e'R^-1 e) = -e'R^-1 dR R^-1 e; phi is at its optimum and adds nothing (envelope theorem).
+    """
+    if not np.all(np.isfinite(gram.ww)):
+        raise FitError(NOT_FINITE)
+    s2, scale = np.exp(2.0 * variances[0]), effects.deviation(variances)
+    p, q = gram.jj.shape[1], scale.shape[1]
+    kernel = _kernel(gram, scale, s2)
+    inverse = np.linalg.inv(kernel)
+    middle = scale[:, :, None] * inverse * scale[:, None, :]
+    vx = np.concatenate([np.swapaxes(gram.jv, 1, 2), gram.vw[:, :, None]], axis=2)
+    xx = np.block([[gram.jj, gram.jw[:, :, None]], [gram.jw[:, None, :], gram.ww[:, None, None]]])
+    vx_t, bent = np.swapaxes(vx, 1, 2), middle @ vx
+    whitened = ((xx - vx_t @ bent) / s2).sum(axis=0)
+    hessian, gradient = whitened[:p, :p], whitened[:p, p]
+    phi = solve_scaled(hessian, gradient)
+    log_det = (gram.count - q) * np.log(s2) + np.linalg.slogdet(kernel)[1]
+    value = log_det.sum() + whitened[p, p] - gradient @ phi
+
+    bent_t = np.swapaxes(bent, 1, 2)
+    twice = ((xx - 2.0 * vx_t @ bent + bent_t @ gram.vv @ bent) / s2**2).sum(axis=0)  # X'R^-2 X
+    residual = np.append(-phi, 1.0)
+    vrx = (vx - gram.vv @ bent) / s2  # V'R^-1 X
+    vrv = np.einsum("rii->ri", (gram.vv - gram.vv @ middle @ gram.vv) / s2)
+    pull = scale**2 * (vrv - (vrx @ residual) ** 2)
+    traces = gram.count - q + s2 * np.einsum("rii->r", inverse)
+    slope_s = traces.sum() - s2 * residual @ twice @ residual
     if restricted:
-        scale = curvature_scale(hessian)
-        value += np.linalg.slogdet(hessian / np.outer(scale, scale))[1] + 2.0 * np.log(scale).sum()
-    return float(value) if np.isfinite(value) else 1e100
+        unit = curvature_scale(hessian)
+        value += np.linalg.slogdet(hessian / np.outer(unit, unit))[1] + 2.0 * np.log(unit).sum()
+        spread = covariance_of(hessian)
+        pull = pull - scale**2 * np.einsum("rqp,pk,rqk->rq", vrx[:, :, :p], spread, vrx[:, :, :p])
+        slope_s -= s2 * np.sum(spread * twice[:p, :p])
+    factors = [pull[:, effects.factor == k].sum() for k in range(len(variances) - 1)]
+    return (float(value) if np.isfinite(value) else 1e100), 2.0 * np.array([slope_s, *factors])
 
 
 def choose_variances(gram: Gram, effects: RunEffects, start: Floats, *, restricted: bool = True) -> Floats:
@@ -112,8 +160,8 @@ def choose_variances(gram: Gram, effects: RunEffects, start: Floats, *, restrict
     factors = ((np.log(max(low, SMALLEST_FACTOR)), np.log(high)) for low, high in effects.limits)
     limits = [(np.log(1e-9), np.log(1e3)), *factors]
     best = optimize.minimize(
-        lambda v: deviance(gram, effects, v, restricted=restricted), np.clip(start, *np.transpose(limits)),
-        bounds=limits, method="L-BFGS-B", options={"ftol": 1e-12, "gtol": 1e-6},
+        lambda v: deviance_and_slope(gram, effects, v, restricted=restricted), np.clip(start, *np.transpose(limits)),
+        jac=True, bounds=limits, method="L-BFGS-B", options={"ftol": 1e-13, "gtol": 1e-6},
     )  # fmt: skip
     return np.asarray(best.x)
 
