@@ -46,8 +46,8 @@ def validation_figure(free: Mapping[str, FreeRun], floor_deg: float) -> Figure:
         headings.plot([], [], color=MODEL_COLOURS[model], linestyle=MODEL_LINES[model], label=label)
     low, high = float(measured.min()), float(measured.max())
     span, most = max(high - low, 1.0), max(3 * floor_deg, 0.5)
-    _limits(headings, [np.rad2deg(one.heading) for one in shown.values()], low, high, span)
-    _limits(errors, [np.rad2deg(one.error) for one in shown.values()], -most, most, span)
+    _limits(headings, [np.rad2deg(one.heading) for one in shown.values()], low, high, 2 * span)
+    _limits(errors, [np.rad2deg(one.error) for one in shown.values()], -most, most, 2 * span)
     errors.axhline(0.0, color="0.4", linewidth=0.7, zorder=1)
     if floor_deg > 0:
         band = f"± 2 × noise floor of {number(floor_deg, 2)} deg"
