@@ -9,7 +9,6 @@ from math import exp, floor, log2
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli import effects as library
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import LogTable
 from automarine_cli.logs.canonical import DEGREE
@@ -94,20 +93,29 @@ def make_campaign(
     seed = specification.seed if seed is None else seed
     plans = make_plans(specification, seed)
     steps = [_step(plan, specification) for plan in plans]
-    order = sorted(range(len(plans)), key=lambda i: (steps[i], plans[i].samples, i))
-    chunks: list[list[int]] = []
-    for _, same in groupby(order, key=lambda i: steps[i]):
-        members = list(same)
-        chunks += [members[i : i + CHUNK] for i in range(0, len(members), CHUNK)]
-    work = [(tuple(plans[i] for i in chunk), steps[chunk[0]]) for chunk in chunks]
+    chunks = _chunks(plans, steps, whole=bool(specification.effects))
+    work = [(tuple(plans[i] for i in chunk), min(steps[i] for i in chunk)) for chunk in chunks]
     make = partial(_make, specification=specification, seed=seed)
     found = ordered_map(make, work, jobs, progress=progress, stage="simulating")
     made = dict(zip((i for chunk in chunks for i in chunk), (run for runs in found for run in runs)))
     return tuple(made[i] for i in range(len(plans)))
 
 
+def _chunks(plans: Sequence[Plan], steps: Sequence[float], whole: bool) -> list[list[int]]:
+    """Indices of the runs that are simulated together: runs of one step, so that no run's numbers depend on
+    the others.
+
+    The `whole` campaign where there are effects, since an effect may look at all of it.
+    """
+    if whole:
+        return [list(range(len(plans)))] if plans else []
+    order = sorted(range(len(plans)), key=lambda i: (steps[i], plans[i].samples, i))
+    alike = [list(same) for _, same in groupby(order, key=lambda i: steps[i])]
+    return [same[i : i + CHUNK] for same in alike for i in range(0, len(same), CHUNK)]
+
+
 def _step(plan: Plan, specification: Specification) -> float:
-    """Step [s] for one run: a power of two, so that a run's numbers do not depend on its neighbours."""
+    """Step [s] for one run, a power of two: few different ones, and none depends on the other runs."""
     largest = max((abs(moment) for moment in plan.moments), default=0.0)
     wanted = step_for(specification.model(), largest) / FINER
     return float(2.0 ** floor(log2(wanted)))
@@ -174,15 +182,14 @@ def _truth(
         Run(
             name=plan.name,
             source=plan.file,
-            time=clock,
+            time=plan.start + clock,
             heading=np.zeros_like(clock),
             moment=commanded(clock, draw.switches, plan.moments),
             moment_unit=model.moment_unit,
         )
         for plan, draw, clock in zip(plans, drawn, clocks)
     ]
-    signals = sorted({name for effect in specification.effects for name in library.get(effect.name).needs})
-    batch = make_batch(runs, step, signals)
+    batch = make_batch(runs, step)
     added = np.array([draw.added_moment for draw in drawn])
     start = Start(
         heading=np.array([[draw.start_heading for draw in drawn]]),

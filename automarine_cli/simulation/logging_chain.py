@@ -34,7 +34,7 @@ class Log:
 
 def sample_times(plan: Plan, logger: Logger, seed: int) -> Floats:
     """Instants of the samples since the run's nominal first one [s], shape (N,); never falling."""
-    even: Floats = np.arange(plan.samples) * logger.period
+    even = np.asarray(np.arange(plan.samples) * logger.period, dtype=np.float64)
     if logger.clock_jitter_s == 0:
         return even
     off = logger.clock_jitter_s * normal(plan.samples, seed, plan.key, "clock")

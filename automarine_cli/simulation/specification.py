@@ -45,9 +45,14 @@ class EffectSetting:
 
     def __post_init__(self) -> None:
         try:
-            names = [parameter.name for parameter in library.get(self.name).parameters]
+            effect = library.get(self.name)
         except ModelError as problem:
             raise SettingError(str(problem)) from None
+        if effect.needs:
+            raise SettingError(
+                f"effect {self.name!r} needs the column {effect.needs[0]!r}, which simulated runs do not have"
+            )
+        names = [parameter.name for parameter in effect.parameters]
         allowed = ", ".join(names)
         for name in self.values:
             if name not in names:

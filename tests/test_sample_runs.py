@@ -1,0 +1,103 @@
+"""`sample_runs` is what its specification makes, byte for byte, anywhere; and what its README says it is."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT, SAMPLE_RUNS
+
+from automarine_cli.runs.half_turn import HALF_TURN, half_turns
+from automarine_cli.runs.load import load_runs
+from automarine_cli.simulation.campaign import make_campaign
+from automarine_cli.simulation.specification import read_specification
+
+MADE = ("thrusters", "steps", "validation", "truth.json")
+WRITTEN = {"campaign.toml", "paper.toml", "README.md", *MADE}
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """Everything that `make sample-runs` makes, by name."""
+    inside = [path for name in MADE for path in [folder / name, *sorted((folder / name).rglob("*"))]]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in inside if path.is_file()}
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        {"LC_ALL": "C", "TZ": "Pacific/Auckland", "PYTHONHASHSEED": "7", "PYTHONUTF8": "0"},
+        {"LC_ALL": "de_DE.UTF-8", "TZ": "America/St_Johns", "PYTHONHASHSEED": "99"},
+    ],
+)
+def test_sample_runs_are_made_again_byte_for_byte(tmp_path: Path, place: dict[str, str]) -> None:
+    command = [sys.executable, "-m", "automarine_cli", "simulate", str(SAMPLE_RUNS / "campaign.toml")]
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    environment = os.environ | place | {"PYTHONPATH": path}
+    subprocess.run([*command, "-o", "made", "-q"], cwd=tmp_path, env=environment, check=True, timeout=60)
+    kept, made = files(SAMPLE_RUNS), files(tmp_path / "made")
+    assert sorted(kept) == sorted(made)
+    assert [name for name in kept if kept[name] != made[name]] == []
+
+
+def test_sample_runs_are_small_and_nothing_else_is_there() -> None:
+    assert {path.name for path in SAMPLE_RUNS.iterdir() if not path.name.startswith(".")} == WRITTEN
+    assert sum(len(data) for data in files(SAMPLE_RUNS).values()) < 1_000_000  # three times less than allowed
+
+
+def test_they_are_what_the_readme_says() -> None:
+    loaded = load_runs([SAMPLE_RUNS / "steps"])
+    good, aside = half_turns(loaded.runs)
+    assert loaded.set_aside == ()
+    assert len(good) == 48
+    assert [(one.file, one.run) for one in aside] == [("steps/tau_-0.6_c.csv", "tau_-0.6_c")]
+    assert aside[0].why.startswith("never moved")
+    assert {turn.cut_by for turn in good} == {HALF_TURN}
+    moments, counts = np.unique([turn.moment for turn in good], return_counts=True)
+    np.testing.assert_allclose(moments, [m / 10 for m in range(-12, 13) if m], atol=1e-12)
+    assert set(counts) == {2}
+    assert {run.moment_unit for run in loaded.runs} == {"nu"}
+    endings = {Path(run.source).suffix for run in loaded.runs}
+    assert endings == {".csv", ".gz", ".parquet"}
+    assert sum(run.source.endswith("all_runs_at_1.1_and_1.2.parquet") for run in loaded.runs) == 8
+    validation = load_runs([SAMPLE_RUNS / "validation"]).runs
+    assert len(validation) == 4
+    for run in validation:
+        assert 40 < run.time[-1] - run.time[0] < 60
+        assert run.command.min() < 0 < run.command.max()
+
+
+def test_the_truth_beside_them_is_theirs() -> None:
+    truth = json.loads((SAMPLE_RUNS / "truth.json").read_text(encoding="utf-8"))
+    runs = load_runs([SAMPLE_RUNS / "steps", SAMPLE_RUNS / "validation"]).runs
+    named = {run.name: run for run in runs}
+    assert len(truth["made"]) == len(named) == 53
+    for one in truth["made"]:
+        run = named[one["run"]]
+        assert run.source == one["file"]
+        assert len(run) == one["samples"]
+        changed = np.flatnonzero(np.diff(run.command))
+        for index, command in zip(changed, one["commands"], strict=True):
+            assert run.time[index] < command["from_s"] <= run.time[index + 1] + 5e-4
+            assert run.command[index + 1] == command["moment"]
+        rest = run.heading[run.time < one["commands"][0]["from_s"]]
+        off = (rest.mean() - one["start_heading_rad"] + np.pi) % (2 * np.pi) - np.pi
+        assert abs(off) < np.deg2rad(4.0 / np.sqrt(len(rest)))
+    gains = np.log([one["gain"] for one in truth["made"]])
+    assert gains.std() == pytest.approx(0.03, rel=0.4)
+
+
+def test_the_papers_campaign_has_the_papers_residuals() -> None:
+    specification = read_specification(SAMPLE_RUNS / "paper.toml")
+    errors = []
+    for seed in range(6):
+        made = make_campaign(specification, seed)
+        assert len(made) == 44
+        moment = np.array([one.plan.moments[0] for one in made])
+        added = np.array([one.drawn.added_moment for one in made])
+        turning = moment + added  # equals k r|r| when steady
+        slope = moment @ turning / (turning @ turning)
+        errors.append(np.sum((moment - slope * turning) ** 2))
+    assert np.mean(errors) == pytest.approx(0.82, abs=0.2)  # Table 1 prints 0.80 and 0.83
