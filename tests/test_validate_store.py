@@ -134,7 +134,7 @@ def test_files_that_are_no_model(tmp_path: Path, content: bytes, why: str) -> No
     for load in (load_yaw_models, load_thruster_map):
         with pytest.raises(ModelError, match=f"^m.json: .*{why}"):
             load(path)
-    with pytest.raises(ModelError, match="^gone.json: cannot be read"):
+    with pytest.raises(ModelError, match=r"^gone\.json: cannot be read"):
         load_yaw_models(tmp_path / "gone.json")
 
 
@@ -159,7 +159,7 @@ def test_runs_that_thrusters_cannot_drive() -> None:
         drive_by_thrusters([step_run(0.5)], ahead, 0.4)
     n = np.ones(20)
     run = Run("a", "a.csv", np.arange(20.0), np.zeros(20), None, "", {"n_port": n, "n_stbd": -n})
-    with pytest.raises(ModelError, match="^a.csv, run 'a': the thruster map has no backward direction"):
+    with pytest.raises(ModelError, match=r"^a\.csv, run 'a': the thruster map has no backward direction"):
         drive_by_thrusters([run], ahead, 0.4)
     with pytest.raises(ModelError, match="arm of a thruster must be a positive length"):
         drive_by_thrusters([run], ahead, 0.0)

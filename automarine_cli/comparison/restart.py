@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.comparison.residuals import FreeRun
-from automarine_cli.comparison.rollouts import groups, has_sensor, roll
+from automarine_cli.comparison.rollouts import groups, roll
 from automarine_cli.comparison.starts import State, aligned, rest_state
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.noise import heading_noise
@@ -88,10 +88,10 @@ def restarted_errors(
     runs = [free[i].run.cut(first, last + 1) for i, first, last in pieces]
     errors = [one.error.copy() for one in free]
     for group in groups(pieces, [len(run) for run in runs]):
-        some, begin = runs[group], states[group]
-        heads = aligned(model, some, begin) if has_sensor(model) else [state.heading for state in begin]
-        rates = np.array([state.rate for state in begin])
-        shown = roll(model, some, np.array(heads), rates, switch_offset).heading[0]
+        some = runs[group]
+        begin = aligned(model, some, states[group])
+        headings, rates = (np.array([getattr(s, name) for s in begin]) for name in ("heading", "rate"))
+        shown = roll(model, some, headings, rates, switch_offset).heading[0]
         for (i, first, last), run, heading in zip(pieces[group], some, shown):
             errors[i][first + 1 : last + 1] = (run.heading - heading[: len(run)])[1:]
     yield from errors

@@ -17,6 +17,8 @@ Item = TypeVar("Item")
 
 SETTLED = np.deg2rad(0.01)  # halving the step must not move a heading further than this
 MOST_HALVINGS = 4
+UNSTEADY = 0.05  # s, the step of a model without a steady rate
+MOST_STEPS = 50_000  # beyond which a step is halved no more; long runs have four times their samples
 GROUP_SAMPLES = 500_000  # padded samples simulated together: a few hundred megabytes at most
 
 
@@ -32,7 +34,8 @@ def has_sensor(model: YawModel) -> bool:
 
 def step_of(model: YawModel, runs: Sequence[Run]) -> float:
     """Step [s] to begin with: fit for the drag under the largest moment."""
-    return step_for(model, max(float(np.abs(run.command).max()) for run in runs))
+    step = step_for(model, max(float(np.abs(run.command).max()) for run in runs))
+    return step if np.isfinite(step) else UNSTEADY  # drag that never balances the moment
 
 
 def roll(
@@ -46,14 +49,20 @@ def roll(
     """Simulate `runs` from `heading` [rad] and `rate` [rad/s] at their first samples, (P, R) or (R,).
 
     `switch_offset` is the share of a sample interval by which commands act later than mid-interval. With `step`
-    [s] that step is used as it is; without it the step is halved until headings settle to 0.01 degrees. Returns
+    [s] that step is used as it is; without it the step is halved until headings settle to 0.01 degrees, four
+    times at most. Returns
     headings and rates (P, R, N), padded; not finite where the model runs away. Raises RunError as `make_batch`.
     """
-    fixed = step is not None
-    step = step_of(model, runs) if step is None else step
+    if step is not None:
+        return _once(model, runs, heading, rate, switch_offset, step)
+    step = step_of(model, runs)
     best = _once(model, runs, heading, rate, switch_offset, step)
-    for _ in range(0 if fixed else MOST_HALVINGS):
+    longest = max(float(run.time[-1] - run.time[0]) for run in runs)
+    most = max(MOST_STEPS, 4 * max(len(run) for run in runs))
+    for _ in range(MOST_HALVINGS):
         step /= 2
+        if longest / step > most:
+            break
         finer = _once(model, runs, heading, rate, switch_offset, step)
         both = np.isfinite(finer.heading) & np.isfinite(best.heading)
         moved = np.abs(np.where(both, finer.heading, 0.0) - np.where(both, best.heading, 0.0)).max()

@@ -21,6 +21,8 @@ ENOUGH_REST = 10  # samples
 SLOW = 0.02  # of the run's pace: drift that counts as standing still
 NUDGE = 1e-4  # rad and rad/s, for derivatives
 ROUNDS = 4
+RUNAWAY = 1e6  # no slope of a heading that a vehicle could have
+LEAST_GAIN = 0.1  # of what a compass shows of a small turn
 
 
 @dataclass(frozen=True)
@@ -64,20 +66,25 @@ def start_states(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.
     if not has_sensor(model):
         return found
     still = [i for i in range(len(runs)) if i not in moving]
-    heads = aligned(model, [runs[i] for i in still], [found[i] for i in still]) if still else []
-    for i, heading in zip(still, heads):
-        found[i] = State(heading, 0.0, found[i].how)
+    for i, state in zip(still, aligned(model, [runs[i] for i in still], [found[i] for i in still])):
+        found[i] = state
     return found
 
 
-def aligned(model: YawModel, runs: Sequence[Run], states: Sequence[State]) -> list[float]:
-    """True headings [rad] at which the model's compass shows the headings of `states` at the first sample."""
+def aligned(model: YawModel, runs: Sequence[Run], states: Sequence[State]) -> list[State]:
+    """True states at which the model's compass shows the headings and rates of `states` at the first sample."""
+    if not runs or not has_sensor(model):
+        return list(states)
     shown = np.array([state.heading for state in states])
-    rate = np.array([state.rate for state in states])
-    heading, begin = shown.copy(), [run.cut(0, 2) for run in runs]
+    heading, gain = shown.copy(), np.ones(len(runs))
+    begin = [run.cut(0, 2) for run in runs]
     for _ in range(2 * ROUNDS):
-        heading = heading + shown - roll(model, begin, heading, rate, step=np.inf).heading[0, :, 0]
-    return [float(value) for value in np.where(np.isfinite(heading), heading, shown)]
+        tried = heading + NUDGE * np.array([[0.0], [1.0], [-1.0]])
+        read = roll(model, begin, tried, 0.0 * tried, step=np.inf).heading[:, :, 0]
+        gain = (read[1] - read[2]) / (2 * NUDGE)
+        gain = np.where(np.isfinite(gain) & (np.abs(gain) > LEAST_GAIN), gain, 1.0)
+        heading = heading + np.nan_to_num((shown - read[0]) / gain, posinf=0.0, neginf=0.0)
+    return [State(float(h), s.rate / float(g), s.how) for h, g, s in zip(heading, gain, states)]
 
 
 def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[State]:
@@ -93,17 +100,16 @@ def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[
         row[: len(run)], mask[: len(run)] = run.heading, 1.0
     found = guess
     for _ in range(ROUNDS):
-        heading = found[0] + np.array([[0.0], [NUDGE], [0.0]])
-        rate = found[1] + np.array([[0.0], [0.0], [NUDGE]])
+        heading = found[0] + NUDGE * np.array([[0.0], [1.0], [-1.0], [0.0], [0.0]])
+        rate = found[1] + NUDGE * np.array([[0.0], [0.0], [0.0], [1.0], [-1.0]])
         shown = roll(model, begins, heading, rate, switch_offset, step).heading
-        left = np.where(seen > 0, measured - shown[0], 0.0)
-        slopes = np.where(seen > 0, (shown[1:] - shown[0]) / NUDGE, 0.0)
-        square = np.einsum("irn,jrn->rij", slopes, slopes)
-        side = np.einsum("irn,rn->ri", slopes, left)
-        good = np.all(np.isfinite(square), axis=(1, 2)) & np.all(np.isfinite(side), axis=1)
-        square = np.where(good[:, None, None], square, np.eye(2))
-        move = np.linalg.solve(square + 1e-12 * np.eye(2), np.where(good[:, None], side, 0.0)[..., None])
-        found = found + move[..., 0].T
+        with np.errstate(invalid="ignore"):  # a model that runs away within a second keeps the line
+            left = np.where(seen > 0, measured - shown[0], 0.0)
+            slopes = np.where(seen > 0, (shown[1::2] - shown[2::2]) / (2 * NUDGE), 0.0)
+        good = np.all(np.abs(slopes) < RUNAWAY, axis=(0, 2)) & np.all(np.abs(left) < RUNAWAY, axis=1)
+        slopes, left = np.where(good[:, None], slopes, 0.0), np.where(good[:, None], left, 0.0)
+        square = np.einsum("irn,jrn->rij", slopes, slopes) + 1e-12 * np.eye(2)
+        found = found + np.linalg.solve(square, np.einsum("irn,rn->ri", slopes, left)[..., None])[..., 0].T
     return [
         State(float(h), float(r), f"fitted: heading and rate that follow the first {len(run)} samples best")
         for h, r, run in zip(*found, begins)

@@ -147,7 +147,7 @@ def _base(number: str, data: object, unit: str, where: str) -> YawModel:
 def _effects(data: object, where: str) -> list[tuple[str, tuple[float, ...]]]:
     """Name and values of each effect of the file."""
     if not isinstance(data, list):
-        raise ModelError(f"{where}: expected a list, found {_told(data)}")
+        raise ModelError(f"{where}: found {_told(data)}, expected a list")
     found = []
     for i, item in enumerate(data):
         place = f"{where}[{i}]"
