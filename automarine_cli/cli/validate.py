@@ -51,7 +51,7 @@ def validate(
       automarine fit-yaw sample_runs/steps -o out/yaw
       automarine validate sample_runs/validation --model out/yaw/yaw_model.json -o out/validation
     """
-    if (thrusters is None) != (arm is None):
+    if (thrusters is None) != (arm is None) and (thrusters is None or columns is None):
         raise click.UsageError("--thrusters MAP.json and --arm METRES go together.")
     from automarine_cli.workflows import validate as workflow
 

@@ -85,10 +85,10 @@ def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str
         return "No model follows these runs: every simulation runs away."
     parts = []
     for number, gap in leads.items():
-        part = f"{gap.value:.2g} deg below model {number}"
+        part = f"{_digits(gap.value)} deg below model {number}"
         if gap.ci95 is not None:
             sure = "" if gap.ci95[0] > 0 else ", which may be chance"
-            part += f" (95 % interval {gap.ci95[0]:.2g} to {gap.ci95[1]:.2g} over runs{sure})"
+            part += f" (95 % interval {_digits(gap.ci95[0])} to {_digits(gap.ci95[1])} over runs{sure})"
         parts.append(part)
     told = ["; ".join(parts)] if parts else []
     told += [
@@ -98,3 +98,9 @@ def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str
     ]
     tail = f": {'; '.join(told)}" if told else ""
     return f"Model {best} has the smallest free-run heading error over all runs{tail}."
+
+
+def _digits(gap: float | None) -> str:
+    """Degrees in a sentence: two digits, all before the point where there are more."""
+    value = 0.0 if gap is None else gap
+    return f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}"

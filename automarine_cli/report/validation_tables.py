@@ -97,9 +97,8 @@ def _notes(comparison: Comparison) -> list[str]:
     logged = sum("yaw_rate" in run.extras for run in comparison.runs)
     rate = f"the log in {logged} runs, else " if logged else ""
     notes = [
-        f"Free run (rmse, max, fit): simulated from start to end of a run by its commands alone. {rest} of "
-        f"{len(starts)} runs start from rest, at the mean heading of the rest; "
-        "the others with the heading and rate that follow their first second best.",
+        "Free run (rmse, max, fit): simulated from start to end of a run by its commands alone. "
+        + _starts(rest, len(starts)),
         f"Restarted {_listed(list(rules))}; heading and rate smoothed there, "
         "whose own error even a perfect model shows.",
         f"Measured yaw rate from {rate}the smoothed heading."
@@ -110,6 +109,15 @@ def _notes(comparison: Comparison) -> list[str]:
     if len(comparison.runs) >= 3:
         notes.append("In brackets: 95 % intervals, runs resampled.")
     return notes
+
+
+def _starts(rest: int, runs: int) -> str:
+    """How the runs were started, in one sentence."""
+    still = "start from rest, at the mean heading of the rest"
+    moving = "with the heading and rate that follow their first second best"
+    if rest == runs:
+        return f"All {still}."
+    return f"All start {moving}." if rest == 0 else f"{rest} of {runs} {still}; the others {moving}."
 
 
 def _listed(words: Sequence[str]) -> str:

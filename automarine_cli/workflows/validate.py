@@ -1,7 +1,8 @@
 """`validate`: simulate each log with each model, compare, plot (the source paper's section 5 and Fig. 10)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,6 @@ from automarine_cli.errors import AutomarineError, ModelError, RunError, Setting
 from automarine_cli.logs import ColumnMap, LogFile, read_column_map
 from automarine_cli.models.propulsion import drive_run_by_thrusters
 from automarine_cli.models.store import StoredModels, load_thruster_map, load_yaw_models
-from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.pipeline.outputs import ResultFolder, file_stems, result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
@@ -117,17 +117,18 @@ def validate(
 ) -> Validation:
     """Simulate every run with every model of the file `model` and score what it says against what was measured.
 
-    `thrusters` and `arm` [m] make the moment of thruster commands; `seed` is that of the bootstrap over runs.
+    `thrusters` and `arm` [m] make the moment of thruster commands (`arm` may stand as `arm_m` among the column
+    map's defaults); `seed` is that of the bootstrap over runs.
     Writes the results if `out` is given, one figure a run unless `figures` is false. Raises LogError, RunError,
     ModelError, SettingError, OutputError.
     """
     stored = load_yaw_models(model)
-    drive = _thrusters(thrusters, arm)
     names = (
         columns if isinstance(columns, ColumnMap) else read_column_map(columns) if columns else ColumnMap()
     )
+    drive = _drive(thrusters, arm, names)
     campaign = load_runs(logs, names, strict=strict, progress=progress, jobs=jobs)
-    runs, aside = _usable(campaign.runs, stored, drive, arm)
+    runs, aside = _usable(campaign.runs, stored, drive)
     if strict and aside:
         raise refused_by_strict(aside[0])
     if not runs:
@@ -153,20 +154,20 @@ def validate(
     return result
 
 
-def _thrusters(path: Path | None, arm: float | None) -> ThrusterMap | None:
-    """The map of `--thrusters`, which makes sense only together with an arm."""
-    if (path is None) != (arm is None):
-        given, lacking = (
-            ("--arm", "--thrusters MAP.json") if path is None else ("--thrusters", "--arm METRES")
-        )
-        raise SettingError(
-            f"{given} needs {lacking} with it: the moment is arm times the difference in thrust"
-        )
-    return None if path is None else load_thruster_map(path)
+def _drive(thrusters: Path | None, arm: float | None, columns: ColumnMap) -> Callable[[Run], Run] | None:
+    """What makes the moment of thruster commands, at lever arm `arm` [m] (default: the column map's `arm_m`)."""
+    if thrusters is None:
+        if arm is not None:
+            raise SettingError("--arm goes with the thrusters' map; give --thrusters MAP.json too")
+        return None
+    length = columns.defaults.get("arm_m") if arm is None else arm
+    if not isinstance(length, int | float):
+        raise SettingError("--thrusters makes moments only with the thrusters' lever arm; give --arm METRES")
+    return partial(drive_run_by_thrusters, thrusters=load_thruster_map(thrusters), arm=float(length))
 
 
 def _usable(
-    runs: Sequence[Run], stored: StoredModels, thrusters: ThrusterMap | None, arm: float | None
+    runs: Sequence[Run], stored: StoredModels, drive: Callable[[Run], Run] | None
 ) -> tuple[list[Run], list[SetAside]]:
     """The runs that every model can be driven by, and the others with their reasons."""
     signals = dict.fromkeys(name for model in stored.models.values() for name in needed_signals(model))
@@ -174,8 +175,8 @@ def _usable(
     aside: list[SetAside] = []
     for run in runs:
         try:
-            driven = run if thrusters is None else drive_run_by_thrusters(run, thrusters, arm or 0.0)
-            _ = driven.command
+            driven = run if drive is None else drive(run)
+            _ = driven.command  # refused where there is none
             _complete(driven, tuple(signals))
         except AutomarineError as error:
             why = str(error).removeprefix(f"{run.source}, run {run.name!r}: ")
