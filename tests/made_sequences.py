@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -50,14 +51,23 @@ def sequence_run(
     seed: int = 0,
 ) -> Run:
     """Rest, then each moment held for `hold` [s]; commands switch halfway between two samples."""
+    time, heading, held = _clean(tuple(moments), hold, rest, period, k_r, k_rr, rate0)
+    noise = np.deg2rad(noise_deg) * np.random.default_rng(seed).standard_normal(len(time))
+    return Run(name, f"{name}.csv", 50.0 + time, 0.4 + heading + noise, held, "nu")
+
+
+@cache
+def _clean(
+    moments: tuple[float, ...], hold: float, rest: float, period: float, k_r: float, k_rr: float, rate0: float
+) -> tuple[Floats, Floats, Floats]:
+    """Clock, true heading and held moment of a sequence."""
     time = period * np.arange(round((rest + hold * len(moments)) / period) + 1)
     switches = rest + hold * np.arange(len(moments)) - period / 2
-    levels = (0.0, *moments) if rest else tuple(moments)
+    levels = (0.0, *moments) if rest else moments
     starts = (time[0], *switches) if rest else (time[0], *switches[1:])
     heading = solved(starts, levels, time, k_r, k_rr, rate0)
     held = np.array(levels)[np.searchsorted(starts, time, side="right") - 1]
-    noise = np.deg2rad(noise_deg) * np.random.default_rng(seed).standard_normal(len(time))
-    return Run(name, f"{name}.csv", 50.0 + time, 0.4 + heading + noise, held, "nu")
+    return time, heading, held
 
 
 def model_file(path: Path, **changes: object) -> Path:

@@ -289,6 +289,16 @@ def test_start_and_restart_state_are_what_the_models_compass_shows(monkeypatch: 
         assert np.rad2deg(np.abs(again[restarts]).max()) < 0.1
 
 
+def test_every_effect_of_the_library_can_be_validated(stored: StoredModels) -> None:
+    run = sequence_run((0.6, -0.4), hold=2.0, noise_deg=1.0)
+    run = replace(run, extras={name: np.full(len(run), 12.0) for name in ("voltage", "surge")})
+    for name in effects.names():
+        model = TRUE.with_effect(name, [parameter.start for parameter in effects.get(name).parameters])
+        (score,) = compare(replace(stored, models={"3": model}), [run]).models["3"].scores
+        assert not score.diverged and score.value("rmse_deg") < 90, name  # type: ignore[operator]
+        assert score.value("restarted_rmse_deg") < 90, name  # type: ignore[operator]
+
+
 def test_noise_floor_is_pooled_by_samples() -> None:
     runs = [noisy(1, 1.0)[0], noisy(1, 2.0)[0].cut(0, 100)]
     floors = np.array([scores.noise_floor(run) for run in runs])
