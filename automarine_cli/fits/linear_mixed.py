@@ -1,10 +1,13 @@
 """The linear half of the mixed model: every run reduced to its inner products, then variances, parameters
 and run effects.
 
-Run i is  w_i = J_i phi + V_i b_i + noise,  noise ~ N(0, s² 1),  b_i ~ N(0, D_i), so that w_i has covariance
-R_i = s² 1 + V_i D_i V_i'. R_i^-1 acts through the small matrix K = s² 1 + L V'V L with D = L² (Woodbury), which
-also
-works where an entry of D is zero. Shapes: runs R, parameters p, run effects q.
+About the present point (phi0, b0) run i is  r_i = J_i phi + V_i (b_i - b0_i) + noise,  noise ~ N(0, s² 1),
+b_i ~ N(0, D_i), with r_i its residual and phi the change from phi0: r_i + V_i b0_i has covariance
+R_i = s² 1 + V_i D_i V_i'. R_i^-1 acts through the small matrix K = s² 1 + L V'V L with D = L² (Woodbury), which also
+works where an entry of D is zero. Because R^-1 V L = V L K^-1, the present b0 enters without ever being
+multiplied by V: sums of squares of headings of many radians, of which nothing but noise would remain, are
+never formed.
+Shapes: runs R, parameters p, run effects q.
 """
 
 from dataclasses import dataclass
@@ -40,8 +43,11 @@ class RunEffects:
 
 @dataclass(frozen=True)
 class Gram:
-    """Inner products of one linearisation: parameters J, run effects V, data w; runs first. `count` (R,)
-    samples."""
+    """Inner products of one linearisation: parameters J, run effects V, residuals w = r; runs first.
+
+    `present` (R, q) the run effects b0 linearised about, `count` (R,) samples. Where w is given whole, as
+    r + J phi0 + V b0, both phi0 and b0 count as zero.
+    """
 
     jj: Floats
     jv: Floats
@@ -49,26 +55,30 @@ class Gram:
     jw: Floats
     vw: Floats
     ww: Floats
+    present: Floats
     count: NDArray[np.int64]
 
     @classmethod
-    def of(cls, by_theta: Floats, by_run: Floats, data: Floats, count: NDArray[np.int64]) -> "Gram":
-        """From J (R, N, p), V (R, N, q) and w (R, N), zero in the padding."""
-        left, right, w = np.swapaxes(by_theta, 1, 2), np.swapaxes(by_run, 1, 2), data[:, :, None]
+    def of(
+        cls, by_theta: Floats, by_run: Floats, residual: Floats, count: NDArray[np.int64],
+        present: Floats | None = None,
+    ) -> "Gram":  # fmt: skip
+        """From J (R, N, p), V (R, N, q) and r (R, N), zero in the padding; `present` zero where not given."""
+        present = np.zeros((len(by_run), by_run.shape[2])) if present is None else present
+        left, right, w = np.swapaxes(by_theta, 1, 2), np.swapaxes(by_run, 1, 2), residual[:, :, None]
         return cls(
             left @ by_theta, left @ by_run, right @ by_run, (left @ w)[..., 0], (right @ w)[..., 0],
-            (data**2).sum(axis=1), count
+            (residual**2).sum(axis=1), present, count
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Weighted:
     """Each run's share of the normal equations at given variances: H (R, p, p), h (R, p), w'w (R,), log|R_i|
-    (R,).
+    (R,), with w = r + V b0.
 
-    For the slope of the likelihood: `left` (R, q), the share of each run effect's prior variance that the data
-    leave, and `by_prior` (R, q, p + 1), the posterior means of the effects in units of their prior deviation
-    that J's columns and w itself would give.
+    Of the run effects in units of their prior deviation: `left` (R, q) is the share of the variance that the
+    data leave, `means` (R, q) the posterior mean at phi = 0, and `by_phi` (R, q, p) what it loses per phi.
     """
 
     hessian: Floats
@@ -76,7 +86,8 @@ class Weighted:
     square: Floats
     log_det: Floats
     left: Floats
-    by_prior: Floats
+    means: Floats
+    by_phi: Floats
 
 
 def weigh(gram: Gram, effects: RunEffects, variances: Floats) -> Weighted:
@@ -89,19 +100,28 @@ def weigh(gram: Gram, effects: RunEffects, variances: Floats) -> Weighted:
     scale = effects.deviation(variances)
     q = scale.shape[1]
     root = np.linalg.cholesky(_kernel(gram, scale, s2))
-    both = np.concatenate([np.swapaxes(gram.jv, 1, 2), gram.vw[:, :, None]], axis=2) * scale[:, :, None]
     inverse = np.linalg.inv(root)
-    half = inverse @ both
-    inner = np.swapaxes(half, 1, 2) @ half
+    of_phi = inverse @ (scale[:, :, None] * np.swapaxes(gram.jv, 1, 2))
+    of_w = (inverse @ (scale * gram.vw)[:, :, None])[:, :, 0]
+    present = np.divide(gram.present, scale, out=np.zeros_like(scale), where=scale > 0)
+    of_present = (inverse @ present[:, :, None])[:, :, 0]
+    back = np.swapaxes(inverse, 1, 2)
     log_det = (gram.count - q) * np.log(s2) + 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
     return Weighted(
-        hessian=(gram.jj - inner[:, :-1, :-1]) / s2,
-        gradient=(gram.jw - inner[:, :-1, -1]) / s2,
-        square=(gram.ww - inner[:, -1, -1]) / s2,
+        hessian=(gram.jj - np.swapaxes(of_phi, 1, 2) @ of_phi) / s2,
+        gradient=(gram.jw - _dot(of_phi, of_w)) / s2 + _dot(of_phi, of_present),
+        square=(gram.ww - (of_w**2).sum(axis=1)) / s2
+        + (2.0 * of_w * of_present + present**2 - s2 * of_present**2).sum(axis=1),
         log_det=log_det,
         left=s2 * (inverse**2).sum(axis=1),
-        by_prior=np.swapaxes(inverse, 1, 2) @ half,
+        means=present + (back @ (of_w - s2 * of_present)[:, :, None])[:, :, 0],
+        by_phi=back @ of_phi,
     )
+
+
+def _dot(by_phi: Floats, vector: Floats) -> Floats:
+    """Columns of (R, q, p) times (R, q): (R, p)."""
+    return np.asarray(np.einsum("rqp,rq->rp", by_phi, vector))
 
 
 def _kernel(gram: Gram, scale: Floats, s2: float) -> Floats:
@@ -118,41 +138,27 @@ def deviance_and_slope(
 ) -> tuple[float, Floats]:
     """-2 log marginal likelihood with phi profiled out, but for n log 2 pi, and its gradient by the variances.
 
-    `restricted` as Patterson and Thompson (1971, Biometrika 58:545). The gradient rests on d log|R| = tr(R^-1 dR) and
-    d(e'R^-1 e) = -e'R^-1 dR R^-1 e; phi is at its optimum and adds nothing (envelope theorem).
+    `restricted` as Patterson and Thompson (1971, Biometrika 58:545). The gradient rests on
+    d log|R| = tr(R^-1 dR) and d(e'R^-1 e) = -e'R^-1 dR R^-1 e; phi is at its optimum and adds nothing (envelope
+    theorem). For a factor dR = 2 V D V' over its effects, for the noise dR = 2 s² 1: both reduce to what
+    `Weighted` holds.
     """
-    if not np.all(np.isfinite(gram.ww)):
-        raise FitError(NOT_FINITE)
-    s2, scale = np.exp(2.0 * variances[0]), effects.deviation(variances)
-    p, q = gram.jj.shape[1], scale.shape[1]
-    kernel = _kernel(gram, scale, s2)
-    inverse = np.linalg.inv(kernel)
-    middle = scale[:, :, None] * inverse * scale[:, None, :]
-    vx = np.concatenate([np.swapaxes(gram.jv, 1, 2), gram.vw[:, :, None]], axis=2)
-    xx = np.block([[gram.jj, gram.jw[:, :, None]], [gram.jw[:, None, :], gram.ww[:, None, None]]])
-    vx_t, bent = np.swapaxes(vx, 1, 2), middle @ vx
-    whitened = ((xx - vx_t @ bent) / s2).sum(axis=0)
-    hessian, gradient = whitened[:p, :p], whitened[:p, p]
+    weighted = weigh(gram, effects, variances)
+    hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
     phi = solve_scaled(hessian, gradient)
-    log_det = (gram.count - q) * np.log(s2) + np.linalg.slogdet(kernel)[1]
-    value = log_det.sum() + whitened[p, p] - gradient @ phi
-
-    bent_t = np.swapaxes(bent, 1, 2)
-    twice = ((xx - 2.0 * vx_t @ bent + bent_t @ gram.vv @ bent) / s2**2).sum(axis=0)  # X'R^-2 X
-    residual = np.append(-phi, 1.0)
-    vrx = (vx - gram.vv @ bent) / s2  # V'R^-1 X
-    vrv = np.einsum("rii->ri", (gram.vv - gram.vv @ middle @ gram.vv) / s2)
-    pull = scale**2 * (vrv - (vrx @ residual) ** 2)
-    traces = gram.count - q + s2 * np.einsum("rii->r", inverse)
-    slope_s = traces.sum() - s2 * residual @ twice @ residual
+    misfit = weighted.square.sum() - gradient @ phi
+    value = weighted.log_det.sum() + misfit
+    means = weighted.means - weighted.by_phi @ phi
+    of_effect = 1.0 - weighted.left - means**2
+    of_noise = gram.count.sum() - (1.0 - weighted.left).sum() - misfit + (means**2).sum()
     if restricted:
         unit = curvature_scale(hessian)
         value += np.linalg.slogdet(hessian / np.outer(unit, unit))[1] + 2.0 * np.log(unit).sum()
-        spread = covariance_of(hessian)
-        pull = pull - scale**2 * np.einsum("rqp,pk,rqk->rq", vrx[:, :, :p], spread, vrx[:, :, :p])
-        slope_s -= s2 * np.sum(spread * twice[:p, :p])
-    factors = [pull[:, effects.factor == k].sum() for k in range(len(variances) - 1)]
-    return (float(value) if np.isfinite(value) else 1e100), 2.0 * np.array([slope_s, *factors])
+        taken = (weighted.by_phi @ covariance_of(hessian) * weighted.by_phi).sum(axis=2)
+        of_effect -= taken
+        of_noise += taken.sum() - len(phi)
+    of_factor = [of_effect[:, effects.factor == k].sum() for k in range(len(variances) - 1)]
+    return (float(value) if np.isfinite(value) else 1e100), 2.0 * np.array([of_noise, *of_factor])
 
 
 def choose_variances(gram: Gram, effects: RunEffects, start: Floats, *, restricted: bool = True) -> Floats:
@@ -207,10 +213,8 @@ def least_squares(weighted: Weighted, phi: Floats, bounds: Floats) -> Floats:
 
 def posterior_mean(gram: Gram, effects: RunEffects, variances: Floats, phi: Floats) -> Floats:
     """Mean of the run effects given the data and phi, (R, q)."""
-    scale = effects.deviation(variances)
-    kernel = _kernel(gram, scale, np.exp(2.0 * variances[0]))
-    right = scale * (gram.vw - np.einsum("rpq,p->rq", gram.jv, phi))
-    return np.asarray(scale * np.linalg.solve(kernel, right[:, :, None])[:, :, 0])
+    weighted = weigh(gram, effects, variances)
+    return np.asarray(effects.deviation(variances) * (weighted.means - weighted.by_phi @ phi))
 
 
 def predictive(gram: Gram, weighted: Weighted, left_out: Floats) -> Floats:

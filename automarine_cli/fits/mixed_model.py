@@ -40,6 +40,9 @@ RUN_STEP = 1e-6
 SETTLED = 1e-3
 """A fit has converged when no parameter moves by more than this share of its standard error."""
 
+MOST_FOLLOWING = 5
+"""How often the run effects may be fitted again before a trial step is given up."""
+
 BOLDEST = 1.0
 """Largest change of the logarithm of a positive parameter in one step."""
 
@@ -141,8 +144,9 @@ def fit_mixed(
     factors: Floats,
     run_effects: Floats | None = None,
     iterations: int = 60,
+    settled: float = SETTLED,
 ) -> MixedFit:
-    """Fit `problem` from the start values; shapes as in `Problem`.
+    """Fit `problem` from the start values; shapes as in `Problem`, `settled` as the constant of that name.
 
     Raises FitError when there are no more samples than parameters or the response is not finite at the start.
     """
@@ -154,18 +158,31 @@ def fit_mixed(
     phi = np.clip(problem.search(theta), bounds[:, 0], bounds[:, 1])
     b = np.zeros_like(problem.effects.scale) if run_effects is None else run_effects
     variances = np.append(np.log(noise), np.log(np.maximum(factors, SMALLEST_FACTOR)))
-    converged, step = False, 0
-    while step < iterations and not converged:
+    converged, stuck, step, point = False, False, 0, _linearise(problem, phi, b)
+    while step < iterations and not (converged or stuck):
         step += 1
-        gram, _ = _linearise(problem, phi, b)
-        variances = linear_mixed.choose_variances(gram, problem.effects, variances)
-        weighted = linear_mixed.weigh(gram, problem.effects, variances)
-        new_phi = linear_mixed.least_squares(weighted, phi, bounds)
-        new_b = linear_mixed.posterior_mean(gram, problem.effects, variances, new_phi)
+        variances = linear_mixed.choose_variances(point.gram, problem.effects, variances)
+        weighted = linear_mixed.weigh(point.gram, problem.effects, variances)
+        change = linear_mixed.least_squares(weighted, 0.0 * phi, bounds - point.phi[:, None])
+        new_phi = np.clip(point.phi + change, bounds[:, 0], bounds[:, 1])
+        new_b = linear_mixed.posterior_mean(point.gram, problem.effects, variances, change)
         precision = np.sqrt(np.diagonal(linear_mixed.covariance_of(weighted.hessian.sum(axis=0))))
-        old, (phi, b) = phi, _line_search(problem, variances, phi, b, new_phi, new_b)
-        converged = bool(np.all(np.abs(phi - old) <= SETTLED * precision))
-    return _report(problem, phi, b, variances, bounds, step, converged)
+        old, point = point, _line_search(problem, variances, point, new_phi, new_b)
+        stuck = point is old  # then only a step that would have been negligible counts as converged
+        moved = change if stuck else point.phi - old.phi
+        converged = bool(np.all(np.abs(moved) <= settled * precision))
+    return _report(problem, point, variances, bounds, step, converged)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """One point of the search: phi (p,), run effects (R, q), headings there (R, N), and the problem linearised
+    about it."""
+
+    phi: Floats
+    b: Floats
+    fitted: Floats
+    gram: Gram
 
 
 def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
@@ -189,49 +206,69 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
     return out[0], np.moveaxis(by_phi, 0, 2), np.moveaxis(by_run, 0, 2)
 
 
-def _linearise(problem: Problem, phi: Floats, b: Floats) -> tuple[Gram, Floats]:
+def _linearise(problem: Problem, phi: Floats, b: Floats) -> _Point:
     """The problem about (phi, b) as inner products, and the headings there."""
     fitted, by_phi, by_run = derivatives(problem, phi, b)
     residual = np.where(problem.seen, problem.measured - fitted, 0.0)
-    data = residual + by_phi @ phi + np.einsum("rnq,rq->rn", by_run, b)
-    return Gram.of(by_phi, by_run, data, problem.seen.sum(axis=1)), fitted
+    return _Point(phi, b, fitted, Gram.of(by_phi, by_run, residual, problem.seen.sum(axis=1), b))
 
 
-def _penalised(problem: Problem, variances: Floats, phi: Floats, b: Floats) -> float:
+def _penalised(problem: Problem, variances: Floats, point: _Point) -> float:
     """Sum of squares that phi and b minimise together at fixed variances."""
     scale = problem.effects.deviation(variances)
-    residual = np.where(problem.seen, problem.measured - problem.headings(phi, b), 0.0)
-    penalty = np.divide(b, scale, out=np.zeros_like(b), where=scale > 0) ** 2
+    residual = np.where(problem.seen, problem.measured - point.fitted, 0.0)
+    penalty = np.divide(point.b, scale, out=np.zeros_like(point.b), where=scale > 0) ** 2
     return float((residual**2).sum() / np.exp(2.0 * variances[0]) + penalty.sum())
 
 
-def _line_search(
-    problem: Problem, variances: Floats, phi: Floats, b: Floats, new_phi: Floats, new_b: Floats
-) -> tuple[Floats, Floats]:
-    """Step towards the new point, halved until the penalised sum of squares does not rise."""
-    old_cost = _penalised(problem, variances, phi, b)
-    boldest = np.max(np.abs(new_phi - phi)[problem.positive], initial=0.0)
+def _line_search(problem: Problem, variances: Floats, here: _Point, new_phi: Floats, new_b: Floats) -> _Point:
+    """Step towards the new point, halved until the penalised sum of squares does not rise.
+
+    Every trial is linearised at once: a whole-run simulation costs as much for one parameter set as for all
+    the perturbed ones, and the first trial is nearly always taken.
+    """
+    limit = _penalised(problem, variances, here) * (1 + 1e-12) + 1e-12
+    boldest = np.max(np.abs(new_phi - here.phi)[problem.positive], initial=0.0)
     share = min(1.0, BOLDEST / max(float(boldest), 1e-300))
     for _ in range(12):
-        trial, effects = phi + share * (new_phi - phi), b + share * (new_b - b)
+        phi, b = here.phi + share * (new_phi - here.phi), here.b + share * (new_b - here.b)
         with np.errstate(over="ignore", invalid="ignore"):
-            cost = _penalised(problem, variances, trial, effects)
-        if np.isfinite(cost) and cost <= old_cost * (1 + 1e-12) + 1e-12:
-            return trial, effects
+            trial = _followed(problem, variances, phi, b, limit)
+        if trial is not None:
+            return trial
         share /= 2.0
-    return phi, b
+    return here
+
+
+def _followed(problem: Problem, variances: Floats, phi: Floats, b: Floats, limit: float) -> _Point | None:
+    """The point (phi, b) if its penalised sum of squares is within `limit`, else with the run effects fitted
+    again at this phi while that helps, else None.
+
+    Where a gain and the disturbances of a run make up for each other, the valley is curved: straight steps along
+    it would have to be tiny, but the disturbances, which are linear, follow in a step or two.
+    """
+    before = np.inf
+    for _ in range(MOST_FOLLOWING):
+        point = _linearise(problem, phi, b)
+        cost = _penalised(problem, variances, point)
+        if cost <= limit:
+            return point
+        if not np.isfinite(cost) or cost > 0.5 * before:
+            return None
+        before = cost
+        b = linear_mixed.posterior_mean(point.gram, problem.effects, variances, np.zeros_like(phi))
+    return None
 
 
 def _report(
     problem: Problem,
-    phi: Floats,
-    b: Floats,
+    point: _Point,
     variances: Floats,
     bounds: Floats,
     iterations: int,
     converged: bool,
 ) -> MixedFit:
-    gram, fitted = _linearise(problem, phi, b)
+    phi, gram = point.phi, point.gram
     weighted = linear_mixed.weigh(gram, problem.effects, variances)
     hessian = weighted.hessian.sum(axis=0)
     at_bound = (phi - bounds[:, 0] < 1e-9) | (bounds[:, 1] - phi < 1e-9)
@@ -239,7 +276,7 @@ def _report(
     grid = np.ix_(free, free)
     covariance = np.zeros_like(hessian)
     covariance[grid] = linear_mixed.covariance_of(hessian[grid])
-    push = weighted.gradient - weighted.hessian @ phi
+    push = weighted.gradient
     left_out = np.tile(phi, (len(problem.measured), 1))
     for i in range(len(left_out) if len(left_out) > 1 else 0):
         rest, pull = hessian - weighted.hessian[i], push.sum(axis=0) - push[i]
@@ -254,10 +291,10 @@ def _report(
         left_out=left_out,
         noise=float(np.exp(variances[0])),
         factors=np.exp(variances[1:]),
-        run_effects=b,
+        run_effects=point.b,
         log_likelihood=-0.5 * (ml_deviance + int(problem.seen.sum()) * np.log(2 * np.pi)),
-        predictive=linear_mixed.predictive(gram, weighted, left_out),
-        fitted=fitted,
+        predictive=linear_mixed.predictive(gram, weighted, left_out - phi),
+        fitted=point.fitted,
         at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)),
         iterations=iterations,
         converged=converged,
