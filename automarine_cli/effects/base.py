@@ -49,8 +49,12 @@ class Place(Enum):
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of an effect: unit (`{moment}` stands for the moment's unit), bounds, start, and off
-    value."""
+    """One parameter of an effect: unit (`{moment}` stands for the moment's unit), bounds, start, and off value.
+
+    `start` (and `scan`) are for a largest moment of one; `scaled` makes them fit other moments. A parameter with a
+    `scan` shapes the effect and means nothing while the effect is off: fits start from the best of these values.
+    `log` marks those searched on the logarithm.
+    """
 
     name: str
     meaning: str
@@ -59,6 +63,13 @@ class Parameter:
     upper: float
     start: float
     off: float = 0.0
+    scan: tuple[float, ...] = ()
+    log: bool = False
+
+    def scaled(self, value: float, largest: float) -> float:
+        """`value` for logs whose largest moment is `largest`."""
+        power = 0.5 if self.unit.startswith("({moment})^1/2") else 1.0 if "{moment}" in self.unit else 0.0
+        return float(value * largest**power)
 
     def unit_for(self, moment_unit: str) -> str:
         """Unit in print for logs whose moment is in `moment_unit`."""

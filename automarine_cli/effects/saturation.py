@@ -11,7 +11,16 @@ class Saturation(Effect):
     name = "saturation"
     place = Place.ACTUATOR
     parameters = (
-        Parameter("tau_max", "largest moment", "{moment}", 0.0, float("inf"), 1.0, off=float("inf")),
+        Parameter(
+            "tau_max",
+            "largest moment",
+            "{moment}",
+            0.0,
+            float("inf"),
+            1.0,
+            off=float("inf"),
+            scan=(0.6, 0.75, 0.9),
+        ),
     )
     equation = "tau_delivered = sgn(tau) min(|tau|, tau_max)"
     says = "The thrusters give no more than a largest moment, whatever is commanded."

@@ -10,7 +10,9 @@ class WaterSwirl(Effect):
     place = Place.WATER
     parameters = (
         Parameter("chi", "share of the yaw rate that the water reaches", "1", 0.0, 0.9, 0.15),
-        Parameter("T_w", "time constant of the water", "s", 0.5, 200.0, 10.0),
+        Parameter(
+            "T_w", "time constant of the water", "s", 0.5, 200.0, 10.0, scan=(2.5, 10.0, 40.0), log=True
+        ),
     )
     equation = "drag on r - w, T_w w' = chi r - w"
     says = "The water begins to turn with the vehicle and carries it along."

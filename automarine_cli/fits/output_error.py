@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from automarine_cli import effects
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
-from automarine_cli.fits.step_response import NAMES, Known, StepData, step_problem
+from automarine_cli.fits.step_response import NAMES, Known, StepData, instant, step_problem
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem, without_gain
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
 from automarine_cli.quantities import unit_of
@@ -75,7 +75,9 @@ def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> Out
     problem = whole_run_problem(rough, batch, at_rest)
     pooled = without_gain(problem)
     factors = np.array([0.01, 0.5, 0.03])
-    first = fit_mixed(pooled, np.append(rough.theta, 0.0), noise=0.05, factors=factors, iterations=20)
+    first = fit_mixed(
+        pooled, np.append(rough.theta, 0.0), noise=0.05, factors=factors, iterations=20, settled=0.05
+    )
     best = fit_mixed(
         problem,
         first.theta,
@@ -113,7 +115,10 @@ def _outcome(number: str, problem: Problem, mixed: MixedFit, moment_unit: str) -
         turn = Estimate.from_log(mixed.theta[0] / mixed.theta[1], stderr, dof, "rad")
     low, high = mixed.factor_interval(0)
     scatter = Estimate(float(mixed.factors[0]), (high - low) / 3.92, (low, high), "1")
-    offset = _estimate(mixed, covariance, len(mixed.theta) - 1, dof, "sample interval")
+    z = _estimate(mixed, covariance, len(mixed.theta) - 1, dof, "")
+    value, low, high = instant(np.array([z.value, *z.ci95]))
+    slope = float(np.exp(-0.5 * z.value**2) / np.sqrt(2.0 * np.pi))
+    offset = Estimate(float(value), slope * z.stderr, (float(low), float(high)), "sample interval")
     model = YawModel.base(number, mixed.theta[0], mixed.theta[1:-1], moment_unit)
     return OutputErrorFit(number, model, estimates, turn, offset, scatter, mixed.noise, mixed)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from automarine_cli.fits.linear_mixed import RunEffects
 from automarine_cli.fits.mixed_model import Problem
@@ -20,6 +21,9 @@ NAMES = {"1": ("I_r", "k_r"), "2": ("I_r", "k_rr", "k_r"), "3": ("I_r", "k_rr")}
 MOST_REST = 200
 """Samples of rest before a step that are used; more would say little of the start heading and much of slow
 drifts."""
+
+MOST_OFFSET = 2.5
+"""Bound of the common z of the switch instants: `instant` then lies within 0.6 % of the end of the interval."""
 
 START_HEADING_SD = 10.0
 """Standard deviation [rad] of a start heading before the data: so wide that it says nothing."""
@@ -49,6 +53,11 @@ class Known:
     start_heading: bool = False
     switch_instant: bool = False
     gain: bool = False
+
+
+def instant(z: Floats) -> Floats:
+    """Where in its sample interval a command switched, -1/2 to 1/2, for a standard normal z: uniform in it."""
+    return np.asarray(special.ndtr(z) - 0.5)
 
 
 def half_turn_data(turns: Sequence[HalfTurn]) -> StepData:
@@ -92,15 +101,16 @@ def step_data(
 def step_problem(data: StepData, model: str, known: Known = Known()) -> Problem:
     """Likelihood of the half-turns under model "1", "2" or "3".
 
-    theta is (I_r, drag in the order of BASE_TERMS, offset): the offset, in sample intervals within ±1/2, is
-    the logger's convention for the instant of a command, common to all runs. Run effects are start heading,
-    log gain of the moment, and the run's own switch instant; the last two scatter by an estimated factor.
+    theta is (I_r, drag in the order of BASE_TERMS, z): z places the instants of the steps in their sample intervals
+    (see `instant`), the logger's convention, common to all runs. Run effects are start heading, log gain of the
+    moment, and the run's own part of z; the last two scatter by an estimated factor, which for instants that are
+    uniform over their intervals is one.
     """
     time, moment, interval = data.time[None], data.moment[None, :, None], data.interval[None, :, None]
 
     def headings(theta: Floats, b: Floats) -> Floats:
         columns = [theta[:, i, None, None] for i in range(theta.shape[1])]
-        late = columns[-1] * interval + b[:, :, 2, None]
+        late = interval * instant(columns[-1] + b[:, :, 2, None])
         gained = moment * np.exp(b[:, :, 1, None])
         return response(
             time - late,
@@ -115,13 +125,13 @@ def step_problem(data: StepData, model: str, known: Known = Known()) -> Problem:
         [
             0.0 * ones if known.start_heading else START_HEADING_SD * ones,
             0.0 * ones if known.gain else ones,
-            0.0 * ones if known.switch_instant else data.interval / np.sqrt(12.0),
+            0.0 * ones if known.switch_instant else ones,
         ],
         axis=1,
     )
     effects = RunEffects(scale, np.array([-1, 0, 1]), ((1e-4, 1.0), (1e-3, 1.0)))
     drags = [(0.0 if name == "k_rr" else -np.inf, np.inf) for name in NAMES[model][1:]]
-    half = 0.0 if known.switch_instant else 0.5
-    bounds = np.array([(0.0, np.inf), *drags, (-half, half)])
+    most = 0.0 if known.switch_instant else MOST_OFFSET
+    bounds = np.array([(0.0, np.inf), *drags, (-most, most)])
     positive = np.array([True, *(name == "k_rr" for name in NAMES[model][1:]), False])
     return Problem(headings, data.heading, data.seen, effects, bounds, positive)

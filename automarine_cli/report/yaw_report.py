@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from automarine_cli.fits.step_response import instant
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report import yaw_tables
 from automarine_cli.report.figures import yaw as figures
@@ -104,7 +105,7 @@ def run_rows(fit: YawFit) -> pa.Table:
         row |= {f"I_r_model_{number}": float(table.per_run[i]) for number, table in seed.inertia.items()}
         row |= {
             "gain": float(np.exp(effects[i, 1])),
-            "switch_shift_s": float(effects[i, 2] + fit.preferred.offset.value * data.interval[i]),
+            "switch_shift_s": float(data.interval[i] * instant(mixed.theta[-1] + effects[i, 2])),
             "rmse_deg": float(np.sqrt(np.mean(off**2))),
         }
         measured.append(row)
