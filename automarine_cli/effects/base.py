@@ -53,7 +53,9 @@ class Parameter:
 
     `start` (and `scan`) are for a largest moment of one; `scaled` makes them fit other moments. A parameter with a
     `scan` shapes the effect and means nothing while the effect is off: fits start from the best of these values.
-    `log` marks those searched on the logarithm.
+    `log` marks those searched on the logarithm. A parameter with a `reference` is not fitted but says against what the
+    others are meant: "moment" the largest moment of the logs, "clock" their first instant, "voltage" their mean
+    supply voltage.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Parameter:
     off: float = 0.0
     scan: tuple[float, ...] = ()
     log: bool = False
+    reference: str = ""
 
     def scaled(self, value: float, largest: float) -> float:
         """`value` for logs whose largest moment is `largest`."""
@@ -104,17 +107,15 @@ class Commands:
     """The commands of all runs on the simulation grid, for actuator effects.
 
     `moment` (P, R, M) is held over each of the M steps, `start` and `length` (P, R, M) [s] say when;
-    `before` (R, 1) is the moment held before the first sample, `largest` the largest |moment| of all runs, `campaign`
-    (R, M) the time on the campaign's clock as a share of the whole campaign, 0 to 1; `signals` are other logged
-    columns, (R, M).
+    `before` (R, 1) is the moment held before the first sample, `clock` (R, 1) the campaign's clock [s] at the run's
+    first sample; `signals` are other logged columns, (R, M).
     """
 
     moment: Floats
     start: Floats
     length: Floats
     before: Floats
-    largest: float
-    campaign: Floats
+    clock: Floats
     signals: Mapping[str, Floats]
 
 

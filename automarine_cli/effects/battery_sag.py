@@ -6,15 +6,27 @@ from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Pla
 
 
 class BatterySag(Effect):
-    """tau (1 - discharge x) (1 - load |tau|/tau_largest), x the share of the campaign that has passed."""
+    """tau (1 - discharge t) (1 - load |tau|/tau_ref), t the hours on the campaign's clock since t_ref."""
 
     name = "battery-sag"
     place = Place.ACTUATOR
     parameters = (
-        Parameter("discharge", "share of thrust lost over the campaign", "1", 0.0, 0.9, 0.08),
-        Parameter("load", "share of thrust lost at the largest moment", "1", 0.0, 0.9, 0.05),
+        Parameter("discharge", "share of thrust lost in an hour of the campaign", "1/h", 0.0, 5.0, 0.08),
+        Parameter("load", "share of thrust lost at tau_ref", "1", 0.0, 0.9, 0.05),
+        Parameter(
+            "tau_ref", "moment at which load is told", "{moment}", 0.0, float("inf"), 1.0, reference="moment"
+        ),
+        Parameter(
+            "t_ref",
+            "clock at which nothing was lost yet",
+            "s",
+            -float("inf"),
+            float("inf"),
+            0.0,
+            reference="clock",
+        ),
     )
-    equation = "tau_delivered = tau (1 - discharge x) (1 - load |tau|/tau_largest)"
+    equation = "tau_delivered = tau (1 - discharge (t - t_ref)) (1 - load |tau|/tau_ref)"
     says = "The supply sags: thrust falls with load or as the battery empties."
     reveals = "a log of the bus voltage, and the first run repeated last"
     mistaken_for = ("cubic-drag", "thrust-exponent", "saturation")
@@ -22,6 +34,7 @@ class BatterySag(Effect):
     source = "Stipanov et al. (2007), section 2.1: 24 V from lead-acid cells of 2.9 Ah"
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        discharge, load = values
-        sagging = 1.0 - load * np.abs(commands.moment) / commands.largest
-        return commands.moment * (1.0 - discharge * commands.campaign) * sagging
+        discharge, load, moment, clock = values
+        hours = (commands.clock + commands.start - clock) / 3600.0
+        fresh = np.clip(1.0 - discharge * hours, 0.0, 2.0)
+        return commands.moment * fresh * (1.0 - load * np.abs(commands.moment) / moment)

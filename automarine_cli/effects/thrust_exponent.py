@@ -6,16 +6,19 @@ from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Pla
 
 
 class ThrustExponent(Effect):
-    """tau_largest (|tau|/tau_largest)^p with the sign of tau."""
+    """tau_ref (|tau|/tau_ref)^p with the sign of tau."""
 
     name = "thrust-exponent"
     place = Place.ACTUATOR
     parameters = (
         Parameter(
-            "p", "exponent of the delivered moment against the commanded one", "1", 0.3, 3.0, 0.9, off=1.0
+            "p", "exponent of the moment delivered against the one commanded", "1", 0.3, 3.0, 0.9, off=1.0
+        ),
+        Parameter(
+            "tau_ref", "moment that both agree on", "{moment}", 0.0, float("inf"), 1.0, reference="moment"
         ),
     )
-    equation = "tau_delivered = sgn(tau) tau_largest (|tau|/tau_largest)^p"
+    equation = "tau_delivered = sgn(tau) tau_ref (|tau|/tau_ref)^p"
     says = "Thrust grows with another power of the command than the map says."
     reveals = "a bollard test over the whole range of commands"
     mistaken_for = ("dead-band", "linear-drag", "battery-sag")
@@ -23,6 +26,5 @@ class ThrustExponent(Effect):
     source = "Blue Robotics T200 performance data (2019): thrust as command to the power 1.64 to 1.69"
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        (p,) = values
-        share = np.abs(commands.moment) / commands.largest
-        return np.sign(commands.moment) * commands.largest * share**p
+        p, reference = values
+        return np.sign(commands.moment) * reference * (np.abs(commands.moment) / reference) ** p

@@ -4,12 +4,23 @@ from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Pla
 
 
 class VoltageExponent(Effect):
-    """tau (V/V_mean)^p."""
+    """tau (V/V_ref)^p."""
 
     name = "voltage-exponent"
     place = Place.ACTUATOR
-    parameters = (Parameter("p", "exponent of thrust against voltage", "1", 0.0, 4.0, 1.2),)
-    equation = "tau_delivered = tau (V / V_mean)^p"
+    parameters = (
+        Parameter("p", "exponent of thrust against voltage", "1", 0.0, 4.0, 1.2),
+        Parameter(
+            "V_ref",
+            "voltage at which the moment is as commanded",
+            "V",
+            0.0,
+            1000.0,
+            12.0,
+            reference="voltage",
+        ),
+    )
+    equation = "tau_delivered = tau (V / V_ref)^p"
     says = "Thrust follows the supply voltage."
     reveals = "the same moments at two or more voltages"
     mistaken_for = ("battery-sag",)
@@ -18,6 +29,5 @@ class VoltageExponent(Effect):
     needs = ("voltage",)
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        (p,) = values
-        volts = commands.signals["voltage"]
-        return commands.moment * (volts / volts.mean()) ** p
+        p, reference = values
+        return commands.moment * (commands.signals["voltage"] / reference) ** p

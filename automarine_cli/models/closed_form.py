@@ -84,6 +84,7 @@ def _with(t: Floats, a: Floats, b: Floats, c: Floats, start: Floats) -> tuple[Fl
     delta = np.sqrt(b * b / 4 + a * c)
     with np.errstate(divide="ignore", invalid="ignore"):
         final = np.where(a > 0, a / (delta + b / 2), 0.0)
+        final = np.where((b < 0) & (c > 0), (delta - b / 2) / c, final)  # standstill repels where drag drives
     decay = np.exp(-2 * delta * t)
     z = (final - start) * _mean_decay(delta, t)
     return final * t + _log_ratio(c, z), final - (final - start) * decay / (1 - c * z)

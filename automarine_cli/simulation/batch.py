@@ -73,11 +73,7 @@ class Batch:
             index = np.broadcast_to(self.edge[None], (len(shift), *self.edge.shape))
             length = length + self.stretch[None] * np.take_along_axis(shift, index, axis=2)
         begins = np.cumsum(length, axis=2) - length
-        clock = self.start[:, None] + begins[0] - self.start.min()
-        ends = self.start + self.length.sum(axis=1)
-        campaign = clock / max(float(ends.max() - self.start.min()), 1e-9)
-        largest = float(np.abs(self.moment).max())
-        return Commands(self.moment[None], begins, length, self.before, largest, campaign, self.signals)
+        return Commands(self.moment[None], begins, length, self.before, self.start[:, None], self.signals)
 
 
 @dataclass(frozen=True)
