@@ -11,7 +11,7 @@ MAKEFLAGS += --no-print-directory
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test check fit-thrusters fit-yaw validate reproduce sample-runs paper bench clean
+.PHONY: help demo test check fit-thrusters fit-yaw validate reproduce sample-runs paper pictures bench clean
 
 help: ## Show this list
 	echo "make TARGET, where TARGET is one of"
@@ -68,6 +68,9 @@ sample-runs: $(READY) ## Make sample_runs again from its specification, byte for
 
 paper: $(READY) ## The paper's own tables against 200 simulated campaigns
 	$(BIN)/python tests/benchmarks/paper.py
+
+pictures: $(READY) ## The README's figures, from sample_runs
+	$(BIN)/python tests/benchmarks/pictures.py
 
 bench: $(READY) ## Accuracy against the Cramer-Rao bound, speed, start-up time
 	$(BIN)/python tests/benchmarks/bench.py
