@@ -63,10 +63,10 @@ def fit_drag(moment: Floats, rate: Floats, model: str, moment_unit: str = "nu") 
     x = regressors(rate, model)
     points, count = x.shape
     if points < count + 1 or np.linalg.matrix_rank(x / np.abs(x).max(axis=0)) < count:
+        sizes = len(np.unique(np.round(np.abs(moment), 9)))
         raise FitError(
-            f"{points} steady points at {len(np.unique(np.round(moment, 9)))} moments cannot carry the "
-            f"{count} terms of model "
-            f"{model}; run more moments"
+            f"model {model} of Table 1 needs at least {count + 1} runs and as many sizes of moment as it has drag "
+            f"terms ({count}); there are {points} at {sizes}: run more moments"
         )
     inverse = np.linalg.inv(x.T @ x)
     values = inverse @ x.T @ moment

@@ -8,8 +8,9 @@ gain, say).
 
 Estimator (Lindstrom and Bates 1990, Biometrics 46:673): linearise f at the present theta and b, which makes the
 problem linear and Gaussian (see linear_mixed.py); choose the variance factors by restricted likelihood, theta by
-generalised least squares, b by its posterior mean; repeat. After the linearisation a run is a small Gram matrix, so
-resampling runs, leaving one out and comparing models cost next to nothing.
+generalised least squares, b by its posterior mean; repeat, with half the step where it turns back on the last one.
+After the linearisation a run is a small Gram matrix, so resampling runs, leaving one out and comparing models cost
+next to nothing.
 
 Assumptions: noise white within a run, runs independent. The standard errors by the jackknife over runs hold without
 the first.
@@ -37,8 +38,8 @@ SMALLEST = 1e-9
 RUN_STEP = 1e-6
 """Step of the one-sided differences by run effects, whose scales are all of the order of one."""
 
-SETTLED = 1e-3
-"""A fit has converged when no parameter moves by more than this share of its standard error."""
+SETTLED = 1e-2
+"""A fit has converged when no parameter would move by more than this share of its standard error."""
 
 MOST_FOLLOWING = 5
 """How often the run effects may be fitted again before a trial step is given up."""
@@ -158,19 +159,24 @@ def fit_mixed(
     phi = np.clip(problem.search(theta), bounds[:, 0], bounds[:, 1])
     b = np.zeros_like(problem.effects.scale) if run_effects is None else run_effects
     variances = np.append(np.log(noise), np.log(np.maximum(factors, SMALLEST_FACTOR)))
-    converged, stuck, step, point = False, False, 0, _linearise(problem, phi, b)
+    step, share, last = 0, 1.0, np.zeros_like(phi)
+    converged, stuck, point = False, False, _linearise(problem, phi, b)
     while step < iterations and not (converged or stuck):
         step += 1
         variances = linear_mixed.choose_variances(point.gram, problem.effects, variances)
         weighted = linear_mixed.weigh(point.gram, problem.effects, variances)
         change = linear_mixed.least_squares(weighted, 0.0 * phi, bounds - point.phi[:, None])
-        new_phi = np.clip(point.phi + change, bounds[:, 0], bounds[:, 1])
         new_b = linear_mixed.posterior_mean(point.gram, problem.effects, variances, change)
         precision = np.sqrt(np.diagonal(linear_mixed.covariance_of(weighted.hessian.sum(axis=0))))
-        old, point = point, _line_search(problem, variances, point, new_phi, new_b)
-        stuck = point is old  # then only a step that would have been negligible counts as converged
-        moved = change if stuck else point.phi - old.phi
-        converged = bool(np.all(np.abs(moved) <= settled * precision))
+        converged = bool(np.all(np.abs(change) <= settled * precision))
+        share = share / 2.0 if change @ (last / precision**2) < 0 else min(1.0, 2.0 * share)
+        last = share * change
+        new_phi = np.clip(point.phi + last, bounds[:, 0], bounds[:, 1])
+        old, point = (
+            point,
+            _line_search(problem, variances, point, new_phi, point.b + share * (new_b - point.b)),
+        )
+        stuck = point is old
     return _report(problem, point, variances, bounds, step, converged)
 
 

@@ -63,7 +63,7 @@ def fit_half_turns(
     values = {"1": (k_r,), "2": (k_rr, k_r), "3": (k_rr,)}[number]
     problem = step_problem(data, number, known)
     mixed = fit_mixed(problem, np.array([inertia, *values, 0.0]), noise=0.02, factors=np.array([0.03, 0.5]))
-    return _outcome(number, problem, mixed, moment_unit)
+    return _outcome(number, problem, mixed, moment_unit, of_half_turns=True)
 
 
 def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> OutputErrorFit:
@@ -85,7 +85,7 @@ def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> Out
         factors=np.append(0.02, first.factors[1:]),
         run_effects=first.run_effects,
     )
-    return _outcome(number, problem, best, batch.moment_unit)
+    return _outcome(number, problem, best, batch.moment_unit, of_half_turns=False)
 
 
 def run_covariance(mixed: MixedFit) -> Floats:
@@ -101,7 +101,9 @@ def run_covariance(mixed: MixedFit) -> Floats:
     return mixed.covariance * np.outer(grow, grow)
 
 
-def _outcome(number: str, problem: Problem, mixed: MixedFit, moment_unit: str) -> OutputErrorFit:
+def _outcome(
+    number: str, problem: Problem, mixed: MixedFit, moment_unit: str, *, of_half_turns: bool
+) -> OutputErrorFit:
     covariance = run_covariance(mixed)
     runs = len(problem.measured)
     dof = float(runs - 1 if runs > 1 else problem.seen.sum() - len(mixed.theta))
@@ -115,12 +117,18 @@ def _outcome(number: str, problem: Problem, mixed: MixedFit, moment_unit: str) -
         turn = Estimate.from_log(mixed.theta[0] / mixed.theta[1], stderr, dof, "rad")
     low, high = mixed.factor_interval(0)
     scatter = Estimate(float(mixed.factors[0]), (high - low) / 3.92, (low, high), "1")
-    z = _estimate(mixed, covariance, len(mixed.theta) - 1, dof, "")
-    value, low, high = instant(np.array([z.value, *z.ci95]))
-    slope = float(np.exp(-0.5 * z.value**2) / np.sqrt(2.0 * np.pi))
-    offset = Estimate(float(value), slope * z.stderr, (float(low), float(high)), "sample interval")
+    offset = _estimate(mixed, covariance, len(mixed.theta) - 1, dof, "sample interval")
+    if of_half_turns:
+        offset = _in_interval(offset)
     model = YawModel.base(number, mixed.theta[0], mixed.theta[1:-1], moment_unit)
     return OutputErrorFit(number, model, estimates, turn, offset, scatter, mixed.noise, mixed)
+
+
+def _in_interval(z: Estimate) -> Estimate:
+    """The instant in sample intervals of a z of half-turns, see `step_response.instant`."""
+    value, low, high = instant(np.array([z.value, *z.ci95]))
+    slope = float(np.exp(-0.5 * z.value**2) / np.sqrt(2.0 * np.pi))
+    return Estimate(float(value), slope * z.stderr, (float(low), float(high)), z.unit)
 
 
 def _estimate(mixed: MixedFit, covariance: Floats, i: int, dof: float, unit: str) -> Estimate:
