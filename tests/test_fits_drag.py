@@ -1,0 +1,182 @@
+"""Table 1: least squares of the moment on the steady rate, its intervals, tests and the identity that binds its
+columns."""
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy import stats
+from tolerances import assert_close
+
+from automarine_cli.errors import FitError
+from automarine_cli.fits.drag import COLUMNS, DragFit, fit_drag, identity_gap, nested_test, regressors
+
+Floats = NDArray[np.float64]
+
+GRID = np.array([0.1 * i for i in range(-12, 13) if i])  # the paper's moments
+PRINTED = {"k3": 1.257, "k2": 1.259, "k_r": 0.02753}  # its Table 1
+
+
+def points(seed: int = 0, k_r: float = 0.1, k_rr: float = 1.2, noise: float = 0.05) -> tuple[Floats, Floats]:
+    """Moments (24,) with noise and steady rates (24,) of a vehicle with both kinds of drag."""
+    rate = np.sign(GRID) * (np.sqrt(k_r**2 + 4 * k_rr * np.abs(GRID)) - k_r) / (2 * k_rr)
+    return GRID + noise * np.random.default_rng(seed).standard_normal(len(GRID)), rate
+
+
+@pytest.mark.parametrize("model", COLUMNS)
+def test_values_and_sum_of_squares_are_those_of_numpy(model: str) -> None:
+    moment, rate = points()
+    fit = fit_drag(moment, rate, model)
+    expected, sse, *_ = np.linalg.lstsq(regressors(rate, model), moment, rcond=None)
+    assert_close([fit.estimates[name].value for name in COLUMNS[model]], expected, "closed form")
+    assert_close(fit.sse, sse[0], "closed form")
+    assert_close(fit.residuals @ fit.residuals, fit.sse, "same arithmetic")
+
+
+def test_one_column_has_the_textbook_quotient() -> None:
+    moment, rate = points()
+    assert_close(fit_drag(moment, rate, "1").drag, (np.sum(moment * rate) / np.sum(rate**2), 0.0), "same arithmetic")
+    quotient = np.sum(moment * rate * np.abs(rate)) / np.sum(rate**4)
+    assert_close(fit_drag(moment, rate, "3").drag, (0.0, quotient), "same arithmetic")
+
+
+@pytest.mark.parametrize("model", COLUMNS)
+def test_standard_errors_are_hc3_from_actual_refits_without_each_point(model: str) -> None:
+    """The HC3 residual e/(1 - h) is the error of predicting a point from all others."""
+    moment, rate = points(3)
+    x = regressors(rate, model)
+    meat = np.zeros((x.shape[1], x.shape[1]))
+    for i in range(len(moment)):
+        others = np.arange(len(moment)) != i
+        missed = moment[i] - x[i] @ np.linalg.lstsq(x[others], moment[others], rcond=None)[0]
+        meat += missed**2 * np.outer(x[i], x[i])
+    bread = np.linalg.inv(x.T @ x)
+    expected = np.sqrt(np.diagonal(bread @ meat @ bread))
+    fit = fit_drag(moment, rate, model)
+    for name, error in zip(COLUMNS[model], expected):
+        estimate = fit.estimates[name]
+        half = stats.t.ppf(0.975, len(moment) - x.shape[1]) * error
+        assert_close(estimate.stderr, error, "closed form")
+        assert_close(estimate.ci95, (estimate.value - half, estimate.value + half), "closed form")
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
+    """400 campaigns whose scatter grows with the moment, where ordinary intervals would be too short."""
+    rate = points()[1]
+    rng = np.random.default_rng(11)
+    held = 0
+    for _ in range(400):
+        moment = GRID * (1.0 + 0.1 * rng.standard_normal(len(GRID)))
+        low, high = fit_drag(moment, np.sign(GRID) * np.sqrt(np.abs(GRID) / 1.257), "3").estimates["k_rr"].ci95
+        held += low <= 1.257 <= high
+    assert 0.92 <= held / 400 <= 0.98
+    assert len(rate) == 24
+
+
+def test_aicc_counts_the_noise_as_a_parameter() -> None:
+    moment, rate = points()
+    for model, names in COLUMNS.items():
+        fit, k, n = fit_drag(moment, rate, model), len(names) + 1, len(moment)
+        expected = n * np.log(fit.sse / n) + 2 * k + 2 * k * (k + 1) / (n - k - 1)
+        assert_close(fit.aicc, expected, "closed form")
+
+
+def test_aicc_of_as_few_points_as_it_can_bear_is_infinite_not_wrong() -> None:
+    fit = fit_drag(np.array([0.5, -0.5, 1.0]), np.array([0.6, -0.6, 0.9]), "2")
+    assert fit.aicc == np.inf
+
+
+def test_nested_test_is_the_f_test_and_for_one_parameter_the_square_of_students() -> None:
+    moment, rate = points()
+    small, large = fit_drag(moment, rate, "3"), fit_drag(moment, rate, "2")
+    found = nested_test(small, large)
+    x = regressors(rate, "2")
+    s2 = large.sse / (len(moment) - 2)
+    t = large.estimates["k_r"].value / np.sqrt(s2 * np.linalg.inv(x.T @ x)[1, 1])
+    assert found.dof == (1, len(moment) - 2)
+    assert_close(found.f, t**2, "closed form")
+    assert_close(found.p_value, 2 * stats.t.sf(abs(t), len(moment) - 2), "closed form")
+
+
+def test_nested_test_rejects_a_true_model_one_time_in_twenty() -> None:
+    rng = np.random.default_rng(5)
+    rate = np.sign(GRID) * np.sqrt(np.abs(GRID) / 1.257)
+    p = []
+    for _ in range(500):
+        moment = GRID + 0.1 * rng.standard_normal(len(GRID))
+        p.append(nested_test(fit_drag(moment, rate, "3"), fit_drag(moment, rate, "2")).p_value)
+    assert stats.kstest(p, "uniform").pvalue > 0.01
+
+
+@given(st.integers(0, 10_000), st.integers(4, 60))
+def test_identity_of_models_2_and_3_holds_for_any_data(seed: int, count: int) -> None:
+    """Even where the moments have nothing to do with the rates."""
+    rng = np.random.default_rng(seed)
+    moment, rate = rng.normal(size=count), rng.normal(size=count)
+    (_, k3), (k_r, k2) = fit_drag(moment, rate, "3").drag, fit_drag(moment, rate, "2").drag
+    scale = abs(k2) + abs(k_r) * np.sum(np.abs(rate) ** 3) / np.sum(rate**4)
+    assert abs(identity_gap(rate, k3, k2, k_r)) <= 1e-10 * scale
+
+
+def test_the_printed_pair_breaks_the_identity() -> None:
+    """PHYSICS 4.3: with k_r = +0.0275 the column of model 3 must exceed that of model 2 by 0.028 at least."""
+    rate = np.sign(GRID) * np.sqrt(np.abs(GRID) / PRINTED["k3"])
+    gap = identity_gap(rate, **PRINTED)
+    assert gap < -0.002 - 0.028
+    rounding = identity_gap(rate, PRINTED["k3"] + 0.001, PRINTED["k2"] - 0.001, PRINTED["k_r"])
+    assert rounding < -0.028
+
+
+def test_a_constant_moment_explains_the_printed_pair() -> None:
+    """PHYSICS 4.3: 44 runs at |tau| >= 0.2 with tau = 1.259 q + 0.02753 give 1.257 and the printed drop of 0.0334."""
+    moment = np.tile(GRID[np.abs(GRID) > 0.15], 2)
+    assert len(moment) == 44
+    q = (moment - PRINTED["k_r"]) / PRINTED["k2"]
+    rate = np.sign(q) * np.sqrt(np.abs(q))
+    three, offset = fit_drag(moment, rate, "3"), fit_drag(moment, rate, "3+c")
+    assert_close([offset.estimates["k_rr"].value, offset.estimates["c"].value], [1.259, 0.02753], "closed form")
+    assert_close(three.drag[1], 1.2574, "printed")
+    assert_close(three.sse - offset.sse, 0.0333, "printed")
+    assert fit_drag(moment, rate, "2").drag[0] < 0.02  # while a linear drag does not come out of it
+
+
+def named(fit: DragFit) -> dict[str, float]:
+    return {name: estimate.value for name, estimate in fit.estimates.items()}
+
+
+@pytest.mark.parametrize("model", COLUMNS)
+def test_mirrored_turns_give_the_same_table(model: str) -> None:
+    moment, rate = points(7)
+    there, mirrored = fit_drag(moment, rate, model), fit_drag(-moment, -rate, model)
+    assert there.sse == mirrored.sse and there.aicc == mirrored.aicc
+    for name, value in named(there).items():
+        assert named(mirrored)[name] == pytest.approx(-value if name == "c" else value, rel=1e-14)
+        assert mirrored.estimates[name].stderr == pytest.approx(there.estimates[name].stderr, rel=1e-13)
+
+
+def test_units_follow_the_moment() -> None:
+    moment, rate = points()
+    assert fit_drag(moment, rate, "2", "N m").estimates["k_rr"].unit == "N m s²"
+    assert fit_drag(moment, rate, "2", "N m").estimates["k_r"].unit == "N m s"
+    assert fit_drag(moment, rate, "3+c").estimates["c"].unit == "nu"
+
+
+@pytest.mark.parametrize(
+    ("moment", "rate", "model"),
+    [
+        ([0.5], [0.6], "1"),
+        ([0.5, -0.5], [0.6, -0.6], "2"),
+        ([0.5, -0.5, 0.5, -0.5], [0.6, -0.6, 0.6, -0.6], "2"),  # one size of rate cannot tell two terms apart
+    ],
+)
+def test_too_few_points_are_refused_with_what_to_do(moment: list[float], rate: list[float], model: str) -> None:
+    sizes, terms = len(np.unique(np.abs(moment))), len(COLUMNS[model])
+    sentence = re.escape(
+        f"model {model} of Table 1 needs at least {terms + 1} runs and as many sizes of moment as it has drag terms "
+        f"({terms}); there are {len(moment)} at {sizes}: run more moments"
+    )
+    with pytest.raises(FitError, match=sentence):
+        fit_drag(np.array(moment), np.array(rate), model)

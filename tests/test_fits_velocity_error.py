@@ -1,0 +1,201 @@
+"""The paper's method: tails, velocity errors, equations 7 and 9, and where a tail may start."""
+
+import numpy as np
+import pytest
+from made_campaigns import ODD_MOMENTS, PAPER, Vehicle, both_ways, campaign, time_to_turn
+from numpy.typing import NDArray
+from tolerances import assert_close
+
+from automarine_cli.errors import FitError
+from automarine_cli.fits.identify import identify
+from automarine_cli.fits.step_response import StepData, step_data
+from automarine_cli.fits.velocity_error import (
+    BIAS_LIMIT,
+    VelocityErrorFit,
+    fit_velocity_error,
+    tail_lines,
+)
+from automarine_cli.models.closed_form import inertia_from_velocity_error, response
+
+Floats = NDArray[np.float64]
+
+# PHYSICS 4.7: bias [%] of the inertia from a tail of noise-free samples between this angle and 180 degrees
+TAILS = (0, 15, 30, 45, 54, 60, 75, 90, 105, 120, 150)
+KNOWN_DRAG = (-42.6, -14.2, -8.0, -4.9, -3.7, -3.1, -2.0, -1.30, -0.87, -0.59, -0.29)
+OWN_SLOPE = (-30.7, -9.3, -5.2, -3.2, -2.4, -2.0, -1.3, -0.88, -0.59, -0.41, -0.21)
+
+PAPER_MOMENTS = tuple(0.1 * i for i in range(1, 13))
+
+
+def noise_free(
+    vehicle: Vehicle = PAPER, sizes: tuple[float, ...] = ODD_MOMENTS, samples: int = 150
+) -> StepData:
+    """Half-turns both ways, evenly sampled from the step on, each until half a turn."""
+    moments = both_ways(sizes)
+    times = [np.linspace(0.0, time_to_turn(np.pi, m, vehicle), samples) for m in moments]
+    turned = [response(t, m, vehicle.inertia, vehicle.k_r, vehicle.k_rr)[0] for t, m in zip(times, moments)]
+    return step_data([str(m) for m in moments], times, turned, moments, [0.1] * len(moments))
+
+
+def fitted(data: StepData, offset: float = 0.0) -> VelocityErrorFit:
+    return fit_velocity_error(data, np.zeros(len(data.moment)), offset)
+
+
+@pytest.mark.parametrize("moment", [0.1, 1.2, -0.6])
+@pytest.mark.parametrize(("tail", "known", "own"), list(zip(TAILS, KNOWN_DRAG, OWN_SLOPE)))
+def test_tail_lines_have_the_bias_that_theory_gives(moment: float, tail: int, known: float, own: float) -> None:
+    """PHYSICS 4.7, the same at every moment."""
+    time = np.linspace(0.0, time_to_turn(np.pi, moment), 4000)[None]
+    heading = response(time, moment, PAPER.inertia, 0.0, PAPER.k_rr)[0]
+    lines = tail_lines(time, heading, np.zeros(1), np.abs(heading) >= np.radians(tail))
+    with_known = inertia_from_velocity_error(lines.error, moment, 0.0, PAPER.k_rr)
+    with_own = inertia_from_velocity_error(lines.error, moment, 0.0, np.abs(moment) / lines.rate**2)
+    digits = 0.006 if abs(known) < 1.5 else 0.06  # of the printed table
+    assert 100 * (with_known[0] / PAPER.inertia - 1) == pytest.approx(known, abs=digits)
+    digits = 0.006 if abs(own) < 1 else 0.06
+    assert 100 * (with_own[0] / PAPER.inertia - 1) == pytest.approx(own, abs=digits)
+
+
+def test_without_noise_inertia_and_drag_are_off_by_the_bias_that_is_said() -> None:
+    fit = fitted(noise_free())
+    assert fit.steady and max(map(abs, fit.bias)) < BIAS_LIMIT == 0.005
+    inertia = fit.inertia["3"].overall.value / PAPER.inertia - 1
+    drag = fit.drag["3"].drag[1] / PAPER.k_rr - 1
+    assert [inertia, drag] == pytest.approx(fit.bias, abs=2e-4)  # the reference itself is off by half a percent
+    assert -0.005 < inertia < -0.003  # as early as the limit allows, not later
+    assert 100 < np.degrees(fit.tail_from) < 130
+
+
+def test_without_noise_and_with_linear_drag_the_same_holds() -> None:
+    vehicle = Vehicle(1.0, 1.5, 0.0)
+    fit = fitted(noise_free(vehicle, sizes=(0.5, 0.8, 1.1)))
+    found = [fit.inertia["1"].overall.value - 1, fit.drag["1"].drag[0] / 1.5 - 1]
+    assert found == pytest.approx(fit.bias, abs=1e-4)
+    assert fit.steady == (max(map(abs, fit.bias)) <= BIAS_LIMIT)
+
+
+def test_velocity_error_of_model_3_does_not_depend_on_the_moment() -> None:
+    """Equation 9: |eps| = (I/k) ln 2, here within the tail's bias, to starboard and to port."""
+    data = noise_free()
+    error = fitted(data).tails.error
+    assert np.ptp(np.abs(error)) < 1e-3
+    assert np.all(np.sign(error) == -np.sign(data.moment))
+    assert np.abs(error).mean() == pytest.approx(PAPER.inertia * np.log(2) / PAPER.k_rr, rel=0.01)
+
+
+def test_inertia_of_model_1_from_it_falls_with_the_moment() -> None:
+    """PHYSICS 4.4: the paper's 0.7058 needs |tau| >= 0.5; over all its moments the mean would be 1.44."""
+    eps, k1 = 1.018 * np.log(2) / 1.257, 0.9961
+    moments = np.array(PAPER_MOMENTS)
+    inertia = inertia_from_velocity_error(-eps, moments, k1, 0.0)
+    assert_close(inertia, eps * k1**2 / moments, "closed form")
+    assert inertia[0] == pytest.approx(5.57, abs=0.005) and inertia[-1] == pytest.approx(0.464, abs=0.0005)
+    assert inertia.mean() == pytest.approx(1.44, abs=0.005)
+    assert inertia[moments > 0.45].mean() == pytest.approx(0.710, abs=0.0005)
+    assert inertia[moments > 0.25].mean() == pytest.approx(0.893, abs=0.0005)
+
+
+@pytest.mark.parametrize("moment", [0.1, -0.7, 1.2])
+def test_inertia_of_model_2_lies_between_equations_7_and_9(moment: float) -> None:
+    eps, k_r, k_rr = -np.sign(moment) * 0.5, 0.9, 1.3
+    equation_7 = abs(eps) * k_r**2 / abs(moment)
+    equation_9 = abs(eps) * k_rr / np.log(2)
+    assert_close(inertia_from_velocity_error(eps, moment, k_r, 1e-9), equation_7, "optimiser")
+    assert_close(inertia_from_velocity_error(eps, moment, 1e-9, k_rr), equation_9, "optimiser")
+    assert_close(inertia_from_velocity_error(eps, moment, k_r, 0.0), equation_7, "closed form")
+    assert_close(inertia_from_velocity_error(eps, moment, 0.0, k_rr), equation_9, "closed form")
+    both = inertia_from_velocity_error(eps, moment, k_r, k_rr)
+    assert both > max(equation_7, equation_9)  # two drags stop the transient sooner than either
+
+
+def test_model_2_finds_its_truth_when_both_drags_act() -> None:
+    vehicle = Vehicle(1.1, 0.4, 0.9)
+    fit = fitted(noise_free(vehicle))
+    assert fit.inertia["2"].overall.value == pytest.approx(1.1, rel=0.01)
+    assert fit.drag["2"].drag == pytest.approx((0.4, 0.9), rel=0.02)
+    assert np.ptp(fit.inertia["2"].per_run) < 0.02 * 1.1 < np.ptp(fit.inertia["3"].per_run)
+
+
+def test_moving_the_instant_of_the_steps_moves_each_intercept_by_rate_times_shift() -> None:
+    data = noise_free()
+    fit = fitted(data)
+    later = tail_lines(data.time - 0.03, data.heading, np.zeros(len(data.moment)), fit.tails.used)
+    assert_close(later.rate, fit.tails.rate, "closed form")
+    assert_close(later.error - fit.tails.error, 0.03 * fit.tails.rate, "closed form")
+    quarter = fitted(data, offset=0.25)  # of intervals of 0.1 s
+    moved = quarter.tails.error - fit.tails.error
+    assert moved == pytest.approx(0.025 * fit.tails.rate, abs=1e-3)  # the tail may start elsewhere now
+
+
+def test_mirrored_turns_give_the_same_inertia() -> None:
+    data = noise_free(sizes=(0.2, 0.5, 0.9))
+    other = step_data(data.names, list(data.time), list(-data.heading), list(-data.moment), list(data.interval))
+    there, mirrored = fitted(data), fitted(other)
+    assert there.tail_from == mirrored.tail_from and there.bias == pytest.approx(mirrored.bias, rel=1e-12)
+    for number in ("1", "2", "3"):
+        assert_close(mirrored.inertia[number].per_run, there.inertia[number].per_run, "closed form")
+        assert mirrored.inertia[number].per_moment.keys() == {-m for m in there.inertia[number].per_moment}
+
+
+def test_table_2_is_the_mean_of_its_runs_and_of_each_moment() -> None:
+    runs = campaign([0.4, 0.4, -0.4, 0.8, 0.8, -0.8], seed=3)
+    seed_method = identify(runs).seed_method
+    assert seed_method is not None
+    table = seed_method.inertia["3"]
+    assert_close(table.overall.value, table.per_run.mean(), "same arithmetic")
+    assert_close(table.per_moment[0.4], table.per_run[:2].mean(), "same arithmetic")
+    assert set(table.per_moment) == {0.4, -0.4, 0.8, -0.8}
+
+
+def test_standard_error_of_the_inertia_is_its_spread_over_campaigns() -> None:
+    """60 campaigns of 12 runs with noise; drag is estimated from the same tails."""
+    values, errors = [], []
+    for seed in range(60):
+        table = identify_seed(seed).inertia["3"].overall
+        values.append(table.value)
+        errors.append(table.stderr)
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(np.std(values, ddof=1), rel=0.3)
+    assert abs(np.mean(values) / PAPER.inertia - 1) < 0.015  # half a percent of tail bias, the rest from noise
+
+
+def identify_seed(seed: int) -> VelocityErrorFit:
+    """The paper's method alone on one campaign with noise; instants of the steps known."""
+    data, rng = noise_free(samples=60), np.random.default_rng(seed)
+    noisy = data.heading + data.seen * np.radians(1.0) * rng.standard_normal(data.heading.shape)
+    return fit_velocity_error(
+        step_data(data.names, list(data.time), list(noisy), list(data.moment), list(data.interval)),
+        np.zeros(len(data.moment)),
+    )
+
+
+def test_half_a_turn_is_not_enough_for_a_heavy_vehicle_and_that_is_said() -> None:
+    """PHYSICS 4.6: at I/k = 1.65 rad even 180 degrees leave the rate short of steady."""
+    heavy = Vehicle(1.65, 0.0, 1.0)
+    fit = fitted(noise_free(heavy))
+    assert not fit.steady and max(map(abs, fit.bias)) > BIAS_LIMIT
+    assert abs(fit.inertia["3"].overall.value / 1.65 - 1) > BIAS_LIMIT
+    found = identify(campaign(vehicle=heavy, noise_deg=0.3, seed=1))
+    assert any("Half a turn is not enough to get steady" in warning for warning in found.warnings)
+    likely = found.output_error["3"].estimates["I_r"]  # which needs no tail
+    assert abs(likely.value - 1.65) < 4 * likely.stderr
+
+
+def test_headings_that_run_ahead_of_their_line_are_refused() -> None:
+    moments = both_ways((0.3, 0.6, 0.9))
+    times = [np.linspace(0.0, 4.0, 60)] * len(moments)
+    ahead = [np.sign(m) * (0.3 + np.sqrt(abs(m) / 1.257) * t) for t, m in zip(times, moments)]
+    data = step_data([str(m) for m in moments], times, ahead, moments, [0.1] * len(moments))
+    with pytest.raises(FitError, match="negative inertia or drag: .*check the sign of the moment and of the heading"):
+        fitted(data)
+
+
+def test_too_few_runs_or_moments_are_refused() -> None:
+    data = noise_free(sizes=(0.5,))
+    with pytest.raises(FitError, match=r"2 half-turns at 1 size.* cannot carry Table 1; at least 3 runs at 2 moments"):
+        fitted(data)
+
+
+def test_tails_of_too_few_samples_are_refused() -> None:
+    time, used = np.arange(5.0)[None], np.array([[False, False, False, True, True]])
+    with pytest.raises(FitError, match="only 2 samples in the steady tail .* 3 are needed; log the heading faster"):
+        tail_lines(time, time, np.zeros(1), used)
