@@ -10,7 +10,7 @@ FORM_NAMES = ("square", "dead-band", "power", "dead-band-power")
 FORMS = (*FORM_NAMES, *(f"{name}-saturation" for name in FORM_NAMES))
 
 
-@click.command("fit-thrusters")
+@click.command("fit-thrusters", short_help="Bollard tests to a thruster map.")
 @options.logs_argument
 @options.columns_option
 @click.option(

@@ -7,8 +7,16 @@ import click
 from automarine_cli.cli import options
 from automarine_cli.cli.echo import Printable
 
+FIGURES = ("half_turns.png", "drag.png", "inertia.png", "collapse.png")
 
-@click.command("fit-yaw")
+
+def files_of(half_turns: bool) -> tuple[str, ...]:
+    """What a fit to half-turns, or to whole runs, leaves in its folder."""
+    figures = FIGURES if half_turns else ("whole_runs.png",)
+    return ("yaw_model.json", "table1 and table2 (.csv, .md, .tex)", "runs.parquet", *figures)
+
+
+@click.command("fit-yaw", short_help="Step runs to drag, inertia and a yaw model.")
 @options.logs_argument
 @options.columns_option
 @options.thrusters_option
@@ -44,7 +52,5 @@ def fit_yaw(
         strict=strict, jobs=jobs, progress=options.terminal_progress(),
     )  # fmt: skip
     tables: list[Printable | str] = [*yaw_report.tables(result, short=True), *yaw_report.sentences(result)]
-    options.echo_result(
-        result, as_json=as_json, out=out, tables=tables, files=("yaw_model.json", "table1.md", "table2.md")
-    )
+    options.echo_result(result, as_json=as_json, out=out, tables=tables, files=files_of(bool(result.turns)))
     return result

@@ -7,7 +7,7 @@ import click
 from automarine_cli.cli import options
 
 
-@click.command("simulate")
+@click.command("simulate", short_help="Make a pool campaign with known truth.")
 @click.argument(
     "specification", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="SPEC.toml"
 )

@@ -10,7 +10,7 @@ FILES = ("validation.json", "validation.csv", "validation.md", "validation.tex")
 PICTURES = "validation_RUN.png"
 
 
-@click.command("validate")
+@click.command("validate", short_help="Simulate each log with each model, and compare.")
 @options.logs_argument
 @options.model_option
 @options.columns_option

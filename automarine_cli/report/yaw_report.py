@@ -40,9 +40,9 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     lines.append(
         f"Thrust scatters from run to run by {100 * preferred.gain_scatter.value:.1f} % [{100 * low:.1f}, "
         f"{100 * high:.1f}]; "
-        f"heading noise {np.degrees(preferred.noise):.2f}°; commands act {preferred.offset.value:+.2f} "
-        "sample intervals "
-        f"[{preferred.offset.ci95[0]:+.2f}, {preferred.offset.ci95[1]:+.2f}] from the middle of theirs."
+        f"heading noise {np.degrees(preferred.noise):.2f}°. Moments switch {preferred.offset.value:+.2f} sample "
+        f"intervals [{preferred.offset.ci95[0]:+.2f}, {preferred.offset.ci95[1]:+.2f}] from the middle between "
+        "the first sample that shows them and the one before."
     )
     return (*lines, *(f"Warning: {warning}" for warning in fit.warnings))
 
