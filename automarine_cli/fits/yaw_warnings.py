@@ -25,6 +25,7 @@ EARLY = (
 
 
 def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit) -> list[str]:
+    """Sentences on the half-turns and on the paper's method: not steady, or a Table 1 that breaks its identity."""
     found = []
     if not seed.steady:
         found.append(
@@ -48,6 +49,7 @@ def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit) -> list[str
 
 
 def fit_warnings(fits: Mapping[str, OutputErrorFit], preference: Preference) -> list[str]:
+    """Sentences on the maximum likelihood: implausible, not converged, at a bound, or hardly shown by the runs."""
     found = []
     fit = fits[preference.number]
     turn = fit.inertial_turn_angle or fits["3"].inertial_turn_angle
