@@ -67,13 +67,13 @@ sample-runs: $(READY) ## Make sample_runs again from its specification, byte for
 	  rm -rf sample_runs/$$made && cp -R $(OUT)/sample_runs/$$made sample_runs/$$made || exit 1; done
 
 paper: $(READY) ## The paper's own tables against 200 simulated campaigns
-	$(BIN)/python tests/benchmarks/paper.py
+	$(BIN)/python tests/benchmarks/paper.py --out $(OUT)
 
 pictures: $(READY) ## The README's figures, from sample_runs
 	$(BIN)/python tests/benchmarks/pictures.py
 
 bench: $(READY) ## Accuracy against the Cramer-Rao bound, speed, start-up time
-	$(BIN)/python tests/benchmarks/bench.py
+	$(BIN)/python tests/benchmarks/bench.py --out $(OUT)/bench.json
 
 clean: ## Remove results, caches and the virtual environment
 	rm -rf out $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,67 @@
+"""`make bench`: accuracy against the Cramer-Rao bound, coverage of intervals, speed. Prints tables and writes
+out/bench.json.
+
+Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [startup] [simulator] [fit] [--jobs N]
+"""
+
+import os
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy, and for the processes: each has one core
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+from coverage import coverage
+from efficiency import efficiency
+from speed import Result, fit, simulator, startup
+
+from automarine_cli.cli.echo import terminal_progress
+from automarine_cli.pipeline.progress import Progress
+
+CAMPAIGNS = {"efficiency": 200, "coverage": 300}
+SECTIONS = ("efficiency", "coverage", "startup", "simulator", "fit")
+
+
+def run_section(name: str, jobs: int, campaigns: int | None, progress: Progress) -> Result:
+    """Tables and plain results of one section."""
+    if name in CAMPAIGNS:
+        measure = {"efficiency": efficiency, "coverage": coverage}[name]
+        return measure(campaigns or CAMPAIGNS[name], jobs, progress)
+    if name == "startup":
+        return startup(15, progress)
+    return {"simulator": simulator, "fit": fit}[name](15, progress)
+
+
+def main() -> None:
+    """Run the sections asked for, by default all."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "sections", nargs="*", metavar="SECTION", help=f"of {', '.join(SECTIONS)}; default: all"
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=min(2, os.cpu_count() or 1), help="processes (default: 2)"
+    )
+    parser.add_argument("--campaigns", type=int, help="simulated campaigns a case, instead of 200 and 300")
+    parser.add_argument("--out", type=Path, default=Path("out/bench.json"), help="default: out/bench.json")
+    options = parser.parse_args()
+    if unknown := [name for name in options.sections if name not in SECTIONS]:
+        parser.error(f"no section {unknown[0]!r}; there are {', '.join(SECTIONS)}")
+    results = json.loads(options.out.read_text()) if options.out.exists() and options.sections else {}
+    for name in options.sections or SECTIONS:
+        begun = time.perf_counter()
+        tables, results[name] = run_section(name, options.jobs, options.campaigns, terminal_progress())
+        for table in tables:
+            print(table.to_text())
+        print(f"({name}: {time.perf_counter() - begun:.0f} s)\n", flush=True)
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        options.out.write_text(json.dumps(results, indent=1, default=float) + "\n")
+    print(f"Results are in {options.out}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""Simulated step campaigns with known truth for the benchmarks, apart from the tool's own simulator."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.fits.step_response import StepData, step_data
+from automarine_cli.models.closed_form import response
+from automarine_cli.runs.half_turn import half_turns
+from automarine_cli.runs.run import Run
+
+Floats = NDArray[np.float64]
+
+INERTIA, K_RR = 1.018, 1.257  # the source paper's Tables 1 and 2
+NOISE = np.deg2rad(1.0)
+PERIOD = 0.1  # s
+REST = 30  # samples before the step
+BOTH_SIDES = tuple(sign * m / 10 for m in range(1, 13) for sign in (-1, 1))
+
+LARGE = tuple(2 * [*BOTH_SIDES])
+"""48 runs: |tau| 0.1 to 1.2 to both sides, two each."""
+
+SMALL = tuple(2 * [-1.0, -0.6, -0.2, 0.2, 0.6, 1.0])
+"""12 runs at 6 moments."""
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """R runs and their truth: moments (R,), start headings (R,) [rad]; every command switched at time 0."""
+
+    runs: tuple[Run, ...]
+    start_heading: Floats
+
+
+def make_campaign(
+    seed: Sequence[int], moments: Sequence[float] = LARGE, *, k_r: float = 0.0, scatter: float = 0.0
+) -> Campaign:
+    """Rest, then a step of each moment held past half a turn; the log's clock begins anywhere in a period.
+
+    `scatter` is the standard deviation of the logarithm of each run's moment delivered over commanded.
+    """
+    random = np.random.default_rng(seed)
+    start = random.uniform(-np.pi, np.pi, len(moments))
+    runs = []
+    for i, (moment, heading0) in enumerate(zip(moments, start)):
+        delivered = moment * np.exp(scatter * random.standard_normal())
+        last = round(8.0 * INERTIA / np.sqrt(abs(moment) * K_RR) / PERIOD)
+        time = PERIOD * (np.arange(-REST, last) + random.uniform())
+        heading, _ = response(time, delivered, INERTIA, k_r, K_RR, heading0)
+        noisy = heading + NOISE * random.standard_normal(len(time))
+        runs.append(Run(f"run {i}", "simulated", time, noisy, np.where(time > 0, moment, 0.0), "nu"))
+    return Campaign(tuple(runs), start)
+
+
+def known_half_turns(campaign: Campaign) -> StepData:
+    """The half-turns by the tool's own rule, without rest, on the true instant and start heading."""
+    turns, _ = half_turns(campaign.runs)
+    zero = {run.name: heading for run, heading in zip(campaign.runs, campaign.start_heading)}
+    return step_data(
+        [turn.name for turn in turns],
+        [turn.time for turn in turns],
+        [turn.heading - zero[turn.name] for turn in turns],
+        [turn.moment for turn in turns],
+        [turn.switch_to - turn.switch_from for turn in turns],
+    )
