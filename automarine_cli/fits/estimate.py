@@ -6,6 +6,9 @@ from typing import cast
 import numpy as np
 from scipy import stats
 
+WIDE = 2.0
+"""Half width of an interval on the logarithm from which on it is given on the number itself."""
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -25,8 +28,14 @@ class Estimate:
 
     @classmethod
     def from_log(cls, value: float, stderr_of_log: float, dof: float, unit: str) -> "Estimate":
-        """Interval of a positive number, symmetric on its logarithm."""
+        """Interval of a positive number, symmetric on its logarithm while that is narrow.
+
+        Beyond `WIDE` the data hardly tell the number from zero; then the interval is symmetric on the number itself
+        and begins at zero (on the logarithm it would end at infinity).
+        """
         half = float(stats.t.ppf(0.975, max(dof, 1.0))) * stderr_of_log
+        if half > WIDE:
+            return cls(float(value), float(value * stderr_of_log), (0.0, float(value * (1.0 + half))), unit)
         return cls(
             float(value),
             float(value * stderr_of_log),

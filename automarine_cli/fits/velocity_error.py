@@ -55,7 +55,8 @@ class VelocityErrorFit:
 
     `tail_from` [rad] turned angle at which the tail starts, `bias` its own relative bias (inertia, drag) on
     the noise-free response, `steady` whether that is within BIAS_LIMIT. `inertia["2"]` or `drag["2"]` is
-    absent where the moments cannot carry model 2.
+    absent where the moments cannot carry model 2,
+    `inertia["2"]` also where its drag has no steady rate.
     """
 
     tail_from: float
@@ -83,10 +84,11 @@ def fit_velocity_error(
             "at least 3 runs at 2 moments are needed"
         )
     used = _last_share(time, data.seen, 0.3)
+    noise = _noise_about_lines(time, data.heading, used)
     for _ in range(3):  # the reference that places the tail comes from the tail: two rounds settle it
         tails = tail_lines(time, data.heading, start_heading, used)
         reference = _reference(data.moment, tails)
-        tail_from, bias = _choose_tail(time, data, reference)
+        tail_from, bias = _choose_tail(time, data, reference, noise)
         used = _tail_mask(time, data, reference, tail_from)
     tails = tail_lines(time, data.heading, start_heading, used)
     drag, inertia = {}, {}
@@ -94,8 +96,9 @@ def fit_velocity_error(
         if model in ("2", "3+c") and (len(data.moment) < 4 or len(np.unique(np.abs(data.moment))) < 2):
             continue
         drag[model] = fit_drag(data.moment, tails.rate, model, moment_unit)
-        if model != "3+c":
-            inertia[model] = _inertia_table(data.moment, tails, drag[model], moment_unit)
+        table = None if model == "3+c" else _inertia_table(data.moment, tails, drag[model], moment_unit)
+        if table is not None:
+            inertia[model] = table
     return VelocityErrorFit(float(tail_from), bias, max(np.abs(bias)) <= BIAS_LIMIT, tails, drag, inertia)
 
 
@@ -157,31 +160,57 @@ def _tail_mask(time: Floats, data: StepData, model: _Reference, start: float) ->
     return past | few
 
 
-def _choose_tail(time: Floats, data: StepData, model: _Reference) -> tuple[float, tuple[float, float]]:
-    """Earliest tail start whose own bias is within the limit, else the least biased one."""
+def _noise_about_lines(time: Floats, heading: Floats, used: Mask) -> float:
+    """Root mean square [rad] of the headings about the line of each run."""
+    lines = tail_lines(time, heading, np.zeros(len(time)), used)
+    off = (heading - lines.error[:, None] - lines.rate[:, None] * time)[used]
+    return float(np.sqrt(off @ off / max(used.sum() - 2 * len(time), 1)))
+
+
+def _error_of_mean(time: Floats, used: Mask, tails: TailLines, noise: float) -> float:
+    """Relative standard error of a mean over the velocity errors, for heading noise [rad]."""
+    count = used.sum(axis=1)
+    mean = np.sum(time * used, axis=1) / count
+    spread = np.sum(((time - mean[:, None]) * used) ** 2, axis=1)
+    variance = noise**2 * (1.0 / count + mean**2 / spread) / tails.error**2
+    return float(np.sqrt(variance.sum()) / len(time))
+
+
+def _choose_tail(
+    time: Floats, data: StepData, model: _Reference, noise: float
+) -> tuple[float, tuple[float, float]]:
+    """Earliest tail start whose own bias is within the limit; where none is, the one of least error, bias and
+    noise taken together (the least bias alone would always take the last few samples)."""
     exact = response(time, data.moment[:, None], model.inertia, model.k_r, model.k_rr)[0]
     kind = "3" if model.k_rr > 0 else "1"
     best, least = (ANGLES[0], (np.inf, np.inf)), np.inf
     for start in ANGLES:
-        tails = tail_lines(time, exact, np.zeros(len(exact)), _tail_mask(time, data, model, start))
+        used = _tail_mask(time, data, model, start)
+        tails = tail_lines(time, exact, np.zeros(len(exact)), used)
         drag = fit_drag(data.moment, tails.rate, kind).drag
         inertia = np.mean(inertia_from_velocity_error(tails.error, data.moment, *drag))
         bias = (float(inertia / model.inertia - 1.0), float(max(drag) / max(model.k_r, model.k_rr) - 1.0))
         worst = max(abs(bias[0]), abs(bias[1]))
-        if worst < least:
-            best, least = (start, bias), worst
         if worst <= AIM:
-            break
+            return start, bias
+        error = float(np.hypot(worst, _error_of_mean(time, used, tails, noise)))
+        if error < least:
+            best, least = (start, bias), error
     return best
 
 
-def _inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str) -> InertiaTable:
+def _inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str) -> InertiaTable | None:
     """Inertia of each run, mean at each moment and over all; standard error by the jackknife over runs, drag
-    refitted."""
+    refitted.
+
+    None where the drag has no steady rate at some moment: the least squares of model 2 may make k_rr negative.
+    """
     per_run = inertia_from_velocity_error(tails.error, moment, *drag.drag)
     levels = np.unique(moment)
     per_moment = {float(level): float(per_run[moment == level].mean()) for level in levels}
     left_out = np.array([_inertia_without(i, moment, tails, drag.model) for i in range(len(moment))])
+    if not (np.all(np.isfinite(per_run)) and np.all(np.isfinite(left_out))):
+        return None
     count = len(moment)
     stderr = float(np.sqrt((count - 1) / count * np.sum((left_out - left_out.mean()) ** 2)))
     overall = Estimate.from_stderr(float(per_run.mean()), stderr, count - 1, unit_of("I_r", moment_unit))

@@ -98,18 +98,22 @@ class YawFit:
         if seed is None or number not in seed.drag:
             why = self.why_no_seed_method or "too few half-turns to carry two drag terms"
             return content | {"sse": None, "velocity_error": None, "why": why}
-        drag = seed.drag[number]
+        drag, table = seed.drag[number], seed.inertia.get(number)
+        if table is None:
+            content["why"] = (
+                "the drag of the least squares leaves no steady rate, so no velocity error gives an inertia"
+            )
         content["sse"] = drag.sse
         content["velocity_error"] = {
             **{name: e.to_json() for name, e in drag.estimates.items()},
-            "I_r": seed.inertia[number].overall.to_json(),
+            "I_r": None if table is None else table.overall.to_json(),
             "sse": drag.sse,
             "aicc": drag.aicc if np.isfinite(drag.aicc) else None,
             "f_test_against_2": asdict(nested_test(drag, seed.drag["2"]))
             if number != "2" and "2" in seed.drag
             else None,
             "I_r_mean_at_moment": {
-                f"{level:g}": mean for level, mean in seed.inertia[number].per_moment.items()
+                f"{level:g}": mean for level, mean in (table.per_moment if table else {}).items()
             },
             "tail_from_deg": float(np.degrees(seed.tail_from)),
         }

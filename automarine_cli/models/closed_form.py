@@ -51,11 +51,12 @@ def velocity_error(
 ) -> Floats:
     """Intercept at the step's instant of the line on which the heading ends, start heading removed [rad].
 
-    -sgn(tau) (I/k_rr) ln(1 + r_inf/r_2); equation 7 for k_rr = 0, equation 9 for k_r = 0.
+    -sgn(tau) (I/k_rr) ln(1 + r_inf/r_2); equation 7 for k_rr = 0, equation 9 for k_r = 0. Not a number where a
+    negative k_rr leaves no steady rate.
     """
     a, b, c = _scaled(moment, inertia, k_r, k_rr)
-    delta = np.sqrt(b * b / 4 + a * c)
     with np.errstate(divide="ignore", invalid="ignore"):
+        delta = np.sqrt(b * b / 4 + a * c)
         gap = np.where(a > 0, a / (delta + b / 2) / (2 * delta), 0.0)
     return np.sign(moment) * _log_ratio(c, gap)
 
