@@ -43,7 +43,9 @@ def fitted(data: StepData, offset: float = 0.0) -> VelocityErrorFit:
 
 @pytest.mark.parametrize("moment", [0.1, 1.2, -0.6])
 @pytest.mark.parametrize(("tail", "known", "own"), list(zip(TAILS, KNOWN_DRAG, OWN_SLOPE)))
-def test_tail_lines_have_the_bias_that_theory_gives(moment: float, tail: int, known: float, own: float) -> None:
+def test_tail_lines_have_the_bias_that_theory_gives(
+    moment: float, tail: int, known: float, own: float
+) -> None:
     """PHYSICS 4.7, the same at every moment."""
     time = np.linspace(0.0, time_to_turn(np.pi, moment), 4000)[None]
     heading = response(time, moment, PAPER.inertia, 0.0, PAPER.k_rr)[0]
@@ -61,7 +63,9 @@ def test_without_noise_inertia_and_drag_are_off_by_the_bias_that_is_said() -> No
     assert fit.steady and max(map(abs, fit.bias)) < BIAS_LIMIT == 0.005
     inertia = fit.inertia["3"].overall.value / PAPER.inertia - 1
     drag = fit.drag["3"].drag[1] / PAPER.k_rr - 1
-    assert [inertia, drag] == pytest.approx(fit.bias, abs=2e-4)  # the reference itself is off by half a percent
+    assert [inertia, drag] == pytest.approx(
+        fit.bias, abs=2e-4
+    )  # the reference itself is off by half a percent
     assert -0.005 < inertia < -0.003  # as early as the limit allows, not later
     assert 100 < np.degrees(fit.tail_from) < 130
 
@@ -129,7 +133,9 @@ def test_moving_the_instant_of_the_steps_moves_each_intercept_by_rate_times_shif
 
 def test_mirrored_turns_give_the_same_inertia() -> None:
     data = noise_free(sizes=(0.2, 0.5, 0.9))
-    other = step_data(data.names, list(data.time), list(-data.heading), list(-data.moment), list(data.interval))
+    other = step_data(
+        data.names, list(data.time), list(-data.heading), list(-data.moment), list(data.interval)
+    )
     there, mirrored = fitted(data), fitted(other)
     assert there.tail_from == mirrored.tail_from and there.bias == pytest.approx(mirrored.bias, rel=1e-12)
     for number in ("1", "2", "3"):
@@ -155,7 +161,9 @@ def test_standard_error_of_the_inertia_is_its_spread_over_campaigns() -> None:
         values.append(table.value)
         errors.append(table.stderr)
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(np.std(values, ddof=1), rel=0.3)
-    assert abs(np.mean(values) / PAPER.inertia - 1) < 0.015  # half a percent of tail bias, the rest from noise
+    assert (
+        abs(np.mean(values) / PAPER.inertia - 1) < 0.015
+    )  # half a percent of tail bias, the rest from noise
 
 
 def identify_seed(seed: int) -> VelocityErrorFit:
@@ -185,17 +193,23 @@ def test_headings_that_run_ahead_of_their_line_are_refused() -> None:
     times = [np.linspace(0.0, 4.0, 60)] * len(moments)
     ahead = [np.sign(m) * (0.3 + np.sqrt(abs(m) / 1.257) * t) for t, m in zip(times, moments)]
     data = step_data([str(m) for m in moments], times, ahead, moments, [0.1] * len(moments))
-    with pytest.raises(FitError, match="negative inertia or drag: .*check the sign of the moment and of the heading"):
+    with pytest.raises(
+        FitError, match="negative inertia or drag: .*check the sign of the moment and of the heading"
+    ):
         fitted(data)
 
 
 def test_too_few_runs_or_moments_are_refused() -> None:
     data = noise_free(sizes=(0.5,))
-    with pytest.raises(FitError, match=r"2 half-turns at 1 size.* cannot carry Table 1; at least 3 runs at 2 moments"):
+    with pytest.raises(
+        FitError, match=r"2 half-turns at 1 size.* cannot carry Table 1; at least 3 runs at 2 moments"
+    ):
         fitted(data)
 
 
 def test_tails_of_too_few_samples_are_refused() -> None:
     time, used = np.arange(5.0)[None], np.array([[False, False, False, True, True]])
-    with pytest.raises(FitError, match="only 2 samples in the steady tail .* 3 are needed; log the heading faster"):
+    with pytest.raises(
+        FitError, match="only 2 samples in the steady tail .* 3 are needed; log the heading faster"
+    ):
         tail_lines(time, time, np.zeros(1), used)
