@@ -24,7 +24,7 @@ class SensorLag(Effect):
         (lag,) = values
         shape = np.broadcast_shapes(heading.shape, time.shape, lag.shape)
         lag = np.maximum(np.broadcast_to(lag, shape)[..., 0], 1e-6)
-        step = np.diff(np.broadcast_to(time, shape), axis=2)
+        step = np.maximum(np.diff(np.broadcast_to(time, shape), axis=2), 0.0)
         heading = np.broadcast_to(heading, shape)
         out = np.empty(shape)
         out[..., 0] = heading[..., 0]

@@ -167,7 +167,8 @@ def fit_mixed(
         weighted = linear_mixed.weigh(point.gram, problem.effects, variances)
         change = linear_mixed.least_squares(weighted, 0.0 * phi, bounds - point.phi[:, None])
         new_b = linear_mixed.posterior_mean(point.gram, problem.effects, variances, change)
-        precision = np.sqrt(np.diagonal(linear_mixed.covariance_of(weighted.hessian.sum(axis=0))))
+        spread = np.diagonal(linear_mixed.covariance_of(weighted.hessian.sum(axis=0)))
+        precision = np.sqrt(np.maximum(spread, 1e-24))
         converged = bool(np.all(np.abs(change) <= settled * precision))
         share = share / 2.0 if change @ (last / precision**2) < 0 else min(1.0, 2.0 * share)
         last = share * change

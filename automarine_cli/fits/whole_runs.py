@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from automarine_cli import effects
 from automarine_cli.fits.linear_mixed import RunEffects
 from automarine_cli.fits.mixed_model import Problem
-from automarine_cli.fits.step_response import START_HEADING_SD
+from automarine_cli.fits.step_response import MOST_OFFSET, START_HEADING_SD, instant
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
 from automarine_cli.simulation.batch import Batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -21,11 +21,14 @@ START_RATE_SD = 1.0
 kind."""
 
 
-def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_]) -> Problem:
+def whole_run_problem(
+    model: YawModel, batch: Batch, at_rest: NDArray[np.bool_], within: bool = False
+) -> Problem:
     """Likelihood of whole runs by simulation.
 
     theta is (the model's parameters, offset): all changes of command act that many sample intervals from the middle
-    of theirs, within ±1/2. A run's own shift may leave its interval, for on a lake thrusters lag. Run effects are start
+    of theirs, within ±1/2. A run's own shift may leave its interval, for on a lake thrusters lag; with `within` it
+    cannot, and the last entry of theta is the z of `instant` as for half-turns. Run effects are start
     heading [rad, relative to the first sample], start rate [rad/s] (only where `at_rest` (R,) is false), log
     gain of the moment delivered, a shift of each change of command, and a disturbance moment held over each
     window of the batch: wind, waves, tether and whatever the model lacks. Its size is estimated; it is zero
@@ -38,9 +41,9 @@ def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_])
     edges = batch.interval.shape[1]
 
     def headings(theta: Floats, b: Floats) -> Floats:
-        shift = (
-            theta[:, -1, None, None] * late + b[:, :, 3 : 3 + edges]
-        )  # beyond its interval a step runs backwards
+        own = b[:, :, 3 : 3 + edges]
+        common = theta[:, -1, None, None]
+        shift = late * instant(common + own) if within else common * late + own  # a step may run backwards
         start = Start(
             first[None, :, 0] + b[:, :, 0],
             b[:, :, 1],
@@ -53,13 +56,15 @@ def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_])
     ones = np.ones((len(at_rest), 1))
     lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
     windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
+    shifts = (batch.interval > 0).astype(float) if within else batch.interval / np.sqrt(12.0)
     moving = np.where(at_rest[:, None], 0.0, START_RATE_SD)
     scale = np.concatenate(
-        [START_HEADING_SD * ones, moving, ones, batch.interval / np.sqrt(12.0), windows],
+        [START_HEADING_SD * ones, moving, ones, shifts, windows],
         axis=1,
     )
     factor = np.array([-1, -1, 0] + [1] * edges + [2] * batch.windows)
-    bounds = np.array([*parameter_bounds(model), (-0.5, 0.5)])
+    most = MOST_OFFSET if within else 0.5
+    bounds = np.array([*parameter_bounds(model), (-most, most)])
     return Problem(
         headings,
         np.where(batch.seen, batch.heading, 0.0),

@@ -69,7 +69,7 @@ class YawModel:
         terms = tuple(replace(term, values=tuple(next(rest) for _ in term.values)) for term in self.terms)
         return replace(self, inertia=values[0], terms=terms)
 
-    def with_effect(self, name: str, values: Sequence[float]) -> "YawModel":
+    def with_effect(self, name: str, values: Sequence[float] | Floats) -> "YawModel":
         """The same model with one more effect."""
         count = len(effects.get(name).parameters)
         if len(values) != count:

@@ -1,0 +1,81 @@
+"""A whole diagnosis: search, verdict, where, gaps on runs fitted and held out, what to run next."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from automarine_cli.diagnosis import verdict as judge
+from automarine_cli.diagnosis.gap import Gap, gap
+from automarine_cli.diagnosis.search import Found, Map, search
+from automarine_cli.diagnosis.study import Study, study_of
+from automarine_cli.diagnosis.verdict import NamedEffect
+from automarine_cli.errors import RunError
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.runs.run import Run
+
+FEWEST_RUNS = 4
+FEWEST_TO_HOLD_OUT = 8
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What a diagnosis found; `held_out` and `held_out_gap` are None where too few runs were left to hold any out."""
+
+    verdict: str
+    study: Study
+    found: Found
+    effects: tuple[NamedEffect, ...]
+    gap: Gap
+    held_out: Study | None
+    held_out_gap: Gap | None
+    detectable: dict[str, float]
+
+
+def split_off(runs: Sequence[Run], seed: int) -> tuple[list[Run], list[Run]]:
+    """Runs to fit and a quarter to hold out, spread over the moments: one drawn from every four neighbours in moment.
+
+    All are fitted where there are fewer than FEWEST_TO_HOLD_OUT.
+    """
+    if len(runs) < FEWEST_TO_HOLD_OUT:
+        return list(runs), []
+    mean = [
+        float(np.mean(run.command[run.command != 0])) if np.any(run.command != 0) else 0.0 for run in runs
+    ]
+    order = sorted(range(len(runs)), key=lambda i: (mean[i], runs[i].name))
+    random = np.random.default_rng(seed)
+    out = {order[i + int(random.integers(4))] for i in range(0, len(order) - 3, 4)}
+    return [run for i, run in enumerate(runs) if i not in out], [runs[i] for i in sorted(out)]
+
+
+def diagnose_runs(
+    runs: Sequence[Run],
+    base: YawModel,
+    *,
+    hold_out: Sequence[Run] | None = None,
+    seed: int = 0,
+    each: Map | None = None,
+) -> Diagnosis:
+    """Diagnose `base` on `runs`; `hold_out` None draws a quarter of the runs. Raises RunError for too few runs."""
+    runs = [run for run in runs if len(run) >= 20]
+    fitted, kept = split_off(runs, seed) if hold_out is None else (list(runs), list(hold_out))
+    if len(fitted) < FEWEST_RUNS:
+        raise RunError(
+            f"{len(fitted)} runs are too few to tell a missing effect from chance; give at least {FEWEST_RUNS}"
+        )
+    each = each or (lambda function, work, stage: [function(item) for item in work])
+    study = study_of(fitted, base)
+    found = search(study, seed, each)
+    word = judge.verdict_of(study, found)
+    named = judge.named_effects(study, found, {}) if word == "named" else ()
+    held_out = Study(tuple(kept), base, study.disturbed, study.signals) if kept else None
+    return Diagnosis(
+        verdict=word,
+        study=study,
+        found=found,
+        effects=named,
+        gap=gap(study, found.base, found.final),
+        held_out=held_out,
+        held_out_gap=None if held_out is None else gap(held_out, found.base, found.final),
+        detectable=judge.detectable(study, found),
+    )

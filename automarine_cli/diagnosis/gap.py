@@ -1,0 +1,46 @@
+"""How far simulation and measurement are apart, before and after, on runs fitted and on runs held out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.diagnosis.search import Trial
+from automarine_cli.diagnosis.study import Study, run_effects_given
+from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Root mean square of measured less simulated heading [rad] over all samples of a set of runs.
+
+    Each run's own start heading, start rate, thrust gain and switch instants are taken at their posterior means: what
+    is left is what the model lacks, and noise. `floor` is the noise of the heading measured apart from any model.
+    `residuals_before` and `residuals_after` (R, N) are the headings' own, zero in the padding.
+    """
+
+    before: float
+    after: float
+    floor: float
+    residuals_before: Floats
+    residuals_after: Floats
+
+
+def gap(study: Study, base: Trial, final: Trial) -> Gap:
+    """The gap of the base and of the final model on the runs of `study`, which need not be those that were fitted."""
+    before, after = residuals(study, base), residuals(study, final)
+    return Gap(_size(study, before), _size(study, after), study.floor, before, after)
+
+
+def residuals(study: Study, trial: Trial) -> Floats:
+    """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means."""
+    problem = study.problem(trial.model)
+    variances = np.append(np.log(trial.fit.noise), np.log(np.maximum(trial.fit.factors, SMALLEST_FACTOR)))
+    fitted = run_effects_given(problem, problem.search(trial.fit.theta), variances)[1]
+    return np.where(problem.seen, problem.measured - fitted, 0.0)
+
+
+def _size(study: Study, residual: Floats) -> float:
+    return float(np.sqrt((residual**2).sum() / study.batch.seen.sum()))

@@ -1,0 +1,193 @@
+"""Which effects are missing: add the best while it beats chance, swap and remove, list what cannot be excluded.
+
+Every judgement compares simulations of whole runs with everything refitted together (Study.fit); the scores of one
+linearisation only say where fits start and what chance reaches. Evidence is the marginal likelihood with Schwarz's
+penalty, the run as the unit; the threshold is what the best of all candidates reaches in a share LEVEL of campaigns
+in which nothing is missing; runs predicted from the others have a veto.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.diagnosis.scores import Scores, candidates, fitted_parameters, penalty, score
+from automarine_cli.diagnosis.study import Study
+from automarine_cli.errors import FitError
+from automarine_cli.fits.mixed_model import MixedFit
+from automarine_cli.models.yaw_model import YawModel
+
+Floats = NDArray[np.float64]
+Map = Callable[
+    [Callable[[tuple[str, Floats]], "Trial | None"], Sequence[tuple[str, Floats]], str],
+    Sequence["Trial | None"],
+]
+
+LEVEL = 0.02
+"""Share of campaigns with nothing missing in which something may still be claimed."""
+MOST_EFFECTS = 3
+TIE = 10.0
+"""Difference of evidence (in deviance) below which two explanations count as tied."""
+REACH = 60.0
+"""Candidates this far behind the best by a full fit are no rivals of it."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A model with its fit; `evidence` is in deviance, smaller is better."""
+
+    added: tuple[str, ...]
+    model: YawModel
+    fit: MixedFit
+    evidence: float
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round of the search: the scores, every candidate's full fit, and the threshold on the gain in evidence."""
+
+    before: Trial
+    scores: Scores
+    trials: tuple[Trial, ...]
+    threshold: float
+
+    def gain(self, trial: Trial) -> float:
+        """Evidence gained over the model that the round began with."""
+        return self.before.evidence - trial.evidence
+
+
+@dataclass(frozen=True)
+class Rival:
+    """An explanation that the runs cannot exclude: what it replaces and how far behind it is (deviance)."""
+
+    replaces: str
+    name: str
+    behind: float
+
+
+@dataclass(frozen=True)
+class Found:
+    """Outcome of a search: base and final model, rounds, p-value of each effect added, rivals."""
+
+    base: Trial
+    final: Trial
+    rounds: tuple[Round, ...]
+    p_values: dict[str, float]
+    rivals: tuple[Rival, ...]
+
+    def weight(self, name: str) -> float:
+        """Weight of an effect of the final model against its rivals."""
+        others = sum(float(np.exp(-0.5 * rival.behind)) for rival in self.rivals if rival.replaces == name)
+        return 1.0 / (1.0 + others)
+
+
+def search(study: Study, seed: int, each: Map) -> Found:
+    """Find what is missing; `each` maps a function over candidates, in processes or not."""
+    base = _trial(study, study.base, (), study.fit(study.base))
+    current, rounds, p_values = base, list[Round](), dict[str, float]()
+    while len(current.added) < MOST_EFFECTS:
+        this = _round(study, current, seed + len(rounds), each, whole=not rounds)
+        rounds.append(this)
+        best = min(this.trials, key=lambda trial: trial.evidence, default=None)
+        if best is None or this.gain(best) <= this.threshold or not _predicts(best, current):
+            break
+        p_values[best.added[-1]] = this.scores.p_value(this.gain(best))
+        current = best
+    current = _improve(study, current, rounds, each)
+    names = {name: p_values.get(name, min(p_values.values(), default=1.0)) for name in current.added}
+    return Found(base, current, tuple(rounds), names, tuple(_rivals(study, current, rounds, each)))
+
+
+def _trial(study: Study, model: YawModel, added: tuple[str, ...], fit: MixedFit) -> Trial:
+    cost = penalty(sum(fitted_parameters(name) for name in added), len(study.runs))
+    return Trial(added, model.with_theta(fit.theta[:-1]), fit, -2.0 * fit.log_likelihood + cost)
+
+
+def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> Round:
+    """Score all candidates, fit all (the first time) or the ones within reach."""
+    scores = score(study, current.model, current.fit, candidates(study, current.model), seed)
+    ranked = scores.ranked if whole else [s for i, s in enumerate(scores.ranked) if i < 6 or s.penalised > 0]
+    work = [(s.effect, s.start) for s in ranked]
+    found = each(partial(add_effect, study, current), work, "trying effects")
+    trials = tuple(trial for trial in found if trial is not None)
+    return Round(current, scores, trials, max(scores.threshold(LEVEL), 0.0))
+
+
+def add_effect(study: Study, current: Trial, candidate: tuple[str, Floats]) -> Trial | None:
+    """The current model with one more effect, everything refitted; None where no fit is found."""
+    name, start = candidate
+    theta = np.concatenate([current.fit.theta[:-1], start, current.fit.theta[-1:]])
+    model = current.model.with_effect(name, start)
+    try:
+        fit = study.fit(model, theta, current.fit)
+    except (FitError, np.linalg.LinAlgError):
+        return None
+    return _trial(study, model, (*current.added, name), fit)
+
+
+def _predicts(trial: Trial, current: Trial) -> bool:
+    """Whether runs left out of the fit are predicted better with the effect than without."""
+    return float(trial.fit.predictive.sum()) > float(current.fit.predictive.sum())
+
+
+def _replaced(study: Study, trial: Trial, out: str, into: tuple[str, Floats] | None) -> Trial | None:
+    """The trial's model with one effect taken out and, if given, another put in, refitted."""
+    own = len(study.base.terms)
+    kept = [term for term in trial.model.terms[own:] if term.name != out]
+    model = study.base.with_theta(trial.model.theta[: len(study.base.theta)])
+    for term in kept:
+        model = model.with_effect(term.name, term.values)
+    added = tuple(term.name for term in kept)
+    if into is not None:
+        model = model.with_effect(*into)
+        added = (*added, into[0])
+    try:
+        fit = study.fit(model, np.append(model.theta, trial.fit.theta[-1]), trial.fit)
+    except (FitError, np.linalg.LinAlgError):
+        return None
+    return _trial(study, model, added, fit)
+
+
+def _starts(rounds: Sequence[Round], name: str) -> list[tuple[str, Floats]]:
+    """Candidates that came near `name` in the round in which it was added, with their fitted values."""
+    for this in rounds:
+        own = [t for t in this.trials if t.added[-1] == name]
+        if own and this.gain(own[0]) > this.threshold and name not in this.before.added:
+            near = [t for t in this.trials if t.evidence - own[0].evidence < REACH and t.added[-1] != name]
+            near.sort(key=lambda t: t.evidence)
+            return [(t.added[-1], np.array(t.model.terms[-1].values)) for t in near[:5]]
+    return []
+
+
+def _improve(study: Study, current: Trial, rounds: Sequence[Round], each: Map) -> Trial:
+    """Swap effects for nearby candidates while that helps, then remove what no longer pays."""
+    if len(current.added) < 2:
+        return current
+    for name in current.added:
+        swaps = [into for into in _starts(rounds, name) if into[0] not in current.added]
+        found = each(partial(_swap, study, current, name), swaps, "swapping effects")
+        better = [trial for trial in found if trial is not None and trial.evidence < current.evidence]
+        current = min(better, key=lambda trial: trial.evidence, default=current)
+    for name in current.added:
+        without = _replaced(study, current, name, None)
+        if without is not None and without.evidence - current.evidence < rounds[0].threshold:
+            current = without
+    return current
+
+
+def _swap(study: Study, current: Trial, out: str, into: tuple[str, Floats]) -> Trial | None:
+    return _replaced(study, current, out, into)
+
+
+def _rivals(study: Study, final: Trial, rounds: Sequence[Round], each: Map) -> list[Rival]:
+    """What could stand in each effect's place without losing more than TIE."""
+    found = []
+    for name in final.added:
+        others = [into for into in _starts(rounds, name) if into[0] not in final.added]
+        trials = each(partial(_swap, study, final, name), others, "looking for rivals")
+        for trial in trials:
+            if trial is not None and trial.evidence - final.evidence < TIE:
+                found.append(Rival(name, trial.added[-1], max(trial.evidence - final.evidence, 0.0)))
+    return sorted(found, key=lambda rival: rival.behind)

@@ -1,0 +1,136 @@
+"""What a diagnosis looks at: runs, how they start, the base model; and the likelihood of any model on them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli import effects
+from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.identify import starts_at_rest
+from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed
+from automarine_cli.fits.step_response import MOST_OFFSET
+from automarine_cli.fits.whole_runs import whole_run_problem
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.runs.noise import heading_noise
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import MOST_EDGES, Batch, make_batch
+from automarine_cli.simulation.rollout import step_for
+
+Floats = NDArray[np.float64]
+
+ITERATIONS = 25
+SETTLED = 0.02
+"""Share of a standard error within which a fit counts as settled: its evidence is then exact to a few 1e-4."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """Runs with a base model.
+
+    `disturbed` allows every run a disturbance moment held over short windows: for open water, where nothing repeats,
+    and not for a pool, where what it would absorb is what is looked for.
+    """
+
+    runs: tuple[Run, ...]
+    base: YawModel
+    disturbed: bool
+    signals: tuple[str, ...]
+
+    @cached_property
+    def batch(self) -> Batch:
+        """All runs on one layout."""
+        largest = max(float(np.abs(run.command).max()) for run in self.runs)
+        return make_batch(self.runs, min(0.1, step_for(self.base, largest)), self.signals)
+
+    @cached_property
+    def at_rest(self) -> NDArray[np.bool_]:
+        """Which runs begin with the vehicle standing still, (R,)."""
+        return np.array([starts_at_rest(run) for run in self.runs])
+
+    @cached_property
+    def largest(self) -> float:
+        """Largest |moment| of the runs."""
+        return float(np.abs(self.batch.moment).max())
+
+    def reference(self, kind: str) -> float:
+        """Value of a parameter that the logs fix (see `effects.Parameter.reference`)."""
+        if kind == "moment":
+            return self.largest
+        if kind == "clock":
+            return float(self.batch.start.min())
+        return float(np.mean([run.extras[kind].mean() for run in self.runs]))
+
+    @cached_property
+    def floor(self) -> float:
+        """Noise of the heading measured apart from any model, root mean square over runs [rad]."""
+        noise = np.array([heading_noise(run.time, run.heading) for run in self.runs])
+        weight = np.array([len(run) for run in self.runs])
+        return float(np.sqrt(np.average(noise**2, weights=weight)))
+
+    def problem(self, model: YawModel) -> Problem:
+        """Likelihood of the runs under `model`, any set of effects together; theta ends with the z of the switches."""
+        within = not self.disturbed
+        problem = whole_run_problem(model, self.batch, self.at_rest, within)
+        most = MOST_OFFSET if within else 0.5
+        bounds, positive = [(0.0, np.inf)], [True]
+        for i, term in enumerate(model.terms):
+            own = i < len(self.base.terms)
+            for parameter, value in zip(effects.get(term.name).parameters, term.values):
+                fixed = bool(parameter.reference)
+                bounds.append((value, value) if fixed else (parameter.lower, parameter.upper))
+                positive.append(parameter.log or (own and parameter.name in ("k_r", "k_rr")))
+        scale = problem.effects.scale.copy()
+        if not self.disturbed:
+            scale[:, 3 + self.batch.interval.shape[1] :] = 0.0
+        return replace(
+            problem,
+            effects=replace(problem.effects, scale=scale),
+            bounds=np.array([*bounds, (-most, most)]),
+            positive=np.array([*positive, False]),
+        )
+
+    def fit(self, model: YawModel, theta: Floats | None = None, near: MixedFit | None = None) -> MixedFit:
+        """Joint maximum likelihood of the model on all runs, from `theta` (with z last) or the model's values.
+
+        `near` is a fit of a similar model whose variances and run effects are good starts.
+        """
+        start = np.append(model.theta, 0.0) if theta is None else theta
+        if near is None:
+            return fit_mixed(
+                self.problem(model), start, noise=max(2 * self.floor, 1e-4), factors=np.array([0.03, 0.7, 0.02]),
+                iterations=ITERATIONS, settled=SETTLED,
+            )  # fmt: skip
+        return fit_mixed(
+            self.problem(model), start, noise=near.noise, factors=near.factors, run_effects=near.run_effects,
+            iterations=ITERATIONS, settled=SETTLED,
+        )  # fmt: skip
+
+
+def study_of(runs: Sequence[Run], base: YawModel, disturbed: bool | None = None) -> Study:
+    """A study of `runs`; open water is recognised by commands that change at nearly every sample."""
+    if disturbed is None:
+        changes = [int(np.sum(np.diff(run.command) != 0)) for run in runs]
+        disturbed = bool(np.median(changes) > MOST_EDGES)
+    have = set.intersection(*(set(run.extras) for run in runs))
+    needed = {name for effect in effects.names() for name in effects.get(effect).needs}
+    return Study(tuple(runs), base, disturbed, tuple(sorted(needed & have)))
+
+
+def run_effects_given(
+    problem: Problem, phi: Floats, variances: Floats, rounds: int = 4
+) -> tuple[Floats, Floats]:
+    """Posterior means of the run effects (R, q) of runs that were not fitted, and the headings with them (R, N).
+
+    `phi` and `variances` come from other runs; each round linearises about the last run effects.
+    """
+    b = np.zeros_like(problem.effects.scale)
+    for _ in range(rounds):
+        fitted, by_phi, by_run = derivatives(problem, phi, b)
+        residual = np.where(problem.seen, problem.measured - fitted, 0.0)
+        data = residual + by_phi @ phi + np.einsum("rnq,rq->rn", by_run, b)
+        gram = linear_mixed.Gram.of(by_phi, by_run, data, problem.seen.sum(axis=1))
+        b = linear_mixed.posterior_mean(gram, problem.effects, variances, phi)
+    return b, problem.headings(phi, b)

@@ -1,0 +1,140 @@
+"""Named, nothing missing, or unexplained: what a search is entitled to say, and how sure it is."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from automarine_cli import effects
+from automarine_cli.diagnosis.gap import Gap, residuals
+from automarine_cli.diagnosis.scores import fitted_parameters, penalty
+from automarine_cli.diagnosis.search import LEVEL, Found, Trial
+from automarine_cli.diagnosis.study import Study
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.output_error import run_covariance
+
+Floats = NDArray[np.float64]
+
+WELL_ABOVE = 1.06
+"""Residual noise over the floor from which runs may hold something more; the floor itself is known to about 1 %."""
+LEFT_OVER = 0.3
+"""Share of the excess variance over the floor that may stay when an effect is named."""
+
+
+@dataclass(frozen=True)
+class NamedRival:
+    """Another explanation that these runs cannot exclude, its weight, and the run that would tell."""
+
+    name: str
+    confidence: float
+    split_by: str
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect that is missing from the base model, with its parameters, how sure that is, and its rivals."""
+
+    name: str
+    says: str
+    parameters: Mapping[str, Estimate]
+    confidence: float
+    p_value: float
+    rivals: tuple[NamedRival, ...]
+
+
+def verdict_of(study: Study, found: Found) -> str:
+    """ "named", "nothing-missing" or "unexplained".
+
+    Unexplained are runs whose residuals stand well above the floor and hang together in time, when what was added
+    closes less than most of that gap: the candidate then only fits least badly.
+    """
+    excess = [max((trial.fit.noise / study.floor) ** 2 - 1.0, 0.0) for trial in (found.base, found.final)]
+    loud = found.final.fit.noise > WELL_ABOVE * study.floor and not study.disturbed
+    if (
+        loud
+        and hangs_together(study, found.final)
+        and (not found.final.added or excess[1] > LEFT_OVER * excess[0])
+    ):
+        return "unexplained"
+    return "named" if found.final.added else "nothing-missing"
+
+
+def hangs_together(study: Study, trial: Trial) -> bool:
+    """Whether neighbouring residuals agree more than chance allows (lag-one correlation over all runs, p < 0.001)."""
+    left = residuals(study, trial)
+    seen = study.batch.seen[:, 1:]
+    product = (left[:, 1:] * left[:, :-1])[seen].sum()
+    correlation = product / max((left**2).sum(), 1e-300)
+    return bool(correlation * np.sqrt(seen.sum()) > stats.norm.isf(1e-3))
+
+
+def parameter_estimates(study: Study, trial: Trial, name: str) -> dict[str, Estimate]:
+    """Estimates of one effect's parameters with the run as the unit."""
+    covariance = run_covariance(trial.fit)
+    dof = max(len(study.runs) - 1, 1)
+    at, found = 1, {}
+    for term in trial.model.terms:
+        for parameter, value in zip(effects.get(term.name).parameters, term.values):
+            if term.name == name:
+                stderr = float(np.sqrt(max(covariance[at, at], 0.0)))
+                form = Estimate.from_log if trial.fit.positive[at] else Estimate.from_stderr
+                found[parameter.name] = form(value, stderr, dof, parameter.unit_for(trial.model.moment_unit))
+            at += 1
+    return found
+
+
+def base_estimates(study: Study, trial: Trial) -> dict[str, Estimate]:
+    """Estimates of inertia and the base model's drag."""
+    covariance = run_covariance(trial.fit)
+    dof = max(len(study.runs) - 1, 1)
+    unit = trial.model.moment_unit
+    found = {
+        "I_r": Estimate.from_log(trial.fit.theta[0], float(np.sqrt(covariance[0, 0])), dof, f"{unit} s²")
+    }
+    for term in study.base.terms:
+        found |= parameter_estimates(study, trial, term.name)
+    return found
+
+
+def detectable(study: Study, found: Found) -> dict[str, float]:
+    """Smallest size of each candidate's first parameter that these runs would have shown four times in five."""
+    last = found.rounds[-1]
+    sizes = {}
+    for score in last.scores.ranked:
+        needed = last.threshold + penalty(fitted_parameters(score.effect), len(study.runs))
+        sizes[score.effect] = float(score.unit_size) * float(np.sqrt(max(needed, 1.0)) + stats.norm.ppf(0.8))
+    return sizes
+
+
+def named_effects(
+    study: Study, found: Found, split_by: Mapping[tuple[str, str], str]
+) -> tuple[NamedEffect, ...]:
+    """The final model's effects as the verdict names them; `split_by` by (effect, rival)."""
+    named = []
+    for name in found.final.added:
+        own = [rival for rival in found.rivals if rival.replaces == name]
+        weight = found.weight(name)
+        rivals = tuple(
+            NamedRival(
+                rival.name,
+                weight * float(np.exp(-0.5 * rival.behind)),
+                split_by.get((name, rival.name), effects.get(name).separated_by),
+            )
+            for rival in own
+        )
+        sure = weight * (1.0 - found.p_values.get(name, LEVEL))
+        parameters = parameter_estimates(study, found.final, name)
+        p_value = found.p_values.get(name, LEVEL)
+        named.append(NamedEffect(name, effects.get(name).says, parameters, sure, p_value, rivals))
+    return tuple(named)
+
+
+def gap_json(gap: Gap) -> dict[str, float]:
+    """The contract's form, in degrees."""
+    return {
+        "before_deg": float(np.degrees(gap.before)),
+        "after_deg": float(np.degrees(gap.after)),
+        "noise_floor_deg": float(np.degrees(gap.floor)),
+    }
