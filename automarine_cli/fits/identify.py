@@ -46,13 +46,17 @@ def identify(
     enough = len(turns) >= FEWEST_STEPS and sizes >= 2
     if fit_to == "half-turns" and not enough:
         raise RunError(
-            f"{len(turns)} half-turns at {sizes} sizes of moment serve, and at least {FEWEST_STEPS} at 2 "
-            "are needed; "
+            f"{_counted(len(turns), 'half-turn')} at {_counted(sizes, 'size')} of moment serve, and at least "
+            f"{FEWEST_STEPS} at 2 are needed; "
             f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         )
     if fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= len(runs)):
         return _fit_steps(turns, set_aside, known, each)
     return _fit_whole(tuple(runs), turns, set_aside, each)
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' * (number != 1)}"
 
 
 def _reasons(set_aside: Sequence[SetAside]) -> str:
@@ -99,7 +103,7 @@ def _fit_whole(
     )
     if not moving:
         raise RunError(
-            f"none of {len(runs)} runs has a moment that acts; {_reasons(short)}look at them with "
+            f"none of {_counted(len(runs), 'run')} has a moment that acts; {_reasons(short)}look at them with "
             "`automarine check`"
         )
     at_rest = np.array([starts_at_rest(run) for run in moving])

@@ -1,0 +1,332 @@
+"""`automarine fit-yaw` from logs to files: the contract's names, whole results or none, one sentence for what cannot
+be."""
+
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from click.testing import Result
+from made_campaigns import campaign, moving_run
+from made_runs import INERTIA, K_RR, written
+
+from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.runs.run import Run
+
+Command = Callable[..., Result]
+
+FILES = {
+    "yaw_model.json", "table1.csv", "table1.md", "table1.tex", "table2.csv", "table2.md", "table2.tex",
+    "runs.parquet", "drag.png", "inertia.png", "half_turns.png", "collapse.png", "manifest.json",
+}  # fmt: skip
+ESTIMATE = {"value", "stderr", "ci95", "unit"}
+PARAMETERS = {"1": {"k_r", "I_r"}, "2": {"k_rr", "k_r", "I_r"}, "3": {"k_rr", "I_r"}}
+
+
+def write_logs(runs: Sequence[Run], folder: Path, **columns: Any) -> Path:
+    """Each run as a CSV of its own."""
+    for run in runs:
+        written(run, folder / f"{run.name}.csv", **columns)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Twelve step runs, and one in which the vehicle never moves."""
+    runs = campaign(seed=1, gain_scatter=0.02)
+    folder = write_logs(runs, tmp_path_factory.mktemp("made") / "logs")
+    still = campaign([0.4], seed=2)[0]
+    heading = np.zeros(len(still)) + np.radians(np.random.default_rng(0).normal(size=len(still)))
+    written(Run("still", "", still.time, heading, still.moment, "nu"), folder / "still.csv")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def results(logs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
+    """Where `fit-yaw` wrote its results, and what it said."""
+    from click.testing import CliRunner
+
+    from automarine_cli.cli import automarine
+
+    out = tmp_path_factory.mktemp("fitted") / "out"
+    return out, CliRunner().invoke(automarine, ["fit-yaw", str(logs), "-o", str(out)])
+
+
+def model_of(out: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((out / "yaw_model.json").read_text())
+    return content
+
+
+def one_sentence(result: Result, *parts: str) -> None:
+    """The command refused with exit status 1, one line that says all of `parts`, and no traceback."""
+    assert result.exit_code == 1, result.output
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    lines = [line for line in result.stderr.splitlines() if line.startswith("Error: ")]
+    assert len(lines) == 1 and "Traceback" not in result.output
+    for part in parts:
+        assert part in lines[0], lines[0]
+
+
+def test_the_contracts_files_are_written(results: tuple[Path, Result]) -> None:
+    out, result = results
+    assert result.exit_code == 0, result.output
+    assert {path.name for path in out.iterdir()} == FILES
+    assert all(path.stat().st_size > 0 for path in out.iterdir())
+
+
+def test_the_model_has_the_contracts_keys(results: tuple[Path, Result]) -> None:
+    model = model_of(results[0])
+    assert model["schema"] == "automarine/yaw-model/1"
+    assert set(model["models"]) == {"1", "2", "3"} and model["effects"] == []
+    for number, names in PARAMETERS.items():
+        entry = model["models"][number]
+        estimates = [entry[name] for name in names]
+        for method in ("velocity_error", "output_error"):
+            assert names <= set(entry[method])
+            estimates += [entry[method][name] for name in names]
+        for estimate in estimates:
+            assert set(estimate) == ESTIMATE
+            low, high = estimate["ci95"]
+            assert low <= estimate["value"] <= high and estimate["stderr"] >= 0
+        assert {name: entry[name] for name in names} == {name: entry["output_error"][name] for name in names}
+        assert not {"k_rr", "k_r"} - names & set(entry)
+        assert entry["sse"] == entry["velocity_error"]["sse"] > 0
+    assert model["models"]["3"]["k_rr"]["unit"] == "nu s²"
+    assert model["preferred"] == "3" and model["preferred_because"].endswith(".")
+    assert set(model["inertial_turn_angle_rad"]) == ESTIMATE
+    assert model["inertial_turn_angle_rad"]["unit"] == "rad"
+
+
+def test_the_truth_is_within_four_standard_errors(results: tuple[Path, Result]) -> None:
+    model = model_of(results[0])
+    for name, true in (("I_r", INERTIA), ("k_rr", K_RR)):
+        for entry in (model["models"]["3"][name], model["models"]["3"]["velocity_error"][name]):
+            assert abs(entry["value"] - true) < 4 * entry["stderr"]
+    angle = model["inertial_turn_angle_rad"]
+    assert abs(angle["value"] - INERTIA / K_RR) < 4 * angle["stderr"]
+
+
+def test_sse_is_that_of_the_points_in_runs_parquet(results: tuple[Path, Result]) -> None:
+    out, model = results[0], model_of(results[0])
+    table = pq.read_table(out / "runs.parquet").to_pydict()
+    rate, moment = np.radians(table["steady_rate_deg_s"]), np.array(table["moment"])
+    k_rr = np.sum(moment * rate * np.abs(rate)) / np.sum(rate**4)
+    assert model["models"]["3"]["velocity_error"]["k_rr"]["value"] == pytest.approx(k_rr, rel=1e-9)
+    assert model["models"]["3"]["sse"] == pytest.approx(
+        np.sum((moment - k_rr * rate * np.abs(rate)) ** 2), rel=1e-9
+    )
+    eps = np.radians(np.abs(table["velocity_error_deg"]))
+    assert table["I_r_model_3"] == pytest.approx(eps * k_rr / np.log(2), rel=1e-9)
+
+
+def test_a_row_a_run_says_what_was_kept(results: tuple[Path, Result]) -> None:
+    table = pq.read_table(results[0] / "runs.parquet").to_pydict()
+    assert len(table["run"]) == 12 and "still" not in table["run"]
+    assert set(table["file"]) == {f"logs/run_{i:02d}.csv" for i in range(12)}
+    assert set(table["cut_by"]) == {"half a turn"}
+    assert np.all(np.abs(table["turned_deg"]) <= 182) and np.all(
+        np.sign(table["turned_deg"]) == np.sign(table["moment"])
+    )
+    assert np.all(np.array(table["rmse_deg"]) < 1.3)
+
+
+def test_the_run_set_aside_is_told_on_standard_error_and_in_the_result(results: tuple[Path, Result]) -> None:
+    out, result = results
+    runs = model_of(out)["runs"]
+    assert runs["used"] == 12
+    (aside,) = runs["set_aside"]
+    assert (aside["file"], aside["run"]) == ("logs/still.csv", "still")
+    assert aside["why"].startswith("never moved")
+    assert "still" in result.stderr and "never moved" in result.stderr
+    assert "never moved" not in result.stdout
+
+
+def test_tables_and_choice_are_printed(results: tuple[Path, Result]) -> None:
+    stdout = results[1].stdout
+    for part in (
+        "Table 1",
+        "Table 2",
+        "SSE",
+        "Model 3 predicts runs left out",
+        "Inertial turn angle",
+        "yaw_model.json",
+    ):
+        assert part in stdout
+
+
+def test_manifest_names_inputs_without_a_path(results: tuple[Path, Result], logs: Path) -> None:
+    text = (results[0] / "manifest.json").read_text()
+    assert "logs/run_00.csv" in text and str(logs.parent) not in text
+
+
+def test_json_is_alone_on_standard_output(run: Command, logs: Path, results: tuple[Path, Result]) -> None:
+    result = run("fit-yaw", logs, "--json")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout) == model_of(results[0])
+
+
+def test_the_same_bytes_again_and_with_two_processes(
+    run: Command, logs: Path, results: tuple[Path, Result], tmp_path: Path
+) -> None:
+    assert run("fit-yaw", logs, "-o", tmp_path / "again", "--jobs", "2").exit_code == 0
+    for path in results[0].iterdir():
+        assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes(), path.name
+
+
+def test_results_are_replaced_only_when_told(
+    run: Command, results: tuple[Path, Result], logs: Path, tmp_path: Path
+) -> None:
+    out = shutil.copytree(results[0], tmp_path / "out")
+    (out / "table1.md").write_text("mine")
+    one_sentence(run("fit-yaw", logs, "-o", out), "--overwrite")
+    assert (out / "table1.md").read_text() == "mine"
+    assert run("fit-yaw", logs, "-o", out, "--overwrite").exit_code == 0
+    assert (out / "table1.md").read_bytes() == (results[0] / "table1.md").read_bytes()
+
+
+def test_strict_refuses_what_would_be_set_aside(run: Command, logs: Path, tmp_path: Path) -> None:
+    one_sentence(run("fit-yaw", logs, "--strict", "-o", tmp_path / "out"), "still", "never moved", "--strict")
+    assert not (tmp_path / "out").exists()
+
+
+def test_python_gets_the_result_object(run: Command, logs: Path) -> None:
+    from automarine_cli.workflows.fit_yaw import fit_yaw
+
+    fit = fit_yaw([logs])
+    assert isinstance(fit, YawFit) and fit.used == 12 and fit.preferred.number == "3"
+
+
+# Thrusters
+
+
+A_F, A_B, ARM = 2.617e-4, 0.664e-4, 0.2  # the source paper's equation 3, N per count squared
+
+
+@pytest.fixture
+def thruster_map(run: Command, tmp_path: Path) -> Path:
+    """A map of one thruster, fitted to a noise-free bollard test."""
+    n = np.concatenate([np.arange(-150, 0, 15), np.arange(15, 151, 15)])
+    force = np.where(n > 0, A_F, A_B) * np.abs(n) * n
+    lines = "\n".join(f"{a},{b:.9f}" for a, b in zip(n, force))
+    (tmp_path / "bollard.csv").write_text(f"n,force_N\n{lines}\n")
+    assert run("fit-thrusters", tmp_path / "bollard.csv", "-o", tmp_path / "map").exit_code == 0
+    return tmp_path / "map" / "thrusters.json"
+
+
+def thruster_logs(folder: Path) -> Path:
+    """Runs driven by both thrusters, equal and opposed; the moment [N m] is what equation 3 makes of them."""
+    for i, n in enumerate((50, -50, 80, -80, 120, -120)):
+        moment = np.sign(n) * ARM * (A_F + A_B) * n**2
+        run = campaign([moment], seed=i, noise_deg=0.5, unit="N m")[0]
+        on = run.command != 0
+        folder.mkdir(exist_ok=True)
+        rows = zip(run.time, np.degrees(run.heading) % 360, n * on, -n * on)
+        lines = "\n".join(f"{t:.6f},{psi:.6f},{port},{stbd}" for t, psi, port, stbd in rows)
+        (folder / f"run_{i}.csv").write_text(f"time_s,heading_deg,n_port,n_stbd\n{lines}\n")
+    return folder
+
+
+def test_thruster_commands_become_newton_metres(run: Command, thruster_map: Path, tmp_path: Path) -> None:
+    result = run(
+        "fit-yaw", thruster_logs(tmp_path / "logs"), "--thrusters", thruster_map, "--arm", ARM, "--json"
+    )
+    assert result.exit_code == 0, result.output
+    model = json.loads(result.stdout)
+    assert model["moment_unit"] == "N m"
+    for name, true in (("I_r", INERTIA), ("k_rr", K_RR)):
+        entry = model["models"]["3"][name]
+        assert entry["unit"] == "N m s²"
+        assert abs(entry["value"] - true) < 4 * entry["stderr"] + 1e-3
+
+
+def test_thruster_commands_need_map_and_arm(run: Command, thruster_map: Path, tmp_path: Path) -> None:
+    logs = thruster_logs(tmp_path / "logs")
+    one_sentence(run("fit-yaw", logs), "--thrusters MAP.json", "--arm METRES")
+    one_sentence(run("fit-yaw", logs, "--thrusters", thruster_map), "--arm METRES")
+    one_sentence(run("fit-yaw", logs, "--arm", ARM), "--thrusters MAP.json")
+
+
+# What cannot be: one sentence each
+
+
+def test_units_that_are_mixed_are_refused(run: Command, tmp_path: Path) -> None:
+    runs = campaign(seed=1)
+    write_logs(runs[:6], tmp_path / "logs")
+    for one in runs[6:]:
+        path = written(one, tmp_path / "logs" / f"{one.name}.csv")
+        path.write_text(path.read_text().replace("tau", "tau_Nm", 1))
+    one_sentence(run("fit-yaw", tmp_path / "logs"), "expected one unit in a campaign", "--columns")
+
+
+def test_an_empty_folder_is_refused(run: Command, tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    one_sentence(run("fit-yaw", tmp_path / "logs"), "logs")
+
+
+def test_runs_that_all_stand_still_are_refused(run: Command, tmp_path: Path) -> None:
+    runs = [one.with_moment(np.zeros(len(one)), "nu") for one in campaign([0.5, -0.5, 0.8], seed=1)]
+    one_sentence(run("fit-yaw", write_logs(runs, tmp_path / "logs")), "none of 3 runs has a moment that acts")
+
+
+def test_half_turns_of_one_size_of_moment_are_refused_when_asked_for(run: Command, tmp_path: Path) -> None:
+    folder = write_logs(campaign([0.5, -0.5, 0.5, -0.5], seed=1), tmp_path / "logs")
+    one_sentence(
+        run("fit-yaw", folder, "--fit-to", "half-turns"),
+        "4 half-turns at 1 size of moment serve", "at least 3 at 2 are needed", "--fit-to whole-runs",
+    )  # fmt: skip
+
+
+def test_moments_all_equal_are_fitted_whole(run: Command, tmp_path: Path) -> None:
+    """One size of moment tells inertia and one drag, from how the turn begins and how it ends."""
+    folder = write_logs(campaign([0.5, -0.5, 0.5, -0.5], seed=1), tmp_path / "logs")
+    result = run("fit-yaw", folder, "--json")
+    assert result.exit_code == 0, result.output
+    model = json.loads(result.stdout)
+    assert model["models"]["3"]["velocity_error"] is None and "whole runs" in model["models"]["3"]["why"]
+    entry = model["models"]["3"]["k_rr"]
+    assert abs(entry["value"] - K_RR) < 5 * entry["stderr"]
+
+
+def test_turns_to_one_side_only_are_enough(run: Command, tmp_path: Path) -> None:
+    folder = write_logs(campaign([0.2, 0.4, 0.6, 0.8, 1.0], seed=1), tmp_path / "logs")
+    result = run("fit-yaw", folder, "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    entry = model_of(tmp_path / "out")["models"]["3"]["k_rr"]
+    assert abs(entry["value"] - K_RR) < 4 * entry["stderr"]
+
+
+def test_one_run_is_fitted_whole_with_its_own_interval(run: Command, tmp_path: Path) -> None:
+    result = run("fit-yaw", write_logs(campaign([0.5], seed=1), tmp_path / "logs"), "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        name for name in FILES if not name.endswith(".png")
+    } | {"whole_runs.png"}
+    assert model_of(tmp_path / "out")["runs"]["used"] == 1
+
+
+def test_whole_runs_say_so_in_model_tables_and_figures(run: Command, tmp_path: Path) -> None:
+    folder = write_logs([moving_run(seed, length=18.0)[0] for seed in range(2)], tmp_path / "logs")
+    result = run("fit-yaw", folder, "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    model = model_of(tmp_path / "out")
+    assert model["fitted_to"] == "whole runs"
+    assert all(entry["velocity_error"] is None and entry["why"] for entry in model["models"].values())
+    for name in ("table1.md", "table2.md"):
+        assert "whole runs were fitted" in (tmp_path / "out" / name).read_text()
+    table = pq.read_table(tmp_path / "out" / "runs.parquet").to_pydict()
+    assert len(table["run"]) == 2 and np.all(np.isfinite(table["start_rate_deg_s"]))
+
+
+def test_a_moment_against_the_heading_is_refused_with_the_sign_in_mind(run: Command, tmp_path: Path) -> None:
+    runs = [one.with_moment(-one.command, "nu") for one in campaign(seed=1)]
+    folder = write_logs(runs, tmp_path / "logs")
+    one_sentence(run("fit-yaw", folder, "--fit-to", "half-turns"), "turned the vehicle", "sign = -1")
+
+
+def test_help_ends_with_an_example(run: Command) -> None:
+    text = run("fit-yaw", "--help").stdout
+    assert "automarine fit-yaw sample_runs/steps -o out/fit-yaw" in text
