@@ -131,7 +131,9 @@ def test_headings_of_a_hundred_radians_do_not_drown_the_likelihood() -> None:
     linear.w = linear.w + np.where(linear.seen, np.einsum("rnq,rq->rn", linear.v, b), 0.0)
     wide = replace(linear.effects, scale=1e5 * linear.effects.scale)
     points = [
-        linear_mixed.deviance(linear.gram(b=b), wide, VARIANCES + [0.0, 1e-6 * i, 0.0], restricted=True)
+        linear_mixed.deviance(
+            linear.gram(b=b), wide, VARIANCES + np.array([0.0, 1e-6 * i, 0.0]), restricted=True
+        )
         for i in range(9)
     ]
     second = np.diff(points, 2)

@@ -20,7 +20,7 @@ from made_runs import mirrored
 from scipy import stats
 
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.fits.identify import identify
+from automarine_cli.fits.identify import NOTHING_KNOWN, identify
 from automarine_cli.fits.mixed_model import fit_mixed
 from automarine_cli.fits.output_error import OutputErrorFit, fit_half_turns
 from automarine_cli.fits.step_response import Known, StepData, half_turn_data, instant, step_problem
@@ -38,7 +38,7 @@ def data_of(runs: Sequence[Run]) -> StepData:
     return half_turn_data(turns)
 
 
-def fitted(runs: Sequence[Run], number: str = "3", known: Known = Known()) -> OutputErrorFit:
+def fitted(runs: Sequence[Run], number: str = "3", known: Known = NOTHING_KNOWN) -> OutputErrorFit:
     """One model alone, from start values that are off by a fifth."""
     return fit_half_turns(data_of(runs), number, (1.2, 1.0, 1.0), runs[0].moment_unit, known)
 
@@ -311,7 +311,7 @@ def test_half_turns_that_are_asked_for_and_not_there_are_refused() -> None:
 def test_runs_without_any_moment_are_refused() -> None:
     run = campaign([0.5])[0]
     still = run.with_moment(np.zeros(len(run)), "nu")
-    with pytest.raises(RunError, match="none of 1 runs? has a moment that acts"):
+    with pytest.raises(RunError, match=r"none of 1 runs? has a moment that acts"):
         identify([still], fit_to="whole-runs")
 
 

@@ -194,7 +194,7 @@ def test_headings_that_run_ahead_of_their_line_are_refused() -> None:
     ahead = [np.sign(m) * (0.3 + np.sqrt(abs(m) / 1.257) * t) for t, m in zip(times, moments)]
     data = step_data([str(m) for m in moments], times, ahead, moments, [0.1] * len(moments))
     with pytest.raises(
-        FitError, match="negative inertia or drag: .*check the sign of the moment and of the heading"
+        FitError, match=r"negative inertia or drag: .*check the sign of the moment and of the heading"
     ):
         fitted(data)
 
@@ -210,6 +210,6 @@ def test_too_few_runs_or_moments_are_refused() -> None:
 def test_tails_of_too_few_samples_are_refused() -> None:
     time, used = np.arange(5.0)[None], np.array([[False, False, False, True, True]])
     with pytest.raises(
-        FitError, match="only 2 samples in the steady tail .* 3 are needed; log the heading faster"
+        FitError, match=r"only 2 samples in the steady tail .* 3 are needed; log the heading faster"
     ):
         tail_lines(time, time, np.zeros(1), used)
