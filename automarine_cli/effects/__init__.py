@@ -1,5 +1,6 @@
 """The library of effects: every file in this folder is one; `get(name)` finds it, `names()` lists them."""
 
+import difflib
 import importlib
 import pkgutil
 from functools import cache
@@ -17,9 +18,11 @@ def names() -> tuple[str, ...]:
 
 @cache
 def get(name: str) -> Effect:
-    """The effect of that name; raises ModelError with the list of names where there is none."""
+    """The effect of that name; raises ModelError with the names that there are, and the nearest ones."""
     if name not in names():
-        raise ModelError(f"effect {name!r} is not in the library; known are {', '.join(names())}")
+        near = difflib.get_close_matches(name.lower().replace("_", "-"), names(), n=3, cutoff=0.5)
+        meant = f". Did you mean {' or '.join(near)}?" if near else ""
+        raise ModelError(f"effect {name!r} is not in the library; known are {', '.join(names())}{meant}")
     module = importlib.import_module(f"{__name__}.{name.replace('-', '_')}")
     found = [
         c for c in vars(module).values() if isinstance(c, type) and issubclass(c, Effect) and c is not Effect

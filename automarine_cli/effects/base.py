@@ -9,8 +9,7 @@ Recipe: one file in this folder, one subclass of `Effect` with
 1. `name` (the contract's name, with hyphens), `place`, `equation`, `says` (the verdict's sentence), `reveals` (the runs
    that show it), `mistaken_for` (names) and `separated_by` (the run that tells them apart), `source`;
 2. `parameters`, in the order in which the methods take them, each with unit, bounds, start, and the value at
-which
-   the effect is off, so that the model with the effect switched off is exactly the model without it;
+   which the effect is off, so that the model with the effect switched off is exactly the model without it;
 3. one of the methods: `deliver` for actuators, `moment` for moments, `read` for sensors; and `states` with
    `derivatives` where the effect carries a state of its own (water that turns, a thruster that lags).
 
@@ -134,6 +133,17 @@ class Effect:
     parity: ClassVar[str] = EVEN
     states: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def shapes(self) -> tuple[bool, ...]:
+        """Which parameters mean nothing while the effect is off: references, and scanned ones beside a size."""
+        sized = any(not p.scan and not p.reference for p in self.parameters)
+        return tuple(bool(p.reference or (p.scan and sized)) for p in self.parameters)
+
+    @property
+    def off(self) -> tuple[float, ...]:
+        """Values with which a model is exactly the model without the effect; shapes are at their start."""
+        return tuple(p.start if shape else p.off for p, shape in zip(self.parameters, self.shapes))
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Moment delivered for the moment commanded, (P, R, M); actuators only."""

@@ -1,0 +1,27 @@
+"""`automarine effects`: a name or none in, one workflow call, cards out."""
+
+import click
+
+from automarine_cli.cli import options
+
+
+@click.command("effects")
+@click.argument("name", required=False, metavar="[NAME]")
+@options.json_option
+@options.verbosity
+def effects(name: str | None, as_json: bool) -> object:
+    """The effects that a yaw model may have, and that diagnose can name.
+
+    Without NAME: name, place, equation and parameters of each. With NAME the whole card: what the parameters
+    mean, what the verdict says, which run reveals the effect, what it is mistaken for and the run that tells
+    the two apart, and the source.
+
+    \b
+    Example:
+      automarine effects dead-band
+    """
+    from automarine_cli.workflows.effects import effects as workflow
+
+    result = workflow(name)
+    options.echo_result(result, as_json=as_json, tables=result.tables(), keep_hint=None)
+    return result
