@@ -62,10 +62,12 @@ def simulate(
     )
     terms = list(model.unpack(theta))
     commands = batch.commands(start.shift)
+    forward = replace(commands, length=np.maximum(commands.length, 0.0))  # for those who only know time to pass
     for effect, values in terms:
         if effect.place is Place.ACTUATOR:
             wide = tuple(v[..., None] for v in values)
-            commands = replace(commands, moment=effect.deliver(commands, wide))
+            forward = replace(forward, moment=effect.deliver(forward, wide))
+    commands = replace(commands, moment=forward.moment)
     with np.errstate(
         over="ignore", invalid="ignore"
     ):  # a fit may try parameters that no vehicle has; it sees the infinity
