@@ -66,6 +66,7 @@ def diagnose_runs(
     each = each or (lambda function, work, stage: [function(item) for item in work])
     study = study_of(fitted, base)
     found = search(study, seed, each)
+    study = found.study
     word = judge.verdict_of(study, found)
     named = judge.named_effects(study, found, {}) if word == "named" else ()
     held_out = Study(tuple(kept), base, study.disturbed, study.signals) if kept else None

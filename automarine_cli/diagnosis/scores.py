@@ -120,6 +120,7 @@ def score(study: Study, model: YawModel, fit: MixedFit, names: Sequence[str], se
     hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
     free = np.setdiff1d(np.arange(len(fit.phi)), fit.at_bound)
     information, pull = _project(hessian, gradient, free, len(fit.phi))
+    information, pull = study.independent * information, study.independent * pull
     draws = _draw(information, seed)
     runs, at = len(problem.measured), 0
     best: dict[str, Score] = {}

@@ -7,7 +7,7 @@ in which nothing is missing; runs predicted from the others have a veto.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -69,8 +69,9 @@ class Rival:
 
 @dataclass(frozen=True)
 class Found:
-    """Outcome of a search: base and final model, rounds, p-value of each effect added, rivals."""
+    """Outcome of a search: the study as judged, base and final model, rounds, p-value of each effect added, rivals."""
 
+    study: Study
     base: Trial
     final: Trial
     rounds: tuple[Round, ...]
@@ -85,7 +86,9 @@ class Found:
 
 def search(study: Study, seed: int, each: Map) -> Found:
     """Find what is missing; `each` maps a function over candidates, in processes or not."""
-    base = _trial(study, study.base, (), study.fit(study.base))
+    first = study.fit(study.base)
+    study = replace(study, independent=independent_share(study, first))
+    base = _trial(study, study.base, (), first)
     current, rounds, p_values = base, list[Round](), dict[str, float]()
     while len(current.added) < MOST_EFFECTS:
         this = _round(study, current, seed + len(rounds), each, whole=not rounds)
@@ -97,12 +100,22 @@ def search(study: Study, seed: int, each: Map) -> Found:
         current = best
     current = _improve(study, current, rounds, each)
     names = {name: p_values.get(name, min(p_values.values(), default=1.0)) for name in current.added}
-    return Found(base, current, tuple(rounds), names, tuple(_rivals(study, current, rounds, each)))
+    return Found(study, base, current, tuple(rounds), names, tuple(_rivals(study, current, rounds, each)))
+
+
+def independent_share(study: Study, fit: MixedFit) -> float:
+    """(1 - rho)/(1 + rho) with rho the correlation of neighbouring residuals; 1 in a pool, whose noise is white."""
+    if not study.disturbed:
+        return 1.0
+    left = np.where(study.batch.seen, study.batch.heading - fit.fitted, 0.0)
+    rho = float((left[:, 1:] * left[:, :-1]).sum() / max((left**2).sum(), 1e-300))
+    return float(np.clip((1.0 - rho) / (1.0 + rho), 0.001, 1.0))
 
 
 def _trial(study: Study, model: YawModel, added: tuple[str, ...], fit: MixedFit) -> Trial:
     cost = penalty(sum(fitted_parameters(name) for name in added), len(study.runs))
-    return Trial(added, model.with_theta(fit.theta[:-1]), fit, -2.0 * fit.log_likelihood + cost)
+    evidence = -2.0 * study.independent * fit.log_likelihood + cost
+    return Trial(added, model.with_theta(fit.theta[:-1]), fit, evidence)
 
 
 def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> Round:

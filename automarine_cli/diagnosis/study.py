@@ -31,13 +31,16 @@ class Study:
     """Runs with a base model.
 
     `disturbed` allows every run a disturbance moment held over short windows: for open water, where nothing repeats,
-    and not for a pool, where what it would absorb is what is looked for.
+    and not for a pool, where what it would absorb is what is looked for. There the thrust's own scatter cannot be told
+    from it and is left out. `independent` is the share of the samples that count as independent: neighbours in open
+    water stray together, and evidence is worth that share of what white noise would make it.
     """
 
     runs: tuple[Run, ...]
     base: YawModel
     disturbed: bool
     signals: tuple[str, ...]
+    independent: float = 1.0
 
     @cached_property
     def batch(self) -> Batch:
@@ -85,6 +88,8 @@ class Study:
         scale = problem.effects.scale.copy()
         if not self.disturbed:
             scale[:, 3 + self.batch.interval.shape[1] :] = 0.0
+        else:
+            scale[:, 2] = 0.0
         return replace(
             problem,
             effects=replace(problem.effects, scale=scale),
