@@ -1,0 +1,195 @@
+"""Where simulation and measurement disagree: which stretches of which variable stand out against chance.
+
+Two gaps are looked at: the heading measured less simulated, and the disturbance moment, held over two seconds at a
+time, that would make the simulation follow the log. In bins of a variable their means are compared with chance by
+turning the sign of whole runs (a run is the unit: samples within it hang together), the largest mean of a variable
+against the largest that chance gives. Variables that belong to a whole run are compared with the run's own thrust
+gain and the size of its gap, by permuting the runs.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.diagnosis.bins import Variable, of_runs, of_samples, over_variables
+from automarine_cli.diagnosis.search import Trial
+from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.variables import Column, columns, direction
+from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram
+from automarine_cli.fits.mixed_model import derivatives
+
+Floats = NDArray[np.float64]
+
+PERMUTATIONS = 2000
+ODD_RUN = 2.0
+"""A run takes part in a region where its own mean there is this many times what heading noise gives."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """A stretch of one variable in which the gap stands out; `gap` [rad] is the mean that repeats from run to run.
+
+    `seen_in` says which gap shows it: "heading", "moment", "thrust" (a run's own gain) or "size". `share` is the part
+    of the gap above the noise that lies in the region.
+    """
+
+    variable: str
+    low: float
+    high: float
+    unit: str
+    gap: float
+    p_value: float
+    runs: tuple[str, ...]
+    share: float
+    seen_in: str
+
+    def to_json(self) -> dict[str, object]:
+        """The contract's form, in degrees."""
+        return {
+            "variable": self.variable, "from": self.low, "to": self.high, "unit": self.unit,
+            "gap_deg": float(np.degrees(self.gap)), "p_value": self.p_value, "runs": list(self.runs),
+            "share": self.share, "seen_in": self.seen_in,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Where:
+    """Everything that the figure and the result need; residual headings (R, N) [rad], zero in the padding.
+
+    `moment` (R, N) is the disturbance moment at each sample [the moment's unit].
+    """
+
+    variables: tuple[Variable, ...]
+    regions: tuple[Region, ...]
+    names: tuple[str, ...]
+    residual: Floats
+    moment: Floats
+    gain: Floats
+    mean_moment: Floats
+    time: Floats
+    seen: NDArray[np.bool_]
+    floor: float
+    moment_unit: str
+
+
+def find_where(study: Study, base: Trial, seed: int) -> Where:
+    """Look at the gap of `base` on the runs of `study` against every variable; `seed` draws the signs."""
+    residual, moment = gaps(study, base)
+    batch = study.batch
+    raw = without_gains(study, base)
+    fitted = np.where(batch.seen, batch.heading - residual, 0.0)
+    sign = np.where(batch.seen, direction(study), 0.0)
+    gain = 100.0 * base.fit.run_effects[:, 2]
+    random = np.random.default_rng(seed)
+    drawn = random.random((PERMUTATIONS, len(study.runs)))
+    found: list[tuple[Column, Variable, Floats]] = []
+    kinds = {
+        "heading": ("deg", np.degrees(residual)),
+        "thrust": ("deg", np.degrees(raw)),
+        "moment": (study.base.moment_unit, moment),
+    }
+    for column in columns(study, fitted):
+        if column.of_the_run:
+            mirrored = np.sign(sign.sum(axis=1))
+            looked = of_runs(column, gain, mirrored, _size(residual, batch.seen), drawn)
+        else:
+            looked = of_samples(column, kinds, sign, np.where(drawn < 0.5, -1.0, 1.0))
+        if looked is not None:
+            found.append((column, *looked))
+    judged = over_variables(found)
+    both = {"heading": residual, "thrust": raw}
+    regions = [
+        region for column, variable in judged for region in _regions(column, variable, study, both, sign)
+    ]
+    regions.sort(key=lambda region: (region.p_value, -region.share))
+    pushed = [run.command[run.command != 0] for run in study.runs]
+    return Where(
+        tuple(variable for _, variable in judged), tuple(regions), batch.names, residual, moment, gain,
+        np.array([float(p.mean()) if len(p) else 0.0 for p in pushed]), batch.time, batch.seen, study.floor,
+        study.base.moment_unit,
+    )  # fmt: skip
+
+
+def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
+    """Residual headings [rad] of a trial on the runs it was fitted to, and the disturbance moment, both (R, N).
+
+    The disturbances are the windows of `whole_runs`, their size estimated with everything else at the trial's fit.
+    """
+    problem, batch = study.problem(trial.model), study.batch
+    residual = np.where(problem.seen, problem.measured - trial.fit.fitted, 0.0)
+    first = 3 + batch.interval.shape[1]
+    b = trial.fit.run_effects
+    variances = np.append(np.log(trial.fit.noise), np.log(np.maximum(trial.fit.factors, SMALLEST_FACTOR)))
+    if not study.disturbed:
+        scale = problem.effects.scale.copy()
+        lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
+        scale[:, first:] = np.arange(batch.windows) <= lasts[:, None]
+        problem = replace(problem, effects=replace(problem.effects, scale=scale))
+        _, by_phi, by_run = derivatives(problem, trial.fit.phi, b)
+        gram = Gram.of(by_phi, by_run, residual, problem.seen.sum(axis=1), b)
+        variances = linear_mixed.choose_variances(gram, problem.effects, variances)
+        b = linear_mixed.posterior_mean(gram, problem.effects, variances, np.zeros(len(trial.fit.phi)))
+    window = np.take_along_axis(batch.window, np.minimum(batch.node, batch.window.shape[1] - 1), axis=1)
+    held = np.take_along_axis(b[:, first:], np.minimum(window, batch.windows - 1), axis=1)
+    return residual, np.where(batch.seen, trial.fit.theta[0] * held, 0.0)
+
+
+def without_gains(study: Study, trial: Trial) -> Floats:
+    """Measured less simulated headings (R, N) [rad] if every run had the same thrust: what a gain could hide."""
+    problem = study.problem(trial.model)
+    b = trial.fit.run_effects.copy()
+    b[:, 2] = 0.0
+    return np.where(problem.seen, problem.measured - problem.headings(trial.fit.phi, b), 0.0)
+
+
+def _size(residual: Floats, seen: NDArray[np.bool_]) -> Floats:
+    """Logarithm of each run's root mean square gap, (R,)."""
+    return np.asarray(0.5 * np.log(np.maximum((residual**2).sum(axis=1) / seen.sum(axis=1), 1e-18)))
+
+
+def _regions(
+    column: Column, variable: Variable, study: Study, residuals: Mapping[str, Floats], sign: Floats
+) -> list[Region]:
+    """Neighbouring bins that stand out together, to the same side, are one region."""
+    side = np.where(variable.stands_out, np.sign(variable.telling.t), 0.0)
+    changes = np.flatnonzero(np.diff(np.concatenate([[0.0], side, [0.0]])))
+    values = column.values[:, None] if column.of_the_run else column.values
+    seen, found = study.batch.seen, []
+    for begin, end in pairwise(changes):
+        if side[begin] == 0:
+            continue
+        low, high = float(variable.edges[begin]), float(variable.edges[end])
+        with np.errstate(invalid="ignore"):
+            inside = seen & (values >= low) & (values < high)
+        row = max(variable.rows, key=lambda r: float(np.abs(r.t[begin:end]).max()))
+        residual = residuals["thrust" if row.kind == "thrust" else "heading"]
+        found.append(_region(column, variable, study, (low, high), row.kind, inside, residual, sign))
+    return found
+
+
+def _region(
+    column: Column, variable: Variable, study: Study, ends: tuple[float, float], kind: str,
+    inside: NDArray[np.bool_], residual: Floats, sign: Floats,
+) -> Region:  # fmt: skip
+    """One region: its gap, the runs that show it, and its share of the whole gap above the noise."""
+    count = max(int(inside.sum()), 1)
+    square = residual**2 - study.floor**2
+    excess = float((square * inside).sum())
+    if column.of_the_run:
+        gap = float(np.sqrt(max(excess / count, 0.0)))
+    else:
+        gap = max(abs(float((residual * inside).sum())), abs(float((residual * sign * inside).sum()))) / count
+    samples = np.maximum(inside.sum(axis=1), 1)
+    mean = np.abs((residual * inside).sum(axis=1)) / samples
+    rough = (square * inside).sum(axis=1) / samples > 0.5 * study.floor**2
+    taking = inside.any(axis=1) & ((mean > ODD_RUN * study.floor / np.sqrt(samples)) | rough)
+    share = excess / max(float((square * study.batch.seen).sum()), 1e-300)
+    return Region(
+        variable.name, *ends, variable.unit, gap, variable.p_value,
+        tuple(name for name, part in zip(study.batch.names, taking) if part),
+        float(np.clip(share, 0.0, 1.0)), kind,
+    )  # fmt: skip
