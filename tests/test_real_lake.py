@@ -1,0 +1,94 @@
+"""Ten closed-loop runs of a Kingfisher boat on a lake: whole runs, moving starts, a delay, headings the other way."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from automarine_cli.fits.output_error import fit_whole_runs
+from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.logs import read_column_map
+from automarine_cli.runs.load import load_runs
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.workflows.fit_thrusters import fit_thrusters
+from automarine_cli.workflows.fit_yaw import fit_yaw
+from automarine_cli.workflows.moments import with_moments
+
+BESIDE = Path(__file__).resolve().parents[2] / "shared" / "data"
+DATA = Path(os.environ.get("AUTOMARINE_DATA", BESIDE))
+LAKE, BOLLARD = DATA / "yaw" / "kingfisher_lake", DATA / "thrusters" / "kingfisher_heron_bollard_raw.csv"
+pytestmark = pytest.mark.skipif(not LAKE.is_dir(), reason="real data not at hand (AUTOMARINE_DATA)")
+
+NOMINAL = """
+[columns]
+heading_deg = { from = "heading_deg", unit = "deg", sign = -1 }
+tau_Nm = { from = "tau_N_nominal_Nm", unit = "N m", sign = -1 }
+"""
+COMMANDS = """
+[columns]
+heading_deg = { from = "heading_deg", unit = "deg", sign = -1 }
+n_port = "port_cmd"
+n_stbd = "stbd_cmd"
+"""
+TWO_TOGETHER = """
+[columns]
+n = "cmd"
+run = "file"
+force_N = "force_two_thrusters_n"
+[defaults]
+thrusters_per_test = 2
+"""
+ARM = 0.44  # metres
+
+
+def column_map(folder: Path, text: str) -> Path:
+    path = folder / "columns.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture(scope="module")
+def nominal(tmp_path_factory: pytest.TempPathFactory) -> YawFit:
+    """Fitted to the moment that the static curve of the data gives."""
+    columns = column_map(tmp_path_factory.mktemp("lake"), NOMINAL)
+    return fit_yaw([str(LAKE / "run_*.csv")], columns=columns, jobs=2)
+
+
+def test_all_ten_runs_are_fitted_whole(nominal: YawFit) -> None:
+    content = nominal.to_json()
+    assert content["fitted_to"] == "whole runs" and nominal.used == 10 and not nominal.set_aside
+    assert nominal.seed_method is None and nominal.why_no_seed_method.startswith("0 of 10 runs")
+
+
+def test_drag_and_inertia_are_positive_and_of_the_size_of_a_small_boat(nominal: YawFit) -> None:
+    """Signs right: else drag would drive. A boat of 29 kg and 1.3 m has some N m s² of inertia before added water."""
+    for fit in nominal.output_error.values():
+        assert fit.mixed.converged
+        assert 5.0 < fit.estimates["I_r"].value < 60.0
+    one = nominal.output_error["1"].estimates["k_r"]
+    assert 10.0 < one.value < 40.0 and one.ci95[0] > 0
+    assert nominal.output_error["3"].estimates["k_rr"].value > 0
+
+
+def test_the_model_follows_the_measured_headings(nominal: YawFit) -> None:
+    assert nominal.preference.number in ("1", "2")
+    scatter = nominal.preferred.gain_scatter
+    assert 0.03 < scatter.value < 0.3
+
+
+def test_the_delay_of_the_thrusters_is_warned_of(nominal: YawFit) -> None:
+    assert any(
+        "half a sample interval or more after the log shows it" in warning for warning in nominal.warnings
+    )
+
+
+def test_commands_through_our_own_bollard_map_agree(nominal: YawFit, tmp_path: Path) -> None:
+    """The map fitted to the raw bollard series of two thrusters gives inertia and drag within a quarter."""
+    thrusters = fit_thrusters([BOLLARD], columns=column_map(tmp_path, TWO_TOGETHER)).map
+    columns = read_column_map(column_map(tmp_path, COMMANDS))
+    runs = with_moments(load_runs([str(LAKE / "run_*.csv")], columns).runs, thrusters, ARM, columns)
+    assert {run.moment_unit for run in runs} == {"N m"}
+    fit = fit_whole_runs(make_batch(runs, 0.1), "1", np.zeros(len(runs), dtype=bool))
+    for name, estimate in fit.estimates.items():
+        assert estimate.value == pytest.approx(nominal.output_error["1"].estimates[name].value, rel=0.25)
