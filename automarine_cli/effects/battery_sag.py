@@ -6,12 +6,15 @@ from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Pla
 
 
 class BatterySag(Effect):
-    """tau (1 - discharge t) (1 - load |tau|/tau_ref), t the hours on the campaign's clock since t_ref."""
+    """tau exp(-discharge t) (1 - load |tau|/tau_ref), t the hours on the campaign's clock since t_ref.
+
+    Thrust falls in proportion to itself: never below nothing, and another t_ref is another gain and no more.
+    """
 
     name = "battery-sag"
     place = Place.ACTUATOR
     parameters = (
-        Parameter("discharge", "share of thrust lost in an hour of the campaign", "1/h", 0.0, 5.0, 0.08),
+        Parameter("discharge", "rate at which thrust is lost over the campaign", "1/h", 0.0, 5.0, 0.08),
         Parameter("load", "share of thrust lost at tau_ref", "1", 0.0, 0.9, 0.05),
         Parameter(
             "tau_ref", "moment at which load is told", "{moment}", 0.0, float("inf"), 1.0, reference="moment"
@@ -26,7 +29,7 @@ class BatterySag(Effect):
             reference="clock",
         ),
     )
-    equation = "tau_delivered = tau (1 - discharge (t - t_ref)) (1 - load |tau|/tau_ref)"
+    equation = "tau_delivered = tau exp(-discharge (t - t_ref)) (1 - load |tau|/tau_ref)"
     says = "The supply sags: thrust falls with load or as the battery empties."
     reveals = "a log of the bus voltage, and the first run repeated last"
     mistaken_for = ("cubic-drag", "thrust-exponent", "saturation")
@@ -36,5 +39,5 @@ class BatterySag(Effect):
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         discharge, load, moment, clock = values
         hours = (commands.clock + commands.start - clock) / 3600.0
-        fresh = np.clip(1.0 - discharge * hours, 0.0, 2.0)
+        fresh = np.exp(-discharge * hours)
         return commands.moment * fresh * (1.0 - load * np.abs(commands.moment) / moment)
