@@ -1,5 +1,5 @@
-"""A constant moment that is not in the log: tether twist, reaction torque of a vertical thruster, steady "
-"current."""
+"""A constant moment that is not in the log: tether twist, reaction torque of a vertical thruster, steady
+current."""
 
 from automarine_cli.effects.base import ODD, Effect, Floats, Motion, Parameter, Place
 

@@ -6,8 +6,8 @@ from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place
 
 
 class CompassDeviation(Effect):
-    """psi_m = psi + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi; the constant A is part of the start "
-    "heading."""
+    """psi_m = psi + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi; the constant A is part of the start
+    heading."""
 
     name = "compass-deviation"
     place = Place.SENSOR

@@ -1,5 +1,5 @@
-"""Cubic drag: drag that grows faster than the square, as quadratic coefficients rise with Reynolds number "
-"or tilt."""
+"""Cubic drag: drag that grows faster than the square, as quadratic coefficients rise with Reynolds number
+or tilt."""
 
 from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
 

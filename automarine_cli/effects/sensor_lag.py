@@ -19,8 +19,8 @@ class SensorLag(Effect):
     source = "Titterton and Weston (2004), Strapdown Inertial Navigation Technology"
 
     def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:
-        """Exact for a heading that is straight between two nodes; starts without lag at the run's first "
-        "sample."""
+        """Exact for a heading that is straight between two nodes; starts without lag at the run's first
+        sample."""
         (lag,) = values
         shape = np.broadcast_shapes(heading.shape, time.shape, lag.shape)
         lag = np.maximum(np.broadcast_to(lag, shape)[..., 0], 1e-6)

@@ -1,0 +1,125 @@
+"""What every effect must do, one judge for all: a new file in `automarine_cli/effects` is judged without a line here.
+
+`planted` makes runs of the paper's vehicle with effects in it; the contract itself is in `test_effects`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from made_runs import INERTIA, K_RR
+from numpy.typing import NDArray
+
+from automarine_cli import effects
+from automarine_cli.effects import Effect
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import Start, simulate
+
+Floats = NDArray[np.float64]
+Plan = Sequence[tuple[float, float]]
+
+PERIOD, WAIT, REST = 0.1, 60.0, 1.5  # s
+LARGEST = 1.2
+
+SIZES: Mapping[str, tuple[float, ...]] = {
+    "battery-sag": (0.5, 0.12),
+    "compass-deviation": (0.06, -0.04, 0.03, 0.02),
+    "cross-coupling": (0.4,),
+    "cubic-drag": (0.35,),
+    "drag-asymmetry": (0.12,),
+    "heading-moment": (0.05, -0.03),
+    "input-delay": (0.3,),
+    "linear-drag": (0.2,),
+    "periodic-disturbance": (0.06, -0.04, 3.1),
+    "saturation": (0.8,),
+    "thrust-exponent": (1.2,),
+    "thrust-loss": (0.25,),
+    "thruster-lag": (0.3,),
+    "water-swirl": (0.25, 8.0),
+}
+"""Sizes that show in the campaign below, where half more than the start is not one; references left out."""
+
+
+def base_for(name: str, scale: float = 1.0, unit: str = "nu") -> YawModel:
+    """The paper's vehicle as model 3; as model 1 for the effect that is model 3's own drag."""
+    if name == "quadratic-drag":
+        return YawModel.base("1", scale * INERTIA, (scale * 0.6,), unit)
+    return YawModel.base("3", scale * INERTIA, (scale * K_RR,), unit)
+
+
+def sizes_of(effect: Effect) -> tuple[float, ...]:
+    """Values of all parameters with which the effect is planted, for moments up to LARGEST."""
+    fixed = {"moment": LARGEST, "clock": 0.0, "voltage": 12.0}
+    own = iter(SIZES.get(effect.name, ()))
+    return tuple(
+        fixed[p.reference] if p.reference else next(own, 1.5 * p.start if p.start != p.off else 0.03)
+        for p in effect.parameters
+    )
+
+
+def with_planted(base: YawModel, *names: str) -> YawModel:
+    """The model with these effects at their planted sizes."""
+    for name in names:
+        base = base.with_effect(name, sizes_of(effects.get(name)))
+    return base
+
+
+def plans(sizes: Sequence[float] = (0.12, 0.25, 0.5, 0.8, 1.2)) -> list[Plan]:
+    """Steps to both sides, long turns, coast-downs, reversals and manoeuvres, as (moment, seconds)."""
+    both = (1.0, -1.0)
+    steps: list[Plan] = [[(s * size, 6.0 + 3.0 / size**0.5)] for size in sizes for s in both]
+    coast: list[Plan] = [[(s * 1.0, 6.0), (0.0, 9.0)] for s in both]
+    back: list[Plan] = [[(s * 0.7, 8.0), (-s * 0.7, 10.0)] for s in both]
+    moves: list[Plan] = [
+        [(0.3, 5.0), (1.1, 4.0), (-0.6, 6.0), (0.0, 5.0)],
+        [(-0.9, 4.0), (-0.2, 6.0), (0.9, 3.0), (-0.9, 4.0)],
+    ]
+    return steps + coast + back + moves
+
+
+def unmeasured(plan: Plan, number: int, moment_unit: str = "nu", scale: float = 1.0) -> Run:
+    """The run of a plan before anything was measured: clock, held command, voltage and surge, no heading yet."""
+    whole = [(0.0, REST), *plan]
+    ends = np.cumsum([seconds for _, seconds in whole])
+    time = np.arange(0.0, ends[-1] - PERIOD / 4, PERIOD)
+    command = scale * np.array([moment for moment, _ in whole])[np.searchsorted(ends, time, side="right")]
+    # voltage and surge change from run to run and within a run, in no step with the command
+    voltage = 12.0 + 1.5 * np.sin(2.3 * number) + 0.4 * np.sin(0.7 * time + number)
+    surge = 0.4 * np.sin(1.7 * number + 0.5 * time)
+    extras = {"voltage": voltage, "surge": surge}
+    name = f"run_{number:02d}"
+    clock = WAIT * number + time
+    return Run(name, f"{name}.csv", clock, np.zeros(len(time)), command, moment_unit, extras)
+
+
+def measured(
+    truth: YawModel,
+    runs: Sequence[Run],
+    *,
+    seed: int = 0,
+    noise_deg: float = 0.5,
+    gain: float = 0.02,
+) -> list[Run]:
+    """The runs as a vehicle of that truth makes them: any start heading, thrust scatter, commands that change
+    anywhere between two samples, white noise of the heading."""
+    random = np.random.default_rng(seed)
+    needed = sorted({name for term in truth.terms for name in effects.get(term.name).needs})
+    batch = make_batch(runs, 0.05, needed)
+    shape = (1, *batch.interval.shape)
+    start = Start(
+        heading=random.uniform(-np.pi, np.pi, (1, len(runs))),
+        log_gain=gain * random.standard_normal((1, len(runs))),
+        shift=batch.interval[None] * random.uniform(-0.5, 0.5, shape),
+    )
+    found = simulate(truth, batch, start=start).heading[0]
+    found = found + np.deg2rad(noise_deg) * random.standard_normal(found.shape)
+    return [replace(run, heading=row[: len(run)]) for run, row in zip(runs, found)]
+
+
+def planted(base: YawModel, *names: str, seed: int = 0, **measuring: float) -> list[Run]:
+    """A campaign of the base vehicle with these effects in it."""
+    order = np.random.default_rng(1000 + seed).permutation(len(plans()))
+    runs = [unmeasured(plans()[i], number, base.moment_unit) for number, i in enumerate(order)]
+    return measured(with_planted(base, *names), runs, seed=seed, **measuring)

@@ -1,0 +1,266 @@
+"""Every effect of the library through the same checks, and the command that shows the library."""
+
+import inspect
+import json
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import Result
+from effect_contract import (
+    SIZES,
+    Floats,
+    base_for,
+    measured,
+    plans,
+    planted,
+    sizes_of,
+    unmeasured,
+    with_planted,
+)  # fmt: skip
+
+from automarine_cli import effects
+from automarine_cli.diagnosis.search import Trial
+from automarine_cli.diagnosis.study import study_of
+from automarine_cli.diagnosis.verdict import parameter_estimates
+from automarine_cli.effects import Effect, Place
+from automarine_cli.effects.base import EVEN, MIXED, ODD
+from automarine_cli.errors import ModelError
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import Start, simulate
+
+EVERY_EFFECT = pytest.mark.parametrize("name", effects.names())
+CONTRACT = (
+    "linear-drag", "quadratic-drag", "cubic-drag", "bias-moment", "tether-spring", "dead-band", "saturation",
+    "thrust-asymmetry", "drag-asymmetry", "thruster-lag", "input-delay", "thrust-loss", "battery-sag",
+    "water-swirl", "coulomb-drag", "compass-deviation", "sensor-lag", "gyro-drift", "periodic-disturbance",
+    "heading-moment", "cross-coupling", "thrust-exponent",
+)  # fmt: skip
+UNITS = ("nu", "N m")
+STARTS = (0.4, -1.1, 2.0)  # rad
+
+RUNS = [unmeasured(plan, i) for i, plan in enumerate([plans()[7], plans()[10], plans()[-1]])]
+"""Three runs of different lengths: a step to port, a coast-down, a manoeuvre."""
+
+MIRRORED_SIGNS = {
+    "compass-deviation": (1, -1, 1, -1),  # sine terms are odd in the heading, cosine terms even
+    "heading-moment": (1, -1),
+    "periodic-disturbance": (-1, -1, 1),  # the moment turns round, the period stays
+}
+"""What a mirrored campaign does to each parameter of a MIXED effect."""
+
+
+def headings(
+    model: YawModel, runs: Sequence[Run] = RUNS, theta: Floats | None = None, sign: int = 1
+) -> Floats:
+    """Simulated headings (P, R, N) from the STARTS."""
+    needs = {need for term in model.terms for need in effects.get(term.name).needs}
+    batch = make_batch(runs, 0.05, sorted(needs))
+    start = Start(heading=sign * np.array([STARTS[: len(runs)]]))
+    return simulate(model, batch, theta, start).heading
+
+
+def with_effect(name: str, values: Sequence[float] | None = None) -> YawModel:
+    """The base vehicle with the effect at these values, by default at its planted sizes."""
+    return base_for(name).with_effect(name, sizes_of(effects.get(name)) if values is None else values)
+
+
+# What the registry finds
+
+
+def test_the_contracts_names_are_there() -> None:
+    assert set(CONTRACT) <= set(effects.names())
+    assert set(SIZES) | set(MIRRORED_SIGNS) <= set(effects.names())
+
+
+@EVERY_EFFECT
+def test_card_is_complete(name: str) -> None:
+    effect = effects.get(name)
+    assert effect.name == name and isinstance(effect.place, Place) and effect.parity in (EVEN, ODD, MIXED)
+    assert Path(inspect.getfile(type(effect))).stem == name.replace("-", "_")
+    assert re.fullmatch(r"[A-Z].*\.", effect.says), effect.says
+    for text in (effect.equation, effect.reveals, effect.separated_by, effect.source):
+        assert text.strip() == text and text and not text.endswith("."), text
+    assert effect.mistaken_for and set(effect.mistaken_for) <= set(effects.names()) - {name}
+    assert effect.parameters
+    documented = (inspect.getmodule(type(effect)), type(effect))
+    assert all(one and one.__doc__ and '"' not in one.__doc__ for one in documented)
+
+
+@EVERY_EFFECT
+def test_parameters_have_units_and_bounds_that_hold_their_start(name: str) -> None:
+    for p in effects.get(name).parameters:
+        assert p.name and p.meaning and p.unit
+        assert p.lower < p.upper and p.lower <= p.start <= p.upper and np.isfinite(p.start)
+        assert all(p.lower <= value <= p.upper for value in p.scan)
+        for unit in UNITS:
+            assert "{" not in p.unit_for(unit) and ("{moment}" in p.unit) == (unit in p.unit_for(unit))
+        assert p.reference in ("", "moment", "clock", "voltage")
+        assert not p.log or p.lower > 0.0
+
+
+@EVERY_EFFECT
+def test_methods_are_those_of_its_place(name: str) -> None:
+    effect = effects.get(name)
+    own = {method for method in ("deliver", "moment", "water_rate", "read") if method in vars(type(effect))}
+    wanted = {
+        Place.ACTUATOR: "deliver",
+        Place.MOMENT: "moment",
+        Place.WATER: "water_rate",
+        Place.SENSOR: "read",
+    }
+    assert own == {wanted[effect.place]}
+    assert bool(effect.states) == ("derivatives" in vars(type(effect)))
+
+
+# What it does to a simulation
+
+
+@EVERY_EFFECT
+def test_vectorised_over_parameter_sets_and_runs(name: str) -> None:
+    """Each parameter set and each run comes out as if it were alone, whatever the company and the padding."""
+    model = with_effect(name)
+    theta = np.stack([model.theta, with_effect(name, effects.get(name).off).theta, model.theta * 1.1])
+    together = headings(model, theta=theta)
+    assert together.shape == (3, len(RUNS), max(len(run) for run in RUNS)) and np.isfinite(together).all()
+    for p, values in enumerate(theta):
+        for r, run in enumerate(RUNS):
+            batch = make_batch([run], 0.05, effects.get(name).needs)
+            alone = simulate(model, batch, values, Start(heading=np.array([[STARTS[r]]]))).heading[0, 0]
+            np.testing.assert_allclose(together[p, r, : len(run)], alone, rtol=0, atol=1e-12)
+
+
+@EVERY_EFFECT
+def test_off_is_exactly_the_base_model(name: str) -> None:
+    off = headings(with_effect(name, effects.get(name).off))
+    np.testing.assert_allclose(off, headings(base_for(name)), rtol=0, atol=1e-5 if "lag" in name else 1e-9)
+
+
+@EVERY_EFFECT
+def test_on_is_not_the_base_model(name: str) -> None:
+    most = np.abs(headings(with_effect(name)) - headings(base_for(name))).max()
+    assert np.rad2deg(most) > 1.0
+
+
+@EVERY_EFFECT
+def test_mirrored_runs_have_the_declared_parity(name: str) -> None:
+    effect = effects.get(name)
+    runs = [replace(run, moment=-run.command) for run in RUNS]
+    values = sizes_of(effect)
+    found = headings(
+        with_effect(name, [s * v for s, v in zip(mirrored_signs(effect), values)]), runs, sign=-1
+    )
+    np.testing.assert_allclose(found, -headings(with_effect(name)), rtol=0, atol=1e-10)
+    if effect.parity != EVEN:  # and it is no idle word
+        assert np.abs(headings(with_effect(name), runs, sign=-1) + headings(with_effect(name))).max() > 1e-3
+
+
+def mirrored_signs(effect: Effect) -> tuple[int, ...]:
+    """What becomes of each parameter when heading and command are negated."""
+    if effect.parity == MIXED:
+        return MIRRORED_SIGNS[effect.name]
+    return tuple(-1 if effect.parity == ODD and not p.reference else 1 for p in effect.parameters)
+
+
+@EVERY_EFFECT
+def test_other_units_of_moment_give_the_same_headings(name: str) -> None:
+    effect, ten = effects.get(name), 10.0
+    scaled = [p.scaled(value, ten) for p, value in zip(effect.parameters, sizes_of(effect))]
+    model = base_for(name, ten, "N m").with_effect(name, scaled)
+    runs = [run.with_moment(ten * run.command, "N m") for run in RUNS]
+    np.testing.assert_allclose(headings(model, runs), headings(with_effect(name)), rtol=0, atol=1e-10)
+
+
+# What the data give back
+
+
+@EVERY_EFFECT
+def test_recovered_from_data_made_with_it(name: str) -> None:
+    effect, base = effects.get(name), base_for(name)
+    truth = sizes_of(effect)
+    study = study_of(planted(base, name, seed=1), base)
+    model = base.with_theta(1.1 * base.theta).with_effect(name, _off_the_truth(effect, truth))
+    fit = study.fit(model)
+    trial = Trial((name,), model.with_theta(fit.theta[:-1]), fit, 0.0)
+    found = parameter_estimates(study, trial, name)
+    for parameter, value in zip(effect.parameters, truth):
+        estimate = found[parameter.name]
+        assert estimate.unit == parameter.unit_for("nu")
+        if parameter.reference:
+            assert estimate.value == pytest.approx(value)
+        else:
+            assert 0 < estimate.stderr < 0.25 * max(abs(v) for v in truth), parameter.name
+            assert abs(estimate.value - value) < 4.0 * estimate.stderr, f"{parameter.name}: {estimate}"
+    np.testing.assert_allclose(fit.theta[: len(base.theta)], base.theta, rtol=0.05)
+    assert np.rad2deg(fit.noise) == pytest.approx(0.5, rel=0.1)
+
+
+def _off_the_truth(effect: Effect, truth: Sequence[float]) -> list[float]:
+    """Where a diagnosis would start: sizes a good way off, shapes at the nearest value that is scanned."""
+    return [
+        value if p.reference else min(p.scan, key=lambda s: abs(np.log(s / value))) if p.scan else 0.7 * value
+        for p, value in zip(effect.parameters, truth)
+    ]
+
+
+def test_several_together_are_recovered() -> None:
+    """An actuator, a moment, the water and a sensor at once."""
+    names, base = ("thruster-lag", "bias-moment", "water-swirl", "compass-deviation"), base_for("")
+    runs = [unmeasured(plan, i) for i, plan in enumerate(plans())]
+    truth = with_planted(base, *names)
+    study = study_of(measured(truth, runs, seed=2), base)
+    fit = study.fit(truth.with_theta(1.1 * truth.theta))
+    model = truth.with_theta(fit.theta[:-1])
+    for name in names:
+        found = parameter_estimates(study, Trial(names, model, fit, 0.0), name)
+        for estimate, value in zip(found.values(), sizes_of(effects.get(name)), strict=True):
+            assert abs(estimate.value - value) < 4.0 * estimate.stderr, f"{name}: {estimate}"
+
+
+# The command
+
+
+def test_the_list(run: Callable[..., Result]) -> None:
+    found = run("effects")
+    assert found.exit_code == 0
+    lines = found.stdout.splitlines()
+    for name in effects.names():
+        (line,) = (line for line in lines if line.startswith(f"{name} "))
+        assert effects.get(name).place.value in line and effects.get(name).equation in line
+
+
+@EVERY_EFFECT
+def test_the_whole_card(name: str, run: Callable[..., Result]) -> None:
+    effect = effects.get(name)
+    text = run("effects", name).stdout
+    for part in (effect.equation, effect.says, effect.reveals, effect.separated_by, effect.source):
+        assert part in text
+    for words in (effect.mistaken_for, effect.needs, effect.states):
+        assert ", ".join(words) in text
+    for p in effect.parameters:
+        assert re.search(rf"^{re.escape(p.name)} +{re.escape(p.meaning)}", text, flags=re.MULTILINE)
+    assert effect.parity in text and effect.place.value in text and "{" not in text and "inf" not in text
+
+
+def test_json_is_the_library_without_infinities(run: Callable[..., Result]) -> None:
+    whole = json.loads(run("effects", "--json").stdout, parse_constant=lambda word: pytest.fail(word))
+    assert whole["schema"] == "automarine/effects/1"
+    assert [card["name"] for card in whole["effects"]] == list(effects.names())
+    (card,) = json.loads(run("effects", "saturation", "--json").stdout)["effects"]
+    assert card in whole["effects"]
+    (limit,) = card["parameters"]
+    assert (limit["lower"], limit["upper"], limit["off"], limit["any_when_off"]) == (0.0, None, None, False)
+
+
+def test_unknown_name_is_told_its_nearest(run: Callable[..., Result]) -> None:
+    found = run("effects", "Dead_bnd")
+    assert (found.exit_code, found.stdout) == (1, "")
+    assert found.stderr.startswith("Error: effect 'Dead_bnd' is not in the library; known are battery-sag, ")
+    assert found.stderr.endswith(", water-swirl. Did you mean dead-band?\n")
+    with pytest.raises(ModelError, match=r"water-swirl$"):
+        effects.get("quux")
