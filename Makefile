@@ -11,7 +11,7 @@ MAKEFLAGS += --no-print-directory
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test check fit-thrusters fit-yaw validate reproduce sample-runs paper pictures bench clean
+.PHONY: help demo test check fit-thrusters fit-yaw validate reproduce sample-runs paper pictures bench blind clean
 
 help: ## Show this list
 	echo "make TARGET, where TARGET is one of"
@@ -74,6 +74,9 @@ pictures: $(READY) ## The README's figures, from sample_runs
 
 bench: $(READY) ## Accuracy against the Cramer-Rao bound, speed, start-up time
 	$(BIN)/python tests/benchmarks/bench.py --out $(OUT)/bench.json
+
+blind: $(READY) ## Does diagnose name what is hidden? Campaigns with a known truth made without the library; hours
+	$(BIN)/python tests/benchmarks/blind.py --out $(OUT)/blind.json
 
 clean: ## Remove results, caches and the virtual environment
 	rm -rf out $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
