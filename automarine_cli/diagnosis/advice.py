@@ -1,0 +1,223 @@
+"""What to run next: the extra run in which two fitted explanations differ most, and by how many sigma.
+
+Both models are simulated on each kind of run that a pool allows. Of the difference of their headings only what
+stands out of the noise and of what the run's own nuisances (start heading, thrust gain, instants of the changes) and
+the uncertainty of inertia and drag would do anyway counts: sigma² = d' R^-1 d with R the covariance of such a run.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.diagnosis.search import Found, Trial
+from automarine_cli.diagnosis.study import Study
+from automarine_cli.errors import FitError
+from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
+from automarine_cli.fits.mixed_model import derivatives
+from automarine_cli.models.yaw_model import steady_rate
+from automarine_cli.runs.run import Run
+
+Floats = NDArray[np.float64]
+Command = Callable[[Floats], Floats]
+
+REST, TURN, TAIL, RAMP = 2.0, 8.0, 15.0, 40.0  # seconds of standing, driving, coasting, sweeping
+LONG_TURN = 4.0 * np.pi
+LONGEST = 90.0
+LOW_VOLTAGE = 0.85
+TELLS = 4.0
+"""Sigma from which a run is said to tell two explanations apart."""
+NOT_TELLING = "none of the usual runs would: log the thrusters' speed or use a second heading sensor"
+
+
+@dataclass(frozen=True)
+class Advice:
+    """One extra run on paper: what it is, by how many sigma two models differ on it, and the sentence."""
+
+    kind: str
+    sigma: float
+    sentence: str
+
+
+def split_by(study: Study, found: Found) -> dict[tuple[str, str], str]:
+    """For each rival in `found`: the run that would tell it from the effect named, by (effect, rival)."""
+    sentences = {}
+    for rival in found.rivals:
+        trial = rival_trial(study, found, rival.replaces, rival.name)
+        if trial is not None:
+            sentences[rival.replaces, rival.name] = suggest(
+                study, found.final, trial, rival.replaces, rival.name
+            ).sentence
+    return sentences
+
+
+def rival_trial(study: Study, found: Found, effect: str, rival: str) -> Trial | None:
+    """The final model with `rival` in the place of `effect`, refitted; None where no fit is found."""
+    start = next(
+        (
+            trial.model.terms[-1].values
+            for this in found.rounds
+            for trial in this.trials
+            if trial.added[-1] == rival and effect not in this.before.added
+        ),
+        None,
+    )
+    if start is None:
+        return None
+    model = study.base.with_theta(found.final.model.theta[: len(study.base.theta)])
+    for term in found.final.model.terms[len(study.base.terms) :]:
+        model = (
+            model.with_effect(rival, start)
+            if term.name == effect
+            else model.with_effect(term.name, term.values)
+        )
+    try:
+        fit = study.fit(model, np.append(model.theta, found.final.fit.theta[-1]), found.final.fit)
+    except (FitError, np.linalg.LinAlgError):
+        return None
+    added = tuple(rival if name == effect else name for name in found.final.added)
+    return Trial(added, model.with_theta(fit.theta[:-1]), fit, np.nan)
+
+
+def suggest(study: Study, final: Trial, rival: Trial, name: str, rival_name: str) -> Advice:
+    """The kind of extra run on which `final` and `rival` differ most beyond what both could absorb."""
+    sigmas = separations(study, final, rival)
+    kind = max(sigmas, key=lambda key: sigmas[key])
+    sigma = sigmas[kind]
+    if sigma < TELLS:
+        sentence = (
+            f"{NOT_TELLING} (the best of them, {kind}, parts {name} from {rival_name} by {sigma:.1f} sigma)"
+        )
+    else:
+        sentence = f"{kind} would tell {name} from {rival_name} by {sigma:.0f} sigma"
+    return Advice(kind, sigma, sentence)
+
+
+def separations(study: Study, final: Trial, rival: Trial) -> dict[str, float]:
+    """Sigma between the two models on each kind of extra run."""
+    kinds = extra_runs(study)
+    extra = replace(study, runs=tuple(kinds.values()))  # lays out its own batch
+    problem, other = extra.problem(final.model), extra.problem(rival.model)
+    b = np.zeros_like(problem.effects.scale)
+    first, by_phi, by_run = derivatives(problem, final.fit.phi, b)
+    second = other.headings(rival.fit.phi, b)
+    own = len(study.base.theta)
+    spread, turn = np.linalg.eigh(final.fit.covariance[:own, :own])
+    by_base = by_phi[:, :, :own] @ (turn * np.sqrt(np.maximum(spread, 0.0)))
+    noise = max(study.floor, 1e-4)
+    variances = np.append(np.log(noise), np.log(np.maximum(final.fit.factors, SMALLEST_FACTOR)))
+    by_own = by_run * problem.effects.deviation(variances)[:, None, :]
+    sigmas = {}
+    for i, kind in enumerate(kinds):
+        here = problem.seen[i]
+        difference = (second[i] - first[i])[here] / noise
+        if np.all(np.isfinite(difference)):
+            may = np.concatenate([by_base[i][here], by_own[i][here]], axis=1) / noise
+            pull = may.T @ difference
+            kernel = np.eye(may.shape[1]) + may.T @ may
+            square = float(difference @ difference - pull @ np.linalg.solve(kernel, pull))
+            sigmas[kind] = float(np.sqrt(max(square, 0.0)))
+    return sigmas
+
+
+def extra_runs(study: Study) -> dict[str, Run]:
+    """One run of each kind, sampled like the campaign's, with its largest or middle moment."""
+    sizes = np.abs(
+        np.concatenate(
+            [run.command[run.command != 0] for run in study.runs if np.any(run.command)] or [[1.0]]
+        )
+    )
+    large, middle, small = float(sizes.max()), float(np.median(sizes)), float(sizes.min())
+    period = float(np.median([run.sample_period for run in study.runs]))
+    unit = study.base.moment_unit
+    start, clock = _next_start(study), max(float(run.time[-1]) for run in study.runs) + 60.0
+    inertia, (k_r, k_rr) = study.base.inertia, study.base.drag()
+    rate = max(float(steady_rate(large, k_r, k_rr)), 1e-3)
+    turn = float(np.clip(6.0 * inertia * rate / large, TURN, LONGEST / 3))
+    long = float(np.clip(LONG_TURN / rate, turn, LONGEST))
+    low = max(min(small, 0.5 * middle), 0.02 * large)
+
+    def run(
+        name: str, length: float, command: Command, at: float = clock, heading: float | None = None
+    ) -> Run:
+        t = np.arange(0.0, length, period)
+        psi = np.full(len(t), study.runs[0].heading[0] if heading is None else heading)
+        extras = {
+            key: np.full(len(t), float(np.mean([np.mean(r.extras[key]) for r in study.runs])))
+            for key in study.signals
+        }
+        return Run(name, "extra", t + at, psi, np.asarray(command(t), dtype=float), unit, extras)
+
+    def step(tau: float, end: float, after: float = 0.0) -> Command:
+        return lambda t: np.where(t < REST, 0.0, np.where(t < REST + end, tau, after))
+
+    tag = f"{large:.3g} {unit}"
+    kinds = {
+        f"one coast-down from {tag}": run("coast", REST + turn + TAIL, step(large, turn)),
+        f"one reversal at {tag}": run("reversal", REST + 2 * turn, step(large, turn, -large)),
+        f"one slow ramp from {-middle:.3g} to {middle:.3g} {unit} over {RAMP:.0f} s": run(
+            "ramp", RAMP, lambda t: middle * (2.0 * t / RAMP - 1.0)
+        ),
+        f"one step of {tag} from a start heading of {np.degrees(start) % 360.0:.0f} degrees": run(
+            "heading", REST + turn, step(large, turn), heading=start
+        ),
+        f"one long turn of {long:.0f} s at {tag}": run("long", REST + long, step(large, long)),
+        f"one step of only {low:.3g} {unit}": run("small", REST + 3 * turn, step(low, 3 * turn)),
+        f"a repeat of {tag} when the campaign has lasted twice as long": run(
+            "late", REST + turn, step(large, turn), at=clock + _span(study)
+        ),
+        "a rest record of 60 s with the thrusters idle": run("rest", 60.0, lambda t: 0.0 * t),
+    }
+    if "voltage" in study.signals:
+        low_run = run("voltage", REST + turn, step(large, turn))
+        volts = LOW_VOLTAGE * low_run.extras["voltage"]
+        kinds[f"a repeat of {tag} at {volts[0]:.3g} V"] = replace(
+            low_run, extras={**low_run.extras, "voltage": volts}
+        )
+    return kinds
+
+
+def _span(study: Study) -> float:
+    """How long the campaign lasted [s]."""
+    return max(float(r.time[-1]) for r in study.runs) - min(float(r.time[0]) for r in study.runs)
+
+
+def _next_start(study: Study) -> float:
+    """The start heading [rad] farthest from those that the campaign had."""
+    used = np.array([run.heading[0] for run in study.runs])
+    tried = np.arange(24) * np.pi / 12.0
+    away = np.abs(np.angle(np.exp(1j * (tried[:, None] - used)))).min(axis=1)
+    return float(tried[int(np.argmax(away))])
+
+
+def general_advice(study: Study, detectable: Mapping[str, float]) -> tuple[str, ...]:
+    """What to run next when nothing is missing: the kinds of runs that the campaign lacks."""
+    coasts = reversals = 0
+    for run in study.runs:
+        pushed = np.sign(run.command)
+        moving = np.flatnonzero(pushed)
+        if len(moving) == 0:
+            continue
+        coasts += bool(np.any(pushed[moving[0] :] == 0) and len(run) - moving[-1] > 3.0 / run.sample_period)
+        reversals += bool(np.any(pushed[moving] != pushed[moving[0]]))
+    rests = sum(not np.any(run.command) for run in study.runs)
+    starts = np.array([run.heading[0] for run in study.runs])
+    even = float(np.abs(np.exp(1j * starts).mean()))
+    sides = {
+        float(np.sign(run.command[run.command != 0].mean())) for run in study.runs if np.any(run.command)
+    }
+    advice = []
+    if coasts < 2:
+        advice.append("Add two coast-downs: they part a dead-band from Coulomb drag and show thrust loss.")
+    if reversals < 2:
+        advice.append("Add two reversals at full moment: lags, delay and swirl show most there.")
+    if even > 0.7:
+        advice.append("Start runs from other headings: a compass and a current show only against heading.")
+    if len(sides - {0.0}) < 2:
+        advice.append("Turn to both sides: asymmetry and bias need the other sign.")
+    if rests == 0:
+        advice.append("Add one rest record of a minute: bias, current and gyro drift show without any model.")
+    if not study.signals:
+        advice.append("Log the supply voltage: without it a sag is told from drag only by chance.")
+    return tuple(advice) or ("The campaign has every kind of run; more of the same narrows the intervals.",)

@@ -1,0 +1,54 @@
+"""Where the gap comes from: noise, scatter between runs, each effect, and what is left over, in shares of one."""
+
+import numpy as np
+
+from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.search import Trial
+from automarine_cli.diagnosis.study import Study
+
+NOISE, SCATTER, LEFT = "noise of the heading", "scatter between runs", "left over"
+
+
+def budget(diagnosis: Diagnosis) -> dict[str, float]:
+    """Shares of the mean square of measured less base-model headings on the runs fitted; they sum to one.
+
+    The whole is taken with all runs alike but for their start heading and rate. Effects are added in the order in
+    which they were found, everything refitted; what the runs' own gains, instants and disturbances then explain is
+    scatter. A step that does not lessen the gap has a share of zero.
+    """
+    study, found = diagnosis.study, diagnosis.found
+    stages = [found.base, *_stages(study, found.base, found.final)]
+    squares = [_alike(study, trial) for trial in stages]
+    level = whole = max(squares[0], diagnosis.gap.after**2, 1e-300)
+    shares: dict[str, float] = {}
+    for name, square in zip(found.final.added, squares[1:]):
+        lower = min(level, max(square, 0.0))
+        shares[name] = (level - lower) / whole
+        level = lower
+    after = min(diagnosis.gap.after**2, level)
+    noise = min(study.floor**2, after)
+    return {
+        NOISE: noise / whole, SCATTER: (level - after) / whole, **shares, LEFT: (after - noise) / whole
+    }  # fmt: skip
+
+
+def _stages(study: Study, base: Trial, final: Trial) -> list[Trial]:
+    """The base with one effect, two, ..., each refitted; the last is `final` itself."""
+    own, stages = len(study.base.terms), []
+    for count in range(1, len(final.added)):
+        model = base.model
+        for term in final.model.terms[own : own + count]:
+            model = model.with_effect(term.name, term.values)
+        theta = np.append(model.theta, final.fit.theta[-1])
+        fit = study.fit(model, theta, final.fit)
+        stages.append(Trial(final.added[:count], model.with_theta(fit.theta[:-1]), fit, np.nan))
+    return [*stages, final] if final.added else []
+
+
+def _alike(study: Study, trial: Trial) -> float:
+    """Mean square gap [rad²] when nothing but start heading and start rate differs between runs."""
+    problem = study.problem(trial.model)
+    b = trial.fit.run_effects.copy()
+    b[:, 2:] = 0.0
+    left = np.where(problem.seen, problem.measured - problem.headings(trial.fit.phi, b), 0.0)
+    return float((left**2).sum() / problem.seen.sum())

@@ -1,0 +1,176 @@
+"""The naming key: how each run's own drag and inertia drift with the moment, and what that says (PHYSICS 3.1).
+
+Half-turns of a vehicle with quadratic drag alone fall on one curve of t sqrt|tau|, so its k and I are the same at
+every moment. What is missing makes them drift with a power of |tau|: -1 what has a moment of its own (dead-band,
+bias, Coulomb, spring), -1/2 linear drag, 0 thrust that differs by sign, +1/2 cubic drag (in k) and lags (in I), +1 a
+supply that sags under load. Each run's k and I are generalised least squares about the base fit, with the run's
+start heading, start rate and switch instants free and its thrust gain held: a gain moves both together. I is
+therefore looked at as I / k, in which the run's own gain cancels and what is left is a time.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from automarine_cli.diagnosis.search import Trial
+from automarine_cli.diagnosis.study import Study
+from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram
+from automarine_cli.fits.mixed_model import derivatives
+
+Floats = NDArray[np.float64]
+
+POWERS = (-1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
+CLASSES = {
+    (-1.0, "even"): "a moment of its own size: dead-band, Coulomb drag, tether spring",
+    (-1.0, "odd"): "a moment with a side: bias",
+    (-0.5, "even"): "a rate of its own size: linear drag, swirl",
+    (-0.5, "odd"): "a rate with a side: gyro drift",
+    (0.0, "odd"): "thrust that differs by side: asymmetry",
+    (0.5, "even"): "a time of its own (in I: lag, delay) or cubic drag (in k)",
+    (0.5, "odd"): "a time that differs by side",
+    (1.0, "even"): "a load: supply that sags, saturation",
+    (1.0, "odd"): "a load that differs by side",
+    (2.0, "even"): "tilt or saturation at the largest moments",
+    (2.0, "odd"): "tilt or saturation on one side",
+}
+FEWEST = 6
+CERTAIN = 0.1
+"""Standard error of a run's log k or log I beyond which that run says nothing."""
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How well a power of |moment| with a parity explains one drift: `share` of its weighted variance, F-test p."""
+
+    quantity: str
+    power: float
+    parity: str
+    slope: float
+    share: float
+    p_value: float
+
+    @property
+    def means(self) -> str:
+        """What effects drift like that."""
+        return CLASSES[self.power, self.parity]
+
+
+@dataclass(frozen=True)
+class NamingKey:
+    """Each run's own k and I, (R,), as logarithms less the base's, with standard errors.
+
+    `moment` is the run's first moment, NaN where it was too short; `log_ratio` is log I less log k;
+    `predicted_k`, `predicted_ratio` are the same estimates made of headings that the final model simulates.
+    `drifts` holds every power and parity, best first.
+    """
+
+    moment: Floats
+    unit: str
+    log_k: Floats
+    log_k_error: Floats
+    log_I: Floats
+    log_I_error: Floats
+    log_ratio: Floats
+    log_ratio_error: Floats
+    predicted_k: Floats
+    predicted_ratio: Floats
+    drifts: tuple[Drift, ...]
+
+    def best(self, quantity: str) -> Drift | None:
+        """The power and parity that explain the drift of "k" or "I/k" best, None where nothing could be told."""
+        return next((drift for drift in self.drifts if drift.quantity == quantity), None)
+
+
+def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
+    """Each run's own k and I about the base fit, measured and as the final model would have them."""
+    problem = study.problem(base.model)
+    b = np.where(np.arange(base.fit.run_effects.shape[1]) < 2, base.fit.run_effects, 0.0)
+    phi = np.append(
+        base.fit.phi[:-1], 0.0
+    )  # changes in the middle of their intervals, from where either way is free
+    fitted, by_phi, by_run = derivatives(problem, phi, b)
+    first_step, moment = first_steps(study)
+    theta, positive = base.fit.theta, problem.positive
+    drag = slice(1, len(study.base.theta))
+    weight = np.where(positive[drag], 1.0, theta[drag])  # drag as a whole: all its terms by the same factor
+    by_log = np.stack([by_phi[:, :, drag] @ weight, by_phi[:, :, 0]], axis=2)
+    by_log, by_run = (np.where(first_step[:, :, None], d, 0.0) for d in (by_log, by_run))
+    scale = problem.effects.scale.copy()
+    scale[:, 2] = 0.0
+    run_effects = replace(problem.effects, scale=scale)
+    variances = np.append(np.log(base.fit.noise), np.log(np.maximum(base.fit.factors, SMALLEST_FACTOR)))
+
+    def own(headings: Floats) -> tuple[Floats, Floats]:
+        left = np.where(first_step, headings - fitted, 0.0)
+        gram = Gram.of(by_log, by_run, left, first_step.sum(axis=1), b)
+        weighted = linear_mixed.weigh(gram, run_effects, variances)
+        covariance = np.array([linear_mixed.covariance_of(h) for h in weighted.hessian])
+        errors = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        ratio = np.sqrt(np.maximum(errors[:, 0] ** 2 + errors[:, 1] ** 2 - 2.0 * covariance[:, 0, 1], 0.0))
+        logs = np.einsum("rpq,rq->rp", covariance, weighted.gradient)
+        return (
+            np.column_stack([logs, logs[:, 1] - logs[:, 0]]),
+            np.column_stack([errors, ratio]),
+        )
+
+    measured, errors = own(problem.measured)
+    other = study.problem(final.model)
+    effects = final.fit.run_effects.copy()
+    effects[:, 2] = 0.0
+    simulated = np.where(problem.seen, other.headings(final.fit.phi, effects), 0.0)
+    predicted, _ = own(simulated)
+    moment = np.where(errors[:, :2].max(axis=1) < CERTAIN, moment, np.nan)
+    drifts = [
+        drift
+        for i, quantity, scatter in ((0, "k", float(final.fit.factors[0])), (2, "I/k", 0.0))
+        for drift in drifts_of(quantity, moment, measured[:, i], errors[:, i], scatter)
+    ]
+    drifts.sort(key=lambda drift: (drift.p_value, -drift.share))
+    return NamingKey(
+        moment, study.base.moment_unit, measured[:, 0], errors[:, 0], measured[:, 1], errors[:, 1],
+        measured[:, 2], errors[:, 2], predicted[:, 0], predicted[:, 2], tuple(drifts),
+    )  # fmt: skip
+
+
+def first_steps(study: Study) -> tuple[NDArray[np.bool_], Floats]:
+    """Samples (R, N) up to the end of each run's first constant moment, and that moment (R,), NaN without one."""
+    inside = np.zeros(study.batch.seen.shape, dtype=bool)
+    moment = np.full(len(study.runs), np.nan)
+    for i, run in enumerate(study.runs):
+        pushed = np.flatnonzero(run.command)
+        if len(pushed):
+            moment[i] = run.command[pushed[0]]
+            other = np.flatnonzero(run.command[pushed[0] :] != moment[i])
+            inside[i, : pushed[0] + other[0] if len(other) else len(run)] = True
+    return inside, moment
+
+
+def drifts_of(quantity: str, moment: Floats, log: Floats, error: Floats, scatter: float) -> list[Drift]:
+    """Weighted straight lines of `log` (R,) against every power of |moment|, even and odd in its sign.
+
+    `scatter` is the runs' standard deviation of the log gain, which moves k.
+    """
+    have = np.isfinite(moment) & np.isfinite(log)
+    if have.sum() < FEWEST:
+        return []
+    y, tau = log[have], moment[have]
+    weight = 1.0 / (error[have] ** 2 + scatter**2)
+    around = y - np.average(y, weights=weight)
+    total = float((weight * around**2).sum())
+    found = []
+    for power, parity in CLASSES:
+        x = np.abs(tau) ** power * (np.sign(tau) if parity == "odd" else 1.0)
+        centred = x - np.average(x, weights=weight)
+        spread = float((weight * centred**2).sum())
+        if spread < 1e-12 * float((weight * x**2).sum()) or total <= 0:
+            continue
+        slope = float((weight * centred * around).sum()) / spread
+        gained = slope**2 * spread
+        dof = len(y) - 2
+        rest = max((total - gained) / dof, 1e-300)
+        p_value = float(stats.f.sf(gained / rest, 1, dof))
+        found.append(Drift(quantity, power, parity, slope, gained / total, p_value))
+    return found
