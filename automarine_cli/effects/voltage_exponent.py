@@ -1,6 +1,10 @@
 """Thrust that follows the logged voltage."""
 
+import numpy as np
+
 from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
+
+DEAD = 1e-9  # share of V_ref below which a supply is dead: a power of nothing has no derivative
 
 
 class VoltageExponent(Effect):
@@ -30,4 +34,5 @@ class VoltageExponent(Effect):
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         p, reference = values
-        return commands.moment * (commands.signals["voltage"] / reference) ** p
+        ratio = np.maximum(commands.signals["voltage"] / reference, DEAD)
+        return commands.moment * ratio**p
