@@ -118,8 +118,7 @@ def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
 
     measured, errors = own(problem.measured)
     other = study.problem(final.model)
-    effects = final.fit.run_effects.copy()
-    effects[:, 2] = 0.0
+    effects = np.where(np.arange(b.shape[1]) < 2, final.fit.run_effects, 0.0)
     simulated = np.where(problem.seen, other.headings(final.fit.phi, effects), 0.0)
     predicted, _ = own(simulated)
     moment = np.where(errors[:, :2].max(axis=1) < CERTAIN, moment, np.nan)

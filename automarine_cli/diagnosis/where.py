@@ -60,14 +60,17 @@ class Region:
 class Where:
     """Everything that the figure and the result need; residual headings (R, N) [rad], zero in the padding.
 
-    `moment` (R, N) is the disturbance moment at each sample [the moment's unit].
+    `columns` hold each variable's values, `sign` (R, N) the side to which the last moment pushed, `gain` (R,) each
+    run's own thrust [%]; `moment` (R, N) is the disturbance moment at each sample [the moment's unit].
     """
 
     variables: tuple[Variable, ...]
+    columns: tuple[Column, ...]
     regions: tuple[Region, ...]
     names: tuple[str, ...]
     residual: Floats
     moment: Floats
+    sign: Floats
     gain: Floats
     mean_moment: Floats
     time: Floats
@@ -108,10 +111,20 @@ def find_where(study: Study, base: Trial, seed: int) -> Where:
     regions.sort(key=lambda region: (region.p_value, -region.share))
     pushed = [run.command[run.command != 0] for run in study.runs]
     return Where(
-        tuple(variable for _, variable in judged), tuple(regions), batch.names, residual, moment, gain,
-        np.array([float(p.mean()) if len(p) else 0.0 for p in pushed]), batch.time, batch.seen, study.floor,
-        study.base.moment_unit,
-    )  # fmt: skip
+        variables=tuple(variable for _, variable in judged),
+        columns=tuple(column for column, _ in judged),
+        regions=tuple(regions),
+        names=batch.names,
+        residual=residual,
+        moment=moment,
+        sign=sign,
+        gain=gain,
+        mean_moment=np.array([float(p.mean()) if len(p) else 0.0 for p in pushed]),
+        time=batch.time,
+        seen=batch.seen,
+        floor=study.floor,
+        moment_unit=study.base.moment_unit,
+    )
 
 
 def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
