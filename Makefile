@@ -11,7 +11,7 @@ MAKEFLAGS += --no-print-directory
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test check fit-thrusters fit-yaw validate reproduce sample-runs paper pictures bench blind clean
+.PHONY: help demo test check fit-thrusters fit-yaw validate diagnose reproduce sample-runs paper pictures bench blind clean
 
 help: ## Show this list
 	echo "make TARGET, where TARGET is one of"
@@ -28,11 +28,12 @@ $(READY): pyproject.toml
 	$(BIN)/python -m pip install --quiet --quiet --editable . --group dev
 	touch $@
 
-demo: $(READY) ## Thrusters, yaw model and validation of sample_runs, into OUT/demo
-	$(MAKE) fit-thrusters fit-yaw validate OUT=$(OUT)/demo
+demo: $(READY) ## Thrusters, yaw model, validation and a diagnosis of sample_runs, into OUT/demo
+	$(MAKE) fit-thrusters fit-yaw validate diagnose-one OUT=$(OUT)/demo
 	echo
 	echo "Tables:  $(OUT)/demo/yaw/table1.md  $(OUT)/demo/yaw/table2.md  $(OUT)/demo/validation/validation.md"
 	echo "Plots:   $(OUT)/demo/thrusters/*.png  $(OUT)/demo/yaw/*.png  $(OUT)/demo/validation/*.png"
+	echo "Hidden:  $(OUT)/demo/diagnose_one/diagnosis.md  $(OUT)/demo/diagnose_one/*.png"
 
 fit-thrusters: $(READY) ## Bollard tests of sample_runs -> thruster map, into OUT/thrusters
 	$(AUTOMARINE) fit-thrusters sample_runs/thrusters --thrusters-per-test 2 -o $(OUT)/thrusters --overwrite
@@ -43,6 +44,13 @@ fit-yaw: $(READY) ## Step runs of sample_runs -> Table 1, Table 2, yaw model, in
 validate: $(READY) ## Validation runs of sample_runs against the yaw model, into OUT/validation
 	test -e $(OUT)/yaw/yaw_model.json || $(MAKE) fit-yaw
 	$(AUTOMARINE) validate sample_runs/validation --model $(OUT)/yaw/yaw_model.json -o $(OUT)/validation --overwrite
+
+diagnose: $(READY) diagnose-one diagnose-two ## What is hidden in two campaigns of sample_runs, into OUT/diagnose_one, OUT/diagnose_two
+
+diagnose-%: $(READY)
+	$(AUTOMARINE) fit-yaw sample_runs/hidden_$* --fit-to whole-runs -o $(OUT)/hidden_$* --overwrite -q
+	$(AUTOMARINE) diagnose sample_runs/hidden_$* --model $(OUT)/hidden_$*/yaw_model.json \
+	  -o $(OUT)/diagnose_$* --overwrite --seed 0
 
 reproduce: $(READY) ## The demo twice into two folders; fails unless every byte is equal
 	rm -rf $(OUT)/reproduce
@@ -61,10 +69,14 @@ check: $(READY) ## Lint, format, types and the order of imports
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -q tests/test_house.py
 
-sample-runs: $(READY) ## Make sample_runs again from its specification, byte for byte
+sample-runs: $(READY) ## Make sample_runs again from its specifications, byte for byte
 	$(AUTOMARINE) simulate sample_runs/campaign.toml -o $(OUT)/sample_runs --overwrite
 	for made in thrusters steps validation truth.json; do \
 	  rm -rf sample_runs/$$made && cp -R $(OUT)/sample_runs/$$made sample_runs/$$made || exit 1; done
+	for made in hidden_one hidden_two; do \
+	  $(AUTOMARINE) simulate sample_runs/$$made.toml -o $(OUT)/sample_runs_$$made --overwrite && \
+	  rm -rf sample_runs/$$made && cp -R $(OUT)/sample_runs_$$made/$$made sample_runs/$$made && \
+	  cp $(OUT)/sample_runs_$$made/truth.json sample_runs/$$made.truth.json || exit 1; done
 
 paper: $(READY) ## The paper's own tables against 200 simulated campaigns
 	$(BIN)/python tests/benchmarks/paper.py --out $(OUT)

@@ -4,6 +4,8 @@ import json
 import os
 import subprocess
 import sys
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +17,31 @@ from automarine_cli.runs.load import load_runs
 from automarine_cli.simulation.campaign import make_campaign
 from automarine_cli.simulation.specification import read_specification
 
-MADE = ("thrusters", "steps", "validation", "truth.json")
-WRITTEN = {"campaign.toml", "paper.toml", "README.md", *MADE}
+HIDDEN = ("hidden_one", "hidden_two")
+MADE = {
+    "campaign": ("thrusters", "steps", "validation", "truth.json"),
+    **{name: (name, "truth.json") for name in HIDDEN},
+}
+"""What each specification makes."""
+SPECIFICATIONS = {f"{name}.toml" for name in MADE} | {"paper.toml"}
 
 
-def files(folder: Path) -> dict[str, bytes]:
-    """Everything that `make sample-runs` makes, by name."""
-    inside = [path for name in MADE for path in [folder / name, *sorted((folder / name).rglob("*"))]]
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in inside if path.is_file()}
+def kept_as(specification: str, name: str) -> str:
+    """Name in sample_runs of what a specification makes: the truth of hidden campaigns lies beside their logs."""
+    return f"{specification}.{name}" if specification in HIDDEN and name == "truth.json" else name
 
 
+def files(folder: Path, names: Iterable[str]) -> list[tuple[str, bytes]]:
+    """Files with these names, or in folders with these names: where they lie in them, and their bytes."""
+    found = []
+    for name in names:
+        top = folder / name
+        inside = [path for path in [top, *sorted(top.rglob("*"))] if path.is_file()]
+        found += [(path.relative_to(top).as_posix(), path.read_bytes()) for path in inside]
+    return found
+
+
+@pytest.mark.parametrize("specification", MADE)
 @pytest.mark.parametrize(
     "place",
     [
@@ -32,19 +49,44 @@ def files(folder: Path) -> dict[str, bytes]:
         {"LC_ALL": "de_DE.UTF-8", "TZ": "America/St_Johns", "PYTHONHASHSEED": "99"},
     ],
 )
-def test_sample_runs_are_made_again_byte_for_byte(tmp_path: Path, place: dict[str, str]) -> None:
-    command = [sys.executable, "-m", "automarine_cli", "simulate", str(SAMPLE_RUNS / "campaign.toml")]
+def test_sample_runs_are_made_again_byte_for_byte(
+    tmp_path: Path, place: dict[str, str], specification: str
+) -> None:
+    asked = SAMPLE_RUNS / f"{specification}.toml"
+    command = [sys.executable, "-m", "automarine_cli", "simulate", str(asked)]
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     environment = os.environ | place | {"PYTHONPATH": path}
     subprocess.run([*command, "-o", "made", "-q"], cwd=tmp_path, env=environment, check=True, timeout=60)
-    kept, made = files(SAMPLE_RUNS), files(tmp_path / "made")
-    assert sorted(kept) == sorted(made)
-    assert [name for name in kept if kept[name] != made[name]] == []
+    names = MADE[specification]
+    kept = files(SAMPLE_RUNS, [kept_as(specification, name) for name in names])
+    made = files(tmp_path / "made", names)
+    assert kept and [name for name, _ in kept] == [name for name, _ in made]
+    assert [one for (one, data), (_, again) in zip(kept, made) if data != again] == []
 
 
 def test_sample_runs_are_small_and_nothing_else_is_there() -> None:
-    assert {path.name for path in SAMPLE_RUNS.iterdir() if not path.name.startswith(".")} == WRITTEN
-    assert sum(len(data) for data in files(SAMPLE_RUNS).values()) < 1_000_000  # three times less than allowed
+    made = {kept_as(specification, name) for specification, names in MADE.items() for name in names}
+    listed = {path.name for path in SAMPLE_RUNS.iterdir() if not path.name.startswith(".")}
+    assert listed == {"README.md", *SPECIFICATIONS, *made}
+    assert sum(len(data) for _, data in files(SAMPLE_RUNS, made)) < 1_000_000  # three times less than allowed
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_what_is_hidden_is_kept_apart_from_the_logs(name: str) -> None:
+    """Logs and nothing else lie in the folder, and no log says what is in it."""
+    loaded = load_runs([SAMPLE_RUNS / name])
+    assert (len(loaded.runs), loaded.set_aside) == (23, ())
+    specification = read_specification(SAMPLE_RUNS / f"{name}.toml")
+    hidden = [effect.name for effect in specification.effects]
+    assert len(hidden) == {"hidden_one": 1, "hidden_two": 2}[name]
+    for path in (SAMPLE_RUNS / name).iterdir():
+        assert path.suffix == ".csv"
+        assert not any(effect in path.read_text(encoding="utf-8") for effect in hidden)
+    truth = json.loads((SAMPLE_RUNS / f"{name}.truth.json").read_text(encoding="utf-8"))
+    assert [effect["name"] for effect in truth["effects"]] == hidden
+    kinds = Counter(one["kind"] for one in truth["made"])
+    assert kinds == {"step": 12, "coast-down": 4, "reversal": 4, "sequence": 3}
+    assert {one["run"] for one in truth["made"]} == {run.name for run in loaded.runs}
 
 
 def test_they_are_what_the_readme_says() -> None:
