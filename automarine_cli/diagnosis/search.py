@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.scores import Scores, candidates, fitted_parameters, penalty, score
-from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.study import ITERATIONS, Study
 from automarine_cli.errors import FitError
 from automarine_cli.fits.mixed_model import MixedFit
 from automarine_cli.models.yaw_model import YawModel
@@ -30,6 +30,10 @@ LEVEL = 0.02
 MOST_EFFECTS = 3
 TIE = 10.0
 """Difference of evidence (in deviance) below which two explanations count as tied."""
+BRIEF = 5
+"""Iterations that every candidate's fit gets; only those in the running are fitted to the end."""
+RUNNING = 0.5
+"""Share of the best gain, all fits being brief, that keeps a candidate in the running; so does being within REACH."""
 REACH = 60.0
 """Candidates this far behind the best by a full fit are no rivals of it."""
 
@@ -123,18 +127,34 @@ def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> R
     scores = score(study, current.model, current.fit, candidates(study, current.model), seed)
     ranked = scores.ranked if whole else [s for i, s in enumerate(scores.ranked) if i < 6 or s.penalised > 0]
     work = [(s.effect, s.start) for s in ranked]
-    found = each(partial(add_effect, study, current), work, "trying effects")
-    trials = tuple(trial for trial in found if trial is not None)
-    return Round(current, scores, trials, max(scores.threshold(LEVEL), 0.0))
+    found = each(partial(add_effect, study, current, iterations=BRIEF), work, "trying effects")
+    trials = [trial for trial in found if trial is not None]
+    best = min((trial.evidence for trial in trials), default=0.0)
+    least = best + max(REACH, (1.0 - RUNNING) * (current.evidence - best))
+    running = [trial for trial in trials if trial.evidence < least and not trial.fit.converged]
+    settled = each(partial(_settle, study, current), [(t.added[-1], t.fit.theta) for t in running], "fitting")
+    done = {trial.added[-1]: trial for trial in (*trials, *settled) if trial is not None}
+    return Round(current, scores, tuple(done.values()), max(scores.threshold(LEVEL), 0.0))
 
 
-def add_effect(study: Study, current: Trial, candidate: tuple[str, Floats]) -> Trial | None:
+def add_effect(
+    study: Study, current: Trial, candidate: tuple[str, Floats], iterations: int = ITERATIONS
+) -> Trial | None:
     """The current model with one more effect, everything refitted; None where no fit is found."""
     name, start = candidate
     theta = np.concatenate([current.fit.theta[:-1], start, current.fit.theta[-1:]])
-    model = current.model.with_effect(name, start)
+    return _settle(study, current, (name, theta), iterations)
+
+
+def _settle(
+    study: Study, current: Trial, candidate: tuple[str, Floats], iterations: int = ITERATIONS
+) -> Trial | None:
+    """The same from a start for all parameters."""
+    name, theta = candidate
+    own = len(current.model.theta)
+    model = current.model.with_effect(name, theta[own:-1])
     try:
-        fit = study.fit(model, theta, current.fit)
+        fit = study.fit(model, theta, current.fit, iterations)
     except (FitError, np.linalg.LinAlgError):
         return None
     return _trial(study, model, (*current.added, name), fit)

@@ -97,7 +97,13 @@ class Study:
             positive=np.array([*positive, False]),
         )
 
-    def fit(self, model: YawModel, theta: Floats | None = None, near: MixedFit | None = None) -> MixedFit:
+    def fit(
+        self,
+        model: YawModel,
+        theta: Floats | None = None,
+        near: MixedFit | None = None,
+        iterations: int = ITERATIONS,
+    ) -> MixedFit:
         """Joint maximum likelihood of the model on all runs, from `theta` (with z last) or the model's values.
 
         `near` is a fit of a similar model whose variances and run effects are good starts.
@@ -110,7 +116,7 @@ class Study:
             )  # fmt: skip
         return fit_mixed(
             self.problem(model), start, noise=near.noise, factors=near.factors, run_effects=near.run_effects,
-            iterations=ITERATIONS, settled=SETTLED,
+            iterations=iterations, settled=SETTLED,
         )  # fmt: skip
 
 
