@@ -108,7 +108,3 @@ def test_columns_are_those_that_are_read() -> None:
 def test_changes_begin_with_this_version() -> None:
     changes = README.partition("\n## Changes")[2]
     assert re.findall(r"^- \*\*([\d.]+)\*\*", changes, flags=re.MULTILINE)[0] == __version__
-
-
-def test_readme_stays_readable() -> None:
-    assert len(README.splitlines()) < 450
