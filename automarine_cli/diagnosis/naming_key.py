@@ -37,8 +37,8 @@ CLASSES = {
     (2.0, "odd"): "tilt or saturation on one side",
 }
 FEWEST = 6
-CERTAIN = 0.1
-"""Standard error of a run's log k or log I beyond which that run says nothing."""
+CERTAIN = 0.05
+"""Standard error of a run's log k beyond which that run says little, unless most runs are no better."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,8 @@ def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
     effects = np.where(np.arange(b.shape[1]) < 2, final.fit.run_effects, 0.0)
     simulated = np.where(problem.seen, other.headings(final.fit.phi, effects), 0.0)
     predicted, _ = own(simulated)
-    moment = np.where(errors[:, :2].max(axis=1) < CERTAIN, moment, np.nan)
+    certain = max(CERTAIN, 2.0 * float(np.median(errors[:, 0])))
+    moment = np.where(errors[:, 0] < certain, moment, np.nan)
     drifts = [
         drift
         for i, quantity, scatter in ((0, "k", float(final.fit.factors[0])), (2, "I/k", 0.0))
@@ -167,6 +168,8 @@ def drifts_of(quantity: str, moment: Floats, log: Floats, error: Floats, scatter
         if spread < 1e-12 * float((weight * x**2).sum()) or total <= 0:
             continue
         slope = float((weight * centred * around).sum()) / spread
+        if parity == "even" and slope <= 0:
+            continue  # what falls with the moment has a negative power, what rises a positive one
         gained = slope**2 * spread
         dof = len(y) - 2
         rest = max((total - gained) / dof, 1e-300)

@@ -118,6 +118,9 @@ def edges(values: Floats, most: int) -> Floats:
     cut = np.unique(np.quantile(values, np.linspace(0.0, 1.0, most + 1)))
     far = [b for a, b in pairwise(cut) if b - a > 1e-9 * np.ptp(cut)]
     cut = np.array([cut[0], *far])
+    if cut[0] < 0 < cut[-1] and len(cut) > 2:
+        cut[1 + int(np.argmin(np.abs(cut[1:-1])))] = 0.0  # no bin mixes the two sides
+        cut = np.unique(cut)
     cut[-1] += 1e-9 * max(abs(cut[-1]), 1.0)
     return cut
 

@@ -1,0 +1,199 @@
+"""`diagnosis.md`: the diagnosis as a page for a person."""
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from automarine_cli import effects
+from automarine_cli.diagnosis import verdict as judge
+from automarine_cli.diagnosis.advice import general_advice
+from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.naming_key import Drift, NamingKey
+from automarine_cli.diagnosis.verdict import NamedEffect
+from automarine_cli.diagnosis.where import Where
+from automarine_cli.report.diagnosis_page_tables import (
+    MOST_REGIONS,
+    budget_table,
+    detectable_table,
+    gap_table,
+    regions_table,
+)
+from automarine_cli.report.tables import MISSING, Table, interval, number
+
+LARGE_MOVE = 2.0
+"""A base parameter that moved by more than this many of its standard errors had been absorbing something."""
+CERTAIN_DRIFT = 0.01
+
+
+def page(diagnosis: Diagnosis, where: Where, key: NamingKey, budget: Mapping[str, float]) -> str:
+    """The whole page in Markdown; `budget` in shares of one."""
+    parts = ["# Diagnosis of the yaw model", _summary(diagnosis)]
+    for effect in diagnosis.effects:
+        parts += [f"## {effect.name}", _effect(diagnosis, effect)]
+    parts += ["## Where the gap is", _where(where), "![Where the gap is](where.png)"]
+    parts += ["## Why", _why(diagnosis, key), "![Why](why.png)"]
+    parts += ["## What it does to the model", _moves(diagnosis)]
+    parts += [
+        "## The gap before and after",
+        gap_table(diagnosis).to_markdown(),
+        "![Before and after](before_after.png)",
+        budget_table(budget).to_markdown(),
+    ]
+    parts += ["## What remains", _remains(diagnosis, budget)]
+    parts += ["## What to run next", _next(diagnosis)]
+    if diagnosis.verdict != "named":
+        parts += ["## What these runs would have shown", detectable_table(diagnosis).to_markdown()]
+    return "\n\n".join(part.strip() for part in parts if part.strip()) + "\n"
+
+
+def escape(text: str) -> str:
+    """Text that came from a file, on one line, without meaning to Markdown or HTML."""
+    return re.sub(r"([\\`*_{}\[\]<>#|!])", r"\\\1", " ".join(text.split()))
+
+
+def _summary(diagnosis: Diagnosis) -> str:
+    """The verdict in a few sentences."""
+    runs = f"{len(diagnosis.study.runs)} runs were fitted"
+    if diagnosis.held_out is not None:
+        runs += f" and {len(diagnosis.held_out.runs)} held out"
+    before, after, floor = (
+        f"{np.degrees(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
+    )
+    if diagnosis.verdict == "named":
+        names = " and ".join(f"**{effect.name}**" for effect in diagnosis.effects)
+        says = " ".join(effect.says for effect in diagnosis.effects)
+        return (
+            f"The model lacks {names}. {says} With that added the gap between simulated and measured heading falls "
+            f"from {before} to {after} degrees; the noise of the heading itself is {floor} degrees. {runs}."
+        )
+    if diagnosis.verdict == "unexplained":
+        return (
+            f"Something is missing, and no effect of the library explains it: the gap is {after} degrees where the "
+            f"noise of the heading is {floor} degrees, and what is left hangs together in time. Nothing is "
+            f"named. {runs}."
+        )
+    return (
+        f"Nothing is missing that these runs could show: the gap is {before} degrees, the noise of the heading {floor} "
+        f"degrees. {runs}."
+    )
+
+
+def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
+    """One effect: equation, parameters, how sure, rivals, source."""
+    card = effects.get(effect.name)
+    means = {parameter.name: parameter.meaning for parameter in card.parameters}
+    table = Table(
+        "", ("parameter", "meaning", "estimate and 95 % interval", "unit"),
+        tuple((name, means[name], interval(e), e.unit or MISSING) for name, e in effect.parameters.items()),
+    )  # fmt: skip
+    smallest = 1.0 / (1 + len(diagnosis.found.rounds[0].scores.null))
+    chance = "at most" if effect.p_value <= 1.01 * smallest else "about"
+    sure = (
+        f"Chance alone would gain as much in {chance} {100 * effect.p_value:.2g} of 100 campaigns laid out like this "
+        f"one. Confidence that it is this effect: {effect.confidence:.0%}."
+    )
+    if not effect.rivals:
+        sure += " No other effect of the library comes near."
+    lines = [effect.says, f"`{card.equation}`", table.to_markdown(), sure]
+    for rival in effect.rivals:
+        lines.append(
+            f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}."
+        )
+    return "\n\n".join([*lines, f"Source: {card.source}."])
+
+
+def _where(where: Where) -> str:
+    """The regions as a table."""
+    if not where.regions:
+        return (
+            f"Against none of {len(where.variables)} variables does the gap stand out from what chance gives when "
+            "whole runs are turned or dealt at random."
+        )
+    rest = len(where.regions) - MOST_REGIONS
+    return regions_table(where).to_markdown() + (
+        f"\n{rest} more regions are in diagnosis.json." if rest > 0 else ""
+    )
+
+
+def _why(diagnosis: Diagnosis, key: NamingKey) -> str:
+    """Evidence of the best candidates and what the naming key says."""
+    first = diagnosis.found.rounds[0]
+    best = sorted(first.trials, key=lambda trial: trial.evidence)[:5]
+    table = Table(
+        "", ("candidate added to the base model", "evidence gained [deviance]"),
+        tuple((trial.added[-1], number(first.gain(trial), 3)) for trial in best),
+        notes=(
+            f"Chance reaches {number(first.threshold, 2)} in 2 of 100 campaigns. Every candidate was fitted together "
+            "with the base model by simulating whole runs.",
+        ),
+    )  # fmt: skip
+    said = [_drift(key.best("k"), "drag"), _drift(key.best("I/k"), "inertia over drag")]
+    return "\n\n".join([table.to_markdown(), " ".join(said)])
+
+
+def _drift(drift: Drift | None, what: str) -> str:
+    if drift is None or drift.p_value > CERTAIN_DRIFT:
+        return f"The runs' own {what} does not drift with the moment beyond chance."
+    return (
+        f"The runs' own {what} drifts with |moment| to the power {drift.power:g}, {drift.parity} in its sign, which "
+        f"points to {drift.means}."
+    )
+
+
+def _moves(diagnosis: Diagnosis) -> str:
+    """Base parameters before and after."""
+    before = judge.base_estimates(diagnosis.study, diagnosis.found.base)
+    if not diagnosis.effects:
+        table = Table(
+            "", ("parameter", "estimate and 95 % interval", "unit"),
+            tuple((name, interval(e), e.unit) for name, e in before.items()),
+        )  # fmt: skip
+        return "Nothing was added; the base model fitted to these runs is\n\n" + table.to_markdown()
+    after = judge.base_estimates(diagnosis.study, diagnosis.found.final)
+    rows, moved = [], []
+    for name, old in before.items():
+        new = after[name]
+        change = (new.value - old.value) / old.value if old.value else float("nan")
+        rows.append(
+            (
+                name,
+                interval(old),
+                interval(new),
+                f"{change:+.1%}" if np.isfinite(change) else MISSING,
+                new.unit,
+            )
+        )
+        if abs(new.value - old.value) > LARGE_MOVE * float(np.hypot(old.stderr, new.stderr)):
+            moved.append(name)
+    table = Table("", ("parameter", "base model", "with what was missing", "change", "unit"), tuple(rows))
+    said = (
+        f"{' and '.join(moved)} moved by more than the uncertainty: the base model had been absorbing what is missing."
+        if moved
+        else "No base parameter moved by more than its uncertainty."
+    )
+    return table.to_markdown() + "\n" + said
+
+
+def _remains(diagnosis: Diagnosis, budget: Mapping[str, float]) -> str:
+    gap = diagnosis.gap
+    ratio = gap.after / max(gap.floor, 1e-12)
+    text = f"The gap that is left is {ratio:.2f} times the noise of the heading."
+    if ratio < judge.WELL_ABOVE:
+        return text + " That is the floor: these runs hold nothing more that could be fitted."
+    if diagnosis.study.disturbed:
+        return text + " In open water wind, waves and current hold the rest."
+    return text + " Something is left that no candidate closes; where.png shows where."
+
+
+def _next(diagnosis: Diagnosis) -> str:
+    told = [
+        f"- {rival.name} against {effect.name}: {escape(rival.split_by)}."
+        for effect in diagnosis.effects
+        for rival in effect.rivals
+    ]
+    for effect in diagnosis.effects:
+        told.append(f"- To see {effect.name} better: {effects.get(effect.name).reveals}.")
+    return "\n".join(
+        [*told, *(f"- {line}" for line in general_advice(diagnosis.study, diagnosis.detectable))]
+    )

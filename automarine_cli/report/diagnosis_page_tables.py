@@ -1,0 +1,97 @@
+"""The tables of a diagnosis: regions, gap before and after, budget, and what would have been seen."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from automarine_cli import effects
+from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.gap import Gap
+from automarine_cli.diagnosis.where import Region, Where
+from automarine_cli.report.tables import MISSING, Table, number
+
+MOST_REGIONS = 8
+MOST_NAMED_RUNS = 5
+
+SEEN_IN = {
+    "heading": "heading",
+    "moment": "missing moment",
+    "thrust": "each run's own thrust",
+    "size": "size of each run's gap",
+}
+
+
+def regions_table(where: Where) -> Table:
+    """The regions that stand out, the most significant first."""
+    return Table(
+        "", ("variable", "from", "to", "unit", "gap [deg]", "share of the gap", "seen in", "p", "runs"),
+        tuple(_region(region) for region in where.regions[:MOST_REGIONS]),
+        notes=(
+            "p is corrected for all bins and variables. Shares of different variables overlap: they are views of one "
+            "gap.",
+        ),
+    )  # fmt: skip
+
+
+def _region(region: Region) -> tuple[str, ...]:
+    some = ", ".join(region.runs[:MOST_NAMED_RUNS])
+    more = len(region.runs) - MOST_NAMED_RUNS
+    runs = f"{some} and {more} more" if more > 0 else some or MISSING
+    gap = number(float(np.degrees(region.gap)), 3)
+    return (
+        region.variable, number(region.low, 3), number(region.high, 3), region.unit or MISSING, gap,
+        f"{region.share:.0%}", SEEN_IN[region.seen_in], number(region.p_value, 2), runs,
+    )  # fmt: skip
+
+
+def gap_table(diagnosis: Diagnosis) -> Table:
+    """Root mean square gap before and after, against the noise, on runs fitted and held out."""
+    rows = [_gap_row(f"{len(diagnosis.study.runs)} runs fitted", diagnosis.gap)]
+    if diagnosis.held_out is not None and diagnosis.held_out_gap is not None:
+        rows.append(_gap_row(f"{len(diagnosis.held_out.runs)} runs held out", diagnosis.held_out_gap))
+    scatter = [100.0 * float(trial.fit.factors[0]) for trial in (diagnosis.found.base, diagnosis.found.final)]
+    return Table(
+        "", ("runs", "before [deg]", "after [deg]", "noise of the heading [deg]", "gap above the noise closed"),
+        tuple(rows),
+        notes=(
+            "Root mean square over whole runs simulated from their start, with each run's own start heading, thrust "
+            "and switch instants. "
+            f"Thrust differs from run to run by {scatter[0]:.1f} % before and {scatter[1]:.1f} % after.",
+        ),
+    )  # fmt: skip
+
+
+def _gap_row(name: str, gap: Gap) -> tuple[str, ...]:
+    cells = (f"{np.degrees(x):.2f}" for x in (gap.before, gap.after, gap.floor))
+    above = gap.before**2 - gap.floor**2
+    visible = above > 0.02 * gap.floor**2
+    closed = f"{np.clip((gap.before**2 - gap.after**2) / above, 0.0, 1.0):.0%}" if visible else MISSING
+    return (name, *cells, closed)
+
+
+def budget_table(budget: Mapping[str, float]) -> Table:
+    """Shares of the gap; they sum to 100 %."""
+    return Table(
+        "Budget of the gap", ("part", "share [%]"),
+        tuple((name, f"{100 * share:.1f}") for name, share in budget.items()),
+        notes=("Shares of the mean square gap of the base model when all runs are given the same thrust.",),
+    )  # fmt: skip
+
+
+def detectable_table(diagnosis: Diagnosis) -> Table:
+    """Smallest size of each effect that would have been named four times in five."""
+    rows = []
+    for name, size in sorted(diagnosis.detectable.items()):
+        parameter = _sized(name)
+        unit = parameter.unit_for(diagnosis.study.base.moment_unit)
+        rows.append((name, parameter.name, number(size, 2), unit or MISSING))
+    return Table(
+        "", ("effect", "parameter", "smallest size seen", "unit"), tuple(rows),
+        notes=("Sizes that these runs would have shown four times in five, from the value at which it is off.",),
+    )  # fmt: skip
+
+
+def _sized(name: str) -> effects.Parameter:
+    """The parameter that says how large an effect is: the first that is not a shape and is fitted."""
+    own = effects.get(name).parameters
+    return next((p for p in own if not p.scan and not p.reference), own[0])

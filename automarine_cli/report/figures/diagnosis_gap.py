@@ -1,0 +1,189 @@
+"""Before and after: headings, errors, error by the most telling variable, and the budget of the gap."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from automarine_cli.diagnosis.budget import LEFT, NOISE, SCATTER
+from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.where import Where
+from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, in_words
+from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure
+
+Floats = NDArray[np.float64]
+
+MOST_RUNS_SHOWN = 4
+
+
+@house_style
+def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str, float]) -> Figure:
+    """Telling runs with both models, their errors, the error by the most telling variable, and the budget."""
+    picks = _telling_runs(diagnosis)
+    count = max(len(picks), 1)
+    figure, grid = new_figure(4, count, PAGE_IN, 7.0, height_ratios=(1.5, 1.2, 1.4, 0.75))
+    errors = [np.degrees(pick[k]) for pick in picks for k in (3, 4)]
+    most = 1.08 * max((float(np.abs(e).max()) for e in errors), default=1.0)
+    floor = np.degrees(diagnosis.gap.floor)
+    for column, (title, time, heading, before, after) in enumerate(picks):
+        top, bottom = grid[0, column], grid[1, column]
+        measured = np.degrees(heading - heading[0])
+        top.plot(time, measured, "o", color=MEASURED, markersize=1.6, label="measured")
+        top.plot(
+            time,
+            measured - np.degrees(before),
+            color=BEFORE,
+            linewidth=1.0,
+            linestyle="--",
+            label="base model",
+        )
+        top.plot(time, measured - np.degrees(after), color=AFTER, linewidth=1.0, label="after")
+        top.set_title(title, fontsize=6.5, parse_math=False)
+        bottom.axhspan(-2 * floor, 2 * floor, color="0.9", linewidth=0, label="± 2 × noise")
+        bottom.plot(time, np.degrees(before), color=BEFORE, linewidth=0.6)
+        bottom.plot(time, np.degrees(after), color=AFTER, linewidth=0.6)
+        bottom.set_ylim(-most, most)
+        bottom.set_xlabel("time [s]", labelpad=1)
+        if column:
+            bottom.set_yticklabels([])
+    grid[0, 0].set_ylabel("turned [deg]")
+    grid[1, 0].set_ylabel("measured − sim. [deg]")
+    place = grid[0, 0].get_gridspec()
+    for axes in grid[2:].ravel():
+        axes.remove()
+    half = max(count // 2, 1)
+    _sizes(figure.add_subplot(place[2, :half]), diagnosis)
+    if count > 1:
+        _by_variable(figure.add_subplot(place[2, half:]), diagnosis, where)
+    _budget(figure.add_subplot(place[3, :]), shares)
+    figure.suptitle(_sizes_in_words(diagnosis))
+    handles = [h for axes in (grid[0, 0], grid[1, 0]) for h in axes.get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    return figure
+
+
+def _sizes_in_words(diagnosis: Diagnosis) -> str:
+    """The gap before and after on both sets of runs."""
+    parts = []
+    for gap, word in ((diagnosis.gap, "fitted"), (diagnosis.held_out_gap, "held out")):
+        if gap is not None:
+            parts.append(f"runs {word} {np.degrees(gap.before):.2f} → {np.degrees(gap.after):.2f} deg")
+    added = (
+        "Added: " + " and ".join(diagnosis.found.final.added)
+        if diagnosis.found.final.added
+        else "Nothing added"
+    )
+    return f"Gap: {', '.join(parts)} (noise {np.degrees(diagnosis.gap.floor):.2f} deg). {added}"
+
+
+Pick = tuple[str, Floats, Floats, Floats, Floats]
+
+
+def _telling_runs(diagnosis: Diagnosis) -> list[Pick]:
+    """Up to two fitted and two held-out runs: of each the one with the most and the one with the middle gap."""
+    found: list[Pick] = []
+    for study, gap, word in (
+        (diagnosis.study, diagnosis.gap, "fitted"),
+        (diagnosis.held_out, diagnosis.held_out_gap, "held out"),
+    ):
+        if study is None or gap is None or not study.runs:
+            continue
+        size = (gap.residuals_before**2).sum(axis=1) / study.batch.seen.sum(axis=1)
+        order = np.argsort(-size, kind="stable")
+        for i in dict.fromkeys([int(order[0]), int(order[len(order) // 2])]):
+            run, n = study.runs[i], len(study.runs[i])
+            name = run.name if len(run.name) <= 26 else f"…{run.name[-25:]}"
+            found.append(
+                (f"{name}\n{word}", run.time - run.time[0], run.heading, gap.residuals_before[i, :n],
+                 gap.residuals_after[i, :n])
+            )  # fmt: skip
+    return found[:MOST_RUNS_SHOWN]
+
+
+def _sizes(axes: Axes, diagnosis: Diagnosis) -> None:
+    """Gap of every run before against after, on equal axes."""
+    pairs = [
+        (diagnosis.study, diagnosis.gap, "o", "fitted"),
+        (diagnosis.held_out, diagnosis.held_out_gap, "s", "held out"),
+    ]
+    top = 0.0
+    for study, gap, marker, word in pairs:
+        if study is None or gap is None or not study.runs:
+            continue
+        count = study.batch.seen.sum(axis=1)
+        before, after = (
+            np.degrees(np.sqrt((r**2).sum(axis=1) / count))
+            for r in (gap.residuals_before, gap.residuals_after)
+        )
+        fill = AFTER if marker == "o" else "none"
+        axes.plot(
+            before, after, marker, color=AFTER, markerfacecolor=fill, markersize=3.5, label=f"runs {word}"
+        )
+        top = max(top, float(before.max()), float(after.max()))
+    axes.plot([0, 1.05 * top], [0, 1.05 * top], color="0.4", linewidth=0.7, linestyle=":")
+    axes.axhline(
+        np.degrees(diagnosis.gap.floor),
+        color="0.5",
+        linewidth=0.8,
+        linestyle="--",
+        label="noise of the heading",
+    )
+    axes.set_xlim(0.0, 1.05 * top)
+    axes.set_ylim(0.0, 1.05 * top)
+    axes.set_xlabel("gap before [deg]", labelpad=1)
+    axes.set_ylabel("gap after [deg]")
+    axes.legend(loc="upper left", fontsize=6.5)
+
+
+def _by_variable(axes: Axes, diagnosis: Diagnosis, where: Where) -> None:
+    """The gap in the bins of the most telling variable, before and after, on one scale."""
+    at = min(
+        range(len(where.variables)),
+        key=lambda i: (where.variables[i].p_value, -float(np.abs(where.variables[i].telling.t).max())),
+    )
+    variable, column = where.variables[at], where.columns[at]
+    row = variable.telling
+    if column.of_the_run:
+        pairs = [where.gain, 100.0 * diagnosis.found.final.fit.run_effects[:, 2]]
+        axes.set_ylabel("own thrust [%]")
+    else:
+        gaps = (diagnosis.gap.residuals_before, diagnosis.gap.residuals_after)
+        pairs = [np.degrees(gap * where.sign if row.directed else gap) for gap in gaps]
+        axes.set_ylabel("mean gap [deg]" + ("\nalong the moment" if row.directed else ""))
+    have = np.isfinite(column.values)
+    which = np.where(have, np.digitize(np.nan_to_num(column.values), variable.edges[1:-1]), -1)
+    axes.axhline(0.0, color="0.3", linewidth=0.6)
+    for values, colour, style, label in (
+        (pairs[0], BEFORE, "o--", "before"),
+        (pairs[1], AFTER, "o-", "after"),
+    ):
+        means = np.array(
+            [
+                np.mean(values[which == b]) if (which == b).any() else np.nan
+                for b in range(len(variable.middle))
+            ]
+        )
+        axes.plot(variable.middle, means, style, color=colour, markersize=2.5, linewidth=1.0, label=label)
+    axes.set_xlabel(in_words(variable), labelpad=1, parse_math=False)
+    axes.legend(loc="best", fontsize=6.5)
+
+
+def _budget(axes: Axes, shares: Mapping[str, float]) -> None:
+    """One stacked bar of the whole gap."""
+    fixed = {NOISE: "0.6", SCATTER: "0.82", LEFT: COLOURS["black"]}
+    others = [COLOURS[name] for name in ("blue", "sky", "green")]
+    at, used = 0.0, 0
+    for name, share in shares.items():
+        colour = fixed.get(name) or others[used % 3]
+        used += name not in fixed
+        axes.barh(0, 100 * share, left=at, color=colour, height=0.6, label=f"{name} {100 * share:.1f} %")
+        at += 100 * share
+    axes.set_xlim(0.0, 100.0)
+    axes.set_yticks([])
+    axes.set_xlabel(
+        "share of the mean square gap of the base model, all runs with equal thrust [%]", labelpad=1
+    )
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(shares), fontsize=6.5, frameon=False)
+    axes.grid(False)

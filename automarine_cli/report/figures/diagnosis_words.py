@@ -1,0 +1,27 @@
+"""What the figures of a diagnosis share: colours, names of variables, the verdict in words."""
+
+from automarine_cli.diagnosis.bins import Variable
+from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.report.figures.style import COLOURS
+
+BEFORE, AFTER, MARK = COLOURS["vermilion"], COLOURS["blue"], COLOURS["yellow"]
+NAMES = {
+    "time-since-command-change": "time since command changed", "time-in-run": "time in the run",
+    "turned-angle": "turned angle", "yaw-rate": "yaw rate", "start-heading": "start heading",
+    "run-order": "run order", "campaign-clock": "campaign clock", "moment-size": "size of the moment",
+}  # fmt: skip
+
+
+def in_words(variable: Variable) -> str:
+    """The variable's name and unit for an axis."""
+    name = NAMES.get(variable.name, variable.name.replace("-", " ")) + (
+        ", by run" if variable.of_the_run else ""
+    )
+    return name + (f" [{variable.unit}]" if variable.unit else "")
+
+
+def verdict(diagnosis: Diagnosis) -> str:
+    """The verdict in a few words."""
+    if diagnosis.verdict == "named":
+        return " and ".join(diagnosis.found.final.added)
+    return diagnosis.verdict.replace("-", " ")
