@@ -58,6 +58,11 @@ class Gram:
     present: Floats
     count: NDArray[np.int64]
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether response and derivatives were finite."""
+        return all(bool(np.all(np.isfinite(part))) for part in (self.jj, self.jv, self.vv, self.ww))
+
     @classmethod
     def of(
         cls, by_theta: Floats, by_run: Floats, residual: Floats, count: NDArray[np.int64],
@@ -92,7 +97,7 @@ class Weighted:
 
 def weigh(gram: Gram, effects: RunEffects, variances: Floats) -> Weighted:
     """Apply R_i^-1 to every inner product. Raises FitError where the response was not finite."""
-    if not np.all(np.isfinite(gram.ww)):
+    if not gram.is_finite:
         raise FitError(
             "the model's response is not finite on these runs; look at the logs with `automarine check`"
         )

@@ -16,24 +16,19 @@ Assumptions: noise white within a run, runs independent. The standard errors by 
 the first.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, stats
 
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram, RunEffects
+from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram
+from automarine_cli.fits.mixed_problem import MixedFit, Problem, with_held, without_held
+
+__all__ = ["MixedFit", "Problem", "derivatives", "fit_mixed"]
 
 Floats = NDArray[np.float64]
-
-Response = Callable[[Floats, Floats], Floats]
-"""Headings (P, R, N) for theta (P, p) and run effects (P, R, q)."""
-
-SMALLEST = 1e-9
-"""What a positive parameter may fall to: nothing, for all that a log can show."""
 
 RUN_STEP = 1e-6
 """Step of the one-sided differences by run effects, whose scales are all of the order of one."""
@@ -48,95 +43,6 @@ BOLDEST = 1.0
 """Largest change of the logarithm of a positive parameter in one step."""
 
 
-@dataclass(frozen=True)
-class Problem:
-    """Measured headings (R, N) with their mask, the response, the run effects, and bounds of theta (p, 2).
-
-    `positive` (p,) marks the parameters that are searched, and whose intervals are formed, on the logarithm.
-    """
-
-    response: Response
-    measured: Floats
-    seen: NDArray[np.bool_]
-    effects: RunEffects
-    bounds: Floats
-    positive: NDArray[np.bool_]
-
-    def natural(self, phi: Floats) -> Floats:
-        """theta (..., p) of the search's coordinates phi."""
-        return np.where(self.positive, np.exp(np.where(self.positive, phi, 0.0)), phi)
-
-    def search(self, theta: Floats) -> Floats:
-        """phi (..., p) of theta; a positive parameter at zero counts as `SMALLEST`."""
-        return np.where(
-            self.positive, np.log(np.maximum(np.where(self.positive, theta, 1.0), SMALLEST)), theta
-        )
-
-    def headings(self, phi: Floats, b: Floats) -> Floats:
-        """Headings (R, N) at one phi (p,) and b (R, q)."""
-        return self.response(self.natural(phi)[None], b[None])[0]
-
-
-@dataclass(frozen=True)
-class MixedFit:
-    """Outcome of one fit.
-
-    `theta` (p,) and `phi` (p,), the same in the search's coordinates, in which are `covariance` (p, p) from
-    the likelihood and `left_out` (R, p), phi without each run; `noise` s [rad], `factors` of the run
-    effects, `run_effects` (R, q), `log_likelihood` (marginal, maximum likelihood), `predictive` (R,) log
-    density of each run predicted from the others, `fitted` (R, N) headings, `at_bound` indices of the
-    parameters that a bound stopped.
-    """
-
-    theta: Floats
-    phi: Floats
-    positive: NDArray[np.bool_]
-    covariance: Floats
-    left_out: Floats
-    noise: float
-    factors: Floats
-    run_effects: Floats
-    log_likelihood: float
-    predictive: Floats
-    fitted: Floats
-    at_bound: tuple[int, ...]
-    iterations: int
-    converged: bool
-    gram: Gram = field(repr=False)
-    effects: RunEffects = field(repr=False)
-
-    @property
-    def jackknife_covariance(self) -> Floats:
-        """Covariance of phi from leaving each run out, (p, p); needs no assumption on the noise within a
-        run."""
-        count = len(self.left_out)
-        spread = self.left_out - self.left_out.mean(axis=0)
-        return (count - 1) / count * spread.T @ spread
-
-    def factor_interval(self, index: int) -> tuple[float, float]:
-        """95 % interval of one variance factor: where the restricted deviance rises by 3.84, the other
-        variances fixed."""
-        best = np.append(np.log(self.noise), np.log(np.maximum(self.factors, SMALLEST_FACTOR)))
-        limits = self.effects.limits[index]
-        level = self._deviance(best) + float(stats.chi2.ppf(0.95, 1))
-
-        def above(log_factor: float) -> float:
-            trial = best.copy()
-            trial[1 + index] = log_factor
-            return self._deviance(trial) - level
-
-        ends = []
-        for limit in limits:
-            edge = float(np.log(max(limit, SMALLEST_FACTOR)))
-            inside = above(edge) <= 0 or abs(edge - best[1 + index]) < 1e-9
-            ends.append(edge if inside else float(optimize.brentq(above, edge, best[1 + index], xtol=1e-6)))
-        low, high = np.exp(ends)
-        return (0.0 if low <= max(limits[0], SMALLEST_FACTOR) * (1 + 1e-9) else float(low)), float(high)
-
-    def _deviance(self, variances: Floats) -> float:
-        return linear_mixed.deviance(self.gram, self.effects, variances, restricted=True)
-
-
 def fit_mixed(
     problem: Problem,
     theta: Floats,
@@ -149,8 +55,16 @@ def fit_mixed(
 ) -> MixedFit:
     """Fit `problem` from the start values; shapes as in `Problem`, `settled` as the constant of that name.
 
-    Raises FitError when there are no more samples than parameters or the response is not finite at the start.
+    Parameters whose bounds are one value are held there; they count as `at_bound`. Raises FitError when there are no
+    more samples than parameters or the response is not finite at the start.
     """
+    held = problem.bounds[:, 0] == problem.bounds[:, 1]
+    if held.any():
+        free = fit_mixed(
+            without_held(problem, held), theta[~held], noise=noise, factors=factors, run_effects=run_effects,
+            iterations=iterations, settled=settled,
+        )  # fmt: skip
+        return with_held(free, problem, held)
     if problem.seen.sum() <= len(theta) + 1:
         raise FitError(
             f"{problem.seen.sum()} samples cannot carry {len(theta)} parameters; give more or longer runs"
@@ -160,7 +74,7 @@ def fit_mixed(
     b = np.zeros_like(problem.effects.scale) if run_effects is None else run_effects
     variances = np.append(np.log(noise), np.log(np.maximum(factors, SMALLEST_FACTOR)))
     step, share, last = 0, 1.0, np.zeros_like(phi)
-    converged, stuck, point = False, False, _linearise(problem, phi, b)
+    converged, stuck, point = False, False, _first(problem, phi, b)
     while step < iterations and not (converged or stuck):
         step += 1
         variances = linear_mixed.choose_variances(point.gram, problem.effects, variances)
@@ -220,6 +134,12 @@ def _linearise(problem: Problem, phi: Floats, b: Floats) -> _Point:
     return _Point(phi, b, fitted, Gram.of(by_phi, by_run, residual, problem.seen.sum(axis=1), b))
 
 
+def _first(problem: Problem, phi: Floats, b: Floats) -> _Point:
+    """The start of the search, where the response may well be infinite: `weigh` then says so."""
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        return _linearise(problem, phi, b)
+
+
 def _penalised(problem: Problem, variances: Floats, point: _Point) -> float:
     """Sum of squares that phi and b minimise together at fixed variances."""
     scale = problem.effects.deviation(variances)
@@ -239,7 +159,7 @@ def _line_search(problem: Problem, variances: Floats, here: _Point, new_phi: Flo
     share = min(1.0, BOLDEST / max(float(boldest), 1e-300))
     for _ in range(12):
         phi, b = here.phi + share * (new_phi - here.phi), here.b + share * (new_b - here.b)
-        with np.errstate(over="ignore", invalid="ignore"):
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             trial = _followed(problem, variances, phi, b, limit)
         if trial is not None:
             return trial
@@ -258,9 +178,11 @@ def _followed(problem: Problem, variances: Floats, phi: Floats, b: Floats, limit
     for _ in range(MOST_FOLLOWING):
         point = _linearise(problem, phi, b)
         cost = _penalised(problem, variances, point)
+        if not (np.isfinite(cost) and point.gram.is_finite):
+            return None
         if cost <= limit:
             return point
-        if not np.isfinite(cost) or cost > 0.5 * before:
+        if cost > 0.5 * before:
             return None
         before = cost
         b = linear_mixed.posterior_mean(point.gram, problem.effects, variances, np.zeros_like(phi))
