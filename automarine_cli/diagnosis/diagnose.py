@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.diagnosis import verdict as judge
+from automarine_cli.diagnosis.advice import split_by
 from automarine_cli.diagnosis.gap import Gap, gap
 from automarine_cli.diagnosis.search import Found, Map, search
 from automarine_cli.diagnosis.study import Study, study_of
@@ -68,7 +69,7 @@ def diagnose_runs(
     found = search(study, seed, each)
     study = found.study
     word = judge.verdict_of(study, found)
-    named = judge.named_effects(study, found, {}) if word == "named" else ()
+    named = judge.named_effects(study, found, split_by(study, found)) if word == "named" else ()
     held_out = Study(tuple(kept), base, study.disturbed, study.signals) if kept else None
     return Diagnosis(
         verdict=word,

@@ -79,12 +79,13 @@ class Study:
         problem = whole_run_problem(model, self.batch, self.at_rest, within)
         most = MOST_OFFSET if within else 0.5
         bounds, positive = [(0.0, np.inf)], [True]
+        main = "k_rr" if any(term.name == "quadratic-drag" for term in self.base.terms) else "k_r"
         for i, term in enumerate(model.terms):
             own = i < len(self.base.terms)
             for parameter, value in zip(effects.get(term.name).parameters, term.values):
                 fixed = bool(parameter.reference)
                 bounds.append((value, value) if fixed else (parameter.lower, parameter.upper))
-                positive.append(parameter.log or (own and parameter.name in ("k_r", "k_rr")))
+                positive.append(parameter.log or (own and parameter.name == main))
         scale = problem.effects.scale.copy()
         if not self.disturbed:
             scale[:, 3 + self.batch.interval.shape[1] :] = 0.0

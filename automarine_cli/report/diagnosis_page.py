@@ -154,7 +154,9 @@ def _moves(diagnosis: Diagnosis) -> str:
     rows, moved = [], []
     for name, old in before.items():
         new = after[name]
-        change = (new.value - old.value) / old.value if old.value else float("nan")
+        change = (
+            (new.value - old.value) / old.value if abs(old.value) > 1e-6 * abs(new.value) else float("nan")
+        )
         rows.append(
             (
                 name,
