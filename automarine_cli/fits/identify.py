@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.output_error import OutputErrorFit, fit_half_turns, fit_whole_runs, prefer
 from automarine_cli.fits.step_response import Known, StepData, half_turn_data
-from automarine_cli.fits.velocity_error import fit_velocity_error
+from automarine_cli.fits.velocity_error import VelocityErrorFit, fit_velocity_error
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.fits.yaw_warnings import fit_warnings, step_warnings
 from automarine_cli.runs.half_turn import HalfTurn, half_turns
@@ -74,14 +74,21 @@ def _fit_steps(
     data = half_turn_data(turns)
     zero = np.zeros(len(turns))
     rough = fit_velocity_error(data, zero, moment_unit=unit)
-    start = (rough.inertia["3"].overall.value, rough.drag["1"].drag[0], rough.drag["3"].drag[1])
+    start = (_inertia_to_begin_with(rough), rough.drag["1"].drag[0], rough.drag["3"].drag[1])
     fits = dict(
         zip("123", each(partial(_fit_model, data=data, start=start, unit=unit, known=known), ("1", "2", "3")))
     )
     preference = prefer(fits)
     seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit)
-    warnings = (*step_warnings(turns, seed), *fit_warnings(fits, preference))
+    noise = float(np.median([turn.noise for turn in turns]))
+    warnings = (*step_warnings(turns, seed), *fit_warnings(fits, preference, data.names, noise))
     return YawFit(unit, turns, data, (), fits, seed, "", preference, set_aside, warnings)
+
+
+def _inertia_to_begin_with(rough: VelocityErrorFit) -> float:
+    """The paper's inertia of model 3; where noise made it negative, the middle of the sizes."""
+    table = rough.inertia["3"]
+    return table.overall.value if table.overall.value > 0 else float(np.median(np.abs(table.per_run)))
 
 
 def _fit_model(
@@ -103,7 +110,7 @@ def _fit_whole(
     )
     if not moving:
         raise RunError(
-            f"none of {_counted(len(runs), 'run')} has a moment that acts; {_reasons(short)}look at them with "
+            f"none of {_counted(len(runs), 'run')} serves for a fit; {_reasons(short)}look at them with "
             "`automarine check`"
         )
     at_rest = np.array([starts_at_rest(run) for run in moving])
@@ -114,7 +121,7 @@ def _fit_whole(
         "velocity errors; the whole runs were fitted by output error"
     )
     preference = prefer(fits)
-    warnings = tuple(fit_warnings(fits, preference))
+    warnings = tuple(fit_warnings(fits, preference, [run.name for run in moving]))
     return YawFit(moving[0].moment_unit, (), None, moving, fits, None, why, preference, short, warnings)
 
 

@@ -23,6 +23,10 @@ ENOUGH_RUNS = 8
 likelihood's."""
 
 
+MOST_GROWTH = 1e6
+"""Of a standard error by leaving runs out; beyond it the runs say nothing at all."""
+
+
 @dataclass(frozen=True)
 class OutputErrorFit:
     """One model fitted to headings by maximum likelihood.
@@ -69,15 +73,19 @@ def fit_half_turns(
 def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> OutputErrorFit:
     """Fit one model to whole runs by simulation: first without a random gain, then with it from there.
 
-    Raises FitError where no start leads anywhere.
+    One run alone cannot tell its gain from the vehicle's, so none is taken to scatter. Raises FitError where no start
+    leads anywhere.
     """
+    alone = len(batch.names) == 1
     rough = rough_model(number, batch)
     problem = whole_run_problem(rough, batch, at_rest)
     pooled = without_gain(problem)
     factors = np.array([0.01, 0.5, 0.03])
-    first = fit_mixed(
-        pooled, np.append(rough.theta, 0.0), noise=0.05, factors=factors, iterations=20, settled=0.05
-    )
+    begin = np.append(rough.theta, 0.0)
+    if alone:
+        only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
+        return _outcome(number, pooled, only, batch.moment_unit, of_half_turns=False)
+    first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
     best = fit_mixed(
         problem,
         first.theta,
@@ -96,8 +104,9 @@ def run_covariance(mixed: MixedFit) -> Floats:
     jackknife = mixed.jackknife_covariance
     if runs >= ENOUGH_RUNS:
         return jackknife
-    sizes = [np.sqrt(np.maximum(np.diagonal(c), 1e-300)) for c in (mixed.covariance, jackknife)]
-    grow = np.maximum(sizes[1] / sizes[0], 1.0)
+    likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.covariance, jackknife))
+    ratio = np.divide(between, likely, out=np.ones_like(between), where=likely > 0)  # none at a bound
+    grow = np.clip(ratio, 1.0, MOST_GROWTH)
     return mixed.covariance * np.outer(grow, grow)
 
 
@@ -115,8 +124,12 @@ def _outcome(
     if "k_rr" in names and 1 not in mixed.at_bound:
         stderr = float(np.sqrt(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1]))
         turn = Estimate.from_log(mixed.theta[0] / mixed.theta[1], stderr, dof, "rad")
-    low, high = mixed.factor_interval(0)
-    scatter = Estimate(float(mixed.factors[0]), (high - low) / 3.92, (low, high), "1")
+    gains = problem.effects.scale[:, problem.effects.factor == 0]
+    if gains.any():
+        low, high = mixed.factor_interval(0)
+        scatter = Estimate(float(mixed.factors[0]), (high - low) / 3.92, (low, high), "1")
+    else:  # known to be none, or not to be told from one run
+        scatter = Estimate(0.0, 0.0, (0.0, 0.0), "1")
     offset = _estimate(mixed, covariance, len(mixed.theta) - 1, dof, "sample interval")
     if of_half_turns:
         offset = _in_interval(offset)
@@ -145,11 +158,13 @@ def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
     counts when it exceeds two of its standard errors over runs (Vehtari, Gelman and Gabry 2017, Statistics
     and Computing 27:1413).
     """
-    totals = {number: float(fit.mixed.predictive.sum()) for number, fit in fits.items()}
-    best = max(totals, key=lambda number: totals[number])
     parameters = {
         number: sum(len(effects.get(name).parameters) for name in BASE_TERMS[number]) for number in fits
     }
+    if all(len(fit.mixed.predictive) == 1 for fit in fits.values()):
+        return _prefer_in_one_run(fits, parameters)
+    totals = {number: float(fit.mixed.predictive.sum()) for number, fit in fits.items()}
+    best = max(totals, key=lambda number: totals[number])
     chosen, parts = best, []
     for number in sorted(fits, key=lambda n: parameters[n]):
         gap, error = _lead(fits[best], fits[number])
@@ -171,6 +186,21 @@ def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
             parts.append(f"it leads model {number} by {gap:.1f} ± {error:.1f}")
     because = f"Model {chosen} predicts runs left out of the fit best or as well as any simpler one: in log density "
     return Preference(chosen, because + " and ".join(parts) + ".")
+
+
+def _prefer_in_one_run(fits: Mapping[str, OutputErrorFit], parameters: Mapping[str, int]) -> Preference:
+    """Akaike's criterion: with one run there is none to predict."""
+    cost = {number: 2.0 * (parameters[number] - fit.mixed.log_likelihood) for number, fit in fits.items()}
+    best = min(sorted(fits), key=lambda number: cost[number])
+    others = [
+        f"model {number}'s is higher by {cost[number] - cost[best]:.1f}"
+        for number in sorted(fits)
+        if number != best
+    ]
+    return Preference(
+        best,
+        f"One run leaves none to predict; by Akaike's criterion model {best} is best, {' and '.join(others)}.",
+    )
 
 
 def _lead(a: OutputErrorFit, b: OutputErrorFit) -> tuple[float, float]:

@@ -130,8 +130,11 @@ def step_problem(data: StepData, model: str, known: Known = Known()) -> Problem:
         axis=1,
     )
     effects = RunEffects(scale, np.array([-1, 0, 1]), ((1e-4, 1.0), (1e-3, 1.0)))
-    drags = [(0.0 if name == "k_rr" else -np.inf, np.inf) for name in NAMES[model][1:]]
+    signed = [
+        name == "k_r" and model == "2" for name in NAMES[model][1:]
+    ]  # either sign beside k_rr, as in Table 1
+    drags = [(-np.inf if either else 0.0, np.inf) for either in signed]
     most = 0.0 if known.switch_instant else MOST_OFFSET
     bounds = np.array([(0.0, np.inf), *drags, (-most, most)])
-    positive = np.array([True, *(name == "k_rr" for name in NAMES[model][1:]), False])
+    positive = np.array([True, *np.logical_not(signed), False])
     return Problem(headings, data.heading, data.seen, effects, bounds, positive)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
+from automarine_cli.errors import FitError
 from automarine_cli.fits.linear_mixed import RunEffects
 from automarine_cli.fits.mixed_model import Problem
 from automarine_cli.fits.step_response import MOST_OFFSET, START_HEADING_SD, instant
@@ -19,6 +20,10 @@ Floats = NDArray[np.float64]
 START_RATE_SD = 1.0
 """Standard deviation [rad/s] of the start rate of a vehicle that may be moving: wide for vehicles of this
 kind."""
+
+
+AGAINST = 0.2
+"""Share of the impulses that a balance with everything negative must explain to show that a sign is wrong."""
 
 
 def whole_run_problem(
@@ -98,7 +103,8 @@ def rough_model(number: str, batch: Batch) -> YawModel:
     second.
 
     I (r2 - r1) + k_rr ∫|r|r dt + k_r ∫r dt = ∫tau dt, with rates from differences of the heading over the
-    same windows.
+    same windows. Raises FitError where inertia and drag come out negative and the balance holds well enough to be
+    sure: then a sign is wrong.
     """
     rows, sides = [], []
     for i in range(len(batch.names)):
@@ -119,6 +125,11 @@ def rough_model(number: str, batch: Batch) -> YawModel:
     x, y = np.concatenate(rows), np.concatenate(sides)
     keep = {"1": [0, 2], "2": [0, 1, 2], "3": [0, 1]}[number]
     values = np.linalg.lstsq(x[:, keep], y, rcond=None)[0] if len(y) >= len(keep) else np.ones(len(keep))
+    if np.all(values < 0) and np.sum((y - x[:, keep] @ values) ** 2) < (1.0 - AGAINST) * np.sum(y**2):
+        raise FitError(
+            "the headings turn against the moment: inertia and drag would be negative. If the heading counts "
+            "counter-clockwise, or the moment does, map it with sign = -1 in the --columns file"
+        )
     scale = float(np.abs(batch.moment).max()) or 1.0
     values = np.where(values > 1e-3 * scale, values, 0.3 * scale)
     return YawModel.base(number, values[0], values[1:], batch.moment_unit)

@@ -14,6 +14,18 @@ PLAUSIBLE_TURN = (0.05, 3.0)
 story."""
 
 
+UNEXPLAINED = 1.3
+"""Ratio of what a model leaves to the noise of the headings from which on something is missing."""
+
+DECIDES = 0.8
+"""Share of the spread over fits without one run from which on that run decides alone."""
+
+WILD_GAIN = 0.25
+"""Scatter of the thrust from run to run beyond what batteries and water do."""
+
+SURE = 3.0
+"""Standard errors."""
+
 LATE = (
     "The moment seems to act half a sample interval or more after the log shows it: a delay or a lag of the "
     "thrusters, which inflates the inertia."
@@ -48,10 +60,22 @@ def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit) -> list[str
     return found
 
 
-def fit_warnings(fits: Mapping[str, OutputErrorFit], preference: Preference) -> list[str]:
-    """Sentences on the maximum likelihood: implausible, not converged, at a bound, or hardly shown by the runs."""
-    found = []
+def fit_warnings(
+    fits: Mapping[str, OutputErrorFit],
+    preference: Preference,
+    names_of_runs: Sequence[str],
+    heading_noise: float | None = None,
+) -> list[str]:
+    """Sentences on the maximum likelihood: implausible, not converged, at a bound, hardly shown by the runs, resting
+    on one of them, or leaving more than the `heading_noise` [rad] that the headings have by themselves."""
     fit = fits[preference.number]
+    found = [*_one_run_that_decides(fit, names_of_runs), *_wild_gains(fit, names_of_runs)]
+    if heading_noise and fit.noise > UNEXPLAINED * heading_noise:
+        found.append(
+            f"Model {preference.number} leaves {np.degrees(fit.noise):.2g}° of the headings unexplained, which scatter "
+            f"by {np.degrees(heading_noise):.2g}° about smooth curves: something acts that it lacks, a delay perhaps; "
+            "`automarine diagnose` looks for it."
+        )
     turn = fit.inertial_turn_angle or fits["3"].inertial_turn_angle
     low, high = PLAUSIBLE_TURN
     if turn is not None and not low <= turn.value <= high:
@@ -82,3 +106,36 @@ def fit_warnings(fits: Mapping[str, OutputErrorFit], preference: Preference) -> 
                     "show it."
                 )
     return found
+
+
+def _one_run_that_decides(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> list[str]:
+    """A sentence where leaving one run out moves a parameter by more than all other runs together, and by much."""
+    mixed = fit.mixed
+    if len(names_of_runs) < 4:
+        return []
+    moved = (mixed.left_out - mixed.phi)[:, : len(fit.estimates)]
+    total = np.maximum((moved**2).sum(axis=0), 1e-300)
+    likely = np.sqrt(np.diagonal(mixed.covariance))[: len(fit.estimates)]
+    decides = (moved**2 > DECIDES * total) & (np.abs(moved) > SURE * likely) & (likely > 0)
+    if not decides.any():
+        return []
+    run, i = (int(k) for k in np.argwhere(decides)[0])
+    name, estimate = list(fit.estimates.items())[i]
+    without = np.exp(mixed.left_out[run, i]) if mixed.positive[i] else mixed.left_out[run, i]
+    return [
+        f"{names_of_runs[run]} alone moves {name} of model {fit.number} from {without:.3g} to {estimate.value:.3g} "
+        f"{estimate.unit}, more than all other runs together: look at its log, and whether its heading jumps."
+    ]
+
+
+def _wild_gains(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> list[str]:
+    """A sentence where the runs' gains differ by more than thrusters do."""
+    if fit.gain_scatter.value <= WILD_GAIN:
+        return []
+    gains = np.exp(fit.mixed.run_effects[:, fit.mixed.effects.factor == 0][:, 0])
+    odd = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
+    return [
+        f"The thrust seems to scatter by {100 * fit.gain_scatter.value:.0f} % from run to run, and "
+        f"{names_of_runs[odd]} has {gains[odd] / np.median(gains):.2g} times the gain of the others: look at its "
+        "moment and its unit."
+    ]

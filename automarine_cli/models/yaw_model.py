@@ -97,9 +97,12 @@ class YawModel:
 
 
 def steady_rate(moment: ArrayLike, k_r: ArrayLike, k_rr: ArrayLike) -> Floats:
-    """Rate at which drag balances the moment [rad/s]: root of k_rr |r| r + k_r r = tau; inputs broadcast."""
+    """Rate at which drag balances the moment [rad/s]: root of k_rr |r| r + k_r r = tau; inputs broadcast.
+
+    Not a number where a negative k_rr leaves no such rate.
+    """
     size, linear = np.abs(np.asarray(moment, dtype=float)), np.asarray(k_r, dtype=float)
-    root = np.sqrt(linear**2 + 4.0 * np.asarray(k_rr, dtype=float) * size)
     with np.errstate(divide="ignore", invalid="ignore"):
+        root = np.sqrt(linear**2 + 4.0 * np.asarray(k_rr, dtype=float) * size)
         rate = np.sign(np.asarray(moment, dtype=float)) * 2.0 * size / (linear + root)
     return np.where(size > 0, rate, 0.0)
