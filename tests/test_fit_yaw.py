@@ -269,7 +269,7 @@ def test_an_empty_folder_is_refused(run: Command, tmp_path: Path) -> None:
 
 def test_runs_that_all_stand_still_are_refused(run: Command, tmp_path: Path) -> None:
     runs = [one.with_moment(np.zeros(len(one)), "nu") for one in campaign([0.5, -0.5, 0.8], seed=1)]
-    one_sentence(run("fit-yaw", write_logs(runs, tmp_path / "logs")), "none of 3 runs has a moment that acts")
+    one_sentence(run("fit-yaw", write_logs(runs, tmp_path / "logs")), "none of 3 runs serves for a fit")
 
 
 def test_half_turns_of_one_size_of_moment_are_refused_when_asked_for(run: Command, tmp_path: Path) -> None:

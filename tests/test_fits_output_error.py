@@ -2,12 +2,12 @@
 of the model."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from made_campaigns import (
-    ODD_MOMENTS,
     PAPER,
     Vehicle,
     both_ways,
@@ -22,9 +22,10 @@ from scipy import stats
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.identify import NOTHING_KNOWN, identify
 from automarine_cli.fits.mixed_model import fit_mixed
-from automarine_cli.fits.output_error import OutputErrorFit, fit_half_turns
+from automarine_cli.fits.output_error import OutputErrorFit, Preference, fit_half_turns
 from automarine_cli.fits.step_response import Known, StepData, half_turn_data, instant, step_problem
 from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.fits.yaw_warnings import fit_warnings
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
 
@@ -220,13 +221,13 @@ def chosen(truth: Vehicle, seed: int) -> YawFit:
 @pytest.mark.parametrize(
     ("truth", "number", "least"),
     [
-        (PAPER, "3", 5),
-        (Vehicle(1.0, 1.2, 0.0), "1", 5),
-        (Vehicle(1.0, 0.6, 0.8), "2", 5),
+        (PAPER, "3", 4),
+        (Vehicle(1.0, 1.2, 0.0), "1", 4),
+        (Vehicle(1.0, 0.6, 0.8), "2", 4),
     ],
 )
 def test_the_true_model_is_preferred(truth: Vehicle, number: str, least: int) -> None:
-    fits = [chosen(truth, seed) for seed in range(6)]
+    fits = [chosen(truth, seed) for seed in range(5)]
     assert sum(fit.preference.number == number for fit in fits) >= least
     for fit in fits:
         assert fit.preference.because.startswith(f"Model {fit.preference.number} predicts runs left out")
@@ -235,7 +236,7 @@ def test_the_true_model_is_preferred(truth: Vehicle, number: str, least: int) ->
 
 def test_model_2_costs_nothing_where_it_is_not_needed() -> None:
     """Its linear drag is within its own error of zero."""
-    for seed in range(6):
+    for seed in range(5):
         k_r = chosen(PAPER, seed).output_error["2"].estimates["k_r"]
         assert abs(k_r.value) < 4 * k_r.stderr
 
@@ -311,19 +312,76 @@ def test_half_turns_that_are_asked_for_and_not_there_are_refused() -> None:
 def test_runs_without_any_moment_are_refused() -> None:
     run = campaign([0.5])[0]
     still = run.with_moment(np.zeros(len(run)), "nu")
-    with pytest.raises(RunError, match=r"none of 1 runs? has a moment that acts"):
+    with pytest.raises(RunError, match=r"none of 1 run serves for a fit.*no moment acts in this run"):
         identify([still], fit_to="whole-runs")
 
 
-def test_a_vehicle_too_fast_for_its_log_is_told_so() -> None:
-    """Or is fitted: never a number without a warning."""
-    fast = Vehicle(0.03, 0.0, 1.0)
-    try:
-        fit = identify(campaign(vehicle=fast, seed=1))
-    except FitError as error:
-        assert "check" in str(error)
-    else:
-        assert any("inertial turn angle" in warning for warning in fit.warnings)
+# What a person is warned of
 
 
-assert len(ODD_MOMENTS) == 6  # what the standard errors above are for
+def said(fit: YawFit, *parts: str) -> bool:
+    return any(all(part in warning for part in parts) for warning in fit.warnings)
+
+
+def test_a_sound_campaign_is_warned_of_nothing() -> None:
+    assert chosen(PAPER, 0).warnings == ()
+
+
+def test_whole_runs_that_turn_against_their_moment_are_refused() -> None:
+    runs = [mirrored(run).with_moment(run.command, "nu") for run in moving(3)[0]]
+    with pytest.raises(
+        FitError, match=r"the headings turn against the moment: .* map it with sign = -1 in the --columns"
+    ):
+        identify(runs, "whole-runs")
+
+
+def test_one_run_is_judged_by_akaikes_criterion_and_has_no_scatter() -> None:
+    fit = identify(moving(2)[0][1:], "whole-runs")
+    assert fit.preference.number == "3"
+    assert fit.preference.because.startswith(
+        "One run leaves none to predict; by Akaike's criterion model 3 is best"
+    )
+    assert fit.preferred.gain_scatter.ci95 == (0.0, 0.0)
+    for name, true in TRUTH.items():
+        assert abs(fit.preferred.estimates[name].value - true) < 4 * fit.preferred.estimates[name].stderr
+
+
+def test_a_run_in_another_unit_is_named() -> None:
+    runs = campaign(seed=1)
+    wrong = [run.with_moment(10.0 * run.command, "nu") if run.name == "run_04" else run for run in runs]
+    assert said(identify(wrong), "The thrust seems to scatter by", "run_04 has 0.1 times the gain")
+
+
+def test_a_run_that_decides_alone_is_named() -> None:
+    """As one of the lake runs does, whose compass jumps; here the fit without one run is moved by hand."""
+    fit = many(0.0)[0]
+    size = np.sqrt(np.diagonal(fit.covariance))
+    left_out = fit.mixed.left_out.copy()
+    left_out[4, 0] += 20 * size[0]
+    moved = replace(fit, mixed=replace(fit.mixed, left_out=left_out))
+    names = [f"run_{i:02d}" for i in range(12)]
+    preference = Preference("3", "")
+    assert not any("alone" in warning for warning in fit_warnings({"3": fit}, preference, names))
+    (found,) = [warning for warning in fit_warnings({"3": moved}, preference, names) if "alone" in warning]
+    assert found.startswith("run_04 alone moves I_r of model 3 from ") and "look at its log" in found
+
+
+def test_a_delay_of_the_thrusters_is_noticed() -> None:
+    runs = [
+        Run(
+            run.name, run.source, run.time, np.interp(run.time - 0.5, run.time, run.heading), run.moment, "nu"
+        )
+        for run in campaign(seed=1)
+    ]
+    assert said(identify(runs), "of the headings unexplained", "a delay perhaps", "automarine diagnose")
+
+
+def test_drag_that_hardly_acts_is_said_to() -> None:
+    fit = identify(campaign(both_ways((0.2, 0.5, 0.8)), vehicle=Vehicle(1.0, 0.0, 0.001), seed=1))
+    assert said(fit, "Half a turn is not enough to get steady")
+    assert said(fit, "inertial turn angle", "outside 0.05 to 3 rad")
+
+
+def test_a_vehicle_of_hardly_any_inertia_is_warned_of() -> None:
+    fit = identify(campaign(vehicle=Vehicle(0.03, 0.0, 1.0), seed=1))
+    assert said(fit, "inertial turn angle of 0.0", "check the units of time and heading")

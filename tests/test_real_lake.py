@@ -83,6 +83,11 @@ def test_the_delay_of_the_thrusters_is_warned_of(nominal: YawFit) -> None:
     )
 
 
+def test_the_run_whose_compass_jumps_is_named(nominal: YawFit) -> None:
+    """run_11 jumps by 51 degrees within a sample at 1.4 s, and by 20 at 6.4 s."""
+    assert any(warning.startswith("run_11 alone moves I_r of model") for warning in nominal.warnings)
+
+
 def test_commands_through_our_own_bollard_map_agree(nominal: YawFit, tmp_path: Path) -> None:
     """The map fitted to the raw bollard series of two thrusters gives inertia and drag within a quarter."""
     thrusters = fit_thrusters([BOLLARD], columns=column_map(tmp_path, TWO_TOGETHER)).map
