@@ -29,13 +29,16 @@ CLASSES = {
     (-0.5, "even"): "a rate of its own size: linear drag, swirl",
     (-0.5, "odd"): "a rate with a side: gyro drift",
     (0.0, "odd"): "thrust that differs by side: asymmetry",
-    (0.5, "even"): "a time of its own (in I: lag, delay) or cubic drag (in k)",
+    (0.5, "even"): "cubic drag",
     (0.5, "odd"): "a time that differs by side",
     (1.0, "even"): "a load: supply that sags, saturation",
     (1.0, "odd"): "a load that differs by side",
     (2.0, "even"): "tilt or saturation at the largest moments",
     (2.0, "odd"): "tilt or saturation on one side",
 }
+TIMES = "a time of its own: lag, delay"
+"""What makes I / k rise with the moment."""
+ROUNDS = 4
 FEWEST = 6
 CERTAIN = 0.05
 """Standard error of a run's log k beyond which that run says little, unless most runs are no better."""
@@ -55,6 +58,8 @@ class Drift:
     @property
     def means(self) -> str:
         """What effects drift like that."""
+        if self.quantity == "I/k" and self.power > 0 and self.parity == "even":
+            return TIMES
         return CLASSES[self.power, self.parity]
 
 
@@ -88,33 +93,37 @@ def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
     """Each run's own k and I about the base fit, measured and as the final model would have them."""
     problem = study.problem(base.model)
     b = np.where(np.arange(base.fit.run_effects.shape[1]) < 2, base.fit.run_effects, 0.0)
-    phi = np.append(
-        base.fit.phi[:-1], 0.0
-    )  # changes in the middle of their intervals, from where either way is free
-    fitted, by_phi, by_run = derivatives(problem, phi, b)
+    phi = np.append(base.fit.phi[:-1], 0.0)  # changes in the middle of their intervals: free either way
     first_step, moment = first_steps(study)
-    theta, positive = base.fit.theta, problem.positive
     drag = slice(1, len(study.base.theta))
-    weight = np.where(positive[drag], 1.0, theta[drag])  # drag as a whole: all its terms by the same factor
-    by_log = np.stack([by_phi[:, :, drag] @ weight, by_phi[:, :, 0]], axis=2)
-    by_log, by_run = (np.where(first_step[:, :, None], d, 0.0) for d in (by_log, by_run))
+    weight = np.where(problem.positive[drag], 1.0, base.fit.theta[drag])  # all drag terms by the same factor
     scale = problem.effects.scale.copy()
     scale[:, 2] = 0.0
     run_effects = replace(problem.effects, scale=scale)
     variances = np.append(np.log(base.fit.noise), np.log(np.maximum(base.fit.factors, SMALLEST_FACTOR)))
 
     def own(headings: Floats) -> tuple[Floats, Floats]:
-        left = np.where(first_step, headings - fitted, 0.0)
-        gram = Gram.of(by_log, by_run, left, first_step.sum(axis=1), b)
-        weighted = linear_mixed.weigh(gram, run_effects, variances)
-        covariance = np.array([linear_mixed.covariance_of(h) for h in weighted.hessian])
+        """log k, log I and their difference (R, 3), with errors; a gain of 1/k carries a run to its own k, where
+        its response is linearised again."""
+        log_k = np.zeros(len(study.runs))
+        for _ in range(ROUNDS):
+            at = b.copy()
+            at[:, 2] = -log_k
+            fitted, by_phi, by_run = derivatives(problem, phi, at)
+            by_log = np.stack([by_phi[:, :, drag] @ weight, by_phi[:, :, 0]], axis=2)
+            by_log, by_run, left = (
+                np.where(first_step[:, :, None], d, 0.0)
+                for d in (by_log, by_run, (headings - fitted)[:, :, None])
+            )
+            gram = Gram.of(by_log, by_run, left[:, :, 0], first_step.sum(axis=1), at)
+            weighted = linear_mixed.weigh(gram, run_effects, variances)
+            covariance = np.array([linear_mixed.covariance_of(h) for h in weighted.hessian])
+            change = np.einsum("rpq,rq->rp", covariance, weighted.gradient)
+            log_i = log_k + change[:, 1]
+            log_k = log_k + np.clip(change[:, 0], -0.5, 0.5)
         errors = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
         ratio = np.sqrt(np.maximum(errors[:, 0] ** 2 + errors[:, 1] ** 2 - 2.0 * covariance[:, 0, 1], 0.0))
-        logs = np.einsum("rpq,rq->rp", covariance, weighted.gradient)
-        return (
-            np.column_stack([logs, logs[:, 1] - logs[:, 0]]),
-            np.column_stack([errors, ratio]),
-        )
+        return np.column_stack([log_k, log_i, log_i - log_k]), np.column_stack([errors, ratio])
 
     measured, errors = own(problem.measured)
     other = study.problem(final.model)

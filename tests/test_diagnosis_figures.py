@@ -1,0 +1,166 @@
+"""The figures, the budget and the page of a diagnosis: what a person is shown is what was found."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.patches import Rectangle
+
+from automarine_cli.diagnosis import search
+from automarine_cli.diagnosis.budget import LEFT, NOISE, SCATTER, budget
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.diagnosis.naming_key import NamingKey, naming_key
+from automarine_cli.diagnosis.where import Where, find_where
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.report.diagnosis_page import escape, page
+from automarine_cli.report.diagnosis_page_tables import gap_table
+from automarine_cli.report.figures.diagnosis import before_after_figure, where_figure, why_figure
+from automarine_cli.report.figures.style import png
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import Start, simulate
+
+TRUTH = YawModel.base("3", 1.018, (1.257,))
+TRIED = ("thruster-lag", "input-delay", "dead-band", "bias-moment")
+Shown = tuple[Diagnosis, Where, NamingKey, dict[str, float]]
+
+
+def campaign(model: YawModel, name: str, seed: int, runs: int = 12) -> list[Run]:
+    """Short steps and coast-downs to either side, with 1 degree of noise and 2 % of scatter."""
+    random = np.random.default_rng(seed)
+    plans = []
+    for i in range(runs):
+        tau = (1 if i % 2 else -1) * (0.2 + 0.9 * ((5 * i) % 8) / 7)
+        time = np.arange(0.0, 14.0, 0.2) + 60.0 * i
+        into = time - time[0]
+        command = np.where(into < 1.9, 0.0, np.where(into < 8.9, tau, 0.0 if i % 3 == 0 else tau))
+        plans.append(Run(f"{name} {i}", "planted", time, 0 * time, command, "nu"))
+    batch = make_batch(plans, 0.05)
+    start = Start(heading=random.uniform(0, 6, (1, runs)), log_gain=0.02 * random.normal(size=(1, runs)))
+    heading = simulate(model, batch, start=start).heading[0]
+    return [
+        replace(plan, heading=row[: len(plan)] + np.radians(1.0) * random.normal(size=len(plan)))
+        for plan, row in zip(plans, heading)
+    ]
+
+
+def names_of(model: YawModel) -> set[str]:
+    return {term.name for term in model.terms}
+
+
+def shown(model: YawModel, name: str, seed: int) -> Shown:
+    with pytest.MonkeyPatch.context() as patch:  # a few candidates will do for drawing
+        patch.setattr(
+            search, "candidates", lambda study, model: [n for n in TRIED if n not in names_of(model)]
+        )
+        diagnosis = diagnose_runs(campaign(model, name, seed), TRUTH)
+    found = diagnosis.found
+    where = find_where(diagnosis.study, found.base, 0)
+    return diagnosis, where, naming_key(diagnosis.study, found.base, found.final), budget(diagnosis)
+
+
+@pytest.fixture(scope="module")
+def lag() -> Shown:
+    """A thruster lag is missing; the runs have a name that Markdown and HTML would take for something else."""
+    return shown(TRUTH.with_effect("thruster-lag", [0.4]), "lap|<b>_1*", 1)
+
+
+@pytest.fixture(scope="module")
+def nothing() -> Shown:
+    return shown(TRUTH, "run", 2)
+
+
+def test_the_budget_is_whole(lag: Shown, nothing: Shown) -> None:
+    for diagnosis, _, _, shares in (lag, nothing):
+        assert sum(shares.values()) == pytest.approx(1.0, abs=1e-12)
+        assert all(share >= 0.0 for share in shares.values())
+        assert set(shares) == {NOISE, SCATTER, LEFT, *diagnosis.found.final.added}
+    assert lag[0].found.final.added and lag[3][lag[0].found.final.added[0]] > 0.05
+    assert lag[3][LEFT] < 0.02
+
+
+def test_a_missing_lag_is_seen_and_the_page_says_so(lag: Shown) -> None:
+    diagnosis, where, _, _ = lag
+    assert {"time-since-command-change", "time-in-run"} & {region.variable for region in where.regions}
+    text = page(*lag)
+    assert diagnosis.verdict == "named"
+    for effect in diagnosis.effects:
+        assert f"## {effect.name}" in text and effect.says in text
+        assert all(f"{rival.name} cannot be excluded" in text for rival in effect.rivals)
+    assert "had been absorbing" in text  # without the lag, inertia stands in for it
+    for name in ("where.png", "why.png", "before_after.png"):
+        assert f"({name})" in text
+
+
+def test_names_of_runs_are_shown_as_they_are(lag: Shown) -> None:
+    assert any(region.runs for region in lag[1].regions)
+    text = page(*lag)
+    assert "<b>" not in text.replace("\\<b\\>", "") and "lap|" not in text
+    assert escape("a|<b>_1*\n# c") == r"a\|\<b\>\_1\* \# c"
+
+
+def test_nothing_missing_says_what_would_have_been_seen(nothing: Shown) -> None:
+    diagnosis, where, _, _ = nothing
+    assert diagnosis.verdict == "nothing-missing" and where.regions == ()
+    text = page(*nothing)
+    assert text.startswith("# Diagnosis") and "Nothing is missing that these runs could show" in text
+    assert "## What these runs would have shown" in text and "| dead-band | delta |" in text
+    assert "Add two reversals" in text
+
+
+def test_the_table_of_the_gap_counts_what_was_closed(lag: Shown) -> None:
+    diagnosis = lag[0]
+    cells = gap_table(diagnosis).rows[0]
+    assert float(str(cells[1])) == pytest.approx(np.degrees(diagnosis.gap.before), abs=0.006)
+    assert float(str(cells[2])) == pytest.approx(np.degrees(diagnosis.gap.after), abs=0.006)
+    assert int(str(cells[4]).rstrip("%")) > 80
+
+
+def test_where_marks_what_stands_out_and_draws_every_variable(lag: Shown) -> None:
+    diagnosis, where, _, _ = lag
+    figure = where_figure(where, diagnosis)
+    titles = [axes.get_title() for axes in figure.axes]
+    out = sum(bool(variable.stands_out.any()) for variable in where.variables)
+    assert sum(title.startswith("p = ") for title in titles) == out > 0
+    assert sum(title == "within chance" for title in titles) == len(where.variables) - out
+    image = next(axes for axes in figure.axes if axes.images)
+    assert len(np.asarray(image.images[0].get_array())) == len(diagnosis.study.runs)
+
+
+def test_why_sorts_candidates_and_marks_those_named(lag: Shown) -> None:
+    diagnosis, _, key, _ = lag
+    figure = why_figure(diagnosis, key)
+    bars = max(figure.axes, key=lambda axes: len(axes.patches))
+    lengths = [bar.get_width() for bar in bars.patches if isinstance(bar, Rectangle)]
+    assert lengths == sorted(lengths) and len(lengths) == len(diagnosis.found.rounds[0].trials)
+    bold = [label.get_text() for label in bars.get_yticklabels() if label.get_fontweight() == "bold"]
+    assert set(bold) == set(diagnosis.found.final.added) & {
+        t.added[-1] for t in diagnosis.found.rounds[0].trials
+    }
+
+
+def test_before_and_after_share_their_axes(lag: Shown) -> None:
+    diagnosis, where, _, shares = lag
+    figure = before_after_figure(diagnosis, where, shares)
+    errors = [axes for axes in figure.axes if axes.get_xlabel() == "time [s]"]
+    assert len(errors) == 4 and len({axes.get_ylim() for axes in errors}) == 1
+    square = next(axes for axes in figure.axes if axes.get_xlabel().startswith("gap before"))
+    assert square.get_xlim() == square.get_ylim()
+
+
+def test_figures_are_the_same_bytes_each_time(nothing: Shown) -> None:
+    diagnosis, where, key, shares = nothing
+    assert png(where_figure(where, diagnosis))[:4] == b"\x89PNG"
+    for draw in (
+        lambda: why_figure(diagnosis, key),
+        lambda: before_after_figure(diagnosis, where, shares),
+    ):
+        first = png(draw())
+        assert first[:4] == b"\x89PNG" and first == png(draw())
+
+
+def test_figures_and_page_do_without_held_out_runs(lag: Shown) -> None:
+    diagnosis, where, key, shares = lag
+    alone = replace(diagnosis, held_out=None, held_out_gap=None)
+    assert before_after_figure(alone, where, shares).axes
+    assert "held out" not in page(alone, where, key, shares)
