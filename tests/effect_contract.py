@@ -3,7 +3,7 @@
 `planted` makes runs of the paper's vehicle with effects in it; the contract itself is in `test_effects`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -66,7 +66,7 @@ def with_planted(base: YawModel, *names: str) -> YawModel:
     return base
 
 
-def plans(sizes: Sequence[float] = (0.12, 0.25, 0.5, 0.8, 1.2)) -> list[Plan]:
+def long_plans(sizes: Sequence[float] = (0.12, 0.25, 0.5, 0.8, 1.2)) -> list[Plan]:
     """Steps to both sides, long turns, coast-downs, reversals and manoeuvres, as (moment, seconds)."""
     both = (1.0, -1.0)
     steps: list[Plan] = [[(s * size, 6.0 + 3.0 / size**0.5)] for size in sizes for s in both]
@@ -77,6 +77,20 @@ def plans(sizes: Sequence[float] = (0.12, 0.25, 0.5, 0.8, 1.2)) -> list[Plan]:
         [(-0.9, 4.0), (-0.2, 6.0), (0.9, 3.0), (-0.9, 4.0)],
     ]
     return steps + coast + back + moves
+
+
+def short_plans() -> list[Plan]:
+    """Fewer and shorter: seven shapes of run, each to both sides."""
+    there: list[Plan] = [
+        [(0.12, 10.0)],
+        [(0.3, 9.0)],
+        [(0.7, 8.0)],
+        [(1.2, 7.0)],
+        [(0.9, 4.0), (0.0, 6.0)],
+        [(0.6, 5.0), (-0.6, 5.5)],
+        [(0.2, 3.0), (1.0, 2.5), (-0.4, 3.0), (0.0, 2.0)],
+    ]
+    return [[(sign * moment, seconds) for moment, seconds in plan] for plan in there for sign in (1.0, -1.0)]
 
 
 def unmeasured(plan: Plan, number: int, moment_unit: str = "nu", scale: float = 1.0) -> Run:
@@ -101,9 +115,11 @@ def measured(
     seed: int = 0,
     noise_deg: float = 0.5,
     gain: float = 0.02,
+    snag: Callable[[tuple[int, ...]], Floats] | None = None,
 ) -> list[Run]:
     """The runs as a vehicle of that truth makes them: any start heading, thrust scatter, commands that change
-    anywhere between two samples, white noise of the heading."""
+    anywhere between two samples, white noise of the heading; `snag` gives a moment for each window of the batch.
+    """
     random = np.random.default_rng(seed)
     needed = sorted({name for term in truth.terms for name in effects.get(term.name).needs})
     batch = make_batch(runs, 0.05, needed)
@@ -112,14 +128,18 @@ def measured(
         heading=random.uniform(-np.pi, np.pi, (1, len(runs))),
         log_gain=gain * random.standard_normal((1, len(runs))),
         shift=batch.interval[None] * random.uniform(-0.5, 0.5, shape),
+        disturbance=None if snag is None else snag((1, len(runs), batch.windows)),
     )
     found = simulate(truth, batch, start=start).heading[0]
     found = found + np.deg2rad(noise_deg) * random.standard_normal(found.shape)
     return [replace(run, heading=row[: len(run)]) for run, row in zip(runs, found)]
 
 
-def planted(base: YawModel, *names: str, seed: int = 0, **measuring: float) -> list[Run]:
-    """A campaign of the base vehicle with these effects in it."""
-    order = np.random.default_rng(1000 + seed).permutation(len(plans()))
-    runs = [unmeasured(plans()[i], number, base.moment_unit) for number, i in enumerate(order)]
-    return measured(with_planted(base, *names), runs, seed=seed, **measuring)
+def planted(
+    base: YawModel, *names: str, seed: int = 0, plans: Sequence[Plan] | None = None, noise_deg: float = 0.5
+) -> list[Run]:
+    """A campaign of the base vehicle with these effects in it, its runs in random order."""
+    chosen = long_plans() if plans is None else plans
+    order = np.random.default_rng(1000 + seed).permutation(len(chosen))
+    runs = [unmeasured(chosen[i], number, base.moment_unit) for number, i in enumerate(order)]
+    return measured(with_planted(base, *names), runs, seed=seed, noise_deg=noise_deg)

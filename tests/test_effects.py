@@ -14,8 +14,8 @@ from effect_contract import (
     SIZES,
     Floats,
     base_for,
+    long_plans,
     measured,
-    plans,
     planted,
     sizes_of,
     unmeasured,
@@ -44,7 +44,7 @@ CONTRACT = (
 UNITS = ("nu", "N m")
 STARTS = (0.4, -1.1, 2.0)  # rad
 
-RUNS = [unmeasured(plan, i) for i, plan in enumerate([plans()[7], plans()[10], plans()[-1]])]
+RUNS = [unmeasured(plan, i) for i, plan in enumerate([long_plans()[7], long_plans()[10], long_plans()[-1]])]
 """Three runs of different lengths: a step to port, a coast-down, a manoeuvre."""
 
 MIRRORED_SIGNS = {
@@ -211,7 +211,7 @@ def _off_the_truth(effect: Effect, truth: Sequence[float]) -> list[float]:
 def test_several_together_are_recovered() -> None:
     """An actuator, a moment, the water and a sensor at once."""
     names, base = ("thruster-lag", "bias-moment", "water-swirl", "compass-deviation"), base_for("")
-    runs = [unmeasured(plan, i) for i, plan in enumerate(plans())]
+    runs = [unmeasured(plan, i) for i, plan in enumerate(long_plans())]
     truth = with_planted(base, *names)
     study = study_of(measured(truth, runs, seed=2), base)
     fit = study.fit(truth.with_theta(1.1 * truth.theta))
