@@ -1,0 +1,208 @@
+"""Tables and the page of a diagnosed thruster map: what was wrong, how sure, what it does, what remains, what next."""
+
+from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
+from automarine_cli.diagnosis.thruster_verdict import WELL_ABOVE
+from automarine_cli.report.tables import MISSING, Table, number
+
+SHOWN = 8
+VARIABLE = {"n": "control signal", "voltage": "voltage", "run-order": "run order"}
+
+
+def tables(result: ThrusterDiagnosis) -> tuple[Table, ...]:
+    """All tables that the result has something for, in the order of reading."""
+    found = [gaps(result)]
+    if result.effects:
+        found.append(effects(result))
+    if result.where:
+        found.append(where(result))
+    return (*found, candidates(result))
+
+
+def sentences(result: ThrusterDiagnosis) -> tuple[str, ...]:
+    """The verdict, how sure it is, what remains, faulty data, and what to measure next."""
+    said = [verdict_sentence(result)]
+    said += [f"{effect.says} {sure(effect.confidence)}." for effect in result.effects]
+    said.append(remains(result))
+    said += [fault.says for fault in result.faults[:SHOWN]]
+    if len(result.faults) > SHOWN:
+        said.append(f"And {len(result.faults) - SHOWN} more stretches, see diagnosis.json.")
+    return (*said, *advice(result))
+
+
+def verdict_sentence(result: ThrusterDiagnosis) -> str:
+    """The verdict in one sentence with its numbers."""
+    share = result.percent
+    if result.verdict == "named":
+        names = listed([effect.name for effect in result.effects])
+        return (
+            f"Named: {names}. The cross-validated error falls from {number(share(result.cross.before), 3)} % to "
+            f"{number(share(result.cross.after), 3)} % of full scale ({number(result.bench.full_scale)} N)."
+        )
+    if result.verdict == "nothing-missing":
+        seen = [
+            f"{name} {number(size, 2)}" for name, size in sorted(result.smallest.items()) if size is not None
+        ]
+        limit = f" These levels would have shown: {', '.join(seen)}." if seen else ""
+        return f"Nothing is missing from the {result.given.form} map that these levels could show.{limit}"
+    near = f" It resembles {result.closest} most, which does not close it." if result.closest else ""
+    return (
+        f"Unexplained: residuals of {number(result.gap.before, 3)} N stand well above the noise floor of "
+        f"{number(result.gap.floor, 3)} N and hang together along the control signal, and no effect closes "
+        f"the gap.{near}"
+    )
+
+
+def sure(confidence: float) -> str:
+    """How sure, in words that claim no more than a percent."""
+    return "More than 99 % sure" if confidence > 0.99 else f"{100 * confidence:.0f} % sure"
+
+
+def listed(names: list[str]) -> str:
+    """a, b and c."""
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+
+
+def remains(result: ThrusterDiagnosis) -> str:
+    """What is left over the noise floor."""
+    gap = result.gap
+    above = gap.after > WELL_ABOVE * gap.floor and result.verdict != "unexplained"
+    more = " No other effect of the library closes what is above it." if above else ""
+    return (
+        f"What remains is {number(gap.after, 3)} N ({number(result.percent(gap.after), 2)} % of full scale) against "
+        f"a noise floor of {number(gap.floor, 3)} N, read from {result.floor_from}.{more}"
+    )
+
+
+def advice(result: ThrusterDiagnosis) -> tuple[str, ...]:
+    """The pulls that would split rivals, or measure again what is not to be trusted."""
+    said = [
+        f"{rival.name} could stand in for {effect.name} ({100 * rival.confidence:.0f} %). {rival.split_by}"
+        for effect in result.effects
+        for rival in effect.rivals
+    ]
+    if any(fault.kind == "faulty-stretch" for fault in result.faults):
+        said.append("Measure the faulty readings again; they weigh little in these fits.")
+    if result.verdict == "unexplained" and result.where:
+        region = max(result.where, key=lambda one: one.gap)
+        said.append(
+            f"Repeat the pulls where the gap is largest, {VARIABLE[region.variable]} from {region.low:.4g} to "
+            f"{region.high:.4g}, twice and in another order, to tell a curve of another form from a drift."
+        )
+    return tuple(said)
+
+
+def gaps(result: ThrusterDiagnosis) -> Table:
+    """Before and after on levels fitted, held out, and by cross-validation."""
+    rows = []
+    for name, gap in (
+        ("fitted levels", result.gap),
+        ("held-out levels", result.held_out_gap),
+        ("cross-validation", result.cross),
+    ):
+        if gap is None:
+            rows.append((name, *[MISSING] * 5))
+            continue
+        shares = (number(result.percent(value), 3) for value in (gap.before, gap.after))
+        rows.append((name, number(gap.before, 3), number(gap.after, 3), *shares, number(gap.floor, 2)))
+    notes = ["Before: the map's form refitted. After: with the effects that are named."]
+    if result.given_rmse is not None:
+        notes.append(
+            f"The map exactly as given is {number(result.given_rmse, 3)} N off on the fitted levels."
+        )
+    if result.held_out is None:
+        notes.append("Too few levels to hold any out: cross-validation leaves each out in turn.")
+    return Table(
+        "Gap between map and measurement (root mean square)",
+        ("levels", "before [N]", "after [N]", "before [% of full scale]", "after [%]", "noise floor [N]"),
+        tuple(rows),
+        notes=tuple(notes),
+    )
+
+
+def effects(result: ThrusterDiagnosis) -> Table:
+    """What is missing, with parameters and how sure."""
+    rows = []
+    for effect in result.effects:
+        for index, (name, value) in enumerate(effect.parameters.items()):
+            first = (
+                (effect.name, f"{effect.confidence:.2f}", f"{effect.p_value:.3f}")
+                if index == 0
+                else ("", "", "")
+            )
+            rows.append((*first, name, _estimate(value)))
+    return Table(
+        "Effects that are missing from the map",
+        ("effect", "confidence", "p", "parameter", "value [95 % interval]"),
+        tuple(rows),
+    )
+
+
+def where(result: ThrusterDiagnosis) -> Table:
+    """Regions in which the map as it was stands out from the measurement."""
+    rows = tuple(
+        (
+            VARIABLE[region.variable],
+            number(region.low),
+            number(region.high),
+            region.unit,
+            number(region.gap, 3),
+            f"{100 * region.share:.0f} %",
+            f"{region.p_value:.3f}",
+        )
+        for region in result.where
+    )
+    return Table("Where the gap stands out", ("against", "from", "to", "unit", "gap [N]", "share", "p"), rows)
+
+
+def candidates(result: ThrusterDiagnosis) -> Table:
+    """Every effect that was tried in the first look, and what it alone would win."""
+    look = result.search.rounds[0]
+    trials = sorted(look.trials, key=lambda trial: trial.fit.rmse(left_out=True))
+    rows = tuple(
+        (
+            trial.effect,
+            trial.where,
+            number(trial.evidence, 3),
+            f"{trial.p_value:.3f}",
+            number(result.percent(trial.fit.rmse(left_out=True)), 3),
+        )
+        for trial in trials
+    )
+    note = f"Chance reaches an evidence of {number(look.scores.threshold, 3)} in one of twenty maps without any effect."
+    header = ("effect", "direction", "evidence", "p", "cross-validated error [% of full scale]")
+    return Table("Candidates alone", header, rows, notes=(note,))
+
+
+def markdown(result: ThrusterDiagnosis) -> str:
+    """diagnosis.md: a page for a person."""
+    blocks = ["# Diagnosis of a thruster map", verdict_sentence(result)]
+    blocks += [
+        f"- {effect.says} {sure(effect.confidence)} (p = {effect.p_value:.3f})." for effect in result.effects
+    ]
+    blocks += ["## What it does to the map", gaps(result).to_markdown().rstrip("\n")]
+    blocks += [effects(result).to_markdown().rstrip("\n")] if result.effects else []
+    blocks.append("![Before and after](before_after.png)")
+    blocks += ["## Where the map goes wrong"]
+    blocks += [where(result).to_markdown().rstrip("\n")] if result.where else ["Nowhere more than by chance."]
+    blocks += [
+        "![Where](where.png)",
+        "## Why",
+        candidates(result).to_markdown().rstrip("\n"),
+        "![Why](why.png)",
+    ]
+    blocks += ["## What remains, and what to measure next", remains(result)]
+    blocks += [f"- {fault.says}" for fault in result.faults[:SHOWN]]
+    blocks += [f"- {sentence}" for sentence in advice(result)]
+    return "\n\n".join(blocks) + "\n"
+
+
+def _estimate(value: object) -> str:
+    if not isinstance(value, dict) or value.get("value") is None:
+        return "beyond what was measured"
+    interval = value.get("ci95")
+    text = number(float(value["value"]))
+    return (
+        text
+        if not interval
+        else f"{text} [{number(interval[0])}, {number(interval[1])}] {value['unit']}".rstrip()
+    )
