@@ -22,6 +22,9 @@ WELL_ABOVE = 1.06
 LEFT_OVER = 0.3
 """Share of the excess variance over the floor that may stay when an effect is named."""
 
+FEWEST_GAINS = 10
+"""Runs from which the order of their gains says anything."""
+
 
 @dataclass(frozen=True)
 class NamedRival:
@@ -48,7 +51,8 @@ def verdict_of(study: Study, found: Found) -> str:
     """ "named", "nothing-missing" or "unexplained".
 
     Unexplained are runs whose residuals stand well above the floor and hang together in time, when what was added
-    closes less than most of that gap: the candidate then only fits least badly.
+    closes less than most of that gap: the candidate then only fits least badly. So are runs whose own gains of thrust
+    wander with the campaign's clock, for a gain a run can follow anything that changes slowly, and no residual shows.
     """
     excess = [max((trial.fit.noise / study.floor) ** 2 - 1.0, 0.0) for trial in (found.base, found.final)]
     loud = found.final.fit.noise > WELL_ABOVE * study.floor and not study.disturbed
@@ -58,7 +62,25 @@ def verdict_of(study: Study, found: Found) -> str:
         and (not found.final.added or excess[1] > LEFT_OVER * excess[0])
     ):
         return "unexplained"
+    scatter = [trial.fit.factors[0] ** 2 for trial in (found.base, found.final)]
+    unnamed = not found.final.added or scatter[1] > LEFT_OVER * scatter[0]
+    if unnamed and not study.disturbed and gains_wander(study, found.final):
+        return "unexplained"
     return "named" if found.final.added else "nothing-missing"
+
+
+def gains_wander(study: Study, trial: Trial) -> bool:
+    """Whether runs made one after the other have more alike gains than chance allows (p < 0.001).
+
+    Von Neumann's ratio of the mean squared successive difference to the variance of the gains in the order of the
+    clock; independent gains give 2 n/(n - 1), with a variance of about 4/n (von Neumann, 1941, Ann. Math. Stat. 12).
+    """
+    gains = trial.fit.run_effects[np.argsort(study.batch.start), 2]
+    count, spread = len(gains), float(((gains - gains.mean()) ** 2).sum())
+    if count < FEWEST_GAINS or spread < 1e-12:
+        return False
+    alike = 1.0 - 0.5 * float((np.diff(gains) ** 2).sum()) / spread
+    return bool(alike * np.sqrt((count**2 - 1) / (count - 2)) > stats.norm.isf(1e-3))
 
 
 def hangs_together(study: Study, trial: Trial) -> bool:
