@@ -16,6 +16,8 @@ from automarine_cli.runs.thruster_test import ThrusterLogs
 
 FEWEST_LEVELS = 5
 """Levels in a direction from which a curve with a second parameter can be told from chance."""
+FEWEST_TO_HOLD_OUT = 10
+"""Levels in a direction from which a quarter of them is held out."""
 REPEATS = 6
 """Degrees of freedom among repeats from which their own scatter is the noise floor."""
 BINS = 4
@@ -154,6 +156,23 @@ def _groups(n: Floats) -> Ints:
         here = n * sign > 0
         group[here] = groups_of(np.abs(n[here])) + offset
     return group
+
+
+def held_out_levels(bench: Bench, seed: int) -> np.ndarray:
+    """Points of the quarter of the levels that is held out, (P,): one level drawn from every four neighbours.
+
+    Never an end of the range; none where a direction has fewer than FEWEST_TO_HOLD_OUT levels.
+    """
+    random, out = np.random.default_rng(seed), np.zeros(len(bench.points), dtype=bool)
+    number = levels_of(bench.points.n)
+    for sign in (1.0, -1.0):
+        own = np.unique(number[bench.points.n * sign > 0])
+        inner = own[1:-1]
+        if 0 < len(own) < FEWEST_TO_HOLD_OUT:
+            return np.zeros(len(bench.points), dtype=bool)
+        for start in range(0, len(inner) - 3, 4):
+            out |= number == inner[start + int(random.integers(4))]
+    return out
 
 
 def noise_floor(bench: Bench) -> tuple[float, str]:

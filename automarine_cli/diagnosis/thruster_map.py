@@ -5,23 +5,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from automarine_cli.diagnosis.thruster_bench import Bench, bench_of, noise_floor
-from automarine_cli.diagnosis.thruster_search import Search, search
+from automarine_cli.diagnosis.thruster_bench import Bench, bench_of, held_out_levels, noise_floor
+from automarine_cli.diagnosis.thruster_search import Search, search_around_faults
 from automarine_cli.diagnosis.thruster_shapes import Fitted, Shape, effects_of, form_of
 from automarine_cli.diagnosis.thruster_verdict import Named, curve_parameters, named_effects, verdict_of
-from automarine_cli.diagnosis.thruster_where import Fault, Region, broken_stretch, faults, regions
+from automarine_cli.diagnosis.thruster_where import Fault, Region, faults, regions
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.fits.thruster_levels import levels_of
 from automarine_cli.models.thruster_forms import SQUARE, Curve
 from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.runs.run import SetAside
 from automarine_cli.runs.thruster_test import ThrusterLogs
 
 SCHEMA = "automarine/diagnosis/1"
-FEWEST_TO_HOLD_OUT = 10
-"""Levels in a direction from which a quarter of them is held out."""
-BROKEN_WEIGHT = 0.01
-MOST_STRETCHES = 2
 
 
 @dataclass(frozen=True)
@@ -173,23 +168,6 @@ def _used(base: ThrusterMap, curve: Curve | None) -> frozenset[str]:
     return frozenset(name for name in effects_of(base.form) if used[name])
 
 
-def held_out_levels(bench: Bench, seed: int) -> np.ndarray:
-    """Points of the quarter of the levels that is held out, (P,): one level drawn from every four neighbours.
-
-    Never an end of the range; none where a direction has fewer than FEWEST_TO_HOLD_OUT levels.
-    """
-    random, out = np.random.default_rng(seed), np.zeros(len(bench.points), dtype=bool)
-    number = levels_of(bench.points.n)
-    for sign in (1.0, -1.0):
-        own = np.unique(number[bench.points.n * sign > 0])
-        inner = own[1:-1]
-        if 0 < len(own) < FEWEST_TO_HOLD_OUT:
-            return np.zeros(len(bench.points), dtype=bool)
-        for start in range(0, len(inner) - 3, 4):
-            out |= number == inner[start + int(random.integers(4))]
-    return out
-
-
 def diagnose_thrusters(
     logs: ThrusterLogs,
     base: ThrusterMap,
@@ -217,7 +195,7 @@ def diagnose_thrusters(
         kept = _kept(hold_out, whole, thrusters, sides)
     floor, floor_from = noise_floor(whole)
     shape = start_shape(base, fitted, voltage)
-    found, fitted = _searched(fitted, shape, floor, seed)
+    found, fitted = search_around_faults(fitted, shape, floor, seed)
     word = verdict_of(found, floor, seed)
     effects = named_effects(found, floor) if word == "named" else ()
     final = found.final if word == "named" else found.base
@@ -257,26 +235,6 @@ def _kept(logs: ThrusterLogs, fitted: Bench, thrusters: int, sides: Sequence[str
         raise FitError(
             "the logs held out have no command in a direction that was fitted; hold out logs like those fitted"
         ) from None
-
-
-def _searched(bench: Bench, shape: Shape, floor: float, seed: int) -> tuple[Search, Bench]:
-    """The search, again without any stretch of readings that steps off the curve and back."""
-    found = search(bench, shape, seed)
-    for _ in range(MOST_STRETCHES):
-        here = broken_stretch(found.final, floor)
-        if here is None:
-            break
-        weight, flag = bench.points.weight.copy(), bench.points.flag.copy()
-        if np.all(flag[here] != ""):
-            break
-        weight[here] = BROKEN_WEIGHT
-        off = float(np.mean(found.final.residual[here]))
-        flag[here] = (
-            f"{abs(off):.3g} N off the curve from one reading to the next, and back again: faulty stretch"
-        )
-        bench = replace(bench, points=replace(bench.points, weight=weight, flag=flag))
-        found = search(bench, shape, seed)
-    return found, bench
 
 
 def _flagged(whole: Bench, here: np.ndarray, fitted: Bench) -> Bench:

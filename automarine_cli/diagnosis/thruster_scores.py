@@ -28,7 +28,7 @@ NULLS = 999
 CHANCE = 0.05
 DEAD = np.concatenate([np.arange(0.005, 0.05, 0.005), np.arange(0.05, 0.42, 0.025)])
 """Dead bands tried [share of the largest command]."""
-POWERS = (-0.8, -0.6, -0.4, -0.2, -0.1, 0.1, 0.2, 0.4, 0.6, 0.8)
+POWERS = (-0.8, -0.6, -0.4, -0.2, -0.1, -0.05, -0.02, 0.02, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8)
 """Changes of the exponent tried."""
 TOPS = np.concatenate([np.arange(0.35, 0.9, 0.05), np.arange(0.9, 1.0, 0.02)])
 """Saturations tried [share of the largest command]."""

@@ -1,6 +1,6 @@
 """Effects added to a thruster map one at a time, pruned and swapped; judged by cross-validation over levels."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import stats
@@ -8,9 +8,12 @@ from scipy import stats
 from automarine_cli.diagnosis.thruster_bench import Bench
 from automarine_cli.diagnosis.thruster_scores import CHANCE, Scores, score
 from automarine_cli.diagnosis.thruster_shapes import Fitted, Shape, fit_shape, form_of
+from automarine_cli.diagnosis.thruster_where import broken_stretch
 from automarine_cli.fits.thruster_points import Floats
 
 MOST_EFFECTS = 3
+BROKEN_WEIGHT = 0.01
+MOST_STRETCHES = 2
 ROUNDING = 1e-6
 """Errors below this share of full scale are rounding, not evidence."""
 
@@ -114,6 +117,26 @@ def search(bench: Bench, start: Shape, seed: int) -> Search:
     current, named = _pruned(fits, base, current, named)
     current, named, rivals = _swapped(fits, base, current, named)
     return Search(base, tuple(rounds), current, tuple(named), named, rivals)
+
+
+def search_around_faults(bench: Bench, shape: Shape, floor: float, seed: int) -> tuple[Search, Bench]:
+    """The search, again without any stretch of readings that steps off the curve and back."""
+    found = search(bench, shape, seed)
+    for _ in range(MOST_STRETCHES):
+        here = broken_stretch(found.final, floor)
+        if here is None:
+            break
+        weight, flag = bench.points.weight.copy(), bench.points.flag.copy()
+        if np.all(flag[here] != ""):
+            break
+        weight[here] = BROKEN_WEIGHT
+        off = float(np.mean(found.final.residual[here]))
+        flag[here] = (
+            f"{abs(off):.3g} N off the curve from one reading to the next, and back again: faulty stretch"
+        )
+        bench = replace(bench, points=replace(bench.points, weight=weight, flag=flag))
+        found = search(bench, shape, seed)
+    return found, bench
 
 
 def difference(worse: Floats, better: Floats, scale: float) -> tuple[float, float]:

@@ -28,6 +28,10 @@ MATERIAL = 0.005
 STRUCTURED = 0.01
 THROWS = 999
 PARAMETER = {"dead-band": "n_0", "thrust-exponent": "p", "saturation": "n_sat"}
+WORDS = {
+    "backward_over_forward": "thrust backward over forward at full command",
+    "share_lost": "share lost from first to last reading",
+}
 SAYS = {
     "dead-band": "The thruster gives nothing below a smallest command",
     "thrust-exponent": "Thrust grows with another power of the command than the map's",
@@ -201,5 +205,7 @@ def _worded(values: Mapping[str, Mapping[str, object]]) -> str:
     for name, value in values.items():
         number = value.get("value")
         text = f"{number:.3g}" if isinstance(number, float) else "beyond what was measured"
-        parts.append(f"{name.replace('_forward', ' forward').replace('_backward', ' backward')} = {text}")
+        parts.append(
+            f"{WORDS.get(name, name.replace('_forward', ' forward').replace('_backward', ' backward'))} = {text}"
+        )
     return ", ".join(parts)

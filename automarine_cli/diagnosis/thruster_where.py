@@ -11,6 +11,8 @@ from automarine_cli.fits.thruster_fit import SIDES
 from automarine_cli.fits.thruster_points import Floats, Ints
 
 BINS = 10
+IN_A_BIN = 4
+"""Points that a bin should hold: one point never stands out against shuffling."""
 SHUFFLES = 999
 CHANCE = 0.05
 SWEEP = 0.98
@@ -89,13 +91,22 @@ def variables(bench: Bench) -> dict[str, tuple[Floats, str]]:
     return found
 
 
+def gap_against(found: Fitted, variable: str) -> Floats:
+    """The residuals (P,) [N] as they are looked at: signed against n, else positive where it pulls more than the map.
+
+    What weakens or strengthens thrust both ways would cancel over the directions otherwise.
+    """
+    return found.residual if variable == "n" else found.residual * np.sign(found.bench.points.n)
+
+
 def bins_of(values: Floats) -> Ints:
-    """Number of the bin of each value, (P,): distinct values where there are few, else tenths of the points."""
+    """Number of the bin of each value, (P,): distinct values where few, else ranges of equally many points."""
     distinct, number = np.unique(values, return_inverse=True)
-    if len(distinct) <= BINS:
+    most = int(np.clip(len(values) // IN_A_BIN, 2, BINS))
+    if len(distinct) <= most:
         return np.asarray(number.ravel(), dtype=np.int64)
     rank = np.argsort(np.argsort(values, kind="stable"), kind="stable")
-    return np.asarray(rank * BINS // len(values), dtype=np.int64)
+    return np.asarray(rank * most // len(values), dtype=np.int64)
 
 
 def regions(found: Fitted, seed: int) -> tuple[Region, ...]:
@@ -104,12 +115,12 @@ def regions(found: Fitted, seed: int) -> tuple[Region, ...]:
     The p-value counts the largest bin of each shuffle, so that looking at every bin is paid for.
     """
     bench, random = found.bench, np.random.default_rng(seed)
-    rest = np.sqrt(bench.points.weight) * found.residual
-    if not np.any(np.abs(rest) > 1e-9 * bench.full_scale):
+    if not np.any(np.abs(found.residual) > 1e-9 * bench.full_scale):
         return ()
-    shuffled = random.permuted(np.tile(rest, (SHUFFLES, 1)), axis=1)
     result: list[Region] = []
     for name, (values, unit) in variables(bench).items():
+        rest = np.sqrt(bench.points.weight) * gap_against(found, name)
+        shuffled = random.permuted(np.tile(rest, (SHUFFLES, 1)), axis=1)
         place = bins_of(values)
         rows = (place[None, :] == np.arange(place.max() + 1)[:, None]).astype(float)
         if len(rows) < 2:

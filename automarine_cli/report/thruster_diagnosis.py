@@ -5,6 +5,15 @@ from automarine_cli.diagnosis.thruster_verdict import WELL_ABOVE
 from automarine_cli.report.tables import MISSING, Table, number
 
 SHOWN = 8
+SEEN = {
+    "dead-band": "a dead-band of {} in n",
+    "thrust-exponent": "an exponent {} off",
+    "saturation": "a saturation over the last {} of the range",
+    "thrust-asymmetry": "an asymmetry of {}",
+    "voltage-exponent": "a voltage exponent of {}",
+    "battery-sag": "a sag of {} over the measurement",
+}
+"""How the smallest size that would have been seen is said."""
 VARIABLE = {"n": "control signal", "voltage": "voltage", "run-order": "run order"}
 
 
@@ -40,9 +49,11 @@ def verdict_sentence(result: ThrusterDiagnosis) -> str:
         )
     if result.verdict == "nothing-missing":
         seen = [
-            f"{name} {number(size, 2)}" for name, size in sorted(result.smallest.items()) if size is not None
+            SEEN[name].format(number(size, 2))
+            for name, size in sorted(result.smallest.items())
+            if size is not None
         ]
-        limit = f" These levels would have shown: {', '.join(seen)}." if seen else ""
+        limit = f" These levels would have shown {listed(seen)}." if seen else ""
         return f"Nothing is missing from the {result.given.form} map that these levels could show.{limit}"
     near = f" It resembles {result.closest} most, which does not close it." if result.closest else ""
     return (

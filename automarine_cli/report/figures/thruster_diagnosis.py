@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from automarine_cli.diagnosis.thruster_bench import Bench
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.diagnosis.thruster_shapes import Fitted
-from automarine_cli.diagnosis.thruster_where import bins_of, variables
+from automarine_cli.diagnosis.thruster_where import bins_of, gap_against, variables
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, legend, new_figure
 
 LABEL = {"n": "Control signal n", "voltage": "Supply voltage", "run-order": "Run order"}
@@ -35,13 +35,12 @@ def where_figure(result: ThrusterDiagnosis) -> Figure:
         panel.axhspan(
             -2 * result.gap.floor, 2 * result.gap.floor, color="0.8", lw=0, label="± 2 × noise floor"
         )
-        panel.plot(
-            values, base.residual, "o", color=COLOURS["grey"], markersize=2.0, alpha=0.5, label="a level"
-        )
-        _binned(panel, values, base.residual)
+        rest = gap_against(base, name)
+        panel.plot(values, rest, "o", color=COLOURS["grey"], markersize=2.0, alpha=0.5, label="a level")
+        _binned(panel, values, rest)
         shown = "" if unit == "reading" else f" [{unit}]"
         panel.set_xlabel(f"{LABEL[name]}{shown}")
-        panel.set_ylabel("Measured − map [N]")
+        panel.set_ylabel("Measured − map [N]" if name == "n" else "Pulls more than the map [N]")
     legend(axes[0, 0], loc="best", ncols=2)
     figure.suptitle(
         f"Where the {result.given.form} map is wrong: {_percent(result, result.gap.before)} of full scale"
@@ -88,7 +87,8 @@ def why_figure(result: ThrusterDiagnosis) -> Figure:
         panel.plot(along, extra, color=AFTER, label="what the named effects add")
     panel.set_xlabel(f"Control signal n [{result.bench.n_unit or 'as logged'}]")
     panel.set_ylabel("Gap of the map as it was [N]")
-    panel.set_title("The shape of the gap")
+    volts = f" (curve at {result.final.reference:.3g} V)" if result.final.shape.voltage else ""
+    panel.set_title(f"The shape of the gap{volts}")
     legend(panel, loc="best")
     return figure
 
