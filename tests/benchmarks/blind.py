@@ -30,6 +30,7 @@ from automarine_cli.diagnosis.gap import gap
 from automarine_cli.diagnosis.scores import probes
 from automarine_cli.diagnosis.search import Trial, add_effect
 from automarine_cli.diagnosis.verdict import base_estimates
+from automarine_cli.errors import AutomarineError
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.tables import Table
 
@@ -270,18 +271,29 @@ def main() -> None:
     if not cases:
         parser.error(f"no case has {options.only!r} in its name; effects are {', '.join((*LAWS, *STRANGE))}")
     outcomes: list[Outcome] = []
+    refused: list[str] = []
     with ProcessPoolExecutor(options.jobs) as pool:
-        waiting = [pool.submit(run_case, case) for case in cases]
+        waiting = {pool.submit(run_case, case): case for case in cases}
         for done, future in enumerate(as_completed(waiting), 1):
-            outcomes.append(future.result())
+            try:
+                outcomes.append(future.result())
+            except (
+                AutomarineError
+            ) as refusal:  # one campaign that cannot be diagnosed must not end the others
+                refused.append(f"{waiting[future].name}: {refusal}")
+                print(f"{done}/{len(cases)} {refused[-1]}", file=sys.stderr, flush=True)
+                continue
             last = outcomes[-1]
             line = f"{done}/{len(cases)} {last.case}: {last.outcome} {last.named} {last.seconds:.0f} s"
             print(line, file=sys.stderr, flush=True)
+    if not outcomes:
+        raise SystemExit("no campaign could be diagnosed")
     order = {case.name: i for i, case in enumerate(cases)}
     outcomes.sort(key=lambda o: order[o.case])
     table = marks(outcomes)
     print(table.to_text())
     print(failures(outcomes).to_text())
+    print(f"Refused: {'; '.join(refused) or 'none'}")
     options.out.parent.mkdir(parents=True, exist_ok=True)
     kept = {
         "marks": [dict(zip(table.header, row)) for row in table.rows],
