@@ -1,5 +1,10 @@
 """Fixtures that every test may use."""
 
+import os
+
+for _library in ("OPENBLAS", "OMP", "MKL"):  # as the console script does, before numpy comes
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+
 from collections.abc import Callable
 from pathlib import Path
 

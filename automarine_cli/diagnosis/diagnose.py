@@ -76,7 +76,7 @@ def diagnose_runs(
         study=study,
         found=found,
         effects=named,
-        gap=gap(study, found.base, found.final),
+        gap=gap(study, found.base, found.final, fitted=True),
         held_out=held_out,
         held_out_gap=None if held_out is None else gap(held_out, found.base, found.final),
         detectable=judge.detectable(study, found),

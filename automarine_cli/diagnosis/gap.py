@@ -28,18 +28,20 @@ class Gap:
     residuals_after: Floats
 
 
-def gap(study: Study, base: Trial, final: Trial) -> Gap:
-    """The gap of the base and of the final model on the runs of `study`, which need not be those that were fitted."""
-    before, after = residuals(study, base), residuals(study, final)
+def gap(study: Study, base: Trial, final: Trial, fitted: bool = False) -> Gap:
+    """The gap of the base and of the final model on the runs of `study`; `fitted` if both were fitted to these."""
+    before, after = residuals(study, base, fitted), residuals(study, final, fitted)
     return Gap(_size(study, before), _size(study, after), study.floor, before, after)
 
 
-def residuals(study: Study, trial: Trial) -> Floats:
+def residuals(study: Study, trial: Trial, fitted: bool = False) -> Floats:
     """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means."""
     problem = study.problem(trial.model)
+    if fitted:
+        return np.where(problem.seen, problem.measured - trial.fit.fitted, 0.0)
     variances = np.append(np.log(trial.fit.noise), np.log(np.maximum(trial.fit.factors, SMALLEST_FACTOR)))
-    fitted = run_effects_given(problem, problem.search(trial.fit.theta), variances)[1]
-    return np.where(problem.seen, problem.measured - fitted, 0.0)
+    simulated = run_effects_given(problem, problem.search(trial.fit.theta), variances)[1]
+    return np.where(problem.seen, problem.measured - simulated, 0.0)
 
 
 def _size(study: Study, residual: Floats) -> float:

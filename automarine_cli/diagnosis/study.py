@@ -132,17 +132,36 @@ def study_of(runs: Sequence[Run], base: YawModel, disturbed: bool | None = None)
 
 
 def run_effects_given(
-    problem: Problem, phi: Floats, variances: Floats, rounds: int = 4
+    problem: Problem, phi: Floats, variances: Floats, rounds: int = 12
 ) -> tuple[Floats, Floats]:
     """Posterior means of the run effects (R, q) of runs that were not fitted, and the headings with them (R, N).
 
-    `phi` and `variances` come from other runs; each round linearises about the last run effects.
+    `phi` and `variances` come from other runs. Each round linearises about the last run effects and takes, run by
+    run, the share of the step that fits best, so that no run can wander.
     """
+    scale = problem.effects.deviation(variances)
+    shares = np.array([1.0, 0.5, 0.2])[:, None, None]
+
+    def costs(fitted: Floats, b: Floats) -> Floats:
+        residual = np.where(problem.seen, problem.measured - fitted, 0.0)
+        penalty = np.divide(b, scale, out=np.zeros_like(b), where=scale > 0) ** 2
+        return np.asarray((residual**2).sum(axis=-1) / np.exp(2.0 * variances[0]) + penalty.sum(axis=-1))
+
     b = np.zeros_like(problem.effects.scale)
+    fitted, by_phi, by_run = derivatives(problem, phi, b)
     for _ in range(rounds):
-        fitted, by_phi, by_run = derivatives(problem, phi, b)
         residual = np.where(problem.seen, problem.measured - fitted, 0.0)
         data = residual + by_phi @ phi + np.einsum("rnq,rq->rn", by_run, b)
         gram = linear_mixed.Gram.of(by_phi, by_run, data, problem.seen.sum(axis=1))
-        b = linear_mixed.posterior_mean(gram, problem.effects, variances, phi)
-    return b, problem.headings(phi, b)
+        step = linear_mixed.posterior_mean(gram, problem.effects, variances, phi) - b
+        trials = b + shares * step
+        tried = problem.response(np.tile(problem.natural(phi), (len(trials), 1)), trials)
+        found = np.stack([costs(h, e) for h, e in zip(tried, trials)])
+        best, now = found.argmin(axis=0), costs(fitted, b)
+        better = found.min(axis=0) < now * (1.0 - 1e-6)
+        if not better.any():
+            break
+        runs = np.arange(len(b))
+        b = np.where(better[:, None], trials[best, runs], b)
+        fitted, by_phi, by_run = derivatives(problem, phi, b)
+    return b, fitted

@@ -85,7 +85,7 @@ def gains_wander(study: Study, trial: Trial) -> bool:
 
 def hangs_together(study: Study, trial: Trial) -> bool:
     """Whether neighbouring residuals agree more than chance allows (lag-one correlation over all runs, p < 0.001)."""
-    left = residuals(study, trial)
+    left = residuals(study, trial, fitted=True)
     seen = study.batch.seen[:, 1:]
     product = (left[:, 1:] * left[:, :-1])[seen].sum()
     correlation = product / max((left**2).sum(), 1e-300)

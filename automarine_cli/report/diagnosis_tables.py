@@ -1,0 +1,40 @@
+"""What the terminal shows of a yaw diagnosis: the verdict in a sentence, and its tables."""
+
+import numpy as np
+
+from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.report.diagnosis_page_tables import gap_table
+from automarine_cli.report.tables import Table, interval, number
+
+
+def verdict_sentence(diagnosis: Diagnosis) -> str:
+    """The verdict in one sentence with its numbers."""
+    before, after, floor = (
+        f"{np.degrees(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
+    )
+    if diagnosis.verdict == "named":
+        names = " and ".join(effect.name for effect in diagnosis.effects)
+        return (
+            f"Named: {names}; the gap falls from {before} to {after} deg (noise of the heading {floor} deg)."
+        )
+    if diagnosis.verdict == "unexplained":
+        return f"Unexplained: the gap is {after} deg where the noise of the heading is {floor} deg."
+    return f"Nothing missing that these runs could show: gap {before} deg, noise of the heading {floor} deg."
+
+
+def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
+    """Effects with their parameters, gap, and the best candidates."""
+    rows = [
+        (effect.name, name, interval(estimate), estimate.unit, f"{effect.confidence:.0%}")
+        for effect in diagnosis.effects
+        for name, estimate in effect.parameters.items()
+    ]
+    found = diagnosis.found.rounds[0]
+    best = sorted(found.trials, key=lambda trial: trial.evidence)[:5]
+    evidence = Table(
+        "Candidates", ("effect", "evidence gained"),
+        tuple((trial.added[-1], number(found.gain(trial), 3)) for trial in best),
+        notes=(f"Chance reaches {number(found.threshold, 2)} in 2 of 100 campaigns.",),
+    )  # fmt: skip
+    effects = Table("Effects", ("effect", "parameter", "estimate", "unit", "confidence"), tuple(rows))
+    return (*((effects,) if rows else ()), gap_table(diagnosis), evidence)

@@ -1,0 +1,250 @@
+"""`diagnose`: where simulation and measurement disagree, which effect is missing, and the gap that it closes."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.diagnosis.search import Trial
+from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.verdict import NamedEffect, base_estimates, gap_json, parameter_estimates
+from automarine_cli.diagnosis.where import Where, find_where
+from automarine_cli.errors import SettingError
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.output_error import run_covariance
+from automarine_cli.logs import ColumnMap, LogFile, read_column_map
+from automarine_cli.models.store import StoredModels, load_yaw_models
+from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.report import diagnosis_report, diagnosis_tables, thruster_diagnosis
+from automarine_cli.report.tables import Table
+from automarine_cli.runs.load import load_runs, refused_by_strict
+from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.workflows.diagnose_thrusters import ThrusterDiagnosis, diagnose_thrusters, is_thruster_map
+from automarine_cli.workflows.moments import with_moments
+
+FILES = ("diagnosis.json", "extended_model.json", "diagnosis.md", "where.png", "why.png", "before_after.png")
+
+
+@dataclass(frozen=True)
+class YawDiagnosis:
+    """A diagnosis with what it was asked of: the stored model, its file's hash, and the runs left out."""
+
+    diagnosis: Diagnosis
+    where: Where
+    stored: StoredModels
+    parent_sha256: str
+    set_aside: tuple[SetAside, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The result file: schema automarine/diagnosis/1."""
+        found = self.diagnosis.found
+        held = self.diagnosis.held_out_gap
+        moved = base_estimates(self.diagnosis.study, found.final)
+        before = base_estimates(self.diagnosis.study, found.base)
+        return {
+            "schema": "automarine/diagnosis/1",
+            "verdict": self.diagnosis.verdict,
+            "model": self.stored.preferred,
+            "moment_unit": self.stored.moment_unit,
+            "effects": [_effect_json(effect) for effect in self.diagnosis.effects],
+            "where": [region.to_json() for region in self.where.regions],
+            "gap": {
+                "fitted_runs": gap_json(self.diagnosis.gap),
+                "held_out_runs": None if held is None else gap_json(held),
+            },
+            "candidates": [
+                {"name": trial.added[-1], "gain": found.rounds[0].gain(trial)}
+                for trial in sorted(found.rounds[0].trials, key=lambda trial: trial.evidence)
+            ],
+            "threshold": found.rounds[0].threshold,
+            "base": {
+                name: {"before": before[name].to_json(), "after": moved[name].to_json()} for name in before
+            },
+            "smallest_visible": {k: v for k, v in self.diagnosis.detectable.items() if np.isfinite(v)},
+            "open_water": self.diagnosis.study.disturbed,
+            "held_out": []
+            if self.diagnosis.held_out is None
+            else [r.name for r in self.diagnosis.held_out.runs],
+            "runs": {
+                "used": len(self.diagnosis.study.runs),
+                "set_aside": [asdict(run) for run in self.set_aside],
+            },
+        }
+
+    def tables(self) -> list[Table | str]:
+        """What the terminal shows: verdict, effects, gap, candidates."""
+        lines = [diagnosis_tables.verdict_sentence(self.diagnosis)]
+        for effect in self.diagnosis.effects:
+            lines.append(f"{effect.name}: {effect.says}")
+            lines += [
+                f"Not excluded is {rival.name} (weight {rival.confidence:.0%}): {rival.split_by}"
+                for rival in effect.rivals
+            ]
+        return [*lines, *diagnosis_tables.tables(self.diagnosis)]
+
+    def extended_model(self) -> dict[str, Any]:
+        """The base model with the effects named, refitted together: a yaw-model that `validate` and `diagnose` take."""
+        study, named = self.diagnosis.study, self.diagnosis.verdict == "named"
+        trial = self.diagnosis.found.final if named else self.diagnosis.found.base
+        return extended_model(study, trial, self.stored, self.parent_sha256)
+
+
+def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha256: str) -> dict[str, Any]:
+    """A yaw-model file of one model with its effects, and the hash of the file that it grew from."""
+    base = base_estimates(study, trial)
+    drag = {name: base[name].to_json() for name in ("k_rr", "k_r", "I_r") if name in base}
+    angle = None
+    if "k_rr" in base:
+        covariance = run_covariance(trial.fit)
+        spread = float(np.sqrt(max(covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1], 0.0)))
+        angle = Estimate.from_log(
+            base["I_r"].value / base["k_rr"].value, spread, len(study.runs) - 1, "rad"
+        ).to_json()
+    added = [term.name for term in trial.model.terms if term.name not in ("linear-drag", "quadratic-drag")]
+    added += [name for name in trial.added if name in ("linear-drag", "quadratic-drag")]
+    return {
+        "schema": "automarine/yaw-model/1",
+        "moment_unit": stored.moment_unit,
+        "fitted_to": "whole runs",
+        "models": {stored.preferred: {**drag, "output_error": drag, "velocity_error": None, "sse": None}},
+        "preferred": stored.preferred,
+        "preferred_because": f"Model {stored.preferred} was the base of the diagnosis.",
+        "inertial_turn_angle_rad": angle,
+        "effects": [
+            {
+                "name": name,
+                "parameters": {k: e.to_json() for k, e in parameter_estimates(study, trial, name).items()},
+            }
+            for name in added
+        ],
+        "heading_noise_deg": float(np.degrees(trial.fit.noise)),
+        "parent": {"file": stored.source, "sha256": parent_sha256},
+    }
+
+
+def _effect_json(effect: NamedEffect) -> dict[str, Any]:
+    return {
+        "name": effect.name,
+        "says": effect.says,
+        "parameters": {name: estimate.to_json() for name, estimate in effect.parameters.items()},
+        "confidence": effect.confidence,
+        "p_value": effect.p_value,
+        "rivals": [asdict(rival) for rival in effect.rivals],
+    }
+
+
+def diagnose(
+    logs: Sequence[str | Path],
+    *,
+    model: Path,
+    hold_out: Sequence[str | Path] = (),
+    columns: Path | ColumnMap | None = None,
+    thrusters: Path | None = None,
+    arm: float | None = None,
+    out: Path | None = None,
+    overwrite: bool = False,
+    strict: bool = False,
+    seed: int = 0,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> YawDiagnosis:
+    """Diagnose the preferred model of the file `model` on yaw logs.
+
+    `hold_out` logs are never fitted; without any a quarter of the runs, drawn with `seed`, is held out. Writes the
+    results if `out` is given. Raises LogError, RunError, ModelError, FitError, SettingError or OutputError.
+    """
+    stored = load_yaw_models(model)
+    names = (
+        columns if isinstance(columns, ColumnMap) else read_column_map(columns) if columns else ColumnMap()
+    )
+    runs, aside, files = _runs(logs, names, thrusters, arm, strict, jobs, progress, stored)
+    kept, more_aside, more = (
+        (None, (), ())
+        if not hold_out
+        else _runs(hold_out, names, thrusters, arm, strict, jobs, progress, stored)
+    )
+    parent = hashlib.sha256(model.read_bytes()).hexdigest()
+
+    def work() -> YawDiagnosis:
+        base = stored.models[stored.preferred]
+        found = diagnose_runs(
+            runs, base, hold_out=kept, seed=seed,
+            each=lambda function, items, stage: ordered_map(function, items, jobs, progress=progress, stage=stage),
+        )  # fmt: skip
+        where = find_where(found.study, found.found.base, seed)
+        return YawDiagnosis(found, where, stored, parent, (*aside, *more_aside))
+
+    if out is None:
+        return work()
+    inputs = [(file.name, file.path) for file in (*files, *more)] + [(model.name, model)]
+    inputs += [(path.name, path) for path in (columns, thrusters) if isinstance(path, Path)]
+    options = {
+        "model": model,
+        "hold_out": [str(Path(log).name) for log in hold_out],
+        "columns": columns if isinstance(columns, Path) else None,
+        "thrusters": thrusters,
+        "arm": arm,
+        "strict": strict,
+    }
+    with result_folder(
+        out, command="diagnose", options=options, inputs=inputs, seed=seed, overwrite=overwrite
+    ) as folder:
+        result = work()
+        folder.write_json("diagnosis.json", result.to_json())
+        folder.write_json("extended_model.json", result.extended_model())
+        for name, content in diagnosis_report.files(result.diagnosis, result.where):
+            folder.write(name, content)
+    return result
+
+
+def diagnose_any(
+    logs: Sequence[str | Path],
+    *,
+    model: Path,
+    thrusters: Path | None = None,
+    arm: float | None = None,
+    **settings: Any,
+) -> "YawDiagnosis | ThrusterDiagnosis":
+    """`diagnose` for a yaw model, `diagnose_thrusters` for a thruster map, by the schema of the file `model`."""
+    if is_thruster_map(model):
+        if thrusters is not None or arm is not None:
+            raise SettingError(f"{model.name} is a thruster map: --thrusters and --arm belong to a yaw model")
+        return diagnose_thrusters(logs, model=model, **settings)
+    return diagnose(logs, model=model, thrusters=thrusters, arm=arm, **settings)
+
+
+def terminal(result: "YawDiagnosis | ThrusterDiagnosis") -> list[Table | str]:
+    """What the terminal shows of either kind of diagnosis."""
+    if isinstance(result, YawDiagnosis):
+        return result.tables()
+    return [*thruster_diagnosis.sentences(result), *thruster_diagnosis.tables(result)]
+
+
+def _runs(
+    logs: Sequence[str | Path],
+    names: ColumnMap,
+    thrusters: Path | None,
+    arm: float | None,
+    strict: bool,
+    jobs: int,
+    progress: Progress,
+    stored: StoredModels,
+) -> tuple[list[Run], tuple[SetAside, ...], tuple[LogFile, ...]]:
+    """Runs that a diagnosis can use, with their moments, in the model's unit."""
+    campaign = load_runs(logs, names, strict=strict, progress=progress, jobs=jobs)
+    runs = with_moments(campaign.runs, thrusters, arm, names)
+    units = {run.moment_unit for run in runs if run.moment is not None}
+    if units - {stored.moment_unit}:
+        raise SettingError(
+            f"{stored.source} is a model of moments in {stored.moment_unit}, the logs give {', '.join(sorted(units))}; "
+            "fit a model to these logs first, or map their moment with --columns"
+        )
+    if strict and campaign.set_aside:
+        raise refused_by_strict(campaign.set_aside[0])
+    return list(runs), campaign.set_aside, campaign.inputs
