@@ -67,6 +67,11 @@ class Study:
         return float(np.mean([run.extras[kind].mean() for run in self.runs]))
 
     @cached_property
+    def logger_delay(self) -> float:
+        """Half a sample interval [s]: a delay up to that is the logger's convention, none of the vehicle."""
+        return 0.5 * float(np.median([run.sample_period for run in self.runs]))
+
+    @cached_property
     def floor(self) -> float:
         """Noise of the heading measured apart from any model, root mean square over runs [rad]."""
         noise = np.array([heading_noise(run.time, run.heading) for run in self.runs])
@@ -84,7 +89,9 @@ class Study:
             own = i < len(self.base.terms)
             for parameter, value in zip(effects.get(term.name).parameters, term.values):
                 fixed = bool(parameter.reference)
-                bounds.append((value, value) if fixed else (parameter.lower, parameter.upper))
+                logger = self.logger_delay if term.name == "input-delay" and not own else -np.inf
+                lower = max(parameter.lower, logger)
+                bounds.append((value, value) if fixed else (lower, parameter.upper))
                 positive.append(parameter.log or (own and parameter.name == main))
         scale = problem.effects.scale.copy()
         if not self.disturbed:
