@@ -99,7 +99,11 @@ def automarine() -> None:
 
 def main() -> None:
     """The console script."""
-    for library in ("OPENBLAS", "OMP", "MKL"):  # our matrices are small: threads cost more than they bring, and
+    for library in (
+        "OPENBLAS",
+        "OMP",
+        "MKL",
+    ):  # our matrices are small: threads cost more than they bring, and
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")  # sums in another order would be other bytes
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError, ValueError):

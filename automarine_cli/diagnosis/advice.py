@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.search import Found, Trial
 from automarine_cli.diagnosis.study import Study
-from automarine_cli.errors import FitError
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.models.yaw_model import steady_rate
@@ -42,42 +41,12 @@ class Advice:
 
 def split_by(study: Study, found: Found) -> dict[tuple[str, str], str]:
     """For each rival in `found`: the run that would tell it from the effect named, by (effect, rival)."""
-    sentences = {}
-    for rival in found.rivals:
-        trial = rival_trial(study, found, rival.replaces, rival.name)
-        if trial is not None:
-            sentences[rival.replaces, rival.name] = suggest(
-                study, found.final, trial, rival.replaces, rival.name
-            ).sentence
-    return sentences
-
-
-def rival_trial(study: Study, found: Found, effect: str, rival: str) -> Trial | None:
-    """The final model with `rival` in the place of `effect`, refitted; None where no fit is found."""
-    start = next(
-        (
-            trial.model.terms[-1].values
-            for this in found.rounds
-            for trial in this.trials
-            if trial.added[-1] == rival and effect not in this.before.added
-        ),
-        None,
-    )
-    if start is None:
-        return None
-    model = study.base.with_theta(found.final.model.theta[: len(study.base.theta)])
-    for term in found.final.model.terms[len(study.base.terms) :]:
-        model = (
-            model.with_effect(rival, start)
-            if term.name == effect
-            else model.with_effect(term.name, term.values)
-        )
-    try:
-        fit = study.fit(model, np.append(model.theta, found.final.fit.theta[-1]), found.final.fit)
-    except (FitError, np.linalg.LinAlgError):
-        return None
-    added = tuple(rival if name == effect else name for name in found.final.added)
-    return Trial(added, model.with_theta(fit.theta[:-1]), fit, np.nan)
+    return {
+        (rival.replaces, rival.name): suggest(
+            study, found.final, rival.trial, rival.replaces, rival.name
+        ).sentence
+        for rival in found.rivals
+    }
 
 
 def suggest(study: Study, final: Trial, rival: Trial, name: str, rival_name: str) -> Advice:

@@ -6,7 +6,7 @@ penalty, the run as the unit; the threshold is what the best of all candidates r
 in which nothing is missing; runs predicted from the others have a veto.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -34,6 +34,8 @@ BRIEF = 5
 """Iterations that every candidate's fit gets; only those in the running are fitted to the end."""
 RUNNING = 0.5
 """Share of the best gain, all fits being brief, that keeps a candidate in the running; so does being within REACH."""
+SETTLED_EVIDENCE = 0.5
+"""Gain in evidence below which a swap is not worth another look: fits are settled to less."""
 REACH = 60.0
 """Candidates this far behind the best by a full fit are no rivals of it."""
 
@@ -64,11 +66,12 @@ class Round:
 
 @dataclass(frozen=True)
 class Rival:
-    """An explanation that the runs cannot exclude: what it replaces and how far behind it is (deviance)."""
+    """An explanation that the runs cannot exclude: what it replaces, how far behind it is (deviance), its fit."""
 
     replaces: str
     name: str
     behind: float
+    trial: Trial
 
 
 @dataclass(frozen=True)
@@ -102,9 +105,11 @@ def search(study: Study, seed: int, each: Map) -> Found:
             break
         p_values[best.added[-1]] = this.scores.p_value(this.gain(best))
         current = best
-    current = _improve(study, current, rounds, each)
-    names = {name: p_values.get(name, min(p_values.values(), default=1.0)) for name in current.added}
-    return Found(study, base, current, tuple(rounds), names, tuple(_rivals(study, current, rounds, each)))
+    current, around = _reconsider(study, current, rounds[0], seed + MOST_EFFECTS, each)
+    for name, this in around.items():
+        p_values[name] = this.scores.p_value(this.before.evidence - current.evidence)
+    names = {name: p_values[name] for name in current.added}
+    return Found(study, base, current, tuple(rounds), names, _rivals(current, around))
 
 
 def independent_share(study: Study, fit: MixedFit) -> float:
@@ -165,62 +170,57 @@ def _predicts(trial: Trial, current: Trial) -> bool:
     return float(trial.fit.predictive.sum()) > float(current.fit.predictive.sum())
 
 
-def _replaced(study: Study, trial: Trial, out: str, into: tuple[str, Floats] | None) -> Trial | None:
-    """The trial's model with one effect taken out and, if given, another put in, refitted."""
+def _without(study: Study, trial: Trial, out: str) -> Trial | None:
+    """The trial's model with one effect taken out, refitted."""
     own = len(study.base.terms)
     kept = [term for term in trial.model.terms[own:] if term.name != out]
     model = study.base.with_theta(trial.model.theta[: len(study.base.theta)])
     for term in kept:
         model = model.with_effect(term.name, term.values)
-    added = tuple(term.name for term in kept)
-    if into is not None:
-        model = model.with_effect(*into)
-        added = (*added, into[0])
     try:
         fit = study.fit(model, np.append(model.theta, trial.fit.theta[-1]), trial.fit)
     except (FitError, np.linalg.LinAlgError):
         return None
-    return _trial(study, model, added, fit)
+    return _trial(study, model, tuple(term.name for term in kept), fit)
 
 
-def _starts(rounds: Sequence[Round], name: str) -> list[tuple[str, Floats]]:
-    """Candidates that came near `name` in the round in which it was added, with their fitted values."""
-    for this in rounds:
-        own = [t for t in this.trials if t.added[-1] == name]
-        if own and this.gain(own[0]) > this.threshold and name not in this.before.added:
-            near = [t for t in this.trials if t.evidence - own[0].evidence < REACH and t.added[-1] != name]
-            near.sort(key=lambda t: t.evidence)
-            return [(t.added[-1], np.array(t.model.terms[-1].values)) for t in near[:5]]
-    return []
+def _reconsider(
+    study: Study, current: Trial, first: Round, seed: int, each: Map
+) -> tuple[Trial, dict[str, Round]]:
+    """Take each effect out in turn and ask again what is missing: swap it for a better one, or leave it out.
 
-
-def _improve(study: Study, current: Trial, rounds: Sequence[Round], each: Map) -> Trial:
-    """Swap effects for nearby candidates while that helps, then remove what no longer pays."""
+    What was found first may mimic two effects at once, and is then better replaced when the other is known. Also
+    returns, for each effect that stays, the round in which it competes with what could stand in its place.
+    """
     if len(current.added) < 2:
-        return current
-    for name in current.added:
-        swaps = [into for into in _starts(rounds, name) if into[0] not in current.added]
-        found = each(partial(_swap, study, current, name), swaps, "swapping effects")
-        better = [trial for trial in found if trial is not None and trial.evidence < current.evidence]
-        current = min(better, key=lambda trial: trial.evidence, default=current)
-    for name in current.added:
-        without = _replaced(study, current, name, None)
-        if without is not None and without.evidence - current.evidence < rounds[0].threshold:
-            current = without
-    return current
+        return current, dict.fromkeys(current.added, first)
+    around: dict[str, Round] = {}
+    waiting, steps = list(current.added), 0
+    while waiting and steps < 3 * MOST_EFFECTS:
+        steps += 1
+        name = waiting.pop(0)
+        without = _without(study, current, name)
+        if without is None:
+            continue
+        this = _round(study, without, seed + steps, each, whole=False)
+        best = min((*this.trials, current), key=lambda trial: trial.evidence)
+        if without.evidence - best.evidence <= this.threshold:
+            best = without
+        if best.evidence < current.evidence - SETTLED_EVIDENCE or best is without:
+            current, around, waiting = best, {}, list(best.added)
+        else:
+            around[name] = this
+    if len(current.added) == 1:
+        around = dict.fromkeys(current.added, first)
+    return current, around
 
 
-def _swap(study: Study, current: Trial, out: str, into: tuple[str, Floats]) -> Trial | None:
-    return _replaced(study, current, out, into)
-
-
-def _rivals(study: Study, final: Trial, rounds: Sequence[Round], each: Map) -> list[Rival]:
+def _rivals(final: Trial, around: Mapping[str, Round]) -> tuple[Rival, ...]:
     """What could stand in each effect's place without losing more than TIE."""
-    found = []
-    for name in final.added:
-        others = [into for into in _starts(rounds, name) if into[0] not in final.added]
-        trials = each(partial(_swap, study, final, name), others, "looking for rivals")
-        for trial in trials:
-            if trial is not None and trial.evidence - final.evidence < TIE:
-                found.append(Rival(name, trial.added[-1], max(trial.evidence - final.evidence, 0.0)))
-    return sorted(found, key=lambda rival: rival.behind)
+    found = [
+        Rival(name, trial.added[-1], max(trial.evidence - final.evidence, 0.0), trial)
+        for name, this in around.items()
+        for trial in this.trials
+        if trial.added[-1] != name and trial.evidence - final.evidence < TIE
+    ]
+    return tuple(sorted(found, key=lambda rival: rival.behind))

@@ -25,8 +25,7 @@ class InputDelay(Effect):
         (delay,) = values
         shape = np.broadcast_shapes(commands.moment.shape, commands.length.shape, delay.shape)
         moment, begin, length, late = (
-            np.broadcast_to(x, shape)
-            for x in (commands.moment, commands.start, commands.length, delay)
+            np.broadcast_to(x, shape) for x in (commands.moment, commands.start, commands.length, delay)
         )
         before = np.broadcast_to(commands.before, (shape[1], 1))
         out = np.empty(shape)

@@ -13,7 +13,7 @@ class PeriodicDisturbance(Effect):
     parameters = (
         Parameter("A", "amplitude of the sine", "{moment}", -float("inf"), float("inf"), 0.03),
         Parameter("B", "amplitude of the cosine", "{moment}", -float("inf"), float("inf"), 0.0),
-        Parameter("T", "period", "s", 0.3, 60.0, 3.0, scan=tuple(1.0 * 1.06**i for i in range(50)), log=True),
+        Parameter("T", "period", "s", 0.3, 20.0, 3.0, scan=tuple(1.0 * 1.06**i for i in range(48)), log=True),
     )
     equation = "A sin(2 pi t/T) + B cos(2 pi t/T)"
     says = "A moment comes and goes with a fixed period, as waves or a sloshing pool would make it."

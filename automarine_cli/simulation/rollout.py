@@ -62,7 +62,9 @@ def simulate(
     )
     terms = list(model.unpack(theta))
     commands = batch.commands(start.shift)
-    forward = replace(commands, length=np.maximum(commands.length, 0.0))  # for those who only know time to pass
+    forward = replace(
+        commands, length=np.maximum(commands.length, 0.0)
+    )  # for those who only know time to pass
     for effect, values in terms:
         if effect.place is Place.ACTUATOR:
             wide = tuple(v[..., None] for v in values)
