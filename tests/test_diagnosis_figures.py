@@ -104,7 +104,7 @@ def test_nothing_missing_says_what_would_have_been_seen(nothing: Shown) -> None:
     assert diagnosis.verdict == "nothing-missing" and where.regions == ()
     text = page(*nothing)
     assert text.startswith("# Diagnosis") and "Nothing is missing that these runs could show" in text
-    assert "## What these runs would have shown" in text and "| dead-band | delta |" in text
+    assert "## What these runs would have shown" in text and "| dead-band | width |" in text
     assert "Add two reversals" in text
 
 

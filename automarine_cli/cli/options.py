@@ -108,7 +108,7 @@ model_option = click.option(
     type=_FILE,
     required=True,
     metavar="FILE",
-    help="A yaw_model.json (or thrusters.json) of a fit.",
+    help="A yaw_model.json of a fit (for diagnose also a thrusters.json).",
 )
 """`model`: Path."""
 

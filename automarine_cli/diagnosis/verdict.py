@@ -17,8 +17,10 @@ from automarine_cli.fits.output_error import run_covariance
 
 Floats = NDArray[np.float64]
 
-WELL_ABOVE = 1.06
-"""Residual noise over the floor from which runs may hold something more; the floor itself is known to about 1 %."""
+WELL_ABOVE = 0.05
+FLOOR_ERROR = 1.5
+"""Residual noise may exceed the floor by this share, or by three standard errors of the floor, FLOOR_ERROR/sqrt(samples)
+each, before runs may hold something more."""
 LEFT_OVER = 0.3
 """Share of the excess variance over the floor that may stay when an effect is named."""
 
@@ -55,7 +57,8 @@ def verdict_of(study: Study, found: Found) -> str:
     wander with the campaign's clock, for a gain a run can follow anything that changes slowly, and no residual shows.
     """
     excess = [max((trial.fit.noise / study.floor) ** 2 - 1.0, 0.0) for trial in (found.base, found.final)]
-    loud = found.final.fit.noise > WELL_ABOVE * study.floor and not study.disturbed
+    margin = max(WELL_ABOVE, 3.0 * FLOOR_ERROR / float(np.sqrt(study.batch.seen.sum())))
+    loud = found.final.fit.noise > (1.0 + margin) * study.floor and not study.disturbed
     if (
         loud
         and hangs_together(study, found.final)

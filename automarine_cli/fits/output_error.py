@@ -179,9 +179,8 @@ def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
                 f"model {number} leads by {-gap:.1f} ± {error:.1f}, too little to pay for another parameter"
             )
         elif gap <= 2.0 * error:
-            parts.append(
-                f"it is level with model {number}, which has more parameters ({gap:.1f} ± {error:.1f})"
-            )
+            more = ", which has more parameters" if parameters[number] > parameters[chosen] else ""
+            parts.append(f"it is level with model {number}{more} ({gap:.1f} ± {error:.1f})")
         else:
             parts.append(f"it leads model {number} by {gap:.1f} ± {error:.1f}")
     because = f"Model {chosen} predicts runs left out of the fit best or as well as any simpler one: in log density "

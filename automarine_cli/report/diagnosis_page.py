@@ -181,7 +181,7 @@ def _remains(diagnosis: Diagnosis, budget: Mapping[str, float]) -> str:
     gap = diagnosis.gap
     ratio = gap.after / max(gap.floor, 1e-12)
     text = f"The gap that is left is {ratio:.2f} times the noise of the heading."
-    if ratio < judge.WELL_ABOVE:
+    if ratio < 1.0 + judge.WELL_ABOVE:
         return text + " That is the floor: these runs hold nothing more that could be fitted."
     if diagnosis.study.disturbed:
         return text + " In open water wind, waves and current hold the rest."

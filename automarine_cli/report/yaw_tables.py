@@ -45,8 +45,9 @@ def drag_table(
             *(number(float(ml[m].mixed.predictive.sum()), 6) if m in ml else MISSING for m in MODELS),
         ),
     ]
+    squared = f"({unit})²" if " " in unit else f"{unit}²"
     unit_note = (
-        f"Moment [{unit}], k_r|r| [{unit} s²], k_r [{unit} s], SSE [{unit}²]; brackets are 95 % intervals."
+        f"Moment [{unit}], k_r|r| [{unit} s²], k_r [{unit} s], SSE [{squared}]; brackets are 95 % intervals."
     )
     return Table("Table 1. Identified yaw models: drag", HEADER, tuple(rows), (3, 7), (unit_note, *notes))
 

@@ -37,7 +37,11 @@ def validation_figure(free: Mapping[str, FreeRun], floor_deg: float) -> Figure:
     shown = {model: one for model, one in free.items() if not one.diverged}
     for model, one in shown.items():
         error = np.rad2deg(one.error)
-        style = {"color": MODEL_COLOURS[model], "linestyle": MODEL_LINES[model], "zorder": 3}
+        style = {
+            "color": MODEL_COLOURS[model],
+            "linestyle": MODEL_LINES[model],
+            "zorder": 4 if model == "2" else 3,
+        }
         label = f"model {model}: rmse {number(float(np.sqrt(np.mean(error**2))), 2)} deg"
         headings.plot(*_broken(time, np.rad2deg(one.heading), run.sample_period), label=label, **style)
         errors.plot(*_broken(time, error, run.sample_period), linewidth=1.0, **style)
