@@ -76,7 +76,10 @@ class Rival:
 
 @dataclass(frozen=True)
 class Found:
-    """Outcome of a search: the study as judged, base and final model, rounds, p-value of each effect added, rivals."""
+    """Outcome of a search: the study as judged, base and final model, rounds, p-value of each effect added, rivals.
+
+    `more` says that after MOST_EFFECTS effects another candidate would still beat chance.
+    """
 
     study: Study
     base: Trial
@@ -84,6 +87,7 @@ class Found:
     rounds: tuple[Round, ...]
     p_values: dict[str, float]
     rivals: tuple[Rival, ...]
+    more: bool = False
 
     def weight(self, name: str) -> float:
         """Weight of an effect of the final model against its rivals."""
@@ -109,7 +113,14 @@ def search(study: Study, seed: int, each: Map) -> Found:
     for name, this in around.items():
         p_values[name] = this.scores.p_value(this.before.evidence - current.evidence)
     names = {name: p_values[name] for name in current.added}
-    return Found(study, base, current, tuple(rounds), names, _rivals(current, around))
+    more = len(current.added) == MOST_EFFECTS and _wants_more(study, current, seed)
+    return Found(study, base, current, tuple(rounds), names, _rivals(current, around), more)
+
+
+def _wants_more(study: Study, current: Trial, seed: int) -> bool:
+    """Whether the best candidate beyond the current model would, by its score, still beat chance."""
+    scores = score(study, current.model, current.fit, candidates(study, current.model), seed)
+    return bool(scores.ranked) and scores.ranked[0].penalised > max(scores.threshold(LEVEL), 0.0)
 
 
 def independent_share(study: Study, fit: MixedFit) -> float:

@@ -19,8 +19,8 @@ Floats = NDArray[np.float64]
 
 WELL_ABOVE = 0.05
 FLOOR_ERROR = 1.5
-"""Residual noise may exceed the floor by this share, or by three standard errors of the floor, FLOOR_ERROR/sqrt(samples)
-each, before runs may hold something more."""
+"""Residual noise may exceed the floor by this share, or by three standard errors of the floor (FLOOR_ERROR over the root
+of the samples), before runs may hold something more."""
 LEFT_OVER = 0.3
 """Share of the excess variance over the floor that may stay when an effect is named."""
 
@@ -54,7 +54,8 @@ def verdict_of(study: Study, found: Found) -> str:
 
     Unexplained are runs whose residuals stand well above the floor and hang together in time, when what was added
     closes less than most of that gap: the candidate then only fits least badly. So are runs whose own gains of thrust
-    wander with the campaign's clock, for a gain a run can follow anything that changes slowly, and no residual shows.
+    wander with the campaign's clock, for a gain a run can follow anything that changes slowly, and no residual shows;
+    and runs that would take more effects than anybody should believe.
     """
     excess = [max((trial.fit.noise / study.floor) ** 2 - 1.0, 0.0) for trial in (found.base, found.final)]
     margin = max(WELL_ABOVE, 3.0 * FLOOR_ERROR / float(np.sqrt(study.batch.seen.sum())))
@@ -68,6 +69,8 @@ def verdict_of(study: Study, found: Found) -> str:
     scatter = [trial.fit.factors[0] ** 2 for trial in (found.base, found.final)]
     unnamed = not found.final.added or scatter[1] > LEFT_OVER * scatter[0]
     if unnamed and not study.disturbed and gains_wander(study, found.final):
+        return "unexplained"
+    if found.more and not study.disturbed:
         return "unexplained"
     return "named" if found.final.added else "nothing-missing"
 
