@@ -19,8 +19,8 @@ Floats = NDArray[np.float64]
 
 WELL_ABOVE = 0.05
 FLOOR_ERROR = 1.5
-"""Residual noise may exceed the floor by this share, or by three standard errors of the floor (FLOOR_ERROR over the root
-of the samples), before runs may hold something more."""
+"""Residual noise may exceed the floor by this share, or by three standard errors of the floor (FLOOR_ERROR over the
+root of the samples), before runs may hold something more."""
 LEFT_OVER = 0.3
 """Share of the excess variance over the floor that may stay when an effect is named."""
 
