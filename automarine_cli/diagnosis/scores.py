@@ -111,6 +111,8 @@ def score(study: Study, model: YawModel, fit: MixedFit, names: Sequence[str], se
     fitted, by_phi, by_run = derivatives(problem, fit.phi, fit.run_effects)
     columns = np.concatenate([_responses(study, model, fit, probe) - fitted for probe in every])
     columns = np.where(problem.seen, columns, 0.0)
+    sane = np.isfinite(columns).all(axis=(1, 2), keepdims=True)
+    columns = np.where(sane, columns, 0.0)  # a probe that runs away says nothing
     j = np.concatenate([by_phi, np.moveaxis(columns, 0, 2)], axis=2)
     residual = np.where(problem.seen, problem.measured - fitted, 0.0)
     data = residual + np.einsum("rnq,rq->rn", by_run, fit.run_effects)

@@ -104,11 +104,14 @@ def search(study: Study, seed: int, each: Map) -> Found:
     while len(current.added) < MOST_EFFECTS:
         this = _round(study, current, seed + len(rounds), each, whole=not rounds)
         rounds.append(this)
-        best = min(this.trials, key=lambda trial: trial.evidence, default=None)
-        if best is None or this.gain(best) <= this.threshold or not _predicts(best, current):
+        current = this.before
+        able = [t for t in this.trials if this.gain(t) > this.threshold and _predicts(t, current)]
+        best = min(able, key=lambda trial: trial.evidence, default=None)
+        if best is None:
             break
         p_values[best.added[-1]] = this.scores.p_value(this.gain(best))
         current = best
+    base = rounds[0].before
     current, around = _reconsider(study, current, rounds[0], seed + MOST_EFFECTS, each)
     for name, this in around.items():
         p_values[name] = this.scores.p_value(this.before.evidence - current.evidence)
@@ -150,7 +153,23 @@ def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> R
     running = [trial for trial in trials if trial.evidence < least and not trial.fit.converged]
     settled = each(partial(_settle, study, current), [(t.added[-1], t.fit.theta) for t in running], "fitting")
     done = {trial.added[-1]: trial for trial in (*trials, *settled) if trial is not None}
+    current = _from_elsewhere(study, current, sorted(done.values(), key=lambda trial: trial.evidence)[:3])
     return Round(current, scores, tuple(done.values()), max(scores.threshold(LEVEL), 0.0))
+
+
+def _from_elsewhere(study: Study, current: Trial, trials: Sequence[Trial]) -> Trial:
+    """The current model fitted again from where the best trials ended, if that is better: a candidate must not win by
+    leading the base out of a valley in which its own fit had stopped."""
+    own = len(current.model.theta)
+    for trial in trials if study.disturbed else trials[:1]:
+        theta = np.append(trial.fit.theta[:own], trial.fit.theta[-1])
+        try:
+            again = _trial(study, current.model, current.added, study.fit(current.model, theta, trial.fit))
+        except (FitError, np.linalg.LinAlgError):
+            continue
+        if again.evidence < current.evidence - SETTLED_EVIDENCE:
+            current = again
+    return current
 
 
 def add_effect(
@@ -214,7 +233,8 @@ def _reconsider(
         if without is None:
             continue
         this = _round(study, without, seed + steps, each, whole=False)
-        best = min((*this.trials, current), key=lambda trial: trial.evidence)
+        able = [trial for trial in this.trials if _predicts(trial, without)]
+        best = min((*able, current), key=lambda trial: trial.evidence)
         if without.evidence - best.evidence <= this.threshold:
             best = without
         if best.evidence < current.evidence - SETTLED_EVIDENCE or best is without:

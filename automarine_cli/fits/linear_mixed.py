@@ -10,7 +10,7 @@ never formed.
 Shapes: runs R, parameters p, run effects q.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,11 @@ class Gram:
             left @ by_theta, left @ by_run, right @ by_run, (left @ w)[..., 0], (right @ w)[..., 0],
             (residual**2).sum(axis=1), present, count
         )  # fmt: skip
+
+    def keep(self, free: NDArray[np.int64]) -> "Gram":
+        """The same with only the parameters `free`; the others stay where they are, as at a bound."""
+        jj = self.jj[:, free][:, :, free]
+        return replace(self, jj=jj, jv=self.jv[:, free], jw=self.jw[:, free])
 
 
 @dataclass(frozen=True)

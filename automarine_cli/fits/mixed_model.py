@@ -77,7 +77,8 @@ def fit_mixed(
     converged, stuck, point = False, False, _first(problem, phi, b)
     while step < iterations and not (converged or stuck):
         step += 1
-        variances = linear_mixed.choose_variances(point.gram, problem.effects, variances)
+        inside = point.gram.keep(np.flatnonzero(~_at_bound(point.phi, bounds)))
+        variances = linear_mixed.choose_variances(inside, problem.effects, variances)
         weighted = linear_mixed.weigh(point.gram, problem.effects, variances)
         change = linear_mixed.least_squares(weighted, 0.0 * phi, bounds - point.phi[:, None])
         new_b = linear_mixed.posterior_mean(point.gram, problem.effects, variances, change)
@@ -189,6 +190,11 @@ def _followed(problem: Problem, variances: Floats, phi: Floats, b: Floats, limit
     return None
 
 
+def _at_bound(phi: Floats, bounds: Floats) -> NDArray[np.bool_]:
+    """Which parameters stand at one of their bounds, (p,)."""
+    return (phi - bounds[:, 0] < 1e-9) | (bounds[:, 1] - phi < 1e-9)
+
+
 def _report(
     problem: Problem,
     point: _Point,
@@ -200,7 +206,7 @@ def _report(
     phi, gram = point.phi, point.gram
     weighted = linear_mixed.weigh(gram, problem.effects, variances)
     hessian = weighted.hessian.sum(axis=0)
-    at_bound = (phi - bounds[:, 0] < 1e-9) | (bounds[:, 1] - phi < 1e-9)
+    at_bound = _at_bound(phi, bounds)
     free = np.flatnonzero(~at_bound)
     grid = np.ix_(free, free)
     covariance = np.zeros_like(hessian)
@@ -210,8 +216,9 @@ def _report(
     for i in range(len(left_out) if len(left_out) > 1 else 0):
         rest, pull = hessian - weighted.hessian[i], push.sum(axis=0) - push[i]
         left_out[i, free] += linear_mixed.solve_scaled(rest[grid], pull[free])
-    ml = linear_mixed.choose_variances(gram, problem.effects, variances, restricted=False)
-    ml_deviance = linear_mixed.deviance(gram, problem.effects, ml, restricted=False)
+    inside = gram.keep(free)  # what a bound stopped may not be profiled out beyond it
+    ml = linear_mixed.choose_variances(inside, problem.effects, variances, restricted=False)
+    ml_deviance = linear_mixed.deviance(inside, problem.effects, ml, restricted=False)
     return MixedFit(
         theta=problem.natural(phi),
         phi=phi,
@@ -227,6 +234,6 @@ def _report(
         at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)),
         iterations=iterations,
         converged=converged,
-        gram=gram,
+        gram=inside,
         effects=problem.effects,
     )
