@@ -102,7 +102,12 @@ def search(study: Study, seed: int, each: Map) -> Found:
     base = _trial(study, study.base, (), first)
     current, rounds, p_values = base, list[Round](), dict[str, float]()
     while len(current.added) < MOST_EFFECTS:
-        this = _round(study, current, seed + len(rounds), each, whole=not rounds)
+        try:
+            this = _round(study, current, seed + len(rounds), each, whole=not rounds)
+        except FitError:
+            if not rounds:
+                raise
+            break
         rounds.append(this)
         current = this.before
         able = [t for t in this.trials if this.gain(t) > this.threshold and _predicts(t, current)]
@@ -115,14 +120,17 @@ def search(study: Study, seed: int, each: Map) -> Found:
     current, around = _reconsider(study, current, rounds[0], seed + MOST_EFFECTS, each)
     for name, this in around.items():
         p_values[name] = this.scores.p_value(this.before.evidence - current.evidence)
-    names = {name: p_values[name] for name in current.added}
+    names = {name: p_values.get(name, LEVEL) for name in current.added}
     more = len(current.added) == MOST_EFFECTS and _wants_more(study, current, seed)
     return Found(study, base, current, tuple(rounds), names, _rivals(current, around), more)
 
 
 def _wants_more(study: Study, current: Trial, seed: int) -> bool:
     """Whether the best candidate beyond the current model would, by its score, still beat chance."""
-    scores = score(study, current.model, current.fit, candidates(study, current.model), seed)
+    try:
+        scores = score(study, current.model, current.fit, candidates(study, current.model), seed)
+    except FitError:
+        return False
     return bool(scores.ranked) and scores.ranked[0].penalised > max(scores.threshold(LEVEL), 0.0)
 
 
@@ -232,7 +240,10 @@ def _reconsider(
         without = _without(study, current, name)
         if without is None:
             continue
-        this = _round(study, without, seed + steps, each, whole=False)
+        try:
+            this = _round(study, without, seed + steps, each, whole=False)
+        except FitError:  # simulations beside this fit run away: it cannot be asked
+            continue
         able = [trial for trial in this.trials if _predicts(trial, without)]
         best = min((*able, current), key=lambda trial: trial.evidence)
         if without.evidence - best.evidence <= this.threshold:
