@@ -34,6 +34,10 @@ BRIEF = 5
 """Iterations that every candidate's fit gets; only those in the running are fitted to the end."""
 RUNNING = 0.5
 """Share of the best gain, all fits being brief, that keeps a candidate in the running; so does being within REACH."""
+MATTERS = 0.1
+"""Share of all evidence gained that an effect beyond MOST_EFFECTS would have to gain for the runs to be unexplained."""
+TRIFLE = 0.05
+"""Share of all evidence gained below which one of MOST_EFFECTS effects counts as mending the form of another."""
 SETTLED_EVIDENCE = 0.5
 """Gain in evidence below which a swap is not worth another look: fits are settled to less."""
 REACH = 60.0
@@ -120,18 +124,35 @@ def search(study: Study, seed: int, each: Map) -> Found:
     current, around = _reconsider(study, current, rounds[0], seed + MOST_EFFECTS, each)
     for name, this in around.items():
         p_values[name] = this.scores.p_value(this.before.evidence - current.evidence)
+    more = False
+    if len(current.added) == MOST_EFFECTS:
+        total, next_gain = base.evidence - current.evidence, _next_gain(study, current, seed)
+        more = next_gain > MATTERS * total
+        if 0.0 < next_gain <= MATTERS * total:
+            current, around = _without_menders(study, current, around, TRIFLE * total)
     names = {name: p_values.get(name, LEVEL) for name in current.added}
-    more = len(current.added) == MOST_EFFECTS and _wants_more(study, current, seed)
     return Found(study, base, current, tuple(rounds), names, _rivals(current, around), more)
 
 
-def _wants_more(study: Study, current: Trial, seed: int) -> bool:
-    """Whether the best candidate beyond the current model would, by its score, still beat chance."""
+def _next_gain(study: Study, current: Trial, seed: int) -> float:
+    """What the best candidate beyond the current model would gain by its score; zero where that is within chance."""
     try:
         scores = score(study, current.model, current.fit, candidates(study, current.model), seed)
     except FitError:
-        return False
-    return bool(scores.ranked) and scores.ranked[0].penalised > max(scores.threshold(LEVEL), 0.0)
+        return 0.0
+    best = scores.ranked[0].penalised if scores.ranked else 0.0
+    return best if best > max(scores.threshold(LEVEL), 0.0) else 0.0
+
+
+def _without_menders(
+    study: Study, current: Trial, around: dict[str, Round], trifle: float
+) -> tuple[Trial, dict[str, Round]]:
+    """Take out effects that hold no more evidence than `trifle`: where even MOST_EFFECTS leave something small,
+    they mend the form of another one's law."""
+    for name, this in sorted(around.items(), key=lambda item: item[1].before.evidence):
+        if this.before.evidence - current.evidence < trifle and len(current.added) > 1:
+            current = _without(study, current, name) or current
+    return current, {name: this for name, this in around.items() if name in current.added}
 
 
 def independent_share(study: Study, fit: MixedFit) -> float:
