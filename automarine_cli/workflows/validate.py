@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +11,9 @@ from automarine_cli.comparison.residuals import FreeRun
 from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.comparison.scores import SCORES, RunScore, rate_source
 from automarine_cli.comparison.validation import Comparison, Scored, compare
-from automarine_cli.errors import AutomarineError, ModelError, RunError, SettingError
+from automarine_cli.errors import AutomarineError, ModelError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, read_column_map
-from automarine_cli.models.propulsion import drive_run_by_thrusters
-from automarine_cli.models.store import StoredModels, load_thruster_map, load_yaw_models
+from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.pipeline.outputs import ResultFolder, file_stems, result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
@@ -25,6 +23,7 @@ from automarine_cli.report.tables import Table
 from automarine_cli.report.validation_tables import overall_table, run_table, score_table
 from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
 from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.workflows.moments import moment_maker
 
 SCHEMA = "automarine/validation/1"
 MEANING = {
@@ -126,7 +125,7 @@ def validate(
     names = (
         columns if isinstance(columns, ColumnMap) else read_column_map(columns) if columns else ColumnMap()
     )
-    drive = _drive(thrusters, arm, names)
+    drive = moment_maker(thrusters, arm, names)
     campaign = load_runs(logs, names, strict=strict, progress=progress, jobs=jobs)
     runs, aside = _usable(campaign.runs, stored, drive)
     if strict and aside:
@@ -152,18 +151,6 @@ def validate(
         result = Validation(stored, compare(stored, runs, seed, progress), left_out)
         _write(folder, result, figures, jobs, progress)
     return result
-
-
-def _drive(thrusters: Path | None, arm: float | None, columns: ColumnMap) -> Callable[[Run], Run] | None:
-    """What makes the moment of thruster commands, at lever arm `arm` [m] (default: the column map's `arm_m`)."""
-    if thrusters is None:
-        if arm is not None:
-            raise SettingError("--arm goes with the thrusters' map; give --thrusters MAP.json too")
-        return None
-    length = columns.defaults.get("arm_m") if arm is None else arm
-    if not isinstance(length, int | float):
-        raise SettingError("--thrusters makes moments only with the thrusters' lever arm; give --arm METRES")
-    return partial(drive_run_by_thrusters, thrusters=load_thruster_map(thrusters), arm=float(length))
 
 
 def _usable(
