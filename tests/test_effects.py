@@ -26,7 +26,7 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.search import Trial
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.diagnosis.verdict import parameter_estimates
-from automarine_cli.effects import Effect, Place
+from automarine_cli.effects import Effect, Motion, Place
 from automarine_cli.effects.base import EVEN, MIXED, ODD
 from automarine_cli.errors import ModelError
 from automarine_cli.models.yaw_model import YawModel
@@ -116,6 +116,15 @@ def test_methods_are_those_of_its_place(name: str) -> None:
     }
     assert own == {wanted[effect.place]}
     assert bool(effect.states) == ("derivatives" in vars(type(effect)))
+
+
+@EVERY_EFFECT
+def test_says_whether_it_asks_for_the_heading(name: str) -> None:
+    """Without `steered` the simulator gives no heading: what asks for one all the same must not pass unnoticed."""
+    effect, one = effects.get(name), np.ones((1, 1))
+    values = tuple(np.full((1, 1), value) for value in sizes_of(effect))
+    unknown = Motion(one * np.nan, one * np.nan, one, 0.5 * one, one, one, dict.fromkeys(effect.needs, one))
+    assert np.isnan(effect.moment(unknown, values)).any() == effect.steered
 
 
 # What it does to a simulation

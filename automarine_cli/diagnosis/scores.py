@@ -109,7 +109,7 @@ def score(study: Study, model: YawModel, fit: MixedFit, names: Sequence[str], se
     problem = study.problem(model)
     every = [probe for name in names for probe in probes(study, name)]
     fitted, by_phi, by_run = derivatives(problem, fit.phi, fit.run_effects)
-    columns = np.concatenate([_responses(study, model, fit, probe) - fitted for probe in every])
+    columns = np.concatenate([_responses(study, model, fit, name, every) for name in names]) - fitted
     columns = np.where(problem.seen, columns, 0.0)
     sane = np.isfinite(columns).all(axis=(1, 2), keepdims=True)
     columns = np.where(sane, columns, 0.0)  # a probe that runs away says nothing
@@ -143,13 +143,13 @@ def score(study: Study, model: YawModel, fit: MixedFit, names: Sequence[str], se
     return Scores(tuple(ranked), null)
 
 
-def _responses(study: Study, model: YawModel, fit: MixedFit, probe: Probe) -> Floats:
-    """Headings (m, R, N) of the fitted model with the candidate added at each of the probe's values."""
-    wider = model.with_effect(probe.effect, probe.values[0])
-    problem = study.problem(wider)
-    count = len(probe.values)
+def _responses(study: Study, model: YawModel, fit: MixedFit, name: str, every: Sequence[Probe]) -> Floats:
+    """Headings (m, R, N) of the fitted model with the candidate added at each value of each of its probes."""
+    values = np.concatenate([probe.values for probe in every if probe.effect == name])
+    problem = study.problem(model.with_effect(name, values[0]))
+    count = len(values)
     theta = np.concatenate(
-        [np.tile(fit.theta[:-1], (count, 1)), probe.values, np.full((count, 1), fit.theta[-1])], axis=1
+        [np.tile(fit.theta[:-1], (count, 1)), values, np.full((count, 1), fit.theta[-1])], axis=1
     )
     return problem.response(theta, np.tile(fit.run_effects, (count, 1, 1)))
 

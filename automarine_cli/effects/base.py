@@ -11,7 +11,8 @@ Recipe: one file in this folder, one subclass of `Effect` with
 2. `parameters`, in the order in which the methods take them, each with unit, bounds, start, and the value at
    which the effect is off, so that the model with the effect switched off is exactly the model without it;
 3. one of the methods: `deliver` for actuators, `moment` for moments, `read` for sensors; and `states` with
-   `derivatives` where the effect carries a state of its own (water that turns, a thruster that lags).
+   `derivatives` where the effect carries a state of its own (water that turns); `steered = True` where the moment
+   depends on the heading.
 
 The folder is the registry: `effects.get("my-effect")` and the contract test find the new file by themselves.
 Every method is a pure function of arrays of shape (P, R), parameter sets by runs, or shapes that broadcast
@@ -78,27 +79,27 @@ class Parameter:
         return self.unit.format(moment=moment_unit)
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Motion:
     """State of all runs under all parameter sets at one instant: arrays that broadcast to (P, R).
 
-    `heading` psi [rad, unwrapped, true], `turned` the same since the run's start, `rate` r [rad/s], `water` rate of
-    the water [rad/s], `delivered` moment after the actuators, `time` in the run [s], `signals` other logged columns
-    held over the step.
+    `heading` psi [rad, unwrapped, true], `origin` the same at the run's start, `rate` r [rad/s], `slip` the rate
+    through the water [rad/s], on which drag depends, `delivered` moment after the actuators, `time` in the run [s],
+    `signals` other logged columns held over the step. The simulator fills it in anew for every instant.
     """
 
     heading: Floats
-    turned: Floats
+    origin: Floats
     rate: Floats
-    water: Floats | float
+    slip: Floats
     delivered: Floats
     time: Floats
     signals: Mapping[str, Floats]
 
     @property
-    def slip(self) -> Floats:
-        """Rate of the vehicle through the water [rad/s]: what drag depends on."""
-        return self.rate - self.water
+    def turned(self) -> Floats:
+        """Angle turned since the run's start [rad]."""
+        return self.heading - self.origin
 
 
 @dataclass(frozen=True)
@@ -133,6 +134,8 @@ class Effect:
     parity: ClassVar[str] = EVEN
     states: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
+    steered: ClassVar[bool] = False
+    """Whether the moment depends on the heading; without such an effect the simulator sums the heading at the end."""
 
     @property
     def shapes(self) -> tuple[bool, ...]:

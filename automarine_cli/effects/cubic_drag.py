@@ -19,4 +19,4 @@ class CubicDrag(Effect):
 
     def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
         (k_rrr,) = values
-        return -k_rrr * motion.slip**3
+        return -k_rrr * motion.slip * motion.slip * motion.slip

@@ -24,16 +24,16 @@ class InputDelay(Effect):
         """Mean of the delayed command over each step: the delayed impulse is exact for any delay."""
         (delay,) = values
         shape = np.broadcast_shapes(commands.moment.shape, commands.length.shape, delay.shape)
-        moment, begin, length, late = (
-            np.broadcast_to(x, shape) for x in (commands.moment, commands.start, commands.length, delay)
-        )
-        before = np.broadcast_to(commands.before, (shape[1], 1))
-        out = np.empty(shape)
-        for p in range(shape[0]):
-            for r in range(shape[1]):
-                ends = begin[p, r] + length[p, r]
-                nodes = np.concatenate([[begin[p, r, 0] - FAR, begin[p, r, 0]], ends])
-                gained = np.concatenate([[-FAR * before[r, 0], 0.0], np.cumsum(moment[p, r] * length[p, r])])
-                passed = np.interp(np.concatenate([begin[p, r, :1], ends]) - late[p, r, 0], nodes, gained)
-                out[p, r] = np.diff(passed) / np.maximum(length[p, r], 1e-12)
-        return np.where(length > 1e-9, out, moment)
+        rows = (shape[0] * shape[1], shape[2])
+        moment, length = (np.broadcast_to(x, shape).reshape(rows) for x in (commands.moment, commands.length))
+        begin = np.broadcast_to(commands.start, shape)[..., :1].reshape(-1, 1)
+        late = np.broadcast_to(delay, (*shape[:2], 1)).reshape(-1, 1)
+        before = np.broadcast_to(commands.before, (*shape[:2], 1)).reshape(-1, 1)
+        nodes = begin + np.concatenate([-FAR + 0.0 * begin, 0.0 * begin, np.cumsum(length, axis=1)], axis=1)
+        gained = np.concatenate([-FAR * before, 0.0 * begin, np.cumsum(moment * length, axis=1)], axis=1)
+        # One interpolation for all rows: each has a stretch of the axis of its own, with room before and after it.
+        own = np.arange(rows[0])[:, None] * (float(np.ptp(nodes)) + 2.0 * FAR)
+        asked = np.maximum(nodes[:, 1:] - late, nodes[:, :1]) + own
+        passed = np.interp(asked.ravel(), (nodes + own).ravel(), gained.ravel()).reshape(asked.shape)
+        out = np.diff(passed, axis=1) / np.maximum(length, 1e-12)
+        return np.where(length > 1e-9, out, moment).reshape(shape)

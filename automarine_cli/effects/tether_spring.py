@@ -17,6 +17,7 @@ class TetherSpring(Effect):
     mistaken_for = ("water-swirl", "linear-drag")
     separated_by = "a long turn and back again: a spring helps the way back, swirl resists it"
     source = "stiffness G J / L of a twisted cable; Feldman (1979) on tow cables"
+    steered = True
 
     def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
         (kappa,) = values

@@ -177,7 +177,7 @@ def choose_variances(gram: Gram, effects: RunEffects, start: Floats, *, restrict
     limits = [(np.log(1e-9), np.log(1e3)), *factors]
     best = optimize.minimize(
         lambda v: deviance_and_slope(gram, effects, v, restricted=restricted), np.clip(start, *np.transpose(limits)),
-        jac=True, bounds=limits, method="L-BFGS-B", options={"ftol": 1e-13, "gtol": 1e-6},
+        jac=True, bounds=limits, method="L-BFGS-B", options={"ftol": 1e-11, "gtol": 1e-3},
     )  # fmt: skip
     return np.asarray(best.x)
 

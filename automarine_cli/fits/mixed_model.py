@@ -30,6 +30,10 @@ __all__ = ["MixedFit", "Problem", "derivatives", "fit_mixed"]
 
 Floats = NDArray[np.float64]
 
+PHI_STEP = 1e-6
+"""Step of the one-sided differences by phi, as a share of it or of a tenth: truncation and rounding are then both some
+1e-6 of the derivative."""
+
 RUN_STEP = 1e-6
 """Step of the one-sided differences by run effects, whose scales are all of the order of one."""
 
@@ -108,23 +112,22 @@ class _Point:
 
 
 def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
-    """Headings (R, N), their derivatives by phi (R, N, p), central, and by the run effects (R, N, q),
-    one-sided.
+    """Headings (R, N), their derivatives by phi (R, N, p) and by the run effects (R, N, q), one-sided differences.
 
-    A run effect that can only be zero is not perturbed.
+    A run effect that can only be zero is not perturbed. Steps point away from zero, so that a mirrored campaign has
+    the mirrored derivatives.
     """
     free = np.flatnonzero(problem.effects.scale.any(axis=0))
     p, q = len(phi), len(free)
-    step = 1e-5 * np.maximum(np.abs(phi), 1e-1)
-    sets = np.tile(phi, (1 + 2 * p + q, 1))
-    effects = np.tile(b, (1 + 2 * p + q, 1, 1))
+    step = PHI_STEP * np.where(phi < 0, -1.0, 1.0) * np.maximum(np.abs(phi), 1e-1)
+    sets = np.tile(phi, (1 + p + q, 1))
+    effects = np.tile(b, (1 + p + q, 1, 1))
     sets[np.arange(1, 1 + p), np.arange(p)] += step
-    sets[np.arange(1 + p, 1 + 2 * p), np.arange(p)] -= step
-    effects[np.arange(1 + 2 * p, 1 + 2 * p + q), :, free] += RUN_STEP
+    effects[np.arange(1 + p, 1 + p + q), :, free] += RUN_STEP
     out = np.where(problem.seen, problem.response(problem.natural(sets), effects), 0.0)
-    by_phi = (out[1 : 1 + p] - out[1 + p : 1 + 2 * p]) / (2.0 * step[:, None, None])
     by_run = np.zeros((b.shape[1], *out.shape[1:]))
-    by_run[free] = (out[1 + 2 * p :] - out[0]) / RUN_STEP
+    by_run[free] = (out[1 + p :] - out[0]) / RUN_STEP
+    by_phi = (out[1 : 1 + p] - out[0]) / step[:, None, None]
     return out[0], np.moveaxis(by_phi, 0, 2), np.moveaxis(by_run, 0, 2)
 
 
