@@ -20,7 +20,7 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs.csv_head import Head, read_head
 from automarine_cli.logs.formats import Format, RawLog
 from automarine_cli.logs.text import MISSING, numbers
-from automarine_cli.logs.words import quoted
+from automarine_cli.pipeline.words import quoted
 
 _EMPTIED = re.compile(rb"^[ \t]*(?:#[^\r\n]*)?(?=\r?$)", re.MULTILINE)  # comments and lines of blanks
 _SIGNATURES = {

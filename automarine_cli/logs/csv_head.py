@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.text import decoded, is_missing, is_number
-from automarine_cli.logs.words import quoted
+from automarine_cli.pipeline.words import quoted
 
 DELIMITERS = (";", "\t", ",")  # a tie goes to the first: with ; and tab the comma may be the decimal one
 SAMPLE_LINES = 64

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.formats import suffix_of, suffixes
-from automarine_cli.logs.words import printable, quoted
+from automarine_cli.pipeline.words import printable, quoted
 
 
 @dataclass(frozen=True)

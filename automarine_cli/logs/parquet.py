@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.words import printable
+from automarine_cli.pipeline.words import printable
 
 _INDEX = "__index_level_"  # what pandas writes beside the columns
 

@@ -16,7 +16,7 @@ from automarine_cli.logs.find import LogFile
 from automarine_cli.logs.formats import RawLog, format_of, suffixes
 from automarine_cli.logs.table import Floats, LogTable
 from automarine_cli.logs.text import decoded, first_not_a_number, first_not_a_timestamp, seconds_of_timestamps
-from automarine_cli.logs.words import listed, printable, quoted
+from automarine_cli.pipeline.words import listed, printable, quoted
 
 
 @dataclass(frozen=True)

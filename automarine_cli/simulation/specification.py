@@ -12,7 +12,9 @@ from typing import Literal
 from automarine_cli import effects as library
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.yaw_model import Term, YawModel
+from automarine_cli.pipeline.plain_data import told
 from automarine_cli.pipeline.recipe import from_mapping, read_mapping
+from automarine_cli.pipeline.words import printable
 from automarine_cli.simulation.checks import at_least_zero, between, positive, safe_path
 from automarine_cli.simulation.run_groups import Format, Levels, RunGroup, group_from, levels_of
 
@@ -225,14 +227,14 @@ class _Raw:
 
 def read_specification(path: Path) -> Specification:
     """The specification in a TOML (or JSON) file. Raises SettingError with file and key."""
-    return specification_from(read_mapping(path), path.name)
+    return specification_from(read_mapping(path), printable(path.name))
 
 
 def specification_from(mapping: Mapping[str, object], where: str = "specification") -> Specification:
     """The specification held by plain data; `where` names it in messages. Raises SettingError."""
     if mapping.get("schema") != SCHEMA:
         raise SettingError(
-            f'{where}: schema is {mapping.get("schema")!r}; expected the line schema = "{SCHEMA}"'
+            f'{where}: schema: found {told(mapping.get("schema"))}, expected the line schema = "{SCHEMA}"'
         )
     raw = from_mapping(_Raw, mapping, where)
     if not raw.runs and raw.bollard is None:

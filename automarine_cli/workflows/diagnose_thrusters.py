@@ -1,6 +1,5 @@
 """`diagnose` on bollard tests: where a thruster map and its measurements disagree, why, and the map that closes it."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from automarine_cli.errors import ModelError, RunError, SettingError
 from automarine_cli.logs import ColumnMap, read_column_map
 from automarine_cli.models.thruster_map import SCHEMA, ThrusterMap
 from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import thruster_diagnosis as page
 from automarine_cli.report.figures import thruster_diagnosis as figures
@@ -29,10 +29,9 @@ FILES = (
 def is_thruster_map(model: Path) -> bool:
     """Whether a model file says that it is a thruster map; False for anything that cannot be read."""
     try:
-        data = json.loads(model.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return read_plain(model, "JSON", ModelError).get("schema") == SCHEMA
+    except ModelError:
         return False
-    return isinstance(data, dict) and data.get("schema") == SCHEMA
 
 
 def diagnose_thrusters(
@@ -107,12 +106,7 @@ def diagnose_thrusters(
 
 def _base(model: Path) -> tuple[ThrusterMap, bool]:
     """The map, and whether its file says how thrust follows the voltage."""
-    try:
-        data = json.loads(model.read_text(encoding="utf-8"))
-    except OSError as problem:
-        raise ModelError(f"{model.name}: cannot be read ({problem.strerror})") from None
-    except ValueError as problem:
-        raise ModelError(f"{model.name}: is not JSON ({problem})") from None
+    data = read_plain(model, "JSON", ModelError)
     found = ThrusterMap.from_json(data, model.name)
     voltage = data.get("voltage_exponent")
     return found, isinstance(voltage, dict) and "reference_V" in voltage
