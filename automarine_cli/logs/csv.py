@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.csv_head import Head, read_head
-from automarine_cli.logs.formats import Format, RawLog
+from automarine_cli.logs.formats import Format, RawLog, most_unpacked, too_well_packed
 from automarine_cli.logs.text import MISSING, numbers
 from automarine_cli.pipeline.words import quoted
 
@@ -30,7 +30,8 @@ _SIGNATURES = {
     b"\xff\xfe": "is UTF-16 text; expected UTF-8 (save it as UTF-8)",
     b"\xfe\xff": "is UTF-16 text; expected UTF-8 (save it as UTF-8)",
 }
-_BOMB = (64 << 20, 200)  # more bytes than this, and more than so many times the file: not a log
+_CONTROL = bytes(c for c in range(32) if c not in b"\t\n\v\f\r")
+_BINARY = (4096, 0.02)  # bytes looked at, and the share of control characters from which it is no text
 
 
 def read(path: Path, name: str, text: frozenset[str] = frozenset()) -> RawLog:
@@ -56,21 +57,24 @@ FORMAT = Format("CSV", (".csv", ".csv.gz", ".tsv", ".tsv.gz"), read)
 def _content(path: Path, name: str) -> bytes:
     if not path.name.lower().endswith(".gz"):
         return path.read_bytes()
-    limit = max(_BOMB[0], _BOMB[1] * path.stat().st_size)
+    limit = most_unpacked(path)
     try:
+        with path.open("rb") as packed:
+            if packed.read(2) != b"\x1f\x8b":
+                raise LogError(
+                    f"{name}: found no gzip data, expected some by the name; drop .gz from the name if it is "
+                    "plain text"
+                )
         with gzip.open(path) as file:
             data = file.read(limit + 1)
     except EOFError:
         raise LogError(
             f"{name}: the gzip data ends too early; the file was cut short, copy it again"
         ) from None
-    except (gzip.BadGzipFile, zlib.error) as error:
-        raise LogError(
-            f"{name}: not sound gzip data ({error}); copy it again, "
-            "or drop .gz from its name if it is plain text"
-        ) from None
+    except (gzip.BadGzipFile, zlib.error):
+        raise LogError(f"{name}: the gzip data is damaged inside; copy the file again") from None
     if len(data) > limit:
-        raise LogError(f"{name}: unpacks to more than {_BOMB[1]} times its size; this is no log")
+        raise LogError(too_well_packed(name))
     return data
 
 
@@ -84,6 +88,12 @@ def _prepared(data: bytes, name: str) -> bytes:
         row = data.count(b"\n", 0, nul) + 1
         raise LogError(
             f"{name}, row {row}: found a NUL byte, expected text. The file is binary or was damaged "
+            "while it was written"
+        )
+    head = data[: _BINARY[0]]
+    if len(head) - len(head.translate(None, _CONTROL)) > _BINARY[1] * len(head):
+        raise LogError(
+            f"{name}: found bytes that are no text, expected a table of text. The file is binary or was damaged "
             "while it was written"
         )
     if b"\r" in data and b"\n" not in data:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NoReturn
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.formats import suffix_of, suffixes
@@ -62,13 +63,21 @@ def _meant_by(argument: str) -> list[LogFile]:
 def _inside(folder: Path, prefix: str | None = None) -> Iterator[LogFile]:
     """Logs under a directory; links to directories and hidden files or folders are left out."""
     prefix = folder.resolve().name if prefix is None else prefix
-    for here, folders, files in os.walk(folder):
+    for here, folders, files in os.walk(folder, onerror=_refuse_closed):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in sorted(files):
             if suffix_of(name) is not None and not name.startswith("."):
                 path = Path(here, name)
                 inner = path.relative_to(folder).as_posix()
                 yield LogFile(path, printable(f"{prefix}/{inner}" if prefix else inner), named=False)
+
+
+def _refuse_closed(problem: OSError) -> NoReturn:
+    """Logs in a directory that cannot be listed would be passed over in silence."""
+    raise LogError(
+        f"{quoted(str(problem.filename))}: the directory cannot be listed ({problem.strerror}), so its logs would "
+        "be passed over; make it readable, or name the logs that are meant"
+    )
 
 
 def _matching(pattern: str, endings: str) -> list[LogFile]:

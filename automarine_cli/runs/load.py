@@ -1,5 +1,6 @@
 """`load_runs`: all logs of a campaign become runs; what does not serve is set aside with its reason."""
 
+import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +24,8 @@ MOST_REASONS = 5  # reasons shown when nothing is left
 
 @dataclass(frozen=True)
 class Campaign:
-    """The runs of one campaign on one clock, in file order; what was set aside; the files read."""
+    """The runs of one campaign on one clock, in file order; what was set aside; the files read (those that have
+    bytes to read: no links that lead nowhere)."""
 
     runs: tuple[Run, ...]
     set_aside: tuple[SetAside, ...]
@@ -54,7 +56,12 @@ def load_runs(
         raise refused_by_strict(aside[0])
     if not runs:
         raise none_left(len(files), aside)
-    return Campaign(_one_unit(named_apart(runs)), tuple(aside), tuple(files))
+    return Campaign(_one_unit(named_apart(runs)), tuple(aside), tuple(filter(has_bytes, files)))
+
+
+def has_bytes(file: LogFile) -> bool:
+    """Whether a log has bytes that can be told by their hash: a link that leads nowhere has none."""
+    return file.path.is_file() and os.access(file.path, os.R_OK)
 
 
 def refused_by_strict(first: SetAside) -> RunError:
