@@ -5,6 +5,7 @@ own matplotlib settings say, and leaves them alone afterwards.
 """
 
 import io
+import warnings
 from typing import Any
 
 import matplotlib
@@ -99,7 +100,9 @@ def new_figure(
 def png(figure: Figure) -> bytes:
     """The figure as PNG at 200 dpi: no date, no software name, the same bytes each time."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+    with warnings.catch_warnings():  # the name of a run in letters that the font lacks is drawn as boxes
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
+        figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
     return buffer.getvalue()
 
 
