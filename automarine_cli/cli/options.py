@@ -61,7 +61,9 @@ def verbosity(function: Function) -> Function:
     return quiet(verbose(function))
 
 
-logs_argument = click.argument("logs", nargs=-1, required=True, type=click.Path(), metavar="LOG...")
+logs_argument = click.argument(
+    "logs", nargs=-1, required=True, type=click.Path(readable=False), metavar="LOG..."
+)
 """`logs`: strings as given; `logs.find_logs` makes files of them."""
 
 columns_option = click.option(

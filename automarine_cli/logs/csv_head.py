@@ -10,6 +10,7 @@ from automarine_cli.pipeline.words import quoted
 
 DELIMITERS = (";", "\t", ",")  # a tie goes to the first: with ; and tab the comma may be the decimal one
 SAMPLE_LINES = 64
+MOST_CELLS = 100_000  # looked at; a log of thousands of columns shows itself in fewer lines
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 
 
@@ -50,7 +51,8 @@ def read_head(data: bytes, name: str, text: frozenset[str] = frozenset()) -> Hea
             f"{name}, row {line}: cells seem to be separated by blanks ({quoted(header)}); "
             "expected commas, semicolons or tabs"
         )
-    rows = [[cell.strip() for cell in _cells(text, delimiter)] for text in sample]
+    every = -(-len(sample) // max(4, MOST_CELLS // len(names)))
+    rows = [[cell.strip() for cell in _cells(line, delimiter)] for line in sample[::every]] if sample else []
     decimal = "," if delimiter != "," and _decimal_comma(rows) else "."
     return Head(
         names,

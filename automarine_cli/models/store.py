@@ -16,6 +16,7 @@ from automarine_cli.pipeline.words import LONGEST, printable
 from automarine_cli.quantities import MOMENT_UNITS
 
 SCHEMA = "automarine/yaw-model/1"
+SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
 DRAG_NAMES = {"linear-drag": "k_r", "quadratic-drag": "k_rr"}
 LATEST_SWITCH = 0.5  # of a sample interval: beyond it another sample would show the command first
 # What `fit-yaw` and `diagnose` write; of it `_READ` is read. Any other key is a slip of somebody's hand.
@@ -204,6 +205,8 @@ def _number(data: object, where: str) -> float:
         value = math.inf
     if not math.isfinite(value):
         raise ModelError(f"{where}: found {_told(data)}, expected a finite number")
+    if value and not SMALLEST <= abs(value) <= LARGEST:
+        raise ModelError(f"{where}: found {_told(data)}, expected 0 or a size of {SMALLEST:g} to {LARGEST:g}")
     return value
 
 

@@ -13,6 +13,7 @@ from automarine_cli.pipeline.plain_data import told
 
 Floats = NDArray[np.float64]
 SCHEMA = "automarine/thruster-map/1"
+SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
 _REQUIRED = ("schema", "forward", "backward", "form", "parameters")
 _ALLOWED = (
     *_REQUIRED,
@@ -175,6 +176,8 @@ def _value(entry: object, where: str, low: float | None) -> float:
         value = inf
     if not isfinite(value):
         raise ModelError(f"{where}: found {told(entry)}, expected a finite number")
+    if value and not SMALLEST <= abs(value) <= LARGEST:
+        raise ModelError(f"{where}: found {told(entry)}, expected 0 or a size of {SMALLEST:g} to {LARGEST:g}")
     if low is not None and value <= low:
         raise ModelError(f"{where}: found {value:g}, expected more than {low:g}")
     return value

@@ -52,9 +52,9 @@ def read_plain(
         raise refuse(f"{name}: not valid {kind}: {printable(str(problem))[:300]}") from None
     except ValueError:  # the interpreter's own limit
         raise refuse(f"{name}: not valid {kind}: a whole number of thousands of digits") from None
-    for count, (value, place) in enumerate(_everything(data), 1):
+    for count, (value, place) in enumerate(everything(data), 1):
         if (why := _trouble(value, place, kind)) is not None:
-            raise refuse(f"{name}: {_words(place)}{why}")
+            raise refuse(f"{name}: {in_words(place)}{why}")
         if count > MOST_VALUES:
             raise refuse(f"{name}: holds more than {MOST_VALUES} values; expected a file of a few kilobytes")
     if not isinstance(data, dict):
@@ -114,7 +114,7 @@ def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
     return table
 
 
-def _everything(data: object) -> Iterator[tuple[object, tuple[object, ...]]]:
+def everything(data: object) -> Iterator[tuple[object, tuple[object, ...]]]:
     """Every value with its place (keys and numbers of list entries from the outside in), outer ones first."""
     yield data, ()
     waiting: list[tuple[tuple[object, ...], Iterator[tuple[object, object]]]] = [((), iter(_entries(data)))]
@@ -148,7 +148,7 @@ def _trouble(value: object, place: tuple[object, ...], kind: Kind) -> str | None
     return None
 
 
-def _words(place: tuple[object, ...]) -> str:
+def in_words(place: tuple[object, ...]) -> str:
     """`models.3.k_rr: `, or nothing at the top; a long path is shortened."""
     parts = [f"[{part}]" if isinstance(part, int) else f".{printable(str(part)[:LONGEST])}" for part in place]
     text = "".join(parts).removeprefix(".")
