@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.influence import covariance_of_changes, left_out_changes
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
 from automarine_cli.fits.step_response import NAMES, Known, StepData, instant, step_problem
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem, without_gain
@@ -22,7 +23,6 @@ ENOUGH_RUNS = 8
 """From this many runs on, standard errors are the jackknife's alone; with fewer the larger of it and the
 likelihood's."""
 
-
 MOST_GROWTH = 1e6
 """Of a standard error by leaving runs out; beyond it the runs say nothing at all."""
 
@@ -33,7 +33,7 @@ class OutputErrorFit:
 
     `estimates` by parameter name, `inertial_turn_angle` I/k_rr [rad] (models 2 and 3), `offset` of the
     command's instant [sample intervals], `gain_scatter` run to run (relative), `noise` [rad], `correlation`
-    of (I, drag).
+    of (I, drag), `covariance` (p, p) of phi (logarithms of positive parameters) with the run as the unit.
     """
 
     number: str
@@ -44,11 +44,7 @@ class OutputErrorFit:
     gain_scatter: Estimate
     noise: float
     mixed: MixedFit
-
-    @property
-    def covariance(self) -> Floats:
-        """Covariance of phi (logarithms of positive parameters) with the run as the unit, (p, p)."""
-        return run_covariance(self.mixed)
+    covariance: Floats
 
 
 @dataclass(frozen=True)
@@ -67,7 +63,8 @@ def fit_half_turns(
     values = {"1": (k_r,), "2": (k_rr, k_r), "3": (k_rr,)}[number]
     problem = step_problem(data, number, known)
     mixed = fit_mixed(problem, np.array([inertia, *values, 0.0]), noise=0.02, factors=np.array([0.03, 0.5]))
-    return _outcome(number, problem, mixed, moment_unit, of_half_turns=True)
+    covariance = run_covariance(mixed, problem)
+    return _outcome(number, problem, mixed, covariance, moment_unit, of_half_turns=True)
 
 
 def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> OutputErrorFit:
@@ -84,7 +81,7 @@ def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> Out
     begin = np.append(rough.theta, 0.0)
     if alone:
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
-        return _outcome(number, pooled, only, batch.moment_unit, of_half_turns=False)
+        return _outcome(number, pooled, only, only.covariance, batch.moment_unit, of_half_turns=False)
     first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
     best = fit_mixed(
         problem,
@@ -93,15 +90,21 @@ def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> Out
         factors=np.append(0.02, first.factors[1:]),
         run_effects=first.run_effects,
     )
-    return _outcome(number, problem, best, batch.moment_unit, of_half_turns=False)
+    return _outcome(number, problem, best, run_covariance(best), batch.moment_unit, of_half_turns=False)
 
 
-def run_covariance(mixed: MixedFit) -> Floats:
-    """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p)."""
+def run_covariance(mixed: MixedFit, problem: Problem | None = None) -> Floats:
+    """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p).
+
+    Given the `problem` that was fitted, it is exact where instants are confined to their sample intervals (see
+    influence.py); without, it is the linearised jackknife, which is too wide there.
+    """
     runs = len(mixed.left_out)
     if runs < 2:
         return mixed.covariance
     jackknife = mixed.jackknife_covariance
+    if problem is not None:
+        jackknife = covariance_of_changes(left_out_changes(problem, mixed))
     if runs >= ENOUGH_RUNS:
         return jackknife
     likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.covariance, jackknife))
@@ -111,9 +114,14 @@ def run_covariance(mixed: MixedFit) -> Floats:
 
 
 def _outcome(
-    number: str, problem: Problem, mixed: MixedFit, moment_unit: str, *, of_half_turns: bool
+    number: str,
+    problem: Problem,
+    mixed: MixedFit,
+    covariance: Floats,
+    moment_unit: str,
+    *,
+    of_half_turns: bool,
 ) -> OutputErrorFit:
-    covariance = run_covariance(mixed)
     runs = len(problem.measured)
     dof = float(runs - 1 if runs > 1 else problem.seen.sum() - len(mixed.theta))
     names = NAMES[number]
@@ -134,7 +142,7 @@ def _outcome(
     if of_half_turns:
         offset = _in_interval(offset)
     model = YawModel.base(number, mixed.theta[0], mixed.theta[1:-1], moment_unit)
-    return OutputErrorFit(number, model, estimates, turn, offset, scatter, mixed.noise, mixed)
+    return OutputErrorFit(number, model, estimates, turn, offset, scatter, mixed.noise, mixed, covariance)
 
 
 def _in_interval(z: Estimate) -> Estimate:
