@@ -36,8 +36,12 @@ TOKENS = (
 
 
 def torn(content: bytes, rng: random.Random) -> bytes:
-    """The bytes with one to four of these done to them: flip, delete, insert, cut, double or move a block."""
+    """The bytes with one to four of these done to them: flip, delete, insert, cut, double or move a block; or, as
+    often, gently: other digits, and lines deleted, doubled or exchanged.
+    """
     data = bytearray(content)
+    if rng.random() < 0.5:
+        return _gently(data, rng)
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
         place, length = rng.randrange(len(data) + 1), rng.choice((1, 1, 2, 8, 40, 400))
         block = bytes(data[place : place + length])
@@ -60,8 +64,34 @@ def torn(content: bytes, rng: random.Random) -> bytes:
     return bytes(data)
 
 
+def _gently(data: bytearray, rng: random.Random) -> bytes:
+    """Changes after which much is still sound: the file has to be read right, not only refused."""
+    for _ in range(rng.choice((1, 2, 5))):
+        digits = [i for i, byte in enumerate(data) if 0x30 <= byte <= 0x39]
+        if digits and rng.random() < 0.8:
+            data[rng.choice(digits)] = rng.choice(b"0123456789012345678901234567890123456789.-e,")
+            continue
+        lines = bytes(data).split(b"\n")
+        one, other = rng.randrange(len(lines)), rng.randrange(len(lines))
+        match rng.randrange(3):
+            case 0:
+                lines[one], lines[other] = lines[other], lines[one]
+            case 1:
+                lines.insert(other, lines[one])
+            case 2:
+                del lines[one]
+        data = bytearray(b"\n".join(lines))
+    return bytes(data)
+
+
 def _yaw_log() -> bytes:
     return csv_of(good_table().assign(depth_m=1.5, run="r"))
+
+
+def _thruster_test() -> bytes:
+    levels = [n for n in range(-80, 81, 20) if n] * 3
+    rows = (f"{n},{0.001 * n * abs(n) + 0.01 * (i % 7 - 3):.3f},{16 - i % 2}" for i, n in enumerate(levels))
+    return "\n".join(("n,force_N,voltage_V", *rows, "")).encode()
 
 
 def _yaw_model() -> bytes:
@@ -136,6 +166,11 @@ def judge_log(path: Path) -> None:
         agrees_with_simple_reader(path)
 
 
+def judge_thruster_test(path: Path) -> None:
+    """A thruster test as `check` looks at it."""
+    json_text(check([path]).to_json())
+
+
 def agrees_with_simple_reader(path: Path) -> None:
     """If Python's csv and float understand the whole file, they say the same numbers. Raises AssertionError."""
     content = path.read_bytes()
@@ -207,6 +242,7 @@ KINDS = {
     "Parquet, plain": Kind(
         lambda: parquet_of(good_table(), compression="none", use_dictionary=False), ".parquet", judge_log
     ),
+    "thruster test": Kind(_thruster_test, ".csv", judge_thruster_test),
     "yaw model": Kind(_yaw_model, ".json", judge_model),
     "thruster map": Kind(lambda: THRUSTER_MAP, ".json", judge_map),
     "column map": Kind(lambda: COLUMN_MAP, ".toml", judge_columns),
