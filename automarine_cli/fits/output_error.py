@@ -31,9 +31,9 @@ MOST_GROWTH = 1e6
 class OutputErrorFit:
     """One model fitted to headings by maximum likelihood.
 
-    `estimates` by parameter name, `inertial_turn_angle` I/k_rr [rad] (models 2 and 3), `offset` of the
-    command's instant [sample intervals], `gain_scatter` run to run (relative), `noise` [rad], `correlation`
-    of (I, drag), `covariance` (p, p) of phi (logarithms of positive parameters) with the run as the unit.
+    `estimates` by parameter name, `inertial_turn_angle` I/k_rr [rad] (models 2 and 3), `offset` of the command's
+    instant [sample intervals], `gain_scatter` run to run (relative), `noise` [rad], `covariance` (p, p) of phi
+    (logarithms of positive parameters) with the run as the unit, `start` (p,) the theta that the search began with.
     """
 
     number: str
@@ -45,6 +45,7 @@ class OutputErrorFit:
     noise: float
     mixed: MixedFit
     covariance: Floats
+    start: Floats
 
 
 @dataclass(frozen=True)
@@ -62,9 +63,9 @@ def fit_half_turns(
     inertia, k_r, k_rr = start
     values = {"1": (k_r,), "2": (k_rr, k_r), "3": (k_rr,)}[number]
     problem = step_problem(data, number, known)
-    mixed = fit_mixed(problem, np.array([inertia, *values, 0.0]), noise=0.02, factors=np.array([0.03, 0.5]))
-    covariance = run_covariance(mixed, problem)
-    return _outcome(number, problem, mixed, covariance, moment_unit, of_half_turns=True)
+    begin = np.array([inertia, *values, 0.0])
+    mixed = fit_mixed(problem, begin, noise=0.02, factors=np.array([0.03, 0.5]))
+    return _outcome(number, problem, mixed, begin, moment_unit, of_half_turns=True)
 
 
 def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> OutputErrorFit:
@@ -81,7 +82,7 @@ def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> Out
     begin = np.append(rough.theta, 0.0)
     if alone:
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
-        return _outcome(number, pooled, only, only.covariance, batch.moment_unit, of_half_turns=False)
+        return _outcome(number, pooled, only, begin, batch.moment_unit, of_half_turns=False)
     first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
     best = fit_mixed(
         problem,
@@ -90,7 +91,7 @@ def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> Out
         factors=np.append(0.02, first.factors[1:]),
         run_effects=first.run_effects,
     )
-    return _outcome(number, problem, best, run_covariance(best), batch.moment_unit, of_half_turns=False)
+    return _outcome(number, problem, best, begin, batch.moment_unit, of_half_turns=False)
 
 
 def run_covariance(mixed: MixedFit, problem: Problem | None = None) -> Floats:
@@ -117,11 +118,12 @@ def _outcome(
     number: str,
     problem: Problem,
     mixed: MixedFit,
-    covariance: Floats,
+    start: Floats,
     moment_unit: str,
     *,
     of_half_turns: bool,
 ) -> OutputErrorFit:
+    covariance = run_covariance(mixed, problem if of_half_turns else None)
     runs = len(problem.measured)
     dof = float(runs - 1 if runs > 1 else problem.seen.sum() - len(mixed.theta))
     names = NAMES[number]
@@ -142,7 +144,9 @@ def _outcome(
     if of_half_turns:
         offset = _in_interval(offset)
     model = YawModel.base(number, mixed.theta[0], mixed.theta[1:-1], moment_unit)
-    return OutputErrorFit(number, model, estimates, turn, offset, scatter, mixed.noise, mixed, covariance)
+    return OutputErrorFit(
+        number, model, estimates, turn, offset, scatter, mixed.noise, mixed, covariance, start
+    )
 
 
 def _in_interval(z: Estimate) -> Estimate:

@@ -15,14 +15,20 @@ from automarine_cli.report.tables import Table
 
 
 def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
-    """Tables 1 and 2; `short` leaves out the means at each moment."""
+    """Tables 1 and 2 with what must be known of their parameters below them.
+
+    `short`, for the terminal, leaves that to the warnings, and leaves out the means at each moment.
+    """
     notes = (
         (yaw_tables.tail_note(fit.seed_method),)
         if fit.seed_method is not None
         else (f"{fit.why_no_seed_method}.",)
     )
-    one = yaw_tables.drag_table(fit.seed_method, fit.output_error, fit.moment_unit, notes)
-    two = yaw_tables.inertia_table(fit.seed_method, fit.output_error, fit.moment_unit, notes, not short)
+    drag, inertia = ((), ()) if short else yaw_tables.caution_notes(fit.cautions)
+    one = yaw_tables.drag_table(fit.seed_method, fit.output_error, fit.moment_unit, (*notes, *drag))
+    two = yaw_tables.inertia_table(
+        fit.seed_method, fit.output_error, fit.moment_unit, (*notes, *inertia), not short
+    )
     return one, two
 
 
