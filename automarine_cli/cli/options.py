@@ -14,6 +14,7 @@ __all__ = [
     "columns_option",
     "echo_result",
     "echo_set_aside",
+    "inputs_option",
     "jobs_option",
     "json_option",
     "logs_argument",
@@ -88,6 +89,12 @@ seed_option = click.option(
     help="Seed of everything random.",
 )
 """`seed`: int."""
+
+inputs_option = click.option(
+    "--inputs", multiple=True, type=click.Path(exists=True, path_type=Path), metavar="FOLDER",
+    help="Look for the recorded inputs in this folder and below; may be given again.",
+)  # fmt: skip
+"""`inputs`: Paths."""
 
 jobs_option = click.option(
     "--jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",

@@ -23,20 +23,32 @@ class LogFile:
     named: bool
 
 
-def find_logs(arguments: Sequence[str | Path]) -> list[LogFile]:
-    """The logs meant by files, directories (searched recursively, name order) and globs; each file once.
+def find_logs(arguments: Sequence[str | Path | LogFile]) -> list[LogFile]:
+    """The logs meant by files, directories (searched recursively) and globs; each file once.
 
+    In name order, the files of a folder before the folders in it, whatever the order of the arguments: a shell
+    sorts by the rules of the user's language, and results must not depend on that.
     Raises LogError for a file that does not exist or is no log, and for a directory or glob without logs.
     """
     if not arguments:
         raise LogError("no logs given; name log files, directories or quoted globs")
     found: dict[str, LogFile] = {}
     for argument in arguments:
-        for log in _meant_by(str(argument)):
+        for log in [argument] if isinstance(argument, LogFile) else _meant_by(str(argument)):
             key = str(log.path.parent.resolve() / log.path.name)
-            if key not in found or log.named:
+            if key not in found or _claim(log) > _claim(found[key]):
                 found[key] = log
-    return _told_apart(list(found.values()))
+    return sorted(_told_apart(list(found.values())), key=_place)
+
+
+def _claim(log: LogFile) -> tuple[bool, int, str]:
+    """Which of two ways to give one file counts: being named itself, then the one that says more."""
+    return log.named, len(log.name), log.name
+
+
+def _place(log: LogFile) -> list[tuple[bool, str]]:
+    parts = log.name.split("/")
+    return [(True, part) for part in parts[:-1]] + [(False, parts[-1])]
 
 
 def _meant_by(argument: str) -> list[LogFile]:

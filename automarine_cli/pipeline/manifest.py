@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from automarine_cli import __version__
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.recipe import from_mapping, read_mapping
+from automarine_cli.pipeline.words import printable
 
 MANIFEST = "manifest.json"
 SCHEMA = "automarine/manifest/1"
@@ -26,6 +27,13 @@ class Input(NamedTuple):
     name: str
     path: Path
     role: str = "log"  # or hold_out, model, thrusters, columns, specification
+
+
+def given_as(**options: object) -> list[Input]:
+    """Those of the options that are files, each with the option's name as its role."""
+    return [
+        Input(printable(path.name), path, role) for role, path in options.items() if isinstance(path, Path)
+    ]
 
 
 @dataclass(frozen=True)

@@ -67,6 +67,11 @@ def read_mapping(path: Path) -> dict[str, Any]:
     return read_plain(path, "JSON" if path.suffix == ".json" else "TOML", SettingError)
 
 
+def converted(hint: Any, value: object, where: str) -> Any:
+    """One plain value as the type `hint`, which a recipe's field may have. Raises SettingError at `where`."""
+    return _convert(hint, value, where)
+
+
 def read_recipe(cls: type[Recipe], path: Path) -> Recipe:
     """The recipe `cls` in a TOML or JSON file. Raises SettingError with file and key."""
     return from_mapping(cls, read_mapping(path), path.name)

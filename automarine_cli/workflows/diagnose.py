@@ -18,6 +18,7 @@ from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import run_covariance
 from automarine_cli.logs import ColumnMap, LogFile, read_column_map
 from automarine_cli.models.store import StoredModels, load_yaw_models
+from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
@@ -182,12 +183,13 @@ def diagnose(
 
     if out is None:
         return work()
-    inputs = [(file.name, file.path) for file in (*files, *more)] + [(model.name, model)]
-    inputs += [(path.name, path) for path in (columns, thrusters) if isinstance(path, Path)]
+    inputs = [Input(file.name, file.path) for file in files]
+    inputs += [Input(file.name, file.path, "hold_out") for file in more]
+    inputs += given_as(model=model, columns=columns, thrusters=thrusters)
     options = {
         "model": model,
-        "hold_out": [str(Path(log).name) for log in hold_out],
-        "columns": columns if isinstance(columns, Path) else None,
+        "hold_out": [file.name for file in more],
+        "columns": columns,
         "thrusters": thrusters,
         "arm": arm,
         "strict": strict,

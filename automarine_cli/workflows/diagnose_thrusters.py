@@ -8,6 +8,7 @@ from automarine_cli.diagnosis.thruster_map import diagnose_thrusters as diagnose
 from automarine_cli.errors import ModelError, RunError, SettingError
 from automarine_cli.logs import ColumnMap, read_column_map
 from automarine_cli.models.thruster_map import SCHEMA, ThrusterMap
+from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.progress import Progress, silent
@@ -80,16 +81,15 @@ def diagnose_thrusters(
 
     if out is None:
         return judged()
-    inputs = [(file.name, file.path) for file in (*loaded.inputs, *(held.inputs if held else ()))]
-    inputs.append((model.name, model))
-    if isinstance(columns, Path):
-        inputs.append((column_map.source, columns))
+    inputs = [Input(file.name, file.path) for file in loaded.inputs]
+    inputs += [Input(file.name, file.path, "hold_out") for file in (held.inputs if held else ())]
+    inputs += given_as(model=model, columns=columns)
     options = {
         "model": model.name,
         "hold_out": [file.name for file in held.inputs] if held else [],
         "thrusters_per_test": thrusters_per_test,
         "strict": strict,
-        "columns": column_map.source or None,
+        "columns": columns,
     }
     with result_folder(
         out, command="diagnose", options=options, inputs=inputs, seed=seed, overwrite=overwrite

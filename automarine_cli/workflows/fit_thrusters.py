@@ -17,6 +17,7 @@ from automarine_cli.fits.thruster_result import ThrusterFit
 from automarine_cli.fits.thruster_tare import Tare, subtract_tare
 from automarine_cli.fits.thruster_voltage import VoltageExponent, voltage_exponents
 from automarine_cli.logs import ColumnMap, read_column_map
+from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
@@ -53,15 +54,13 @@ def fit_thrusters(
     loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)
     if out is None:
         return _fit_loaded(loaded, column_map, thrusters_per_test, form, jobs, progress)
-    inputs = [(file.name, file.path) for file in loaded.inputs]
+    inputs = [Input(file.name, file.path) for file in loaded.inputs] + given_as(columns=columns)
     options = {
         "thrusters_per_test": thrusters_per_test,
         "form": form,
         "strict": strict,
-        "columns": column_map.source or None,
+        "columns": columns,
     }
-    if isinstance(columns, Path):
-        inputs.append((column_map.source, columns))
     with result_folder(
         out, command="fit-thrusters", options=options, inputs=inputs, seed=None, overwrite=overwrite
     ) as folder:

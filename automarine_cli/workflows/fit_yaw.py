@@ -11,6 +11,7 @@ from automarine_cli.fits.step_response import Known
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.logs import ColumnMap, read_column_map
 from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
@@ -58,13 +59,14 @@ def fit_yaw(
 
     if out is None:
         return work()
-    inputs = [(file.name, file.path) for file in campaign.inputs]
-    inputs += [(path.name, path) for path in (columns, thrusters) if isinstance(path, Path)]
+    inputs = [Input(file.name, file.path) for file in campaign.inputs]
+    inputs += given_as(columns=columns, thrusters=thrusters)
     options = {
-        "columns": columns if isinstance(columns, Path) else None,
-        "thrusters": thrusters if isinstance(thrusters, Path) else None,
+        "columns": columns,
+        "thrusters": thrusters,
         "arm": arm,
         "fit_to": fit_to,
+        "known": known,
         "strict": strict,
     }
     with result_folder(

@@ -12,8 +12,9 @@ from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.comparison.scores import SCORES, RunScore, rate_source
 from automarine_cli.comparison.validation import Comparison, Scored, compare
 from automarine_cli.errors import AutomarineError, ModelError, RunError
-from automarine_cli.logs import ColumnMap, LogFile, read_column_map
+from automarine_cli.logs import ColumnMap, read_column_map
 from automarine_cli.models.store import StoredModels, load_yaw_models
+from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import ResultFolder, file_stems, result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
@@ -138,13 +139,14 @@ def validate(
         return Validation(stored, compare(stored, runs, seed, progress), left_out)
     options = {
         "model": model,
-        "columns": names.source or None,
+        "columns": columns,
         "thrusters": thrusters,
         "arm": arm,
         "figures": figures,
         "strict": strict,
     }
-    inputs = _inputs(campaign.inputs, model, thrusters, columns if isinstance(columns, Path) else None)
+    inputs = [Input(file.name, file.path) for file in campaign.inputs]
+    inputs += given_as(model=model, columns=columns, thrusters=thrusters)
     with result_folder(
         out, command="validate", options=options, inputs=inputs, seed=seed, overwrite=overwrite
     ) as folder:
@@ -193,14 +195,6 @@ def _same_unit(runs: Sequence[Run], stored: StoredModels) -> None:
                 f"{run.moment_unit}; there is no factor between the two. Validate with logs in "
                 f"{stored.moment_unit}, or fit a model to logs in {run.moment_unit}"
             )
-
-
-def _inputs(
-    logs: Sequence[LogFile], model: Path, thrusters: Path | None, columns: Path | None
-) -> list[tuple[str, Path]]:
-    """Everything read, with the short names that results use."""
-    others = [path for path in (model, thrusters, columns) if path is not None]
-    return [(file.name, file.path) for file in logs] + [(path.name, path) for path in others]
 
 
 def _write(folder: ResultFolder, result: Validation, figures: bool, jobs: int, progress: Progress) -> None:
