@@ -51,7 +51,8 @@ CELL = st.one_of(
     st.text(max_size=6),
 )
 NAME = st.one_of(
-    st.sampled_from("time_s time time_ms heading_deg heading_rad tau tau_Nm n_port n_stbd run".split()),
+    st.sampled_from(["time_s", "time", "time_ms", "heading_deg", "heading_rad"]),
+    st.sampled_from(["tau", "tau_Nm", "n_port", "n_stbd", "run"]),
     st.text(max_size=6),
 )
 

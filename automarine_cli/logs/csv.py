@@ -30,6 +30,8 @@ _SIGNATURES = {
     b"\xff\xfe": "is UTF-16 text; expected UTF-8 (save it as UTF-8)",
     b"\xfe\xff": "is UTF-16 text; expected UTF-8 (save it as UTF-8)",
 }
+MOST_COMMENTS = 1_000_000  # lines
+PIECE = 4 << 20  # bytes
 _CONTROL = bytes(c for c in range(32) if c not in b"\t\n\v\f\r")
 _BINARY = (4096, 0.02)  # bytes looked at, and the share of control characters from which it is no text
 
@@ -102,25 +104,33 @@ def _prepared(data: bytes, name: str) -> bytes:
         data = b"#" + data
     starts = (b"#", b" ", b"\t")
     if data.startswith(starts) or any(b"\n" + start in data for start in starts):
-        data = _EMPTIED.sub(b"", data)
+        data, lines = _EMPTIED.subn(b"", data, count=MOST_COMMENTS)
+        if lines == MOST_COMMENTS:
+            raise LogError(
+                f"{name}: {MOST_COMMENTS} lines of comments or blanks; expected a table of numbers"
+            )
     return data
 
 
 def _line_numbers(data: bytes, head: Head) -> NDArray[np.int64]:
     """1-based line numbers of the rows of the body: of its lines that are not empty."""
     body = memoryview(data)[head.body :]
-    count = data.count(b"\n", head.body) + (len(body) > 0 and body[-1] != ord("\n"))
-    lines = head.line + 1 + np.arange(count, dtype=np.int64)
     first_empty = body[:1] == b"\n" or body[:2] == b"\r\n"
     if not first_empty and data.find(b"\n\n", head.body) < 0 and data.find(b"\n\r\n", head.body) < 0:
-        return lines
-    text = np.frombuffer(body, dtype=np.uint8)
-    ends = np.flatnonzero(text == ord("\n"))
-    ends = ends if len(ends) == count else np.append(ends, len(text))
-    starts = np.concatenate([[0], ends[:-1] + 1])
-    length = ends - starts
-    returns = (length == 1) & (text[np.minimum(starts, len(text) - 1)] == ord("\r"))
-    return lines[(length > 0) & ~returns]
+        count = data.count(b"\n", head.body) + (len(body) > 0 and body[-1] != ord("\n"))
+        return head.line + 1 + np.arange(count, dtype=np.int64)
+    # in pieces: a file of nothing but line ends must not take many times its size
+    text = np.frombuffer(b"\n\n" + data[head.body :].rstrip(b"\r\n") + b"\n", dtype=np.uint8)
+    rows, before = [np.zeros(0, dtype=np.int64)], head.line + 1
+    for start in range(2, len(text), PIECE):
+        here = text[start : start + PIECE]
+        one, two = text[start - 1 : start - 1 + len(here)], text[start - 2 : start - 2 + len(here)]
+        ends = here == ord("\n")
+        full = ends & (one != ord("\n")) & ~((one == ord("\r")) & (two == ord("\n")))
+        at = np.flatnonzero(full)
+        rows.append(before + np.cumsum(ends, dtype=np.int64)[at] - 1)
+        before += int(ends.sum())
+    return np.concatenate(rows)
 
 
 def _arrow(body: pa.Buffer, head: Head, types: list[pa.DataType]) -> pa.Table:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 import automarine_cli.logs as folder
 
+MOST_COLUMNS = 30_000
 MOST_UNPACKED, MOST_TIMES = 64 << 20, 100  # bytes; times the file
 
 
@@ -57,6 +58,11 @@ def too_well_packed(name: str) -> str:
     return (
         f"{name}: unpacks to more than {MOST_TIMES} times its size, which no log does; look at what is in it"
     )
+
+
+def too_many_columns(where: str, count: int) -> str:
+    """The sentence for a table that is wider than any log."""
+    return f"{where}: found {count} columns, expected at most {MOST_COLUMNS}; check separators and line ends"
 
 
 @cache

@@ -9,7 +9,14 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.formats import Format, RawLog, most_unpacked, too_well_packed
+from automarine_cli.logs.formats import (
+    MOST_COLUMNS,
+    Format,
+    RawLog,
+    most_unpacked,
+    too_many_columns,
+    too_well_packed,
+)
 
 _INDEX = "__index_level_"  # what pandas writes beside the columns
 _MAGIC = b"PAR1"
@@ -45,6 +52,8 @@ def _refuse_foreign(path: Path, name: str) -> None:
 def _read(path: Path, name: str) -> RawLog:
     limit = most_unpacked(path)
     with pq.ParquetFile(path) as file:
+        if file.metadata.num_columns > MOST_COLUMNS:
+            raise LogError(too_many_columns(name, file.metadata.num_columns))
         kept = [field for field in file.schema_arrow if _readable(field)]
         names = [field.name for field in kept]
         rows = file.metadata.num_rows

@@ -4,8 +4,9 @@
 
 Every input is a good file with one to four things done to its bytes (`tests/fuzzing.py`); a few hundred are in
 `make test`. One in fifty goes through a whole command, `fit-thrusters`, `fit-yaw` or `validate`, as a torn log or
-model among good ones. A defect is another exception than a refusal, a crash of the interpreter, more than twenty seconds, another
-number than Python's own csv and float read, or an answer with a NaN. The same seed tries the same inputs.
+model among good ones. A defect is another exception than a refusal, a crash of the interpreter, more than twenty
+seconds, another number than Python's own csv and float read, or an answer with a NaN. The same seed tries the same
+inputs.
 """
 
 # ruff: noqa: E402 - the folder of the tests has to be on the path first
