@@ -56,6 +56,23 @@ def covariance_of_changes(moved: Floats) -> Floats:
     return np.asarray((count - 1) / count * spread.T @ spread)
 
 
+def degrees_of_freedom(fit: MixedFit, direction: Floats) -> float:
+    """Of the jackknife's variance along `direction` (p,) of phi: about how many runs carry it, less one.
+
+    Satterthwaite's approximation for runs that pull by their expected variances v_i, (sum v_i)²/sum v_i² (Bell and
+    McCaffrey 2002, Survey Methodology 28:169). Where two runs show a parameter, their own spread says little of it.
+    """
+    variances = np.log([fit.noise, *np.maximum(fit.factors, SMALLEST_FACTOR)])
+    free = np.setdiff1d(np.arange(len(fit.phi)), fit.at_bound)
+    information = linear_mixed.weigh(fit.gram, fit.effects, variances).hessian
+    reach = linear_mixed.covariance_of(information.sum(axis=0)) @ direction[free]
+    share = np.einsum("p,rpk,k->r", reach, information, reach)
+    runs = len(share)
+    square = float((share**2).sum())
+    carried = float(share.sum()) ** 2 / square if square > 0.0 else float(runs)
+    return max(carried * (runs - 1) / runs, 1.0)
+
+
 def _pull_and_stiffness(
     problem: Problem, fit: MixedFit, variances: Floats, free: NDArray[np.int64]
 ) -> tuple[Floats, Floats]:

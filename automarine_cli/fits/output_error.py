@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.fits.influence import covariance_of_changes, left_out_changes
+from automarine_cli.fits.influence import covariance_of_changes, degrees_of_freedom, left_out_changes
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
 from automarine_cli.fits.step_response import NAMES, Known, StepData, instant, step_problem
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem, without_gain
@@ -114,6 +114,19 @@ def run_covariance(mixed: MixedFit, problem: Problem | None = None) -> Floats:
     return mixed.covariance * np.outer(grow, grow)
 
 
+def run_dof(mixed: MixedFit, direction: Floats) -> float:
+    """Degrees of freedom of the variance along `direction` (p,) of phi that `run_covariance` tells."""
+    runs = len(mixed.left_out)
+    return degrees_of_freedom(mixed, direction) if runs >= ENOUGH_RUNS else float(max(runs - 1, 1))
+
+
+def estimate_of(mixed: MixedFit, covariance: Floats, i: int, unit: str, dof: float | None = None) -> Estimate:
+    """One parameter; the interval of a positive one is formed on its logarithm. `dof` is that of `run_dof` if None."""
+    stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
+    form = Estimate.from_log if mixed.positive[i] else Estimate.from_stderr
+    return form(float(mixed.theta[i]), stderr, dof or run_dof(mixed, np.eye(len(mixed.theta))[i]), unit)
+
+
 def _outcome(
     number: str,
     problem: Problem,
@@ -124,15 +137,17 @@ def _outcome(
     of_half_turns: bool,
 ) -> OutputErrorFit:
     covariance = run_covariance(mixed, problem if of_half_turns else None)
-    runs = len(problem.measured)
-    dof = float(runs - 1 if runs > 1 else problem.seen.sum() - len(mixed.theta))
+    alone = float(problem.seen.sum() - len(mixed.theta)) if len(problem.measured) == 1 else None
+    axes = np.eye(len(mixed.theta))
     names = NAMES[number]
     estimates = {
-        name: _estimate(mixed, covariance, i, dof, unit_of(name, moment_unit)) for i, name in enumerate(names)
+        name: estimate_of(mixed, covariance, i, unit_of(name, moment_unit), alone)
+        for i, name in enumerate(names)
     }
     turn = None
     if "k_rr" in names and 1 not in mixed.at_bound:
         stderr = float(np.sqrt(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1]))
+        dof = alone or run_dof(mixed, axes[0] - axes[1])
         turn = Estimate.from_log(mixed.theta[0] / mixed.theta[1], stderr, dof, "rad")
     gains = problem.effects.scale[:, problem.effects.factor == 0]
     if gains.any():
@@ -140,7 +155,7 @@ def _outcome(
         scatter = Estimate(float(mixed.factors[0]), (high - low) / 3.92, (low, high), "1")
     else:  # known to be none, or not to be told from one run
         scatter = Estimate(0.0, 0.0, (0.0, 0.0), "1")
-    offset = _estimate(mixed, covariance, len(mixed.theta) - 1, dof, "sample interval")
+    offset = estimate_of(mixed, covariance, len(mixed.theta) - 1, "sample interval", alone)
     if of_half_turns:
         offset = _in_interval(offset)
     model = YawModel.base(number, mixed.theta[0], mixed.theta[1:-1], moment_unit)
@@ -154,13 +169,6 @@ def _in_interval(z: Estimate) -> Estimate:
     value, low, high = instant(np.array([z.value, *z.ci95]))
     slope = float(np.exp(-0.5 * z.value**2) / np.sqrt(2.0 * np.pi))
     return Estimate(float(value), slope * z.stderr, (float(low), float(high)), z.unit)
-
-
-def _estimate(mixed: MixedFit, covariance: Floats, i: int, dof: float, unit: str) -> Estimate:
-    """One parameter; the interval of a positive one is formed on its logarithm."""
-    stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
-    form = Estimate.from_log if mixed.positive[i] else Estimate.from_stderr
-    return form(float(mixed.theta[i]), stderr, dof, unit)
 
 
 def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
