@@ -95,7 +95,7 @@ def tail_note(seed: VelocityErrorFit) -> str:
     inertia, drag = (100 * b for b in seed.bias)
     return (
         f"Tails start at {np.degrees(seed.tail_from):.0f}° of turn, where the method's own bias is "
-        f"{inertia:+.2f} % in inertia and {drag:+.2f} % in drag."
+        f"{inertia:+.2f} % in inertia and {drag:+.2f} % in drag; the intervals hold it."
     )
 
 

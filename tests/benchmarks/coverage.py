@@ -58,8 +58,14 @@ class Case:
 CASES = tuple(
     Case(layout, model, noise, scatter)
     for layout in LAYOUTS
-    for model, noise in (("1", 1.0), ("2", 1.0), ("3", 0.5), ("3", 1.0), ("3", 2.0))
-    for scatter in SCATTERS
+    for model, noise, scatters in (
+        ("3", 1.0, SCATTERS),
+        ("3", 0.5, SCATTERS[:2]),
+        ("3", 2.0, SCATTERS[:2]),
+        ("1", 1.0, SCATTERS),
+        ("2", 1.0, SCATTERS),
+    )
+    for scatter in scatters
 )
 
 
