@@ -9,9 +9,12 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from broken_logs.make import good_table, parquet_of
+from broken_logs.make import csv_of, good_table, parquet_of
 from click.testing import Result
 from made_sequences import model_file
+
+from automarine_cli.pipeline.words import printable
+from automarine_cli.report.figures.style import new_figure, pdf, png, svg
 
 Command = Callable[..., Result]
 
@@ -30,7 +33,7 @@ def hostile_log(folder: Path) -> Path:
         good_table(moments[i % len(moments)], seed=i).assign(run=name) for i, name in enumerate(HOSTILE)
     ]
     table = pd.concat(tables, ignore_index=True)
-    table[r"$\frac{|<b>`_x_"] = table["time_s"] % 7
+    table["$\\frac{|<b>`_x_\x1b[31m\x07"] = table["time_s"] % 7
     path = folder / "$x$ `|` <b> \\input{a}.parquet"
     path.write_bytes(parquet_of(table))
     return path
@@ -115,6 +118,37 @@ def test_latex_shows_the_names_and_obeys_none(folders: dict[str, Path]) -> None:
         assert plain.count("{") == plain.count("}") and plain.count("$") % 2 == 0, page
         assert "%" not in plain and "#" not in plain and "~" not in plain, page
         assert not re.search(r"(?m)^[\[*]", text), page  # after a row's \\ these would be options
+
+
+def test_letters_that_a_font_lacks_are_no_warning() -> None:
+    for save in (png, svg, pdf):
+        figure, axes = new_figure()
+        axes[0, 0].set_title("Größe_タンク $\\frac{ \\x1b", parse_math=False)
+        assert len(save(figure)) > 1000
+
+
+def test_file_names_of_any_bytes(run: Command, tmp_path: Path) -> None:
+    """Names that are not UTF-8, or that would drive a terminal, for every file that is no log."""
+    log = tmp_path / "a.csv"
+    log.write_bytes(csv_of(good_table()))
+    model = model_file(tmp_path / "yaw\x1b[31m\nmodel.json")
+    try:
+        (tmp_path / "m\udcff.json").write_bytes(model.read_bytes())
+    except OSError:
+        pytest.skip("this file system takes UTF-8 names only")
+    columns = tmp_path / "c\udcff\x1b.toml"
+    columns.write_text('[columns]\ntau = "tau"\n')
+    for name in (model, tmp_path / "m\udcff.json"):
+        out = tmp_path / "out"
+        found = run("validate", log, "--model", name, "--columns", columns, "-o", out, "--overwrite")
+        assert found.exit_code == 0, found.stderr
+        assert "\x1b" not in found.stdout
+        inputs = json.loads((out / "manifest.json").read_text(encoding="utf-8"))["inputs"]
+        assert printable(name.name) in [one["file"] for one in inputs]
+    broken = tmp_path / "b\udcff\x1b\n.json"
+    broken.write_text("{}")
+    found = run("validate", log, "--model", broken)
+    assert found.exit_code == 1 and found.stderr.startswith(r"Error: b\xff\x1b\n.json: schema: found nothing")
 
 
 def test_figures_are_drawn(folders: dict[str, Path]) -> None:

@@ -45,7 +45,7 @@ def read_log(file: LogFile, columns: ColumnMap | None = None) -> LogTable:
     extras: dict[str, Floats] = {}
     for i, (name, array) in enumerate(zip(raw.names, raw.arrays)):
         if i not in used and name and pa.types.is_floating(array.type):
-            extras[name] = _finite_or_nan(array.to_numpy().copy(), name, notes)
+            extras[printable(name)] = _finite_or_nan(array.to_numpy().copy(), name, notes)
     moment = next((use.canonical.unit for use in uses if use.canonical.quantity == "moment"), None)
     return LogTable(
         source=file.name,

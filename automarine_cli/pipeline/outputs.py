@@ -9,6 +9,7 @@ import hashlib
 import json
 import math
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path, PurePath, PurePosixPath
 
@@ -38,10 +39,12 @@ def json_text(data: object) -> str:
     Raises OutputError for a value that is not a finite number: a result file never holds NaN.
     """
     try:
-        return json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False, default=_as_plain) + "\n"
+        text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False, default=_as_plain) + "\n"
     except ValueError as problem:
         place = _first_not_finite(data) or str(problem)
         raise OutputError(f"{place} is not a finite number; this is a defect, please report it") from None
+    # a byte of a file's name that is not UTF-8 has no letter, only an escape
+    return re.sub("[\ud800-\udfff]", lambda lone: f"\\u{ord(lone[0]):04x}", text)
 
 
 def file_stems(names: Sequence[str]) -> list[str]:

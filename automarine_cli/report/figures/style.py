@@ -120,7 +120,9 @@ def _saved(figure: Figure, kind: str, metadata: dict[str, Any], **keywords: Any)
     """The file of that kind. The layout is found once, for the first file: a second search would start where the
     first one ended and end a hair beside it, and so would every pixel of a colour bar."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format=kind, metadata=metadata, **keywords)
+    with warnings.catch_warnings():  # the name of a run in letters that the font lacks is drawn as boxes
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
+        figure.savefig(buffer, format=kind, metadata=metadata, **keywords)
     figure.set_layout_engine("none")
     return buffer.getvalue()
 
