@@ -12,6 +12,7 @@ from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap, LogFile
 from automarine_cli.pipeline.inputs import Sought, find_inputs
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
+from automarine_cli.pipeline.outputs import UNRECORDED
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.recipe import converted
 from automarine_cli.pipeline.words import listed
@@ -140,7 +141,7 @@ def _recipe(
     known, hints = inspect.signature(work).parameters, typing.get_type_hints(work)
     settings: dict[str, Any] = {}
     for key, value in manifest.options.items():
-        if key not in known:
+        if key not in known or key in UNRECORDED:
             raise SettingError(f"{where}: options: unknown key {key!r} of {manifest.command}")
         if key in FILES:
             settings[key] = _file(key, value, roles, f"{where}: options.{key}")
