@@ -84,7 +84,7 @@ def made_in(folder: Path, pool: str, turn: int, jobs: int, umask: int, more: dic
     """All results made in a process of its own with that environment; the folder that holds them."""
     folder.mkdir(parents=True, exist_ok=True)
     work = [
-        [*recipe, "-o", f"out/{name}", "--jobs", str(jobs), "-q"]
+        [*recipe, "-o", f"out/{name}", "--jobs", "1" if name == "driven" else str(jobs), "-q"]
         for name, recipe in recipes(pool, turn).items()
     ]
     plain = {name: value for name, value in os.environ.items() if not name.startswith(("LC_", "LANG", "TZ"))}
