@@ -242,6 +242,24 @@ def test_nothing_left_says_why(run: Command, broken: Path, tmp_path: Path) -> No
     is_refusal(run("fit-yaw", tmp_path), f"no run is left of 7 logs: {reasons}; and 2 more")
 
 
+def test_too_few_left_says_what_was_set_aside(
+    run: Command, broken: Path, options: dict[str, list[object]], tmp_path: Path
+) -> None:
+    for file in ("infinity.csv", "stuck_compass.csv"):
+        shutil.copy(broken / file, tmp_path / file)
+    (tmp_path / "level.csv").write_text("n,force_N\n5,0.1\n")
+    (tmp_path / "good.csv").write_bytes(csv_of(good_table()))
+    for command, first in (("diagnose", "infinity"), ("fit-thrusters", "good")):
+        found = run(command, *options.get(command, ()), tmp_path)
+        assert found.exit_code == 1
+        beginning = f"(3 runs were set aside before, the first: {tmp_path.name}/{first}.csv, run '{first}': "
+        assert beginning in found.stderr
+    (tmp_path / "good.csv").write_bytes(csv_of(good_table().head(25)))  # a step that is cut off
+    found = run("fit-yaw", tmp_path, "--fit-to", "half-turns")
+    why = f"{tmp_path.name}/infinity.csv, run 'infinity': {REFUSED['infinity.csv']}"
+    assert found.exit_code == 1 and f"set aside before, the first: {why})" in found.stderr
+
+
 # What may not be read, and names that are traps
 
 

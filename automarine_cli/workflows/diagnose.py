@@ -24,7 +24,7 @@ from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import diagnosis_report, diagnosis_tables, thruster_diagnosis
 from automarine_cli.report.tables import Table
-from automarine_cli.runs.load import load_runs, refused_by_strict
+from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.workflows.diagnose_thrusters import ThrusterDiagnosis, diagnose_thrusters, is_thruster_map
 from automarine_cli.workflows.moments import with_moments
@@ -174,10 +174,11 @@ def diagnose(
 
     def work() -> YawDiagnosis:
         base = stored.models[stored.preferred]
-        found = diagnose_runs(
-            runs, base, hold_out=kept, seed=seed,
-            each=lambda function, items, stage: ordered_map(function, items, jobs, progress=progress, stage=stage),
-        )  # fmt: skip
+        with told_beside((*aside, *more_aside)):
+            found = diagnose_runs(
+                runs, base, hold_out=kept, seed=seed,
+                each=lambda function, items, stage: ordered_map(function, items, jobs, progress=progress, stage=stage),
+            )  # fmt: skip
         where = find_where(found.study, found.found.base, seed)
         return YawDiagnosis(found, where, stored, parent, (*aside, *more_aside))
 

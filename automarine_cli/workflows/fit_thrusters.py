@@ -24,6 +24,7 @@ from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import thruster_tables
 from automarine_cli.report.figures.style import png
 from automarine_cli.report.figures.thrusters import thruster_figure
+from automarine_cli.runs.load import told_beside
 from automarine_cli.runs.thruster_test import ThrusterLogs, load_thruster_logs
 
 FELT = 0.2  # exponent of thrust against voltage from which one map for all voltages misleads
@@ -81,6 +82,13 @@ def _fit_loaded(
     progress: Progress,
 ) -> ThrusterFit:
     count = _thrusters(thrusters, columns)
+    with told_beside(loaded.set_aside):
+        return _fit_points(loaded, columns, count, form, jobs, progress)
+
+
+def _fit_points(
+    loaded: ThrusterLogs, columns: ColumnMap, count: int, form: str | None, jobs: int, progress: Progress
+) -> ThrusterFit:
     where = loaded.inputs[0].name if len(loaded.inputs) == 1 else f"{len(loaded.inputs)} logs"
     rule = columns.columns.get("n")
     n_unit = (rule.unit or "") if rule is not None else ""

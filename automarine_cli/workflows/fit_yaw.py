@@ -16,7 +16,7 @@ from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import yaw_report
-from automarine_cli.runs.load import load_runs, refused_by_strict
+from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.workflows.moments import with_moments
 
 FIT_TO = ("auto", "half-turns", "whole-runs")
@@ -51,7 +51,8 @@ def fit_yaw(
         return ordered_map(function, models, jobs, progress=progress, stage="fitting models")
 
     def work() -> YawFit:
-        fit = identify(runs, fit_to, known, each)
+        with told_beside(campaign.set_aside):
+            fit = identify(runs, fit_to, known, each)
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside))
         if strict and fit.set_aside:
             raise refused_by_strict(fit.set_aside[0])
