@@ -7,7 +7,7 @@ import pytest
 from made_campaigns import both_ways, campaign
 from made_runs import mirrored
 
-from automarine_cli.fits.influence import covariance_of_changes, left_out_changes
+from automarine_cli.fits.influence import covariance_of_changes, degrees_of_freedom, left_out_changes
 from automarine_cli.fits.linear_mixed import RunEffects
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
 from automarine_cli.fits.output_error import run_covariance
@@ -88,3 +88,34 @@ def test_jackknife_of_means_is_the_error_of_the_mean() -> None:
     values = np.random.default_rng(3).standard_normal(40)
     without = (values.sum() - values) / 39 - values.mean()
     assert covariance_of_changes(without[:, None])[0, 0] == pytest.approx(values.var(ddof=1) / 40)
+
+
+def lines(steep: np.ndarray) -> MixedFit:
+    """One common slope through runs whose abscissae reach as far as `steep` says."""
+    x = steep[:, None] * np.linspace(0.1, 1.0, 30)
+    noise = 0.1 * np.random.default_rng(1).standard_normal(x.shape)
+    problem = Problem(
+        lambda theta, b: theta[:, 0, None, None] * x + b[:, :, :1], 2.0 * x + noise, np.ones(x.shape, dtype=bool),
+        RunEffects(np.zeros((len(steep), 1)), np.array([-1])), np.array([[-np.inf, np.inf]]), np.zeros(1, dtype=bool),
+    )  # fmt: skip
+    return fit_mixed(problem, np.ones(1), noise=0.2, factors=np.array([]))
+
+
+def test_equal_runs_all_count() -> None:
+    assert degrees_of_freedom(lines(np.ones(RUNS)), np.ones(1)) == pytest.approx(RUNS - 1)
+
+
+def test_two_runs_that_carry_a_parameter_count_as_two() -> None:
+    """Ten runs, of which eight show next to nothing of the slope."""
+    steep = np.full(RUNS, 0.01)
+    steep[[2, 7]] = 1.0
+    assert degrees_of_freedom(lines(steep), np.ones(1)) == pytest.approx(2 * (RUNS - 1) / RUNS, rel=1e-2)
+
+
+def test_a_direction_that_cannot_move_has_the_runs_less_one() -> None:
+    problem = linear_problem()
+    fit = fit_mixed(replace(problem, bounds=np.array([[-1.0, 1.5], [-1.0, -0.5]])), np.zeros(2), noise=1.0,
+                    factors=np.array([0.2]))  # fmt: skip
+    assert fit.at_bound == (0, 1)
+    assert degrees_of_freedom(fit, np.array([1.0, 0.0])) == RUNS - 1
+    assert np.all(run_covariance(fit, problem) == 0.0)
