@@ -61,7 +61,7 @@ reproduce: $(READY) ## The demo twice, in two lands, and again from its manifest
 	  $(MAKE) demo OUT=$(OUT)/reproduce/second JOBS=2 > /dev/null
 	diff -r $(OUT)/reproduce/first $(OUT)/reproduce/second
 	$(AUTOMARINE) verify $(OUT)/reproduce/first -q
-	for made in $(OUT)/reproduce/first/*/; do \
+	for made in $(OUT)/reproduce/first/demo/*/; do \
 	  $(AUTOMARINE) run --from $$made --inputs sample_runs --inputs $(OUT)/reproduce/first || exit 1; done
 	count=$$(find $(OUT)/reproduce/first -type f | wc -l | tr -d ' '); test "$$count" -gt 0; \
 	  echo "Reproduced: $$count files, every byte equal."

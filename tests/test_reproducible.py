@@ -203,6 +203,8 @@ def test_missing_and_changed_inputs_are_refused_by_name(
         "folders that hold them with --inputs\n"
     )
     assert not Path("again").exists()
+    found = run("run", "--from", "pool")
+    assert found.stderr == "Error: pool: no manifest.json here; give a folder of results, or its manifest.json\n"
 
 
 def test_other_bytes_and_other_versions_are_said(

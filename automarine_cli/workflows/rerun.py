@@ -104,6 +104,8 @@ def rerun(
     changed and for a manifest that cannot be followed, and whatever the command itself refuses.
     """
     place = recorded / MANIFEST if recorded.is_dir() else recorded
+    if not place.exists():
+        raise SettingError(f"{recorded}: no {MANIFEST} here; give a folder of results, or its {MANIFEST}")
     manifest = read_manifest(place)
     if manifest.command not in COMMANDS:
         raise SettingError(f"{place.name}: command is {manifest.command!r}; known are {', '.join(COMMANDS)}")
