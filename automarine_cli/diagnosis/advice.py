@@ -70,7 +70,7 @@ def separations(study: Study, final: Trial, rival: Trial) -> dict[str, float]:
     problem, other = extra.problem(final.model), extra.problem(rival.model)
     b = np.zeros_like(problem.effects.scale)
     first, by_phi, by_run = derivatives(problem, final.fit.phi, b)
-    second = other.headings(rival.fit.phi, b)
+    second = other.headings(rival.fit.phi, np.zeros_like(other.effects.scale))
     own = len(study.base.theta)
     spread, turn = np.linalg.eigh(final.fit.covariance[:own, :own])
     by_base = by_phi[:, :, :own] @ (turn * np.sqrt(np.maximum(spread, 0.0)))

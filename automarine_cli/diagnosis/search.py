@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.scores import Scores, candidates, fitted_parameters, penalty, score
+from automarine_cli.diagnosis.scores import Scores, candidates, fitted_parameters, law_of, penalty, score
 from automarine_cli.diagnosis.study import ITERATIONS, Study
 from automarine_cli.errors import FitError
 from automarine_cli.fits.mixed_model import MixedFit
@@ -30,7 +30,9 @@ LEVEL = 0.02
 MOST_EFFECTS = 3
 TIE = 10.0
 """Difference of evidence (in deviance) below which two explanations count as tied."""
-BRIEF = 5
+LIKELY = 0.1
+"""Share of the best score from which a candidate beyond the sixth is fitted, after the first round."""
+BRIEF = 4
 """Iterations that every candidate's fit gets; only those in the running are fitted to the end."""
 RUNNING = 0.5
 """Share of the best gain, all fits being brief, that keeps a candidate in the running; so does being within REACH."""
@@ -165,25 +167,33 @@ def independent_share(study: Study, fit: MixedFit) -> float:
 
 
 def _trial(study: Study, model: YawModel, added: tuple[str, ...], fit: MixedFit) -> Trial:
-    cost = penalty(sum(fitted_parameters(name) for name in added), len(study.runs))
-    evidence = -2.0 * study.independent * fit.log_likelihood + cost
-    return Trial(added, model.with_theta(fit.theta[:-1]), fit, evidence)
+    model = study.told(model, fit)
+    own = model.terms[len(study.base.terms) :]
+    cost = penalty(sum(fitted_parameters(term.name, term.values) for term in own), len(study.runs))
+    return Trial(added, model, fit, -2.0 * study.independent * fit.log_likelihood + cost)
 
 
 def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> Round:
     """Score all candidates, fit all (the first time) or the ones within reach."""
     scores = score(study, current.model, current.fit, candidates(study, current.model), seed)
-    ranked = scores.ranked if whole else [s for i, s in enumerate(scores.ranked) if i < 6 or s.penalised > 0]
-    work = [(s.effect, s.start) for s in ranked]
+    likely = max(0.0, LIKELY * scores.ranked[0].penalised) if scores.ranked else 0.0
+    ranked = (
+        scores.ranked if whole else [s for i, s in enumerate(scores.ranked) if i < 6 or s.penalised > likely]
+    )
+    work = [(s.effect, start) for s in ranked for start in (s.start, *s.others)]
     found = each(partial(add_effect, study, current, iterations=BRIEF), work, "trying effects")
     trials = [trial for trial in found if trial is not None]
     best = min((trial.evidence for trial in trials), default=0.0)
     least = best + max(REACH, (1.0 - RUNNING) * (current.evidence - best))
     running = [trial for trial in trials if trial.evidence < least and not trial.fit.converged]
     settled = each(partial(_settle, study, current), [(t.added[-1], t.fit.theta) for t in running], "fitting")
-    done = {trial.added[-1]: trial for trial in (*trials, *settled) if trial is not None}
-    current = _from_elsewhere(study, current, sorted(done.values(), key=lambda trial: trial.evidence)[:3])
-    return Round(current, scores, tuple(done.values()), max(scores.threshold(LEVEL), 0.0))
+    done = {law_of(t.added[-1], t.model.terms[-1].values): t for t in (*trials, *settled) if t is not None}
+    best_law: dict[str, Trial] = {}
+    for trial in sorted(done.values(), key=lambda trial: trial.evidence):
+        best_law.setdefault(trial.added[-1], trial)
+    ranking = list(best_law.values())
+    current = _from_elsewhere(study, current, ranking[:3])
+    return Round(current, scores, tuple(ranking), max(scores.threshold(LEVEL), 0.0))
 
 
 def _from_elsewhere(study: Study, current: Trial, trials: Sequence[Trial]) -> Trial:

@@ -14,6 +14,7 @@ from automarine_cli.diagnosis.search import LEVEL, Found, Trial
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import run_covariance
+from automarine_cli.fits.whole_runs import varying_terms
 
 Floats = NDArray[np.float64]
 
@@ -23,6 +24,8 @@ FLOOR_ERROR = 1.5
 root of the samples), before runs may hold something more."""
 LEFT_OVER = 0.3
 """Share of the excess variance over the floor that may stay when an effect is named."""
+STANDS = 2.0
+"""Times the floor above which residuals that hang together are unexplained, however much larger they were before."""
 
 FEWEST_GAINS = 10
 """Runs from which the order of their gains says anything."""
@@ -63,7 +66,11 @@ def verdict_of(study: Study, found: Found) -> str:
     if (
         loud
         and hangs_together(study, found.final)
-        and (not found.final.added or excess[1] > LEFT_OVER * excess[0])
+        and (
+            not found.final.added
+            or excess[1] > LEFT_OVER * excess[0]
+            or found.final.fit.noise > STANDS * study.floor
+        )
     ):
         return "unexplained"
     scatter = [trial.fit.factors[0] ** 2 for trial in (found.base, found.final)]
@@ -110,7 +117,18 @@ def parameter_estimates(study: Study, trial: Trial, name: str) -> dict[str, Esti
                 form = Estimate.from_log if trial.fit.positive[at] else Estimate.from_stderr
                 found[parameter.name] = form(value, stderr, dof, parameter.unit_for(trial.model.moment_unit))
             at += 1
+    for i, varying in enumerate(varying_terms(trial.model)):
+        if varying == name:
+            found[next(iter(found))] = _amplitude(study, trial, 3 + i)
     return found
+
+
+def _amplitude(study: Study, trial: Trial, factor: int) -> Estimate:
+    """Amplitude of what every run has a share of its own of, from the likelihood of their spread."""
+    scale = float(np.sqrt(2.0) * study.largest)
+    low, high = (scale * end for end in trial.fit.factor_interval(factor))
+    value, unit = scale * float(trial.fit.factors[factor]), trial.model.moment_unit
+    return Estimate(value, (high - low) / (2.0 * float(stats.norm.ppf(0.975))), (low, high), unit)
 
 
 def base_estimates(study: Study, trial: Trial) -> dict[str, Estimate]:

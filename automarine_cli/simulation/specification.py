@@ -60,14 +60,14 @@ class EffectSetting:
         for name in self.values:
             if name not in names:
                 raise SettingError(f"effect {self.name!r} has no parameter {name!r}; it has {allowed}")
-        for name in names:
+        for name in (p.name for p in effect.parameters if not p.choices):
             if name not in self.values:
                 raise SettingError(f"effect {self.name!r} needs its parameter {name!r} (of {allowed})")
 
     @property
     def ordered(self) -> tuple[float, ...]:
         """The values in the effect's own order."""
-        return tuple(self.values[parameter.name] for parameter in library.get(self.name).parameters)
+        return tuple(self.values.get(p.name, p.start) for p in library.get(self.name).parameters)
 
 
 @dataclass(frozen=True)
