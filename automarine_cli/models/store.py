@@ -177,6 +177,9 @@ def _parameters(name: str, given: Mapping[str, object], where: str) -> tuple[flo
             raise ModelError(f"{where}: unknown key {_told(key)}; {name} has {names}")
     values = []
     for parameter in wanted:
+        if parameter.choices and parameter.name not in given:
+            values.append(parameter.start)
+            continue
         value = _number(_needed(given, parameter.name, where), f"{where}.{parameter.name}")
         if not parameter.lower <= value <= parameter.upper:
             raise ModelError(
