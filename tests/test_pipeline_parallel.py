@@ -96,7 +96,7 @@ def test_interrupt_and_kill_end_every_process_soon(tmp_path: Path, how: int, wai
     else:
         parent.kill()
     _, said = parent.communicate(timeout=10)  # returns when the last process that holds the pipes has gone
-    if how == signal.SIGINT:  # struck inside `exec` (an import may be), Python ends by the signal: see `interrupts.end`
+    if how == signal.SIGINT:  # by the signal itself where it struck during an import; see `interrupts.end`
         assert parent.returncode in (130, -signal.SIGINT)
         assert said == b""
 
