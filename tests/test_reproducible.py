@@ -204,7 +204,9 @@ def test_missing_and_changed_inputs_are_refused_by_name(
     )
     assert not Path("again").exists()
     found = run("run", "--from", "pool")
-    assert found.stderr == "Error: pool: no manifest.json here; give a folder of results, or its manifest.json\n"
+    assert (
+        found.stderr == "Error: pool: no manifest.json here; give a folder of results, or its manifest.json\n"
+    )
 
 
 def test_other_bytes_and_other_versions_are_said(
