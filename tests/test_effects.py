@@ -23,8 +23,8 @@ from effect_contract import (
 )  # fmt: skip
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.search import Trial
 from automarine_cli.diagnosis.study import study_of
+from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.verdict import parameter_estimates
 from automarine_cli.effects import Effect, Motion, Place
 from automarine_cli.effects.base import EVEN, MIXED, ODD

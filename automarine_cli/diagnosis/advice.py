@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.search import Found, Trial
 from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.trials import Found, Trial
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.models.yaw_model import steady_rate

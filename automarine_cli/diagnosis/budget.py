@@ -3,8 +3,8 @@
 import numpy as np
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
-from automarine_cli.diagnosis.search import Trial
 from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.trials import Trial
 
 NOISE, SCATTER, LEFT = "noise of the heading", "scatter between runs", "left over"
 

@@ -7,14 +7,15 @@ in which nothing is missing; runs predicted from the others have a veto.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.scores import Scores, candidates, fitted_parameters, law_of, penalty, score
+from automarine_cli.diagnosis.scores import candidates, fitted_parameters, law_of, penalty, score
 from automarine_cli.diagnosis.study import ITERATIONS, Study
+from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Rival, Round, Trial
 from automarine_cli.errors import FitError
 from automarine_cli.fits.mixed_model import MixedFit
 from automarine_cli.models.yaw_model import YawModel
@@ -25,9 +26,6 @@ Map = Callable[
     Sequence["Trial | None"],
 ]
 
-LEVEL = 0.02
-"""Share of campaigns with nothing missing in which something may still be claimed."""
-MOST_EFFECTS = 3
 TIE = 10.0
 """Difference of evidence (in deviance) below which two explanations count as tied."""
 LIKELY = 0.1
@@ -38,67 +36,14 @@ RUNNING = 0.5
 """Share of the best gain, all fits being brief, that keeps a candidate in the running; so does being within REACH."""
 MATTERS = 0.1
 """Share of all evidence gained that an effect beyond MOST_EFFECTS would have to gain for the runs to be unexplained."""
+TRUST = 1e-3
+"""Share of the evidence already gained below which nothing more is added: laws and logs are no better than that."""
 TRIFLE = 0.05
 """Share of all evidence gained below which one of MOST_EFFECTS effects counts as mending the form of another."""
 SETTLED_EVIDENCE = 0.5
 """Gain in evidence below which a swap is not worth another look: fits are settled to less."""
 REACH = 60.0
 """Candidates this far behind the best by a full fit are no rivals of it."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A model with its fit; `evidence` is in deviance, smaller is better."""
-
-    added: tuple[str, ...]
-    model: YawModel
-    fit: MixedFit
-    evidence: float
-
-
-@dataclass(frozen=True)
-class Round:
-    """One round of the search: the scores, every candidate's full fit, and the threshold on the gain in evidence."""
-
-    before: Trial
-    scores: Scores
-    trials: tuple[Trial, ...]
-    threshold: float
-
-    def gain(self, trial: Trial) -> float:
-        """Evidence gained over the model that the round began with."""
-        return self.before.evidence - trial.evidence
-
-
-@dataclass(frozen=True)
-class Rival:
-    """An explanation that the runs cannot exclude: what it replaces, how far behind it is (deviance), its fit."""
-
-    replaces: str
-    name: str
-    behind: float
-    trial: Trial
-
-
-@dataclass(frozen=True)
-class Found:
-    """Outcome of a search: the study as judged, base and final model, rounds, p-value of each effect added, rivals.
-
-    `more` says that after MOST_EFFECTS effects another candidate would still beat chance.
-    """
-
-    study: Study
-    base: Trial
-    final: Trial
-    rounds: tuple[Round, ...]
-    p_values: dict[str, float]
-    rivals: tuple[Rival, ...]
-    more: bool = False
-
-    def weight(self, name: str) -> float:
-        """Weight of an effect of the final model against its rivals."""
-        others = sum(float(np.exp(-0.5 * rival.behind)) for rival in self.rivals if rival.replaces == name)
-        return 1.0 / (1.0 + others)
 
 
 def search(study: Study, seed: int, each: Map) -> Found:
@@ -116,7 +61,8 @@ def search(study: Study, seed: int, each: Map) -> Found:
             break
         rounds.append(this)
         current = this.before
-        able = [t for t in this.trials if this.gain(t) > this.threshold and _predicts(t, current)]
+        least = max(this.threshold, TRUST * (rounds[0].before.evidence - current.evidence))
+        able = [t for t in this.trials if this.gain(t) > least and _predicts(t, current)]
         best = min(able, key=lambda trial: trial.evidence, default=None)
         if best is None:
             break
@@ -277,7 +223,8 @@ def _reconsider(
             continue
         able = [trial for trial in this.trials if _predicts(trial, without)]
         best = min((*able, current), key=lambda trial: trial.evidence)
-        if without.evidence - best.evidence <= this.threshold:
+        least = max(this.threshold, TRUST * (first.before.evidence - without.evidence))
+        if without.evidence - best.evidence <= least:
             best = without
         if best.evidence < current.evidence - SETTLED_EVIDENCE or best is without:
             current, around, waiting = best, {}, list(best.added)

@@ -10,8 +10,8 @@ from scipy import stats
 from automarine_cli import effects
 from automarine_cli.diagnosis.gap import Gap, residuals
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
-from automarine_cli.diagnosis.search import LEVEL, Found, Trial
 from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Trial
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import run_covariance
 from automarine_cli.fits.whole_runs import varying_terms
@@ -26,6 +26,9 @@ LEFT_OVER = 0.3
 """Share of the excess variance over the floor that may stay when an effect is named."""
 STANDS = 2.0
 """Times the floor above which residuals that hang together are unexplained, however much larger they were before."""
+MANY = 0.25
+"""Excess variance that the base must leave before as many effects as may be named are believed: small gaps that take
+three are rather one effect that the library lacks."""
 
 FEWEST_GAINS = 10
 """Runs from which the order of their gains says anything."""
@@ -77,7 +80,8 @@ def verdict_of(study: Study, found: Found) -> str:
     unnamed = not found.final.added or scatter[1] > LEFT_OVER * scatter[0]
     if unnamed and not study.disturbed and gains_wander(study, found.final):
         return "unexplained"
-    if found.more and not study.disturbed:
+    many = len(found.final.added) == MOST_EFFECTS and excess[0] < MANY
+    if (found.more or many) and not study.disturbed:
         return "unexplained"
     return "named" if found.final.added else "nothing-missing"
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
-from automarine_cli.diagnosis.search import Trial
 from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.verdict import NamedEffect, base_estimates, gap_json, parameter_estimates
 from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import SettingError
