@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_thruster
 from automarine_cli.pipeline.progress import Progress, counted, silent
-from automarine_cli.runs.load import none_left, refused_by_strict, unreadable
+from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, unreadable
 from automarine_cli.runs.run import SetAside
 
 Floats = NDArray[np.float64]
@@ -53,7 +53,6 @@ def load_thruster_logs(
     files = find_logs(logs)
     records: list[Series] = []
     set_aside: list[SetAside] = []
-    inputs: list[LogFile] = []
     missing = 0
     for file in counted(progress, "reading", files, len(files)):
         try:
@@ -64,7 +63,6 @@ def load_thruster_logs(
                 raise
             set_aside.append(unreadable(file, refusal))
             continue
-        inputs.append(file)
         found, gone, idle = _records(table)
         records += found
         missing += gone
@@ -73,7 +71,7 @@ def load_thruster_logs(
         raise refused_by_strict(set_aside[0])
     if not records:
         raise none_left(len(files), set_aside)
-    return ThrusterLogs(tuple(records), tuple(set_aside), tuple(inputs), missing)
+    return ThrusterLogs(tuple(records), tuple(set_aside), tuple(filter(has_bytes, files)), missing)
 
 
 def _records(table: LogTable) -> tuple[list[Series], int, list[SetAside]]:

@@ -149,6 +149,7 @@ def diagnose(
     thrusters: Path | None = None,
     arm: float | None = None,
     out: Path | None = None,
+    figure_formats: tuple[str, ...] = ("png",),
     overwrite: bool = False,
     strict: bool = False,
     seed: int = 0,
@@ -158,7 +159,7 @@ def diagnose(
     """Diagnose the preferred model of the file `model` on yaw logs.
 
     `hold_out` logs are never fitted; without any a quarter of the runs, drawn with `seed`, is held out. Writes the
-    results if `out` is given. Raises LogError, RunError, ModelError, FitError, SettingError or OutputError.
+    results if `out` is given, figures in the `figure_formats` (png, svg, pdf). Raises LogError, RunError, ModelError, FitError, SettingError or OutputError.
     """
     stored = load_yaw_models(model)
     names = (
@@ -193,6 +194,7 @@ def diagnose(
         "columns": columns,
         "thrusters": thrusters,
         "arm": arm,
+        "figure_formats": figure_formats,
         "strict": strict,
     }
     with result_folder(
@@ -201,7 +203,7 @@ def diagnose(
         result = work()
         folder.write_json("diagnosis.json", result.to_json())
         folder.write_json("extended_model.json", result.extended_model())
-        for name, content in diagnosis_report.files(result.diagnosis, result.where):
+        for name, content in diagnosis_report.files(result.diagnosis, result.where, figure_formats):
             folder.write(name, content)
     return result
 

@@ -14,7 +14,7 @@ from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import thruster_diagnosis as page
 from automarine_cli.report.figures import thruster_diagnosis as figures
-from automarine_cli.report.figures.style import png
+from automarine_cli.report.figures.style import figure_files
 from automarine_cli.runs.thruster_test import ThrusterLogs, load_thruster_logs
 
 FILES = (
@@ -42,6 +42,7 @@ def diagnose_thrusters(
     hold_out: Sequence[str | Path] = (),
     columns: Path | ColumnMap | None = None,
     out: Path | None = None,
+    figure_formats: tuple[str, ...] = ("png",),
     overwrite: bool = False,
     strict: bool = False,
     seed: int = 0,
@@ -88,6 +89,7 @@ def diagnose_thrusters(
         "model": model.name,
         "hold_out": [file.name for file in held.inputs] if held else [],
         "thrusters_per_test": thrusters_per_test,
+        "figure_formats": figure_formats,
         "strict": strict,
         "columns": columns,
     }
@@ -98,9 +100,14 @@ def diagnose_thrusters(
         folder.write_json("diagnosis.json", result.to_json())
         folder.write_json("extended_model.json", result.extended_map)
         folder.write("diagnosis.md", page.markdown(result))
-        folder.write("where.png", png(figures.where_figure(result)))
-        folder.write("why.png", png(figures.why_figure(result)))
-        folder.write("before_after.png", png(figures.before_after_figure(result)))
+        drawn = {
+            "where": figures.where_figure(result),
+            "why": figures.why_figure(result),
+            "before_after": figures.before_after_figure(result),
+        }
+        for figure in drawn:
+            for name, content in figure_files(figure, drawn[figure], figure_formats):
+                folder.write(name, content)
     return result
 
 

@@ -22,7 +22,7 @@ from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import thruster_tables
-from automarine_cli.report.figures.style import png
+from automarine_cli.report.figures.style import figure_files
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.runs.load import told_beside
 from automarine_cli.runs.thruster_test import ThrusterLogs, load_thruster_logs
@@ -36,6 +36,7 @@ def fit_thrusters(
     *,
     columns: Path | ColumnMap | None = None,
     out: Path | None = None,
+    figure_formats: tuple[str, ...] = ("png",),
     overwrite: bool = False,
     strict: bool = False,
     thrusters_per_test: int | None = None,
@@ -47,7 +48,7 @@ def fit_thrusters(
     pulled.
 
     `thrusters_per_test` of None takes the column map's `[defaults]`, else 1; `form` of None chooses by
-    cross-validation. Writes the results if `out` is given. Raises LogError, RunError, FitError, OutputError.
+    cross-validation. Writes the results if `out` is given, figures in the `figure_formats` (png, svg, pdf). Raises LogError, RunError, FitError, OutputError.
     """
     column_map = (
         columns if isinstance(columns, ColumnMap) else read_column_map(columns) if columns else ColumnMap()
@@ -59,6 +60,7 @@ def fit_thrusters(
     options = {
         "thrusters_per_test": thrusters_per_test,
         "form": form,
+        "figure_formats": figure_formats,
         "strict": strict,
         "columns": columns,
     }
@@ -69,7 +71,8 @@ def fit_thrusters(
         folder.write_json("thrusters.json", result.to_json())
         folder.write("thrusters.csv", thruster_tables.points_csv(result))
         folder.write("thrusters.md", thruster_tables.markdown(result))
-        folder.write("thrusters.png", png(thruster_figure(result)))
+        for name, content in figure_files("thrusters", thruster_figure(result), figure_formats):
+            folder.write(name, content)
     return result
 
 

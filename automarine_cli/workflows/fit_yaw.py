@@ -31,12 +31,14 @@ def fit_yaw(
     fit_to: str = "auto",
     known: Known = NOTHING_KNOWN,
     out: Path | None = None,
+    figure_formats: tuple[str, ...] = ("png",),
     overwrite: bool = False,
     strict: bool = False,
     jobs: int = 1,
     progress: Progress = silent,
 ) -> YawFit:
-    """Identify the yaw model of a vehicle from its logs; writes the results if `out` is given.
+    """Identify the yaw model of a vehicle from its logs; writes the results if `out` is given, figures in the
+    `figure_formats` (png, svg, pdf).
 
     `thrusters` and `arm` [m] turn thruster commands into moments; `fit_to` and `known` as in
     `fits.yaw_fit.identify`. Raises LogError, RunError, FitError, SettingError or OutputError.
@@ -68,6 +70,7 @@ def fit_yaw(
         "arm": arm,
         "fit_to": fit_to,
         "known": known,
+        "figure_formats": figure_formats,
         "strict": strict,
     }
     with result_folder(
@@ -75,6 +78,6 @@ def fit_yaw(
     ) as folder:
         fit = work()
         folder.write_json("yaw_model.json", fit.to_json())
-        for name, content in yaw_report.files(fit):
+        for name, content in yaw_report.files(fit, figure_formats):
             folder.write(name, content)
     return fit

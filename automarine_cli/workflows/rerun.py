@@ -16,6 +16,7 @@ from automarine_cli.pipeline.outputs import UNRECORDED
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.recipe import converted
 from automarine_cli.pipeline.words import listed
+from automarine_cli.workflows.check import check
 from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.diagnose_thrusters import diagnose_thrusters, is_thruster_map
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
@@ -25,6 +26,7 @@ from automarine_cli.workflows.validate import validate
 
 SCHEMA = "automarine/rerun/1"
 COMMANDS: Mapping[str, Callable[..., object]] = {
+    "check": check,
     "fit-thrusters": fit_thrusters,
     "fit-yaw": fit_yaw,
     "validate": validate,
