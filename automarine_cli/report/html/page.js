@@ -50,6 +50,7 @@
     }
     says(at) {
       const found = this.nearest(at), [x, y, label] = found || [...at, ''];
+      this.found = found;
       const [wx, wy] = this.says_;
       return [found ? label : null, `${wx}: ${shown(this.scale('x').value(x), this.x[1] - this.x[0])}`,
         `${wy}: ${shown(this.scale('y').value(y), this.y[1] - this.y[0])}`].filter(Boolean).join('\n');
@@ -108,6 +109,8 @@
       .map((p) => (delete p.says, p)).filter((p) => p.group));
     const tip = figure.appendChild(make('div', 'says', ''));
     const whole = figure.querySelector('figcaption').appendChild(make('button', '', 'Show all'));
+    const spot = svg.appendChild(document.createElementNS(SVG, 'circle'));
+    spot.setAttribute('style', 'fill:none;stroke:#d55e00;stroke-width:1.2;pointer-events:none');
     tip.hidden = whole.hidden = true;
     const place = (e) => {
       const p = new DOMPoint(e.clientX, e.clientY).matrixTransform(svg.getScreenCTM().inverse());
@@ -117,8 +120,11 @@
     const tell = (e) => {
       const at = place(e), panel = all().find((p) => p.holds(at));
       tip.hidden = !panel;
+      spot.setAttribute('r', 0);
       if (!panel) return;
       tip.textContent = panel.says(at);
+      spot.setAttribute('r', panel.found ? 3.5 : 0);
+      if (panel.found) ['cx', 'cy'].forEach((key, i) => spot.setAttribute(key, panel.found[i]));
       const box = figure.getBoundingClientRect(), x = e.clientX - box.left, y = e.clientY - box.top;
       tip.style.left = `${figure.scrollLeft + (x > box.width / 2 ? x - tip.offsetWidth - 12 : x + 14)}px`;
       tip.style.top = `${Math.max(0, y - tip.offsetHeight - 10)}px`;
@@ -163,10 +169,13 @@
     };
     svg.addEventListener('pointerup', end);
     svg.addEventListener('pointercancel', end);
-    svg.addEventListener('pointerleave', () => { tip.hidden = true; });
+    svg.addEventListener('pointerleave', () => { tip.hidden = true; spot.setAttribute('r', 0); });
     svg.addEventListener('dblclick', reset);
     whole.addEventListener('click', reset);
   });
+
+  const head = document.querySelector('h2');
+  if (head) head.before(make('p', 'hint', 'In the figures: point for values, drag for a closer look, double-click for the whole.'));
 
   // k with its index below is copied as k_r
   const text = (cell) => {

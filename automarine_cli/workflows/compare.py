@@ -1,0 +1,283 @@
+"""`compare`: results of two or more campaigns side by side: another vehicle, another day, another battery."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+from automarine_cli.comparison.side_by_side import Difference, Side, differences
+from automarine_cli.errors import ModelError, SettingError
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
+from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.pipeline.plain_data import read_plain
+from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.report.compare_tables import difference_table, parameter_table, sentence, summary
+from automarine_cli.report.figures.compare import compare_figure
+from automarine_cli.report.figures.style import figure_files
+from automarine_cli.report.tables import Table, number
+
+SCHEMA = "automarine/comparison/1"
+FILES = ("comparison.json", "parameters.csv", "differences.csv", "comparison.md", "comparison.png")
+RESULTS = {
+    "diagnosis.json": ("automarine/diagnosis/1", "diagnose"),
+    "yaw_model.json": ("automarine/yaw-model/1", "fit-yaw"),
+    "thrusters.json": ("automarine/thruster-map/1", "fit-thrusters"),
+}
+STEPS = ("yaw", "thrusters", "diagnosis")
+SYMBOLS = {"k_rr": "k_r|r|", "k_r": "k_r", "I_r": "I_r"}
+
+
+@dataclass(frozen=True)
+class ResultComparison:
+    """Results of one command side by side, each against the first; `notes` say what must be known of them."""
+
+    kind: str
+    sides: tuple[Side, ...]
+    differences: tuple[Difference, ...]
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The result: schema automarine/comparison/1."""
+        return {
+            "schema": SCHEMA,
+            "kind": self.kind,
+            "results": [
+                {
+                    "name": side.name,
+                    "parameters": {name: one.to_json() for name, one in side.parameters.items()},
+                    "facts": dict(side.facts),
+                    "runs": side.runs,
+                }
+                for side in self.sides
+            ],
+            "differences": [one.to_json() | {"says": sentence(one)} for one in self.differences],
+            "summary": summary(self.differences),
+            "notes": list(self.notes),
+        }
+
+    def tables(self) -> tuple[Table, Table]:
+        """Parameters side by side, and differences."""
+        return parameter_table(self.sides), difference_table(self.differences)
+
+    def sentences(self) -> list[str]:
+        """What a person should read."""
+        return [summary(self.differences), *(sentence(one) for one in self.differences), *self.notes]
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A result folder: its name here, its file, what is in it, and the command that it is of."""
+
+    name: str
+    path: Path
+    data: Mapping[str, Any]
+    kind: str
+
+    @property
+    def unit(self) -> str:
+        """The unit of moments; nothing for thrusters."""
+        return str(self.data.get("moment_unit", ""))
+
+
+def compare(
+    results: Sequence[str | Path],
+    *,
+    out: Path | None = None,
+    figure_formats: tuple[str, ...] = ("png",),
+    overwrite: bool = False,
+) -> ResultComparison:
+    """Compare folders that `fit-thrusters`, `fit-yaw` or `diagnose` wrote, all of one command, with the first.
+
+    Intervals of differences take the results as made from data of their own; logs that two of them share are told.
+    Writes the comparison if `out` is given. Raises SettingError for results that cannot be compared, ModelError for
+    a file that automarine did not write so, OutputError.
+    """
+    folders = [Path(one) for one in results]
+    if len(folders) < 2:
+        raise SettingError("one result was given; give two or more folders of results to compare")
+    found = [_find(folder, name) for folder, name in zip(folders, _names(folders))]
+    _refuse_mixtures(found)
+    sides = _sides(found)
+    apart = differences(sides)
+    if not apart:
+        raise SettingError(
+            f"{listed(side.name for side in sides)}: no parameter stands in the first and in another one; "
+            "compare results that have the same model or form"
+        )
+    result = ResultComparison(found[0].kind, sides, apart, (*_notes(found, sides), *_shared_logs(found)))
+    if out is None:
+        return result
+    inputs = [Input(f"{one.name}/{one.path.name}", one.path, "result") for one in found]
+    inputs += [
+        Input(f"{one.name}/{MANIFEST}", _manifest(one), "manifest")
+        for one in found
+        if is_manifest(_manifest(one))
+    ]
+    with result_folder(
+        out,
+        command="compare",
+        options={"figure_formats": figure_formats},
+        inputs=inputs,
+        seed=None,
+        overwrite=overwrite,
+    ) as folder:
+        one, two = result.tables()
+        folder.write_json("comparison.json", result.to_json())
+        folder.write("parameters.csv", one.to_csv())
+        folder.write("differences.csv", two.to_csv())
+        words = Table("", ("in words",), tuple((line,) for line in result.sentences()))
+        folder.write("comparison.md", "\n".join(table.to_markdown() for table in (words, one, two)))
+        for name, content in figure_files("comparison", compare_figure(sides), figure_formats):
+            folder.write(name, content)
+    return result
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """The last parts of each place, as many as it takes to tell them apart."""
+    parts = [folder.resolve().parts for folder in folders]
+    for count in range(1, max(map(len, parts)) + 1):
+        names = [printable("/".join(one[-count:]).lstrip("/")) for one in parts]
+        if len(set(names)) == len(names):
+            return names
+    twice = next(folder for i, folder in enumerate(folders) if parts[i] in parts[:i])
+    raise SettingError(f"{twice} is given twice; give two or more different folders of results")
+
+
+def _find(folder: Path, name: str) -> _Found:
+    """The result in a folder. Raises SettingError if there is none, ModelError if it cannot be read."""
+    for file, (schema, kind) in RESULTS.items():
+        path = folder / file
+        if not path.is_file():
+            continue
+        data = read_plain(path, "JSON", ModelError)
+        if data.get("schema") != schema:
+            raise ModelError(f"{name}/{file}: schema is {data.get('schema')!r}; expected {schema!r}")
+        if data.get("model") == "thruster-map":
+            kind = "diagnose of thrusters"
+        return _Found(name, path, data, kind)
+    inside = [step for step in STEPS if any((folder / step / file).is_file() for file in RESULTS)]
+    if inside:
+        raise SettingError(
+            f"{folder} holds a whole campaign; compare one step of each, such as {folder / inside[0]}"
+        )
+    raise SettingError(
+        f"{folder} holds no result of fit-thrusters, fit-yaw or diagnose; expected one of the files {listed(RESULTS)}"
+    )
+
+
+def _refuse_mixtures(found: Sequence[_Found]) -> None:
+    for what, of in (("results of", lambda one: one.kind), ("moments in", lambda one: one.unit)):
+        values = list(dict.fromkeys(map(of, found)))
+        if len(values) > 1:
+            told = "; ".join(f"{one.name}: {of(one)}" for one in found)
+            advice = (
+                "compare results of one command"
+                if what == "results of"
+                else "there is no factor between the two, so compare results in one unit"
+            )
+            raise SettingError(f"{what} {' and '.join(values)} cannot be compared ({told}); {advice}")
+
+
+def _sides(found: Sequence[_Found]) -> tuple[Side, ...]:
+    readers = {"fit-yaw": _yaw, "fit-thrusters": _thrusters}
+    models = _models(found) if found[0].kind == "fit-yaw" else ()
+    sides = []
+    for one in found:
+        try:
+            reader = readers.get(one.kind)
+            parameters, facts = reader(one.data, models) if reader else _diagnosis(one.data)
+            sides.append(Side(one.name, parameters, facts, int(one.data["runs"]["used"])))
+        except (KeyError, TypeError, ValueError, AttributeError) as problem:
+            raise ModelError(
+                f"{one.name}/{one.path.name}: {type(problem).__name__} at {problem}; expected a file as automarine "
+                "writes it"
+            ) from None
+    return tuple(sides)
+
+
+def _models(found: Sequence[_Found]) -> tuple[str, ...]:
+    """Models that some result prefers and all have; else all that all have."""
+    common = [n for n in ("1", "2", "3") if all(n in one.data.get("models", {}) for one in found)]
+    preferred = {str(one.data.get("preferred")) for one in found}
+    return tuple(number for number in common if number in preferred) or tuple(common)
+
+
+def _yaw(data: Mapping[str, Any], models: Sequence[str]) -> tuple[dict[str, Estimate], dict[str, str]]:
+    parameters = {}
+    for number_ in models:
+        beside = f", model {number_}" if len(models) > 1 else ""
+        for key, symbol in (*SYMBOLS.items(), ("inertial_turn_angle_rad", "I_r/k_r|r|")):
+            if data["models"][number_].get(key) is not None:
+                parameters[f"{symbol}{beside}"] = Estimate.from_json(data["models"][number_][key])
+    if data.get("gain_scatter"):
+        parameters["scatter of thrust"] = Estimate.from_json(data["gain_scatter"])
+    facts = {"preferred model": str(data["preferred"])}
+    if data.get("heading_noise_deg") is not None:
+        facts["heading noise [deg]"] = number(data["heading_noise_deg"], 3)
+    return parameters, facts
+
+
+def _thrusters(data: Mapping[str, Any], _: Sequence[str]) -> tuple[dict[str, Estimate], dict[str, str]]:
+    parameters = {}
+    for side in ("forward", "backward"):
+        if data[side]["a"] is not None:
+            parameters[f"a {side}, square law"] = Estimate.from_json(data[side]["a"])
+        chosen = (data.get("parameters") or {}).get(side) or {}
+        for name, value in chosen.items():
+            if data["form"] != "square" and isinstance(value, dict):
+                parameters[f"{name} {side}, form {data['form']}"] = Estimate.from_json(value)
+    error = number(data["chosen"]["rmse_percent_of_full_scale"], 3)
+    return parameters, {"form": str(data["form"]), "error of it [% of full scale]": error}
+
+
+def _diagnosis(data: Mapping[str, Any]) -> tuple[dict[str, Estimate], dict[str, str]]:
+    parameters = {}
+    for effect in data["effects"]:
+        for name, value in effect["parameters"].items():
+            estimate = Estimate.from_json(value)
+            if estimate.stderr > 0:  # a choice of law has no interval
+                parameters[f"{effect['name']}: {name}"] = estimate
+    for name, moved in data.get("base", {}).items():
+        parameters[f"{SYMBOLS.get(name, name)} with what was missing"] = Estimate.from_json(moved["after"])
+    gap = data["gap"]["fitted_runs"]
+    unit = "deg" if "before_deg" in gap else "N"
+    names = ", ".join(str(effect["name"]) for effect in data["effects"])
+    facts = {"verdict": str(data["verdict"]) + (f": {names}" if names else "")}
+    for key in ("before", "after", "noise_floor"):
+        facts[f"gap {key.replace('_', ' ')} [{unit}]".replace("gap noise floor", "noise")] = number(
+            gap[f"{key}_{unit}"], 3
+        )
+    return parameters, facts
+
+
+def _notes(found: Sequence[_Found], sides: Sequence[Side]) -> list[str]:
+    """What two results say differently of themselves, in words."""
+    notes = []
+    for fact in ("preferred model", "form", "verdict"):
+        told = {side.name: side.facts[fact] for side in sides if fact in side.facts}
+        if len(set(told.values())) > 1:
+            notes.append(
+                f"Not the same {fact}: {'; '.join(f'{name}: {value}' for name, value in told.items())}."
+            )
+    return notes
+
+
+def _shared_logs(found: Sequence[_Found]) -> list[str]:
+    """Logs that two results were both made from, told by their content."""
+    logs = {}
+    for one in found:
+        if is_manifest(_manifest(one)):
+            entries = read_manifest(_manifest(one)).inputs
+            logs[one.name] = {entry.sha256 for entry in entries if entry.role == "log" and entry.sha256}
+    return [
+        f"{a} and {b} were made from {len(logs[a] & logs[b])} logs in common: the intervals of their differences, which "
+        "take them as independent, are too wide."
+        for a, b in combinations(logs, 2)
+        if logs[a] & logs[b]
+    ]
+
+
+def _manifest(one: _Found) -> Path:
+    return one.path.with_name(MANIFEST)
