@@ -6,17 +6,18 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+from automarine_cli.comparison.result_files import shared_models, side
 from automarine_cli.comparison.side_by_side import Difference, Side, differences
 from automarine_cli.errors import ModelError, SettingError
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.plain_data import read_plain
+from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.compare_tables import difference_table, parameter_table, sentence, summary
 from automarine_cli.report.figures.compare import compare_figure
 from automarine_cli.report.figures.style import figure_files
-from automarine_cli.report.tables import Table, number
+from automarine_cli.report.tables import Table
 
 SCHEMA = "automarine/comparison/1"
 FILES = ("comparison.json", "parameters.csv", "differences.csv", "comparison.md", "comparison.png")
@@ -26,7 +27,6 @@ RESULTS = {
     "thrusters.json": ("automarine/thruster-map/1", "fit-thrusters"),
 }
 STEPS = ("yaw", "thrusters", "diagnosis")
-SYMBOLS = {"k_rr": "k_r|r|", "k_r": "k_r", "I_r": "I_r"}
 
 
 @dataclass(frozen=True)
@@ -87,12 +87,14 @@ def compare(
     out: Path | None = None,
     figure_formats: tuple[str, ...] = ("png",),
     overwrite: bool = False,
+    jobs: int = 1,
+    progress: Progress = silent,
 ) -> ResultComparison:
     """Compare folders that `fit-thrusters`, `fit-yaw` or `diagnose` wrote, all of one command, with the first.
 
     Intervals of differences take the results as made from data of their own; logs that two of them share are told.
-    Writes the comparison if `out` is given. Raises SettingError for results that cannot be compared, ModelError for
-    a file that automarine did not write so, OutputError.
+    Writes the comparison if `out` is given; `jobs` and `progress` change nothing, it is quick. Raises SettingError for
+    results that cannot be compared, ModelError for a file that automarine did not write so, OutputError.
     """
     folders = [Path(one) for one in results]
     if len(folders) < 2:
@@ -181,75 +183,17 @@ def _refuse_mixtures(found: Sequence[_Found]) -> None:
 
 
 def _sides(found: Sequence[_Found]) -> tuple[Side, ...]:
-    readers = {"fit-yaw": _yaw, "fit-thrusters": _thrusters}
-    models = _models(found) if found[0].kind == "fit-yaw" else ()
+    models = shared_models([one.data for one in found]) if found[0].kind == "fit-yaw" else ()
     sides = []
     for one in found:
         try:
-            reader = readers.get(one.kind)
-            parameters, facts = reader(one.data, models) if reader else _diagnosis(one.data)
-            sides.append(Side(one.name, parameters, facts, int(one.data["runs"]["used"])))
+            sides.append(side(one.name, one.data, models))
         except (KeyError, TypeError, ValueError, AttributeError) as problem:
             raise ModelError(
                 f"{one.name}/{one.path.name}: {type(problem).__name__} at {problem}; expected a file as automarine "
                 "writes it"
             ) from None
     return tuple(sides)
-
-
-def _models(found: Sequence[_Found]) -> tuple[str, ...]:
-    """Models that some result prefers and all have; else all that all have."""
-    common = [n for n in ("1", "2", "3") if all(n in one.data.get("models", {}) for one in found)]
-    preferred = {str(one.data.get("preferred")) for one in found}
-    return tuple(number for number in common if number in preferred) or tuple(common)
-
-
-def _yaw(data: Mapping[str, Any], models: Sequence[str]) -> tuple[dict[str, Estimate], dict[str, str]]:
-    parameters = {}
-    for number_ in models:
-        beside = f", model {number_}" if len(models) > 1 else ""
-        for key, symbol in (*SYMBOLS.items(), ("inertial_turn_angle_rad", "I_r/k_r|r|")):
-            if data["models"][number_].get(key) is not None:
-                parameters[f"{symbol}{beside}"] = Estimate.from_json(data["models"][number_][key])
-    if data.get("gain_scatter"):
-        parameters["scatter of thrust"] = Estimate.from_json(data["gain_scatter"])
-    facts = {"preferred model": str(data["preferred"])}
-    if data.get("heading_noise_deg") is not None:
-        facts["heading noise [deg]"] = number(data["heading_noise_deg"], 3)
-    return parameters, facts
-
-
-def _thrusters(data: Mapping[str, Any], _: Sequence[str]) -> tuple[dict[str, Estimate], dict[str, str]]:
-    parameters = {}
-    for side in ("forward", "backward"):
-        if data[side]["a"] is not None:
-            parameters[f"a {side}, square law"] = Estimate.from_json(data[side]["a"])
-        chosen = (data.get("parameters") or {}).get(side) or {}
-        for name, value in chosen.items():
-            if data["form"] != "square" and isinstance(value, dict):
-                parameters[f"{name} {side}, form {data['form']}"] = Estimate.from_json(value)
-    error = number(data["chosen"]["rmse_percent_of_full_scale"], 3)
-    return parameters, {"form": str(data["form"]), "error of it [% of full scale]": error}
-
-
-def _diagnosis(data: Mapping[str, Any]) -> tuple[dict[str, Estimate], dict[str, str]]:
-    parameters = {}
-    for effect in data["effects"]:
-        for name, value in effect["parameters"].items():
-            estimate = Estimate.from_json(value)
-            if estimate.stderr > 0:  # a choice of law has no interval
-                parameters[f"{effect['name']}: {name}"] = estimate
-    for name, moved in data.get("base", {}).items():
-        parameters[f"{SYMBOLS.get(name, name)} with what was missing"] = Estimate.from_json(moved["after"])
-    gap = data["gap"]["fitted_runs"]
-    unit = "deg" if "before_deg" in gap else "N"
-    names = ", ".join(str(effect["name"]) for effect in data["effects"])
-    facts = {"verdict": str(data["verdict"]) + (f": {names}" if names else "")}
-    for key in ("before", "after", "noise_floor"):
-        facts[f"gap {key.replace('_', ' ')} [{unit}]".replace("gap noise floor", "noise")] = number(
-            gap[f"{key}_{unit}"], 3
-        )
-    return parameters, facts
 
 
 def _notes(found: Sequence[_Found], sides: Sequence[Side]) -> list[str]:
@@ -272,11 +216,15 @@ def _shared_logs(found: Sequence[_Found]) -> list[str]:
             entries = read_manifest(_manifest(one)).inputs
             logs[one.name] = {entry.sha256 for entry in entries if entry.role == "log" and entry.sha256}
     return [
-        f"{a} and {b} were made from {len(logs[a] & logs[b])} logs in common: the intervals of their differences, which "
-        "take them as independent, are too wide."
+        f"{a} and {b} share {_logs(len(logs[a] & logs[b]))}: the intervals of their differences, "
+        "which take them as independent, tend to be too wide."
         for a, b in combinations(logs, 2)
         if logs[a] & logs[b]
     ]
+
+
+def _logs(count: int) -> str:
+    return f"{count} log{'s' * (count != 1)}"
 
 
 def _manifest(one: _Found) -> Path:

@@ -1,0 +1,82 @@
+"""Result files as sides of a comparison: their parameters with intervals, and what else they say of themselves."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from automarine_cli.comparison.side_by_side import Side
+from automarine_cli.fits.estimate import Estimate
+
+SYMBOLS = {"k_rr": "k_r|r|", "k_r": "k_r", "I_r": "I_r"}
+Contents = tuple[dict[str, Estimate], dict[str, str]]
+
+
+def side(name: str, data: Mapping[str, Any], models: Sequence[str]) -> Side:
+    """The side of one result file, of which the schema is known to be right; of yaw models those in `models`.
+
+    Raises KeyError, TypeError, ValueError or AttributeError for a file that automarine did not write so.
+    """
+    schema = str(data["schema"])
+    if schema.startswith("automarine/yaw-model/"):
+        parameters, facts = _yaw(data, models)
+    elif schema.startswith("automarine/thruster-map/"):
+        parameters, facts = _thrusters(data)
+    else:
+        parameters, facts = _diagnosis(data)
+    return Side(name, parameters, facts, int(data["runs"]["used"]))
+
+
+def shared_models(files: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Models that some result prefers and all have; else all that all have."""
+    common = [n for n in ("1", "2", "3") if all(n in one.get("models", {}) for one in files)]
+    preferred = {str(one.get("preferred")) for one in files}
+    return tuple(number for number in common if number in preferred) or tuple(common)
+
+
+def _yaw(data: Mapping[str, Any], models: Sequence[str]) -> Contents:
+    parameters = {}
+    for number_ in models:
+        beside = f", model {number_}" if len(models) > 1 else ""
+        for key, symbol in (*SYMBOLS.items(), ("inertial_turn_angle_rad", "I_r/k_r|r|")):
+            if data["models"][number_].get(key) is not None:
+                parameters[f"{symbol}{beside}"] = Estimate.from_json(data["models"][number_][key])
+    if data.get("gain_scatter"):
+        parameters["scatter of thrust"] = Estimate.from_json(data["gain_scatter"])
+    facts = {"preferred model": str(data["preferred"])}
+    if data.get("heading_noise_deg") is not None:
+        facts["heading noise [deg]"] = _short(data["heading_noise_deg"])
+    return parameters, facts
+
+
+def _thrusters(data: Mapping[str, Any]) -> Contents:
+    parameters = {}
+    for side in ("forward", "backward"):
+        if data[side]["a"] is not None:
+            parameters[f"a {side}, square law"] = Estimate.from_json(data[side]["a"])
+        chosen = (data.get("parameters") or {}).get(side) or {}
+        for name, value in chosen.items():
+            if data["form"] != "square" and isinstance(value, dict):
+                parameters[f"{name} {side}, form {data['form']}"] = Estimate.from_json(value)
+    error = _short(data["chosen"]["rmse_percent_of_full_scale"])
+    return parameters, {"form": str(data["form"]), "error of it [% of full scale]": error}
+
+
+def _diagnosis(data: Mapping[str, Any]) -> Contents:
+    parameters = {}
+    for effect in data["effects"]:
+        for name, value in effect["parameters"].items():
+            estimate = Estimate.from_json(value)
+            if estimate.stderr > 0:  # a choice of law has no interval
+                parameters[f"{effect['name']}: {name}"] = estimate
+    for name, moved in data.get("base", {}).items():
+        parameters[f"{SYMBOLS.get(name, name)} with what was missing"] = Estimate.from_json(moved["after"])
+    gap = data["gap"]["fitted_runs"]
+    unit = "deg" if "before_deg" in gap else "N"
+    names = ", ".join(str(effect["name"]) for effect in data["effects"])
+    facts = {"verdict": str(data["verdict"]) + (f": {names}" if names else "")}
+    for key, name in (("before", "gap before"), ("after", "gap after"), ("noise_floor", "noise")):
+        facts[f"{name} [{unit}]"] = _short(gap[f"{key}_{unit}"])
+    return parameters, facts
+
+
+def _short(value: float) -> str:
+    return f"{float(value):.3g}"
