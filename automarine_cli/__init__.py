@@ -1,3 +1,41 @@
-"""automarine: identification of ROV and AUV yaw models from open-loop pool tests."""
+"""automarine: identification of ROV and AUV yaw models from open-loop pool tests.
+
+`import automarine_cli as am`, then `am.fit_yaw("logs")` and its like; `am.effects` is the library of effects.
+Nothing heavy is imported before one of them is asked for.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from automarine_cli import effects
+    from automarine_cli.workflows.api import (
+        check,
+        compare,
+        diagnose,
+        fit_thrusters,
+        fit_yaw,
+        simulate,
+        validate,
+    )
 
 __version__ = "0.1.0"
+__all__ = [
+    "__version__", "check", "compare", "diagnose", "effects", "fit_thrusters", "fit_yaw", "simulate", "validate",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> object:
+    """The workflows, and the library of effects, loaded when first asked for."""
+    from importlib import import_module
+
+    if name == "effects":
+        return import_module(f"{__name__}.effects")
+    if name in __all__:
+        found = getattr(import_module(f"{__name__}.workflows.api"), name)
+        globals()[name] = found
+        return found
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

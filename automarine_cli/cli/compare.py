@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from automarine_cli.cli import options
+from automarine_cli.cli.echo import Printable
 
 
 @click.command("compare", short_help="Results side by side: do they differ?")
@@ -27,6 +28,6 @@ def compare(results: tuple[Path, ...], out: Path | None, overwrite: bool, as_jso
     from automarine_cli.workflows import compare as workflow
 
     result = workflow.compare(results, out=out, overwrite=overwrite)
-    tables = [*result.tables(), *result.sentences()]
+    tables: list[Printable | str] = [*result.tables(), *result.sentences()]
     options.echo_result(result, as_json=as_json, out=out, tables=tables, files=workflow.FILES)
     return result

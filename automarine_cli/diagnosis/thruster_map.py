@@ -13,6 +13,7 @@ from automarine_cli.diagnosis.thruster_where import Fault, Region, faults, regio
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.models.thruster_forms import SQUARE, Curve
 from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.pipeline.shown import Shown
 from automarine_cli.runs.run import SetAside
 from automarine_cli.runs.thruster_test import ThrusterLogs
 
@@ -32,8 +33,8 @@ class ThrusterGap:
         return {"before_N": self.before, "after_N": self.after, "noise_floor_N": self.floor}
 
 
-@dataclass(frozen=True)
-class ThrusterDiagnosis:
+@dataclass(frozen=True, repr=False)
+class ThrusterDiagnosis(Shown):
     """What the diagnosis of a thruster map found.
 
     `bench` holds every point, `search.base.bench` those fitted, `held_out` the rest (None where too few levels were

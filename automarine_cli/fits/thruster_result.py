@@ -13,11 +13,12 @@ from automarine_cli.fits.thruster_selection import FormScore
 from automarine_cli.fits.thruster_tare import Tare
 from automarine_cli.fits.thruster_voltage import VoltageExponent
 from automarine_cli.models.thruster_map import SCHEMA, ThrusterMap
+from automarine_cli.pipeline.shown import Shown
 from automarine_cli.runs.thruster_test import ThrusterLogs
 
 
-@dataclass(frozen=True)
-class ThrusterFit:
+@dataclass(frozen=True, repr=False)
+class ThrusterFit(Shown):
     """The pooled analysis of one thruster, one for each voltage step, and how the data were treated."""
 
     logs: ThrusterLogs

@@ -16,6 +16,7 @@ from automarine_cli.fits.output_error import (
 from automarine_cli.fits.step_response import StepData
 from automarine_cli.fits.velocity_error import VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import Caution
+from automarine_cli.pipeline.shown import Shown
 from automarine_cli.runs.half_turn import HalfTurn
 from automarine_cli.runs.run import Run, SetAside
 
@@ -25,8 +26,8 @@ Map = Callable[[Callable[[str], OutputErrorFit], Sequence[str]], Sequence[Output
 SCHEMA = "automarine/yaw-model/1"
 
 
-@dataclass(frozen=True)
-class YawFit:
+@dataclass(frozen=True, repr=False)
+class YawFit(Shown):
     """Everything that a yaw identification found.
 
     `turns` and `data` are the half-turns used (empty and None for whole runs), `runs` the whole runs (or

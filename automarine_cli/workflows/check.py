@@ -19,6 +19,7 @@ from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.check_tables import run_table, thruster_test_table
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import (
@@ -35,8 +36,8 @@ from automarine_cli.runs.run import Run, SetAside
 FILES = ("check.json", "check.md")
 
 
-@dataclass(frozen=True)
-class Check:
+@dataclass(frozen=True, repr=False)
+class Check(Shown):
     """Everything `check` found, in the order of the files."""
 
     runs: tuple[RunSeen, ...]

@@ -13,6 +13,7 @@ from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.shown import Shown
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.compare_tables import difference_table, parameter_table, sentence, summary
 from automarine_cli.report.figures.compare import compare_figure
@@ -29,8 +30,8 @@ RESULTS = {
 STEPS = ("yaw", "thrusters", "diagnosis")
 
 
-@dataclass(frozen=True)
-class ResultComparison:
+@dataclass(frozen=True, repr=False)
+class ResultComparison(Shown):
     """Results of one command side by side, each against the first; `notes` say what must be known of them."""
 
     kind: str

@@ -22,6 +22,7 @@ from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report import diagnosis_report, diagnosis_tables, thruster_diagnosis
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
@@ -32,8 +33,8 @@ from automarine_cli.workflows.moments import with_moments
 FILES = ("diagnosis.json", "extended_model.json", "diagnosis.md", "where.png", "why.png", "before_after.png")
 
 
-@dataclass(frozen=True)
-class YawDiagnosis:
+@dataclass(frozen=True, repr=False)
+class YawDiagnosis(Shown):
     """A diagnosis with what it was asked of: the stored model, its file's hash, and the runs left out."""
 
     diagnosis: Diagnosis
@@ -159,7 +160,8 @@ def diagnose(
     """Diagnose the preferred model of the file `model` on yaw logs.
 
     `hold_out` logs are never fitted; without any a quarter of the runs, drawn with `seed`, is held out. Writes the
-    results if `out` is given, figures in the `figure_formats` (png, svg, pdf). Raises LogError, RunError, ModelError, FitError, SettingError or OutputError.
+    results if `out` is given, figures in the
+    `figure_formats` (png, svg, pdf). Raises LogError, RunError, ModelError, FitError, SettingError or OutputError.
     """
     stored = load_yaw_models(model)
     names = (

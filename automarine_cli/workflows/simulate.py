@@ -7,6 +7,7 @@ from automarine_cli.pipeline.manifest import given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.recipe import to_mapping
+from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.tables import Table
 from automarine_cli.simulation.bollard_test import bollard_columns
 from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
@@ -19,8 +20,8 @@ SCHEMA = "automarine/simulation-truth/1"
 DECIMALS = 9  # of what was drawn: more would show the machine's own rounding
 
 
-@dataclass(frozen=True)
-class Simulation:
+@dataclass(frozen=True, repr=False)
+class Simulation(Shown):
     """A campaign that was made: its specification, the seed used, and its runs in the order of the campaign."""
 
     specification: Specification

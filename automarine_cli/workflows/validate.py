@@ -19,6 +19,7 @@ from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import ResultFolder, file_stems, result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.figures.style import figure_files
 from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.tables import Table
@@ -37,8 +38,8 @@ MEANING = {
 }
 
 
-@dataclass(frozen=True)
-class Validation:
+@dataclass(frozen=True, repr=False)
+class Validation(Shown):
     """What `validate` found: the models and their effects, the comparison, the runs left out."""
 
     stored: StoredModels
