@@ -12,6 +12,7 @@ from automarine_cli.models.thruster_forms import SQUARE, Curve, Form
 
 FEWEST_LEVELS = 3
 ENOUGH_RECORDS = 4  # records from which their scatter alone carries an interval
+PLAIN, UNBIASED, JACKKNIFE = 0.0, 0.5, 1.0
 SIDES = (("forward", 1.0), ("backward", -1.0))
 
 
@@ -69,7 +70,7 @@ def square_law(side: Side, unit: str) -> Estimate:
     """Coefficient a of F = a |n| n (equation 2) [`unit`] by least squares through zero."""
     x = side.magnitude**2
     value = float((side.weight * x) @ side.thrust / ((side.weight * x) @ x))
-    return _estimates(side, x[:, None], side.thrust - value * x, np.array([value]), (unit,))[0]
+    return _estimates(side, x[:, None], side.thrust - value * x, np.array([value]), (unit,), UNBIASED)[0]
 
 
 def curve_of(fits: Fits, row: int = 0) -> Curve:
@@ -115,6 +116,7 @@ def parameters(
         residual,
         np.array([values[name] for name in free], dtype=float),
         tuple(units[name] for name in free),
+        JACKKNIFE,
     )
     result: dict[str, object] = {name: estimate.to_json() for name, estimate in zip(free, found)}
     for name in form.free:
@@ -138,7 +140,7 @@ def amplitude_unit(n_unit: str, power: float = SQUARE) -> str:
 
 
 def _estimates(
-    side: Side, matrix: Floats, residual: Floats, values: Floats, units: tuple[str, ...]
+    side: Side, matrix: Floats, residual: Floats, values: Floats, units: tuple[str, ...], freed_by: float
 ) -> tuple[Estimate, ...]:
     """Estimates with cluster-robust standard errors; `matrix` is the derivative of the thrust, shape (P, K).
 
@@ -151,12 +153,12 @@ def _estimates(
     root = np.sqrt(side.weight)
     rows, errors = root[:, None] * scaled, root * residual
     inverse = np.linalg.pinv(rows.T @ rows)
-    variance, dof = _clustered(rows, errors, inverse, side.group)
+    variance, dof = _clustered(rows, errors, inverse, side.group, freed_by)
     if side.record is not None:
         both = np.unique(np.stack([side.group, side.record]), axis=1, return_inverse=True)[1].ravel()
-        of_both, _ = _clustered(rows, errors, inverse, both.astype(np.int64))
+        of_both, _ = _clustered(rows, errors, inverse, both.astype(np.int64), freed_by)
         many = len(np.unique(side.record)) >= ENOUGH_RECORDS
-        of_records, dof_records = _clustered(rows, errors, inverse, side.record, corrected=many)
+        of_records, dof_records = _clustered(rows, errors, inverse, side.record, freed_by if many else PLAIN)
         if many:
             variance = np.maximum(variance, variance + of_records - of_both)
             dof = np.minimum(dof, dof_records)
@@ -170,25 +172,24 @@ def _estimates(
 
 
 def _clustered(
-    rows: Floats, errors: Floats, inverse: Floats, group: Ints, corrected: bool = True
+    rows: Floats, errors: Floats, inverse: Floats, group: Ints, freed_by: float
 ) -> tuple[Floats, Floats]:
     """Variances of the parameters and their degrees of freedom, both of shape (K,).
 
-    Not `corrected` is the plain sandwich: with two or three clusters the correction would say only that they
-    are few.
-
-    Each cluster's residuals are freed of their own leverage: HC3 with one point a cluster (MacKinnon & White
-    1985), else its cluster form CR3, the jackknife. The degrees of freedom are Satterthwaite's for
-    independent equal errors (Bell & McCaffrey 2002; Pustejovsky & Tipton 2018, J. Bus. Econ. Stat. 36:672): a
-    square law rests on its few highest levels, so that they are far fewer than the levels.
+    Each cluster's residuals are freed of their own leverage by that power of what it leaves: UNBIASED is HC2 with one
+    point a cluster (MacKinnon & White 1985), else its cluster form CR2, right for a straight line; JACKKNIFE is HC3
+    and CR3, wider, for forms that bend; PLAIN is the sandwich itself, for two or three clusters, of which a correction
+    would say only that they are few. The degrees of freedom are Satterthwaite's for independent equal errors (Bell &
+    McCaffrey 2002; Pustejovsky & Tipton 2018, J. Bus. Econ. Stat. 36:672): a square law rests on its few highest
+    levels, so that they are far fewer than the levels.
     """
     variance, effects = np.zeros(len(inverse)), []
     for number in np.unique(group):
         here = group == number
         own = rows[here]
         share, axes = np.linalg.eigh(own @ inverse @ own.T)
-        leverage = np.minimum(share, 0.99) if corrected else np.zeros(len(share))
-        freed = (axes / (1.0 - leverage)) @ axes.T @ own @ inverse  # (points here, K)
+        left = (1.0 - np.minimum(share, 0.99)) ** freed_by
+        freed = (axes / left) @ axes.T @ own @ inverse  # (points here, K)
         variance += (errors[here] @ freed) ** 2
         effect = -rows @ (inverse @ (own.T @ freed))
         effect[here] += freed
