@@ -12,7 +12,7 @@ MAKEFLAGS += --no-print-directory
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test check fit-thrusters fit-yaw validate diagnose reproduce sample-runs paper pictures bench blind clean
+.PHONY: help demo test check fit-thrusters fit-yaw validate diagnose run reproduce sample-runs paper pictures bench blind clean
 
 help: ## Show this list
 	echo "make TARGET, where TARGET is one of"
@@ -53,6 +53,9 @@ diagnose-%: $(READY)
 	$(AUTOMARINE) fit-yaw sample_runs/hidden_$* --fit-to whole-runs -o $(OUT)/hidden_$* --overwrite -q --jobs $(JOBS)
 	$(AUTOMARINE) diagnose sample_runs/hidden_$* --model $(OUT)/hidden_$*/yaw_model.json \
 	  -o $(OUT)/diagnose_$* --overwrite --seed 0 --jobs $(JOBS)
+
+run: $(READY) ## Every step of the campaign sample_runs/pool_day.toml and its report, into OUT/pool_day
+	$(AUTOMARINE) run sample_runs/pool_day.toml -o $(OUT)/pool_day --jobs $(JOBS)
 
 reproduce: $(READY) ## The demo twice, in two lands, and again from its manifests; fails unless every byte is equal
 	rm -rf $(OUT)/reproduce

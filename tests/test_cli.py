@@ -118,7 +118,9 @@ def test_completion_works_and_imports_nothing_heavy(shell: str) -> None:
 
 def test_module_and_version() -> None:
     found = python("--version")
-    assert (found.returncode, found.stdout, found.stderr) == (0, f"automarine, version {__version__}\n", "")
+    first, libraries = found.stdout.splitlines()
+    assert (found.returncode, first, found.stderr) == (0, f"automarine, version {__version__}", "")
+    assert [word.split()[0] for word in libraries.split(", ")] == ["python", "click", *HEAVY]
     assert python("--help").stdout.startswith("Usage: automarine [OPTIONS] COMMAND")
 
 

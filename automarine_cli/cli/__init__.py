@@ -13,12 +13,12 @@ from pathlib import Path
 
 import click
 
-from automarine_cli import __version__
 from automarine_cli.cli.options import verbosity
+from automarine_cli.cli.terminal import Refusal, versions
 from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline import interrupts
 
-NOT_COMMANDS = ("__init__", "options", "echo")
+NOT_COMMANDS = ("__init__", "options", "echo", "terminal")
 
 
 class CommandFolder(click.Group):
@@ -55,19 +55,17 @@ class CommandFolder(click.Group):
     def _refusal(self, ctx: click.Context, problem: Exception) -> click.ClickException:
         """One sentence for what a command raised."""
         if isinstance(problem, AutomarineError):
-            return click.ClickException(str(problem))
+            return Refusal(str(problem))
         if isinstance(problem, OSError) and problem.errno == errno.EPIPE:
             _forget_stdout()
             ctx.exit(141)  # as if the closed pipe had ended us, which is what shells expect
         if isinstance(problem, MemoryError):
-            return click.ClickException("not enough memory; fewer logs at a time or --jobs 1 need less")
+            return Refusal("not enough memory; fewer logs at a time or --jobs 1 need less")
         _show_traceback(ctx)
         if isinstance(problem, OSError):
-            return click.ClickException(str(problem))
+            return Refusal(str(problem))
         what = f"{type(problem).__name__}: {problem}".replace("\n", " ")
-        return click.ClickException(
-            f"{what}; this is a defect of automarine, please report it (-vv shows where)"
-        )
+        return Refusal(f"{what}; this is a defect of automarine, please report it (-vv shows where)")
 
 
 def _show_traceback(ctx: click.Context) -> None:
@@ -85,7 +83,10 @@ def _forget_stdout() -> None:
 
 @click.group(cls=CommandFolder, context_settings={"help_option_names": ["-h", "--help"]})
 @verbosity
-@click.version_option(__version__, prog_name="automarine")
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=versions,
+    help="Show the versions of automarine and of the libraries below it, and exit.",
+)  # fmt: skip
 def automarine() -> None:
     """From pool logs of an ROV or AUV to its thruster map and yaw model, and to why they disagree.
 

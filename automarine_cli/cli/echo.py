@@ -1,6 +1,5 @@
 """What a command says: progress and runs set aside on standard error, tables or JSON on standard output."""
 
-import shutil
 import sys
 import time
 from collections.abc import Iterable, Sequence
@@ -9,6 +8,7 @@ from typing import Any, Protocol
 
 import click
 
+from automarine_cli.cli.terminal import coloured, folded, painted, width_of
 from automarine_cli.pipeline.progress import Progress, silent
 
 SHOWN = 8  # runs set aside that are listed one by one without -v
@@ -26,8 +26,8 @@ class Result(Protocol):
 class Printable(Protocol):
     """What goes onto the terminal: a `report.tables.Table`."""
 
-    def to_text(self) -> str:
-        """Lines for a terminal."""
+    def to_text(self, width: int | None = None) -> str:
+        """Lines for a terminal of that width (None: as wide as they are)."""
         ...
 
 
@@ -41,6 +41,7 @@ class Bar:
     """A progress bar on standard error that comes only when work takes its time, and leaves no trace."""
 
     def __init__(self) -> None:
+        self.whole = ""  # how far everything is, in front of how far the stage is
         self._stage = ""
         self._since = 0.0
         self._drawn = 0.0
@@ -48,23 +49,60 @@ class Bar:
     def __call__(self, stage: str, done: int, total: int) -> None:
         now = time.monotonic()
         if stage != self._stage:
-            self.clear()
+            self.clear_stage()
             self._stage, self._since = stage, now
         if done >= total:
-            self.clear()
+            self.clear_stage()
         elif now - self._since >= PATIENCE_S and now - self._drawn >= 0.1:
-            width = min(30, max(5, shutil.get_terminal_size().columns - len(stage) - 20))
-            filled = width * done // max(total, 1)
-            click.echo(
-                f"\r\x1b[K{stage} [{'#' * filled}{'.' * (width - filled)}] {done}/{total}", err=True, nl=False
-            )
+            said = f"{self.whole}{stage}"
+            width = min(30, max(5, (width_of(sys.stderr) or 80) - len(said) - 20))
+            click.echo(f"\r\x1b[K{said} {strip(done, total, width)} {done}/{total}", err=True, nl=False)
             self._drawn = now
+
+    def show(self, whole: str) -> None:
+        """Say at once how far everything is; it stays until something else is drawn or all is cleared."""
+        self.clear()
+        self.whole = whole
+        click.echo(f"\r\x1b[K{whole}", err=True, nl=False)
+        self._drawn = time.monotonic()
+
+    def clear_stage(self) -> None:
+        """Take the stage away; how far everything is comes back."""
+        self.clear()
+        if self.whole:
+            self.show(self.whole)
 
     def clear(self) -> None:
         """Take the bar away."""
         if self._drawn:
             click.echo("\r\x1b[K", err=True, nl=False)
             self._drawn = 0.0
+
+
+def strip(done: int, total: int, width: int) -> str:
+    """`[####......]`, `width` characters between the brackets."""
+    filled = width * done // max(total, 1)
+    return f"[{'#' * filled}{'.' * (width - filled)}]"
+
+
+class CampaignTeller:
+    """Tells on standard error how a campaign goes: a bar for the whole and the step on a terminal; with -v a line
+    for each step; else nothing, since the table at the end says it all."""
+
+    def __init__(self) -> None:
+        self.progress = terminal_progress()
+
+    def tell(self, news: Any) -> None:
+        """A step starts or is over (`workflows.run.News`)."""
+        bar = self.progress if isinstance(self.progress, Bar) else None
+        if bar is not None:
+            bar.clear()
+            bar.whole = ""
+        if verbosity_level() > 0 or (bar is not None and news.did in ("made", "refused")):
+            why = f" ({news.why})" if news.why else ""
+            click.echo(f"{news.number}/{news.total} {news.step}: {news.did}{why}", err=True)
+        if bar is not None and news.did == "starts":
+            bar.show(f"{strip(news.number - 1, news.total, 12)} {news.number}/{news.total} {news.step} ")
 
 
 def terminal_progress(quiet: bool | None = None) -> Progress:
@@ -94,7 +132,8 @@ def echo_set_aside(set_aside: Iterable[Any]) -> None:
     if not runs or verbosity_level() < 0:
         return
     shown = runs if verbosity_level() > 0 else runs[:SHOWN]
-    click.echo(f"Set aside: {len(runs)} run{'s' if len(runs) > 1 else ''}", err=True)
+    head = f"Set aside: {len(runs)} run{'s' if len(runs) > 1 else ''}"
+    click.echo(coloured(head, sys.stderr, "yellow"), err=True)
     for run in shown:
         name = run["file"] if run["run"] in ("", run["file"]) else f"{run['file']}, run {run['run']}"
         click.echo(f"  {name}: {run['why']}", err=True)
@@ -126,12 +165,16 @@ def echo_result(
         return
     if verbosity_level() < 0:
         return
+    width = width_of(sys.stdout)
     for i, table in enumerate(tables):
-        click.echo(table if isinstance(table, str) else table.to_text().rstrip("\n"))
+        if isinstance(table, str):
+            click.echo(folded(table, width))
+        else:
+            click.echo(painted(table.to_text(width).rstrip("\n"), sys.stdout))
         if not (isinstance(table, str) and i + 1 < len(tables) and isinstance(tables[i + 1], str)):
             click.echo()  # sentences stand together, everything else apart
     if out is not None:
         listed = f": {', '.join(files)}" if files else ""
-        click.echo(f"Results are in {out}{listed}")
+        click.echo(folded(f"Results are in {out}{listed}", width))
     elif keep_hint is not None:
         click.echo(f"Nothing was written; {keep_hint} keeps the results.")

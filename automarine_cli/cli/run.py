@@ -1,16 +1,25 @@
-"""`automarine run`: a recorded recipe in, one workflow call, whether the bytes are the same out."""
+"""`automarine run`: a campaign or a recorded recipe in, one workflow call, what was done out."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from automarine_cli.cli import options
+from automarine_cli.cli.echo import CampaignTeller
+
+STEPS = ("check", "fit-thrusters", "fit-yaw", "validate", "diagnose", "report")
 
 
-@click.command("run", short_help="Make a recorded result again.")
+@click.command("run", short_help="Every step of a campaign, and one report.")
+@click.argument(
+    "campaign", required=False, metavar="[CAMPAIGN.toml]", type=click.Path(exists=True, dir_okay=False, path_type=Path)
+)  # fmt: skip
+@click.option("--until", type=click.Choice(STEPS), help="Stop after this step.")
+@click.option("--force", is_flag=True, help="Run every step, also where nothing has changed.")
 @click.option(
-    "--from", "recorded", required=True, type=click.Path(exists=True, path_type=Path), metavar="MANIFEST",
-    help="The manifest.json of a result, or the folder that holds it.",
+    "--from", "recorded", type=click.Path(exists=True, path_type=Path), metavar="MANIFEST",
+    help="Instead of a campaign: the manifest.json of a result that is to be made again, or its folder.",
 )  # fmt: skip
 @options.inputs_option
 @options.out_option
@@ -20,30 +29,49 @@ from automarine_cli.cli import options
 @options.verbosity
 @click.pass_context
 def run(
-    ctx: click.Context, recorded: Path, inputs: tuple[Path, ...], out: Path | None, overwrite: bool, jobs: int,
-    as_json: bool,
+    ctx: click.Context, campaign: Path | None, until: str | None, force: bool, recorded: Path | None,
+    inputs: tuple[Path, ...], out: Path | None, overwrite: bool, jobs: int, as_json: bool,
 ) -> object:  # fmt: skip
-    """Make a result again from its manifest: the same command, options and inputs.
+    """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report.
 
-    Inputs are found by name and content under the folders given with --inputs (by default here); one that is
-    missing or has changed is refused. Then it is said whether every file has the bytes recorded, and which
-    versions differ. Exit status 0 if all bytes are the same, else 1.
+    Each step has a folder of its own in DIR. A step whose inputs, settings and versions are those of the result
+    that is there is kept; of every other it is said why it runs. `automarine init` writes a campaign file.
+
+    With --from instead, a recorded result is made again from its manifest: inputs are found by name and content
+    under --inputs (by default here), and exit status 0 says that every file has the bytes recorded.
 
     \b
     Example:
+      automarine run sample_runs/pool_day.toml --until fit-yaw -o out/pool_day
       automarine run --from out/fit-yaw/manifest.json -o out/again
     """
-    from automarine_cli.workflows import rerun as workflow
+    if (campaign is None) == (recorded is None):
+        raise click.UsageError(
+            "give a campaign file (automarine init writes one), or --from MANIFEST to repeat a result"
+        )
+    given: dict[str, Any] = {"out": out, "overwrite": overwrite, "jobs": jobs}
+    if recorded is not None:
+        if force or until:
+            raise click.UsageError("--force and --until go with a campaign file, not with --from")
+        from automarine_cli.workflows.rerun import rerun
 
-    result = workflow.rerun(
-        recorded,
-        inputs=inputs,
-        out=out,
-        overwrite=overwrite,
-        jobs=jobs,
-        progress=options.terminal_progress(),
+        again = rerun(recorded, inputs=inputs, progress=options.terminal_progress(), **given)
+        options.echo_result(again, as_json=as_json, out=out, tables=again.sentences())
+        if not again.same:
+            ctx.exit(1)
+        return again
+    assert campaign is not None
+    if inputs:
+        raise click.UsageError("--inputs goes with --from; a campaign file names its logs itself")
+    from automarine_cli.workflows.run import run_campaign
+
+    teller = CampaignTeller()
+    result = run_campaign(
+        campaign, force=force, until=until, progress=teller.progress, tell=teller.tell, **given
     )
-    options.echo_result(result, as_json=as_json, out=out, tables=result.sentences())
-    if not result.same:
+    options.echo_result(result, as_json=as_json, out=out, tables=result.tables(), files=result.files)
+    for one in result.refused:
+        click.echo(f"Error: {one.step}: {one.why}", err=True)
+    if result.refused:
         ctx.exit(1)
     return result

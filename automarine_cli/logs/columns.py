@@ -55,10 +55,15 @@ def read_column_map(path: str | Path) -> ColumnMap:
             f'{name}: the column map is empty; write lines such as heading_deg = "yaw" under [columns]'
         )
     return ColumnMap(
-        columns={key: _rule(name, key, value) for key, value in columns.items()},
+        columns=column_rules(columns, name),
         defaults={key: _default(name, key, value) for key, value in defaults.items()},
         source=name,
     )
+
+
+def column_rules(columns: Mapping[str, object], name: str) -> dict[str, ColumnRule]:
+    """The rules under `[columns]` of the file called `name`. Raises LogError with the key's path."""
+    return {key: _rule(name, key, value) for key, value in columns.items()}
 
 
 def _table(table: object, key: str, name: str) -> dict[str, object]:

@@ -21,6 +21,7 @@ from automarine_cli.pipeline.manifest import (
     Input,
     input_entries,
     is_manifest,
+    manifests_in,
     versions_here,
 )
 from automarine_cli.pipeline.recipe import to_mapping
@@ -130,9 +131,7 @@ def result_folder(
             "automarine": versions.pop("automarine"),
             "libraries": versions,
             "command": command,
-            "options": {
-                key: _without_place(value) for key, value in options.items() if key not in UNRECORDED
-            },
+            "options": recorded_options(options),
             "seed": seed,
             "inputs": read,
             "outputs": [{"file": name, "sha256": sha} for name, sha in folder.hashes.items()],
@@ -141,6 +140,17 @@ def result_folder(
         replaced, _ = _inspect(target, out, command, overwrite)  # again: it may have appeared meanwhile
         staging.carry_over(target, stage, leave=replaced)
         staging.put_in_place(stage, target, through=len(folder.hashes) <= MOST_THROUGH)
+
+
+def recorded_options(options: Mapping[str, object]) -> dict[str, object]:
+    """Options as a manifest records them: those that a result depends on, without places on this machine."""
+    return {key: _without_place(value) for key, value in options.items() if key not in UNRECORDED}
+
+
+def refuse_unfit(out: Path) -> None:
+    """Raise OutputError for a folder that results can never be written to: rather before the work than after."""
+    with staging.one_sentence(out):
+        staging.refuse_unfit(Path(os.path.realpath(out)))
 
 
 def _inspect(target: Path, out: Path, command: str, overwrite: bool) -> tuple[frozenset[str], frozenset[str]]:
@@ -153,7 +163,12 @@ def _inspect(target: Path, out: Path, command: str, overwrite: bool) -> tuple[fr
             raise OutputError(
                 f"{out} holds a {MANIFEST} that is not automarine's; choose another folder with -o"
             )
-        there = {path.relative_to(target).as_posix() for path in target.rglob("*")}
+        ours = [path.parent for path in manifests_in(target)]  # results of the steps of a campaign
+        there = {
+            path.relative_to(target).as_posix()
+            for path in target.rglob("*")
+            if not any(place == path or place in path.parents for place in ours)
+        }
         if len(there) > MOST_FOREIGN:  # a home or a project: not a folder to be replaced by a rename
             raise OutputError(f"{out} holds {len(there)} other files; give a folder inside it with -o")
         return frozenset(), frozenset() if overwrite else frozenset(there)

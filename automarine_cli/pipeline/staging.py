@@ -64,7 +64,7 @@ def staged(target: Path) -> Iterator[Path]:
     Nobody else writes to `target` meanwhile. Raises OutputError if somebody does already, or if the target
     cannot be replaced as a whole.
     """
-    _refuse_unfit(target)
+    refuse_unfit(target)
     made = [parent for parent in target.parents if not parent.exists()]
     stage, done = _sibling(target, "new"), False
     try:
@@ -151,7 +151,8 @@ def _by_two_renames(stage: Path, target: Path) -> None:
     _remove(old)
 
 
-def _refuse_unfit(target: Path) -> None:
+def refuse_unfit(target: Path) -> None:
+    """Raise OutputError for a target that can never be replaced as a whole."""
     nearest = next(path for path in (target, *target.parents) if path.exists())
     if not nearest.is_dir():
         raise OutputError(f"{nearest.name} is a file; expected a folder for the results after -o")

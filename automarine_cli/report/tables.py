@@ -7,8 +7,11 @@ import csv
 import io
 import math
 import re
+import textwrap
 from dataclasses import dataclass
 from typing import Protocol
+
+from automarine_cli.report.table_text import text_table
 
 MISSING = "–"
 
@@ -97,23 +100,13 @@ class Table:
         lines.append(r"\end{table}")
         return "\n".join(lines) + "\n"
 
-    def to_text(self) -> str:
-        """Aligned columns for a terminal."""
+    def to_text(self, width: int | None = None) -> str:
+        """Aligned columns for a terminal of that width; None: as wide as they are."""
         grid = [[_one_line(str(cell)) for cell in row] for row in (self.header, *self.rows)]
-        widths = [max(len(row[i]) for row in grid) for i in range(len(self.header))]
-        right = self._right()
-
-        def line(row: list[str]) -> str:
-            cells = (c.rjust(w) if r else c.ljust(w) for c, w, r in zip(row, widths, right))
-            return "  ".join(cells).rstrip()
-
-        rule = "-" * (sum(widths) + 2 * (len(widths) - 1))
         lines = [_one_line(self.title), ""] if self.title else []
-        lines += [line(grid[0]), rule]
-        for i, row in enumerate(grid[1:]):
-            lines += [rule] if i in self.rules and i > 0 else []
-            lines.append(line(row))
-        lines += ["", *self.notes] if self.notes else []
+        lines += text_table(grid, self._right(), self.rules, width)
+        if self.notes:
+            lines += ["", *(line for note in self.notes for line in _noted(note, width))]
         return "\n".join(lines) + "\n"
 
     def _right(self) -> list[bool]:
@@ -164,6 +157,12 @@ _LATEX = {
     "ψ": r"$\psi$", "ε": r"$\varepsilon$", "Δ": r"$\Delta$", "σ": r"$\sigma$", "π": r"$\pi$",
     "θ": r"$\theta$", "µ": r"$\mu$", "μ": r"$\mu$", "→": r"$\to$", "½": r"$\frac{1}{2}$",
 }  # fmt: skip
+
+
+def _noted(note: str, width: int | None) -> list[str]:
+    if width is None or len(note) <= width:
+        return [note]
+    return textwrap.wrap(note, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
 
 
 def _one_line(text: str) -> str:

@@ -48,7 +48,8 @@ def fit_thrusters(
     pulled.
 
     `thrusters_per_test` of None takes the column map's `[defaults]`, else 1; `form` of None chooses by
-    cross-validation. Writes the results if `out` is given, figures in the `figure_formats` (png, svg, pdf). Raises LogError, RunError, FitError, OutputError.
+    cross-validation. Writes the results if `out` is given, figures in the
+    `figure_formats` (png, svg, pdf). Raises LogError, RunError, FitError, OutputError.
     """
     column_map = (
         columns if isinstance(columns, ColumnMap) else read_column_map(columns) if columns else ColumnMap()

@@ -17,10 +17,12 @@ from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.recipe import converted
 from automarine_cli.pipeline.words import listed
 from automarine_cli.workflows.check import check
+from automarine_cli.workflows.compare import compare
 from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.diagnose_thrusters import diagnose_thrusters, is_thruster_map
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
 from automarine_cli.workflows.fit_yaw import fit_yaw
+from automarine_cli.workflows.run import run_campaign
 from automarine_cli.workflows.simulate import simulate
 from automarine_cli.workflows.validate import validate
 
@@ -32,6 +34,8 @@ COMMANDS: Mapping[str, Callable[..., object]] = {
     "validate": validate,
     "diagnose": diagnose,
     "simulate": simulate,
+    "compare": compare,
+    "run": run_campaign,
 }
 FILES = ("model", "thrusters", "columns")  # options that are files; logs, hold_out and specification are more
 
@@ -156,8 +160,11 @@ def _recipe(
             settings[key] = [
                 LogFile(one.path, one.entry.file, False) for one in roles.get(role, ()) if one.path
             ]
-    if "specification" in known:
-        settings["specification"] = _file("specification", "", roles, f"{where}: inputs")
+    for key in ("specification", "campaign"):
+        if key in known:
+            settings[key] = _file(key, "", roles, f"{where}: inputs")
+    if "results" in known:
+        settings["results"] = [one.path.parent for one in roles.get("result", ()) if one.path]
     if "seed" in known and manifest.seed is not None:
         settings["seed"] = manifest.seed
     return work, settings

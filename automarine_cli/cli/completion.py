@@ -1,0 +1,50 @@
+"""`automarine completion`: the name of a shell in, the lines that make it complete our commands out."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+from automarine_cli.cli import options
+
+VARIABLE = "_AUTOMARINE_COMPLETE"
+
+
+@dataclass(frozen=True)
+class Completion:
+    """The script for one shell."""
+
+    shell: str
+    script: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Schema automarine/completion/1."""
+        return {"schema": "automarine/completion/1", "shell": self.shell, "script": self.script}
+
+
+@click.command("completion", short_help="Let the shell complete commands and options.")
+@click.argument("shell", type=click.Choice(("bash", "zsh", "fish")))
+@options.json_option
+@options.verbosity
+@click.pass_context
+def completion(ctx: click.Context, shell: str, as_json: bool) -> object:
+    """Print the script that makes a shell complete commands, options and file names.
+
+    For bash put `eval "$(automarine completion bash)"` into ~/.bashrc, for zsh `eval "$(automarine completion zsh)"`
+    into ~/.zshrc, and for fish `automarine completion fish | source` into ~/.config/fish/config.fish.
+
+    \b
+    Example:
+      automarine completion bash
+    """
+    from click.shell_completion import get_completion_class
+
+    found = get_completion_class(shell)
+    assert found is not None
+    script = found(ctx.find_root().command, {}, "automarine", VARIABLE).source()
+    result = Completion(shell, script)
+    if as_json:
+        options.echo_result(result, as_json=True)
+    else:
+        click.echo(script)
+    return result

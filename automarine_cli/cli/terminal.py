@@ -1,0 +1,78 @@
+"""What a terminal is told apart from a pipe by: its width, colours, and an error that stands out."""
+
+import os
+import sys
+import textwrap
+from typing import IO, Any, TextIO
+
+import click
+
+NARROWEST = 30
+
+
+def width_of(stream: TextIO) -> int | None:
+    """Columns of the terminal behind a stream; None for a pipe or a file, where lines are as long as they are."""
+    if not _is_terminal(stream):
+        return None
+    try:
+        asked = int(os.environ.get("COLUMNS", "0"))
+        return max(NARROWEST, asked if asked > 0 else os.get_terminal_size(stream.fileno()).columns)
+    except (ValueError, OSError):
+        return 80
+
+
+def folded(sentence: str, width: int | None) -> str:
+    """A sentence on as many lines as it needs, the later ones indented; unchanged for a pipe."""
+    if width is None or len(sentence) <= width or "\n" in sentence:
+        return sentence
+    return textwrap.fill(
+        sentence, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
+
+
+def coloured(text: str, stream: TextIO, colour: str, **style: Any) -> str:
+    """The text in a colour where the stream is a terminal that may show colours; else as it is."""
+    return click.style(text, fg=colour, **style) if _may_colour(stream) else text
+
+
+def painted(table: str, stream: TextIO) -> str:
+    """A table as text with its title bold and its rules dim, on a terminal that may show colours."""
+    if not _may_colour(stream):
+        return table
+    lines = table.split("\n")
+    titled = len(lines) > 1 and lines[1] == ""
+    shown = [click.style(line, dim=True) if line and not line.strip("-") else line for line in lines]
+    return "\n".join([click.style(lines[0], bold=True), *shown[1:]] if titled else shown)
+
+
+class Refusal(click.ClickException):
+    """What is refused, in one sentence; `Error:` is red on a terminal."""
+
+    def show(self, file: IO[Any] | None = None) -> None:
+        """Print the sentence on standard error."""
+        head = coloured("Error:", sys.stderr, "red", bold=True)
+        click.echo(f"{head} {self.format_message()}", file=file, err=file is None)
+
+
+def versions(ctx: click.Context, param: click.Parameter, asked: bool) -> None:
+    """Print the versions of automarine and of every library below it, none of which is imported for that."""
+    if not asked or ctx.resilient_parsing:
+        return
+    from automarine_cli.pipeline.manifest import versions_here
+
+    found = versions_here()
+    click.echo(f"automarine, version {found.pop('automarine')}")
+    click.echo(", ".join(f"{name} {version}" for name, version in found.items()))
+    ctx.exit()
+
+
+def _is_terminal(stream: TextIO) -> bool:
+    try:
+        return stream.isatty()
+    except (ValueError, AttributeError):
+        return False
+
+
+def _may_colour(stream: TextIO) -> bool:
+    """See no-color.org: any value of NO_COLOR but the empty one turns colours off."""
+    return _is_terminal(stream) and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"

@@ -1,0 +1,95 @@
+"""What `run` shows of a campaign: one line a step, and cautions that only the whole campaign gives."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.recipe import read_mapping
+from automarine_cli.report.tables import MISSING, Table, number
+
+FILES = {
+    "check": "check.json",
+    "fit-thrusters": "thrusters.json",
+    "fit-yaw": "yaw_model.json",
+    "validate": "validation.json",
+    "diagnose": "diagnosis.json",
+}
+
+
+def steps_table(rows: Sequence[tuple[str, str, str, str]]) -> Table:
+    """Step, what was done, why, and what its result says."""
+    cells = tuple(
+        (name, did if did != "made" else "done", why or MISSING, says or MISSING)
+        for name, did, why, says in rows
+    )
+    return Table("", ("step", "", "because", "result"), cells)
+
+
+def outcome(step: str, folder: Path) -> str:
+    """The result of a step in a few words; empty where its file cannot be read."""
+    try:
+        data: dict[str, Any] = dict(read_mapping(folder / FILES[step]))
+        return _IN_WORDS[step](data)
+    except (SettingError, KeyError, TypeError, AttributeError):
+        return ""
+
+
+def cautions(thrusters: Path, supply: float | None) -> list[str]:
+    """Sentences about what does not fit together: thruster tests at other voltages than the vehicle's supply."""
+    if supply is None or not (thrusters / FILES["fit-thrusters"]).is_file():
+        return []
+    data: dict[str, Any] = dict(read_mapping(thrusters / FILES["fit-thrusters"]))
+    volts = [
+        one["voltage_V"] for one in data.get("voltages") or [] if isinstance(one, dict) and "voltage_V" in one
+    ]
+    if not volts or min(volts) <= supply <= max(volts):
+        return []
+    return [
+        f"The thrusters were tested at {number(min(volts), 3)} to {number(max(volts), 3)} V, the vehicle's supply is "
+        f"{number(supply, 3)} V: its thrust is extrapolated. Test at the supply voltage."
+    ]
+
+
+def _check(data: dict[str, Any]) -> str:
+    used, aside = data["runs"]["used"], len(data["runs"]["set_aside"])
+    idle = sum(run["half_turn"] is None for run in data["yaw_runs"])
+    said = f"{data['logs']} logs, {used} runs" + (f", {idle} without a half-turn" if idle else "")
+    return said + (f", {aside} set aside" if aside else "")
+
+
+def _thrusters(data: dict[str, Any]) -> str:
+    error = number(data["rmse_percent_of_full_scale"], 2)
+    return f"{data['form']} law, R² {number(data['r2'])}, error {error} % of full scale"
+
+
+def _yaw(data: dict[str, Any]) -> str:
+    model = data["models"][data["preferred"]]
+    names = {"k_rr": "k_r|r|", "k_r": "k_r", "I_r": "I_r"}
+    values = [f"{names[key]} {number(model[key]['value'])}" for key in names if model.get(key)]
+    return f"model {data['preferred']}: {', '.join(values)}"
+
+
+def _validation(data: dict[str, Any]) -> str:
+    best = data["models"][data["best"]]
+    return (
+        f"model {data['best']}: {number(best['rmse_deg'], 3)} deg free run, "
+        f"{number(best['restarted_rmse_deg'], 3)} deg restarted, noise {number(data['noise_floor_deg'], 2)} deg"
+    )
+
+
+def _diagnosis(data: dict[str, Any]) -> str:
+    words = {"named": "named", "nothing-missing": "nothing missing", "unexplained": "unexplained"}
+    gap = data["gap"]["fitted_runs"]
+    names = ", ".join(effect["name"] for effect in data["effects"])
+    said = words[data["verdict"]] + (f": {names}" if names else "")
+    return f"{said}; gap {number(gap['before_deg'], 3)} to {number(gap['after_deg'], 3)} deg"
+
+
+_IN_WORDS = {
+    "check": _check,
+    "fit-thrusters": _thrusters,
+    "fit-yaw": _yaw,
+    "validate": _validation,
+    "diagnose": _diagnosis,
+}

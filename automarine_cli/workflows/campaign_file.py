@@ -1,0 +1,157 @@
+"""The campaign file that `init` writes and `run` follows: plain data, paths relative to the file itself."""
+
+import glob
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from automarine_cli.errors import LogError, SettingError
+from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs
+from automarine_cli.pipeline.plain_data import everything, in_words
+from automarine_cli.pipeline.recipe import from_mapping, read_mapping
+from automarine_cli.pipeline.words import listed, printable
+
+SCHEMA = "automarine/campaign/1"
+OPEN = "?"  # a value that a person still has to give
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """What is known of the vehicle: lever arm of its two thrusters [m], supply voltage [V]."""
+
+    name: str = ""
+    arm_m: float | None = None
+    supply_V: float | None = None
+
+    def __post_init__(self) -> None:
+        for key in ("arm_m", "supply_V"):
+            value = getattr(self, key)
+            if value is not None and value <= 0:
+                raise SettingError(f"{key} is {value:g}; expected a number above 0")
+
+
+@dataclass(frozen=True)
+class Logs:
+    """Files, folders and globs of each kind of log."""
+
+    thrusters: tuple[str, ...] = ()
+    steps: tuple[str, ...] = ()
+    manoeuvres: tuple[str, ...] = ()
+    validation: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Thrusters:
+    """How the bollard tests are read; `map` is a thruster map that is at hand instead of tests."""
+
+    per_test: int | None = None
+    form: str = "auto"
+    map: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.per_test is not None and self.per_test < 1:
+            raise SettingError(f"per_test is {self.per_test}; expected 1 or more thrusters")
+
+
+@dataclass(frozen=True)
+class Yaw:
+    """Where the moment comes from, and what of the runs is fitted."""
+
+    moment: Literal["logged", "thrusters"] = "logged"
+    fit_to: Literal["auto", "half-turns", "whole-runs"] = "auto"
+
+
+@dataclass(frozen=True)
+class CampaignFile:
+    """A campaign: its logs, how to read them, and the settings of the steps."""
+
+    schema: str
+    logs: Logs
+    title: str = ""
+    vehicle: Vehicle = Vehicle()
+    columns: Mapping[str, Any] = field(default_factory=dict)
+    thrusters: Thrusters = Thrusters()
+    yaw: Yaw = Yaw()
+    seed: int = 0
+    strict: bool = False
+
+    def __post_init__(self) -> None:
+        if self.schema != SCHEMA:
+            raise SettingError(f"schema is {self.schema!r}; expected {SCHEMA!r}")
+        if self.seed < 0:
+            raise SettingError(f"seed is {self.seed}; expected 0 or more")
+        if not any((self.logs.thrusters, self.logs.steps, self.logs.manoeuvres)):
+            raise SettingError("logs: no logs are named; give thrusters, steps or manoeuvres")
+        if self.thrusters.map is not None and self.logs.thrusters:
+            raise SettingError("thrusters.map and logs.thrusters are both given; expected one of them")
+        if self.yaw.moment == "thrusters":
+            if self.vehicle.arm_m is None:
+                raise SettingError('yaw.moment is "thrusters", which needs vehicle.arm_m; give it in metres')
+            if self.thrusters.map is None and not self.logs.thrusters:
+                raise SettingError(
+                    'yaw.moment is "thrusters", which needs logs.thrusters (bollard tests) or thrusters.map'
+                )
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A campaign as `run` needs it: the settings, the column map, and where the logs are."""
+
+    path: Path
+    asked: CampaignFile
+    columns: ColumnMap
+
+    @property
+    def title(self) -> str:
+        """What the report is called."""
+        return self.asked.title or self.asked.vehicle.name or self.path.stem
+
+    @property
+    def map(self) -> Path | None:
+        """The thruster map that is at hand, if one is."""
+        return None if self.asked.thrusters.map is None else self.path.parent / self.asked.thrusters.map
+
+    def files(self, *kinds: str) -> list[LogFile]:
+        """The logs of these kinds together. Raises SettingError with the key for logs that are not there."""
+        found: list[str] = []
+        for kind in kinds:
+            places = [self._place(one) for one in getattr(self.asked.logs, kind)]
+            try:
+                found += places if not places or find_logs(places) else []
+            except LogError as problem:
+                raise SettingError(f"{printable(self.path.name)}: logs.{kind}: {problem}") from None
+        return find_logs(found) if found else []
+
+    def _place(self, entry: str) -> str:
+        base = str(self.path.parent)
+        whole = self.path.parent / entry
+        if whole.exists() or not glob.has_magic(base):
+            return str(whole)
+        return str(Path(glob.escape(base), entry))
+
+
+def read_campaign(path: Path) -> Campaign:
+    """The campaign in a TOML file.
+
+    Raises SettingError with the key's path for an unknown key, a value of the wrong type, or a question that is
+    still open, and LogError for a column rule that makes no sense.
+    """
+    data = read_mapping(path)
+    name = printable(path.name)
+    open_still = open_questions(data)
+    if open_still:
+        many = len(open_still) > 1
+        raise SettingError(
+            f"{name}: {len(open_still)} question{'s are' if many else ' is'} still open: {listed(open_still)}; "
+            f'write the value{"s" if many else ""} in place of "{OPEN}" (the comment beside each says what was '
+            "seen), or delete the line if it does not apply"
+        )
+    asked = from_mapping(CampaignFile, data, name)
+    return Campaign(path, asked, ColumnMap(column_rules(asked.columns, name)))
+
+
+def open_questions(data: object) -> list[str]:
+    """Paths of the keys whose value is still a question mark."""
+    places: Iterable[tuple[object, ...]] = (place for value, place in everything(data) if value == OPEN)
+    return [in_words(place).removesuffix(": ") for place in places]

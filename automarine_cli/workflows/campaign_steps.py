@@ -1,0 +1,147 @@
+"""The steps of a campaign in order: which logs and settings each takes, or why it has nothing to do."""
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from automarine_cli.logs import LogFile
+from automarine_cli.pipeline.manifest import Input, given_as
+from automarine_cli.pipeline.reuse import manifest_of, why_made_again
+from automarine_cli.runs.load import has_bytes
+from automarine_cli.workflows.campaign_file import Campaign
+from automarine_cli.workflows.check import check
+from automarine_cli.workflows.diagnose import diagnose
+from automarine_cli.workflows.fit_thrusters import fit_thrusters
+from automarine_cli.workflows.fit_yaw import fit_yaw
+from automarine_cli.workflows.validate import validate
+
+FIGURES = ("png", "svg")  # for a person, and for the report
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One step, ready to run: the workflow, its logs and its settings."""
+
+    work: Callable[..., object]
+    logs: list[LogFile]
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def run(self, **how: Any) -> object:
+        """Run the workflow; `how` is where to and on how many processes."""
+        return self.work(self.logs, **self.settings, **how)
+
+    def why(self, folder: Path, command: str) -> str | None:
+        """Why the result in `folder` is not the one that this plan makes, or None if it is."""
+        defaults = {key: one.default for key, one in inspect.signature(self.work).parameters.items()}
+        held = self.settings.get("hold_out", ())
+        given = {**self.settings, "hold_out": [file.name for file in held]} if held else self.settings
+        manifest = manifest_of(folder)
+        recorded = manifest.options if manifest is not None else {}
+        options = {key: given.get(key, _default(defaults.get(key))) for key in {**recorded, **given}}
+        options.pop("seed", None)
+        inputs = [Input(file.name, file.path) for file in self.logs if has_bytes(file)]
+        inputs += [Input(file.name, file.path, "hold_out") for file in held if has_bytes(file)]
+        files = {key: value for key, value in self.settings.items() if isinstance(value, Path)}
+        seed = self.settings.get("seed", defaults.get("seed"))
+        return why_made_again(
+            folder, command=command, options=options, seed=seed, inputs=inputs + given_as(**files)
+        )
+
+
+def _default(value: object) -> object:
+    return [] if value == () else value
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of every campaign: the command, its folder, and what makes its plan (or says why there is none)."""
+
+    name: str
+    folder: str
+    plan: Callable[[Campaign, Path], Plan | str]
+
+
+def _check(campaign: Campaign, out: Path) -> Plan | str:
+    logs = campaign.files("thrusters", "steps", "manoeuvres", "validation")
+    return Plan(check, logs, {"columns": campaign.columns, "strict": campaign.asked.strict})
+
+
+def _fit_thrusters(campaign: Campaign, out: Path) -> Plan | str:
+    logs, asked = campaign.files("thrusters"), campaign.asked.thrusters
+    if not logs:
+        return "the campaign names no thruster tests"
+    form = None if asked.form == "auto" else asked.form
+    return Plan(
+        fit_thrusters,
+        logs,
+        {
+            "columns": campaign.columns,
+            "thrusters_per_test": asked.per_test,
+            "form": form,
+            "figure_formats": FIGURES,
+            "strict": campaign.asked.strict,
+        },
+    )
+
+
+def _fit_yaw(campaign: Campaign, out: Path) -> Plan | str:
+    logs = campaign.files("steps") or campaign.files("manoeuvres")
+    if not logs:
+        return "the campaign names no step runs and no manoeuvres"
+    drive = _drive(campaign, out)
+    if drive is None:
+        return "its moments need the thruster map, and fit-thrusters gave none"
+    return Plan(fit_yaw, logs, {**_common(campaign), **drive, "fit_to": campaign.asked.yaw.fit_to})
+
+
+def _validate(campaign: Campaign, out: Path) -> Plan | str:
+    logs = campaign.files("validation")
+    if not logs:
+        return "the campaign names no validation runs"
+    return _with_model(validate, logs, campaign, out)
+
+
+def _diagnose(campaign: Campaign, out: Path) -> Plan | str:
+    logs = campaign.files("steps", "manoeuvres")
+    if not logs:
+        return "the campaign names no step runs and no manoeuvres"
+    held = campaign.files("validation")
+    return _with_model(diagnose, logs, campaign, out, **({"hold_out": held} if held else {}))
+
+
+def _with_model(
+    work: Callable[..., object], logs: list[LogFile], campaign: Campaign, out: Path, **more: object
+) -> Plan | str:
+    model, drive = out / "yaw" / "yaw_model.json", _drive(campaign, out)
+    if not model.is_file() or drive is None:
+        return "it needs the yaw model, and fit-yaw gave none"
+    return Plan(
+        work, logs, {**_common(campaign), **drive, "model": model, "seed": campaign.asked.seed, **more}
+    )
+
+
+def _common(campaign: Campaign) -> dict[str, object]:
+    return {"columns": campaign.columns, "figure_formats": FIGURES, "strict": campaign.asked.strict}
+
+
+def _drive(campaign: Campaign, out: Path) -> dict[str, object] | None:
+    """The settings that make moments of thruster commands; empty where moments are logged, None without a map."""
+    if campaign.asked.yaw.moment == "logged":
+        return {}
+    thrusters = campaign.map or out / "thrusters" / "thrusters.json"
+    if campaign.map is None and not thrusters.is_file():
+        return None
+    return {"thrusters": thrusters, "arm": campaign.asked.vehicle.arm_m}
+
+
+STEPS = (
+    Step("check", "check", _check),
+    Step("fit-thrusters", "thrusters", _fit_thrusters),
+    Step("fit-yaw", "yaw", _fit_yaw),
+    Step("validate", "validation", _validate),
+    Step("diagnose", "diagnosis", _diagnose),
+)
+REPORT = "report"
+NAMES = (*(step.name for step in STEPS), REPORT)

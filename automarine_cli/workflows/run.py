@@ -1,0 +1,232 @@
+"""`run`: every step of a campaign in order, each kept if nothing that it depends on has changed, and one report."""
+
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from automarine_cli.errors import AutomarineError, OutputError, SettingError
+from automarine_cli.pipeline.manifest import MANIFEST, Input, sha256
+from automarine_cli.pipeline.outputs import json_text, refuse_unfit, result_folder
+from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.reuse import manifest_of, remove_results, why_made_again
+from automarine_cli.report.campaign_tables import cautions, outcome, steps_table
+from automarine_cli.report.tables import Table
+from automarine_cli.runs.load import has_bytes
+from automarine_cli.workflows.campaign_file import Campaign, read_campaign
+from automarine_cli.workflows.campaign_steps import NAMES, REPORT, STEPS, Step
+from automarine_cli.workflows.report import report_files
+
+SCHEMA = "automarine/run/1"
+RESULT = "run.json"
+COMMAND = "run"
+
+Did = Literal["starts", "made", "kept", "skipped", "refused"]
+
+
+@dataclass(frozen=True)
+class News:
+    """What becomes of a step: told when it `starts` (with why it must run) and when it is over."""
+
+    step: str
+    number: int
+    total: int
+    did: Did
+    why: str = ""
+
+
+Tell = Callable[[News], None]
+
+
+@dataclass(frozen=True)
+class CampaignRun:
+    """What `run` did: the news of every step that is over, what each result says, and the result file."""
+
+    news: tuple[News, ...]
+    says: Mapping[str, str]
+    cautions: tuple[str, ...]
+    content: dict[str, Any]
+
+    @property
+    def refused(self) -> tuple[News, ...]:
+        """Steps whose data or fit was refused."""
+        return tuple(one for one in self.news if one.did == "refused")
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Folders and files that a person may want to open, the report first."""
+        folders = {step.name: f"{step.folder}/" for step in STEPS}
+        done = [one.step for one in self.news if one.did in ("made", "kept")]
+        return (
+            *(("report.html", "report.md") if REPORT in done else ()),
+            *(folders[s] for s in done if s in folders),
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """The result file: schema automarine/run/1. It does not say what was kept: the bytes are the same."""
+        return self.content
+
+    def tables(self) -> tuple[Table | str, ...]:
+        """One line a step: what was done, why, and what its result says."""
+        rows = [
+            (one.step, one.did, "" if one.did == "refused" else one.why, self.says.get(one.step, ""))
+            for one in self.news
+        ]
+        return (steps_table(rows), *self.cautions)
+
+
+def run_campaign(
+    campaign: Path,
+    *,
+    out: Path | None = None,
+    overwrite: bool = False,
+    force: bool = False,
+    until: str | None = None,
+    jobs: int = 1,
+    progress: Progress = silent,
+    tell: Tell = lambda news: None,
+) -> CampaignRun:
+    """Run the steps of a campaign file into the folder `out`, each into a folder of its own, then the report.
+
+    A step whose inputs, settings and versions are those of the result that is there is not run again, unless
+    `force`; `until` names the last step to do. A step that is refused is told, and so are those that need it; the
+    others go on. Raises SettingError for a campaign file that makes no sense and OutputError.
+    """
+    if until is not None and until not in NAMES:
+        raise SettingError(f"no step is called {until!r}; the steps are {', '.join(NAMES)}")
+    known = read_campaign(campaign)
+    if out is None:
+        with tempfile.TemporaryDirectory(prefix="automarine-") as spare:
+            return _run(known, Path(spare) / "run", False, False, until, jobs, progress, tell)
+    refuse_unfit(out)
+    _refuse_others(known, out, overwrite)
+    return _run(known, out, overwrite, force, until, jobs, progress, tell)
+
+
+def _run(
+    campaign: Campaign, out: Path, overwrite: bool, force: bool, until: str | None, jobs: int,
+    progress: Progress, tell: Tell,
+) -> CampaignRun:  # fmt: skip
+    news: list[News] = []
+    names = NAMES if until is None else NAMES[: NAMES.index(until) + 1]
+    for number, step in enumerate((one for one in STEPS if one.name in names), 1):
+
+        def said(did: Did, why: str = "", number: int = number, name: str = step.name) -> News:
+            one = News(name, number, len(names), did, why)
+            tell(one)
+            return one
+
+        news.append(_do(step, campaign, out, overwrite, force, jobs, progress, said))
+    done = {one.step: one for one in news}
+    content = _content(campaign, out, done)
+    if REPORT in names:
+        news.append(_report(campaign, out, content, force, len(names), tell))
+    says = {
+        step.name: outcome(step.name, out / step.folder)
+        for step in STEPS
+        if step.name in done and done[step.name].did in ("made", "kept")
+    }
+    return CampaignRun(tuple(news), says, tuple(content["cautions"]), content)
+
+
+def _do(
+    step: Step, campaign: Campaign, out: Path, overwrite: bool, force: bool, jobs: int, progress: Progress,
+    said: Callable[..., News],
+) -> News:  # fmt: skip
+    """One step: skipped, kept, made or refused; a result that is no longer of this campaign is taken away."""
+    folder = out / step.folder
+    plan = step.plan(campaign, out)
+    if isinstance(plan, str):
+        gone = remove_results(folder, step.name)
+        return said("skipped", plan + ("; its former result was removed" if gone else ""))
+    why = plan.why(folder, step.name)
+    if why is None and not force:
+        return said("kept", "inputs, settings and versions unchanged")
+    why = why or "--force"
+    said("starts", why)
+    ours = (found := manifest_of(folder)) is not None and found.command == step.name
+    try:
+        plan.run(out=folder, overwrite=overwrite or ours, jobs=jobs, progress=progress)
+    except OutputError:
+        raise
+    except AutomarineError as refusal:
+        remove_results(folder, step.name)
+        return said("refused", str(refusal))
+    return said("made", why)
+
+
+def _content(campaign: Campaign, out: Path, done: Mapping[str, News]) -> dict[str, Any]:
+    """The result file: for each step the hash of its manifest, which holds the hashes of all its files."""
+    steps: list[dict[str, object]] = []
+    for step in STEPS:
+        one = done.get(step.name)
+        if one is None:
+            continue
+        entry: dict[str, object] = {"step": step.name}
+        if one.did in ("made", "kept"):
+            entry |= {"folder": step.folder, "manifest_sha256": sha256(out / step.folder / MANIFEST)}
+        elif one.did == "skipped":
+            entry |= {"skipped": one.why.partition("; its former")[0]}
+        else:
+            entry |= {"refused": one.why}
+        steps.append(entry)
+    supply = campaign.asked.vehicle.supply_V
+    return {
+        "schema": SCHEMA,
+        "title": campaign.title,
+        "campaign": campaign.path.name,
+        "steps": steps,
+        "cautions": cautions(out / "thrusters", supply),
+    }
+
+
+def _report(
+    campaign: Campaign, out: Path, content: dict[str, Any], force: bool, number: int, tell: Tell
+) -> News:
+    """The last step: one page of what is in the step folders, and the record of the whole run."""
+    logs = campaign.files("thrusters", "steps", "manoeuvres", "validation")
+    inputs = [Input(campaign.path.name, campaign.path, "campaign")]
+    inputs += [Input(file.name, file.path) for file in logs if has_bytes(file)]
+    inputs += [] if campaign.map is None else [Input(campaign.map.name, campaign.map, "thrusters")]
+    why = why_made_again(out, command=COMMAND, options={}, seed=None, inputs=inputs)
+    if why is None and (out / RESULT).read_text(encoding="utf-8") != json_text(content):
+        why = "results of the steps changed"
+    if why is None and not force:
+        last = News(REPORT, number, number, "kept", "results of the steps unchanged")
+        tell(last)
+        return last
+    why = why or "--force"
+    tell(News(REPORT, number, number, "starts", why))
+    with result_folder(out, command=COMMAND, options={}, inputs=inputs, seed=None, overwrite=True) as folder:
+        folder.write_json(RESULT, content)
+        for name, page in _pages(out, campaign.title, content).items():
+            folder.write(name, page)
+    last = News(REPORT, number, number, "made", why)
+    tell(last)
+    return last
+
+
+def _pages(out: Path, title: str, content: Mapping[str, Any]) -> Mapping[str, str]:
+    """Name and content of the files of the report; none where no step has a result."""
+    if not any("folder" in step for step in content["steps"]):
+        return {}
+    return report_files(out, title=title)
+
+
+def _refuse_others(campaign: Campaign, out: Path, overwrite: bool) -> None:
+    """Results of another command or campaign are not replaced without --overwrite."""
+    manifest = manifest_of(out)
+    if manifest is None or overwrite:
+        return
+    if manifest.command != COMMAND:
+        raise OutputError(
+            f"{out} already holds results of {manifest.command}; give --overwrite to put these beside them, or "
+            "another folder with -o"
+        )
+    theirs = next((entry.file for entry in manifest.inputs if entry.role == "campaign"), "")
+    if theirs != campaign.path.name:
+        raise OutputError(
+            f"{out} already holds results of the campaign {theirs}; give --overwrite to replace them, or another "
+            "folder with -o"
+        )
