@@ -92,7 +92,9 @@ def _seen(step: StepResult, fitted: StepResult | None) -> str:
         return ""
     known = {entry.sha256 for entry in fitted.manifest.inputs if entry.role == "log"}
     again = [entry for entry in step.manifest.inputs if entry.role == "log" and entry.sha256 in known]
-    return f" ({len(again)} of the logs had been fitted)" if again else " that were not fitted"
+    if again:
+        return f" ({len(again)} of the logs had been fitted)"
+    return " that was not fitted" if step.at("runs", "used") == 1 else " that were not fitted"
 
 
 def _lacks(steps: Steps) -> str:
@@ -115,11 +117,12 @@ def _lacks(steps: Steps) -> str:
             f"Something is missing that no effect of the library explains: the gap is {after} {words}, the noise "
             f"{noise}."
         )
+    model = "thruster map" if step.data.get("model") == "thruster-map" else "model"
     names = " and ".join(f"**{escape(str(effect['name']))}**" for effect in step.at("effects"))
     held = ""
     if step.at("gap", "held_out_runs"):
         held = " (from {} to {} on what was held out)".format(*gap("held_out_runs"))
     return (
-        f"The model lacks {names}: with it the gap falls from {before} to {after} {words}{held}, where the noise is "
+        f"The {model} lacks {names}: with it the gap falls from {before} to {after} {words}{held}, where the noise is "
         f"{noise}."
     )
