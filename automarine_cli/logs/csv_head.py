@@ -10,7 +10,7 @@ from automarine_cli.logs.text import decoded, is_missing, is_number
 from automarine_cli.pipeline.words import quoted
 
 DELIMITERS = (";", "\t", ",")  # a tie goes to the first: with ; and tab the comma may be the decimal one
-SAMPLE_LINES = 64
+SAMPLE_LINES = 8  # at each of three places
 LONGEST_HEADER = 10_000_000  # bytes
 MOST_EMPTY = 10_000  # lines looked at for these, empty ones among them
 MOST_CELLS = 100_000  # looked at; a log of thousands of columns shows itself in fewer lines
@@ -94,10 +94,10 @@ def _sample(data: bytes, start: int) -> list[str]:
     fractions.
     """
     lines: list[str] = []
-    for position in (start, (start + len(data)) // 2, max(start, len(data) - 4096)):
+    for place, position in enumerate((start, (start + len(data)) // 2, max(start, len(data) - 4096)), 1):
         first = position if position == start else data.find(b"\n", position) + 1
         for _ in range(MOST_EMPTY):
-            if not 0 < first < len(data) or len(lines) >= SAMPLE_LINES:
+            if not 0 < first < len(data) or len(lines) >= place * SAMPLE_LINES:
                 break
             end = data.find(b"\n", first)
             end = len(data) if end < 0 else end
@@ -121,10 +121,16 @@ def _keeping_tabs(line: bytes) -> str:
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
+    if '"' not in line and "\r" not in line:
+        return [cell.lstrip(" ") for cell in line.split(delimiter)] if line else []
     try:
         return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
     except csv.Error:
         return line.split(delimiter)
+
+
+def _count(line: str, delimiter: str) -> int:
+    return len(_cells(line, delimiter)) if '"' in line or "\r" in line else line.count(delimiter) + 1
 
 
 def _delimiter(header: str, sample: list[str]) -> str:
@@ -133,7 +139,7 @@ def _delimiter(header: str, sample: list[str]) -> str:
     for delimiter in DELIMITERS:
         count = len(_cells(header, delimiter))
         if count > 1:
-            agree = sum(len(_cells(line, delimiter)) == count for line in sample)
+            agree = sum(_count(line, delimiter) == count for line in sample)
             share = agree / len(sample) if sample else 1.0
             if (share, count) > score:
                 best, score = delimiter, (share, count)

@@ -45,13 +45,15 @@ def read_log(file: LogFile, columns: ColumnMap | None = None) -> LogTable:
     extras: dict[str, Floats] = {}
     for i, (name, array) in enumerate(zip(raw.names, raw.arrays)):
         if i not in used and name and pa.types.is_floating(array.type):
-            extras[printable(name)] = _finite_or_nan(array.to_numpy().copy(), name, notes)
+            extras[printable(name)] = _finite_or_nan(array.to_numpy(), name, notes)
+    run_names, run_code = ((), None) if run_index is None else _run_names(raw, run_index, file.name)
     moment = next((use.canonical.unit for use in uses if use.canonical.quantity == "moment"), None)
     return LogTable(
         source=file.name,
         columns={use.canonical.quantity: _values(raw, use, file.name) for use in uses},
         rows=raw.rows,
-        run=None if run_index is None else _run_names(raw, run_index, file.name),
+        run_names=run_names,
+        run_code=run_code,
         moment_unit=moment,
         extras=extras,
         names=raw.names,
@@ -152,7 +154,7 @@ def _values(raw: RawLog, use: _Use, source: str) -> Floats:
         if values is None:
             raise LogError(_no_timestamps(raw, use, source))
     elif _floats(raw, use.index):
-        values = array.to_numpy().astype(np.float64)
+        values = array.to_numpy()
         factor = use.canonical.factor(unit)
     else:
         row, found = (
@@ -162,13 +164,15 @@ def _values(raw: RawLog, use: _Use, source: str) -> Floats:
             f"{source}, row {raw.rows[row]}, column {printable(column)}: found {quoted(found)}, "
             "expected a number. Correct the cell, or leave it empty if the value is missing"
         )
-    if (bad := np.flatnonzero(np.isinf(values))).size:
+    if (infinite := np.isinf(values)).any():
         raise LogError(
-            f"{source}, row {raw.rows[bad[0]]}, column {printable(column)}: found an infinite value, "
+            f"{source}, row {raw.rows[int(np.argmax(infinite))]}, column {printable(column)}: found an infinite value, "
             "expected a finite number. Correct the cell, or leave it empty if the value is missing"
         )
     rule = use.rule
-    return rule.sign * factor * (rule.scale * values + rule.offset)
+    if rule.scale != 1 or rule.offset != 0:
+        values = rule.scale * values + rule.offset
+    return values if rule.sign * factor == 1 else rule.sign * factor * values
 
 
 def _no_timestamps(raw: RawLog, use: _Use, source: str) -> str:
@@ -192,7 +196,7 @@ def _finite_or_nan(values: Floats, name: str, notes: list[str]) -> Floats:
         notes.append(
             f"column {printable(name)}: {int(infinite.sum())} infinite values are treated as missing"
         )
-        values[infinite] = np.nan
+        return np.where(infinite, np.nan, values)
     return values
 
 
@@ -205,8 +209,8 @@ def _run_column(raw: RawLog, columns: ColumnMap) -> int | None:
     return raw.names.index(wanted) if wanted in raw.names else None
 
 
-def _run_names(raw: RawLog, index: int, source: str) -> NDArray[np.str_]:
-    """The name of each row's run, shape (N,)."""
+def _run_names(raw: RawLog, index: int, source: str) -> tuple[tuple[str, ...], NDArray[np.int64]]:
+    """The names of the runs in the order in which they begin, and for each row which it is, shape (N,)."""
     array = raw.arrays[index]
     if array.null_count:
         row = int(np.flatnonzero(pc.is_null(array).to_numpy())[0])
@@ -214,8 +218,9 @@ def _run_names(raw: RawLog, index: int, source: str) -> NDArray[np.str_]:
             f"{source}, row {raw.rows[row]}, column {printable(raw.names[index])}: no run named; "
             "expected the name or number of the run in every row"
         )
-    coded: Any = pc.dictionary_encode(array.combine_chunks()) if array.num_chunks > 1 else array.chunk(0)
-    coded = coded if pa.types.is_dictionary(coded.type) else pc.dictionary_encode(coded)
+    encoded = array if pa.types.is_dictionary(array.type) else pc.dictionary_encode(array)
+    coded: Any = encoded.unify_dictionaries().combine_chunks()
+    coded = coded if isinstance(coded, pa.Array) else coded.chunk(0)
     names = [_run_name(value) for value in coded.dictionary.to_pylist()]
     if (long := next((i for i, name in enumerate(names) if len(name) > LONGEST_RUN_NAME), None)) is not None:
         row = int(np.flatnonzero(coded.indices.to_numpy() == long)[0])
@@ -224,7 +229,16 @@ def _run_names(raw: RawLog, index: int, source: str) -> NDArray[np.str_]:
             f"{len(names[long])} characters, expected the name of a run of at most {LONGEST_RUN_NAME}. "
             "Shorten it, or check which column names the runs"
         )
-    return np.array(names)[coded.indices.to_numpy()]
+    found = coded.indices.to_numpy()
+    first = dict.fromkeys(names[i] for i in _in_order(found))  # 7 and 7.0 are one run
+    places = {name: i for i, name in enumerate(first)}
+    return tuple(places), np.array([places.get(name, 0) for name in names], dtype=np.int64)[found]
+
+
+def _in_order(code: NDArray[np.int64]) -> list[int]:
+    """The codes in the order in which they first appear."""
+    begins = np.concatenate([[True], code[1:] != code[:-1]])
+    return list(dict.fromkeys(code[begins].tolist()))
 
 
 def _run_name(value: object) -> str:

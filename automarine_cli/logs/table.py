@@ -18,17 +18,24 @@ class LogTable:
     `n_port`, `n_stbd`, `n` [the file's own unit], `voltage` [V], `surge`, `sway` [m/s], `force` [N];
     every other numeric column stays in `extras` under the file's own name.
     A missing value is NaN. `rows` are 1-based line numbers in the file (Parquet: row numbers), for messages.
-    `names` are all column names of the file, `notes` what a person should know about the reading.
+    `names` are all column names of the file, `notes` what a person should know about the reading. In a file of several
+    runs `run_names` are theirs in the order in which they begin, and `run_code` says for each row which it is.
     """
 
     source: str
     columns: Mapping[str, Floats]
     rows: NDArray[np.int64]
-    run: NDArray[np.str_] | None = None
+    run_names: tuple[str, ...] = ()
+    run_code: NDArray[np.int64] | None = None
     moment_unit: str | None = None
     extras: Mapping[str, Floats] = field(default_factory=dict)
     names: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+
+    @property
+    def run(self) -> NDArray[np.str_] | None:
+        """The name of each row's run, shape (N,), or None where the file is one run."""
+        return None if self.run_code is None else np.array(self.run_names)[self.run_code]
 
     def __len__(self) -> int:
         return len(self.rows)

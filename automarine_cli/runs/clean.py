@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
+from automarine_cli.runs.noise import median
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.sense import LARGEST_HEADING, clock_trouble, command_trouble, heading_trouble, stuck
 from automarine_cli.runs.unwrap import find_glitches, unwrap
@@ -23,28 +24,31 @@ class NotUsable(RunError):
     """A run that does not serve: the reason, with a hint."""
 
 
-def clean(table: LogTable, chosen: NDArray[np.int64], name: str) -> tuple[Run, ...]:
-    """Clean the rows `chosen` (indices into the table, shape (N,)) of one run; a wide gap may split it into
-    several.
+def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tuple[Run, ...]:
+    """Clean the rows `chosen` (indices into the table, shape (N,), or a slice) of one run; a wide gap may split it
+    into several.
 
     Rows without time, heading or command are dropped and counted, as are repeated stamps and heading spikes.
     Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
     """
     columns = {key: values[chosen] for key, values in {**table.extras, **table.columns}.items()}
     rows, counts = table.rows[chosen], dict.fromkeys(COUNTS, 0)
-    counts["rows"] = len(chosen)
+    counts["rows"] = len(rows)
     commands = ("moment",) if "moment" in table.columns else ("n_port", "n_stbd")
-    kept = ~np.any([np.isnan(columns[key]) for key in ("time", "heading", *commands)], axis=0)
-    counts["missing"] = int((~kept).sum())
-    columns, rows = _only(columns, kept), rows[kept]
-    if counts["missing"] and not len(rows):
-        raise NotUsable(
-            f"no row has time, heading and command ({counts['missing']} rows lack one); check the columns"
-        )
+    missing = np.isnan(columns["time"])
+    for key in ("heading", *commands):
+        missing |= np.isnan(columns[key])
+    counts["missing"] = int(np.count_nonzero(missing))
+    if counts["missing"]:
+        columns, rows = _only(columns, ~missing), rows[~missing]
+        if not len(rows):
+            raise NotUsable(
+                f"no row has time, heading and command ({counts['missing']} rows lack one); check the columns"
+            )
     fresh = _rising(columns["time"], rows, table.source, name)
     if len(rows) > 1 and not fresh[1:].any():
         raise NotUsable(_or_clear(clock_trouble(columns["time"])))
-    counts["duplicates"] = int((~fresh).sum())
+    counts["duplicates"] = len(fresh) - int(np.count_nonzero(fresh))
     columns = _only(columns, fresh)
     _refuse(clock_trouble(columns["time"]))
     _refuse(heading_trouble(columns["time"], columns["heading"]))
@@ -52,9 +56,10 @@ def clean(table: LogTable, chosen: NDArray[np.int64], name: str) -> tuple[Run, .
         _refuse(command_trouble(columns[key], "moment" if key == "moment" else "thruster command"))
     glitch = find_glitches(columns["time"], columns["heading"])
     glitch |= np.abs(columns["heading"]) > LARGEST_HEADING  # what some compasses say instead of nothing
-    counts["glitches"] = int(glitch.sum())
-    columns = _only(columns, ~glitch)
-    _refuse(clock_trouble(columns["time"]))
+    counts["glitches"] = int(np.count_nonzero(glitch))
+    if counts["glitches"]:
+        columns = _only(columns, ~glitch)
+        _refuse(clock_trouble(columns["time"]))
     run = _run(table, columns, name, counts)
     _refuse(stuck(run.heading, _any_command(run)))
     return _bridged(run)
@@ -119,7 +124,7 @@ def _any_command(run: Run) -> Floats:
 def _bridged(run: Run) -> tuple[Run, ...]:
     """Unwrap the heading; gaps that can be bridged are flagged, at the others the run is split."""
     steps = np.diff(run.time)
-    gaps = np.flatnonzero(steps > GAP_IN_PERIODS * np.median(steps))
+    gaps = np.flatnonzero(steps > GAP_IN_PERIODS * median(steps))
     result = unwrap(run.time, run.heading, gaps)
     run = replace(run, heading=result.heading)
     widest = f"{steps[gaps].max():.3g} s" if gaps.size else ""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.runs.noise import heading_noise, slope
+from automarine_cli.runs.noise import slope
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.sense import longest_repeat
 from automarine_cli.runs.steps import Step, find_steps, start_heading
@@ -70,7 +70,7 @@ class HalfTurn:
 
 def half_turn(run: Run, step: Step) -> HalfTurn:
     """Trim a step to |psi - psi0| <= pi and judge it. Trimming what was trimmed changes nothing."""
-    noise = heading_noise(run.time, run.heading)
+    noise = run.noise
     zero = start_heading(step)
     stop, crossed = _end(run.heading[step.segment] - zero, noise)
     kept = slice(step.first, step.first + stop)

@@ -140,16 +140,20 @@ def runs_of_table(table: LogTable, file: LogFile) -> tuple[list[Run], list[SetAs
     return runs, aside
 
 
-def _split(table: LogTable) -> Iterator[tuple[str, NDArray[np.int64]]]:
+def _split(table: LogTable) -> Iterator[tuple[str, NDArray[np.int64] | slice]]:
     """Name and rows of each run, in the order in which the runs begin in the file."""
-    if table.run is None:
-        yield _stem(table.source), np.arange(len(table))
+    names, code = table.run_names, table.run_code
+    if code is None:
+        yield _stem(table.source), slice(0, len(table))
         return
-    names, first, member = np.unique(table.run, return_index=True, return_inverse=True)
-    order = np.argsort(member, kind="stable")
-    bounds = np.searchsorted(member[order], np.arange(len(names) + 1))
-    for i in np.argsort(first, kind="stable"):
-        yield str(names[i]), order[bounds[i] : bounds[i + 1]]
+    begins = np.flatnonzero(code[1:] != code[:-1]) + 1
+    edges = [0, *begins.tolist(), len(code)]
+    order = None
+    if len(edges) != len(names) + 1:  # the runs take turns
+        order = np.argsort(code, kind="stable")
+        edges = np.searchsorted(code[order], np.arange(len(names) + 1)).tolist()
+    for name, start, stop in zip(names, edges, edges[1:]):
+        yield name, slice(start, stop) if order is None else order[start:stop]
 
 
 def _stem(source: str) -> str:

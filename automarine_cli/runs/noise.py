@@ -16,19 +16,33 @@ def heading_noise(time: Floats, heading: Floats) -> float:
     """
     if len(time) < 7:
         return 0.0
-    offsets, centre = (-2, -1, 1, 2), slice(2, len(time) - 2)
-    at = [time[2 + k : len(time) - 2 + k] for k in offsets]
-    weights = []
-    for j in range(4):
-        weight = np.ones(len(time) - 4)
-        for m in range(4):
-            if m != j:
-                weight = weight * (time[centre] - at[m]) / (at[j] - at[m])
-        weights.append(weight)
-    predicted = sum(w * heading[2 + k : len(time) - 2 + k] for w, k in zip(weights, offsets))
-    spread = np.sqrt(1.0 + sum(w**2 for w in weights))
-    sigma = NORMAL * float(np.median(np.abs((heading[centre] - predicted) / spread)))
+    last, step = len(time) - 2, np.diff(time)
+    # from each of the four neighbours to the sample, and between neighbours
+    near, far = step[1:-2], step[2:-1]
+    off = (step[:-3] + near, near, -far, -(far + step[3:]))
+    apart = {(j, m): off[j] - off[m] for j in range(4) for m in range(j + 1, 4)}
+    before, after = off[0] * off[1], off[2] * off[3]
+    weights = (
+        off[1] * after / (-apart[0, 1] * apart[0, 2] * apart[0, 3]),
+        off[0] * after / (apart[0, 1] * apart[1, 2] * apart[1, 3]),
+        before * off[3] / (-apart[0, 2] * apart[1, 2] * apart[2, 3]),
+        before * off[2] / (apart[0, 3] * apart[1, 3] * apart[2, 3]),
+    )
+    residual, square = heading[2:last].copy(), np.ones(len(time) - 4)
+    for weight, k in zip(weights, (-2, -1, 1, 2)):
+        residual -= weight * heading[2 + k : last + k]
+        square += weight * weight
+    sigma = NORMAL * median(np.abs(residual) / np.sqrt(square))
     return max(sigma, _quantum(heading) / np.sqrt(12))
+
+
+def median(values: Floats) -> float:
+    """The median of numbers, shape (N,), none of them missing; numpy's own takes its time to look for those."""
+    half = len(values) // 2
+    if len(values) % 2:
+        return float(np.partition(values, half)[half])
+    parted = np.partition(values, (half - 1, half))
+    return float(parted[half - 1] + parted[half]) / 2
 
 
 def _quantum(heading: Floats) -> float:

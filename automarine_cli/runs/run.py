@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import RunError
+from automarine_cli.runs.noise import heading_noise, median
 
 Floats = NDArray[np.float64]
 
@@ -66,10 +68,15 @@ class Run:
             )
         return self.moment
 
-    @property
+    @cached_property
     def sample_period(self) -> float:
         """Median time between samples [s]."""
-        return float(np.median(np.diff(self.time)))
+        return median(np.diff(self.time))
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation [rad] of the white noise on the heading, see `heading_noise`."""
+        return heading_noise(self.time, self.heading)
 
     def with_moment(self, moment: Floats, unit: str) -> "Run":
         """The same run driven by another moment (thruster commands through a map)."""

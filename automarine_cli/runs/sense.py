@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.runs.noise import median
+
 Floats = NDArray[np.float64]
 FEWEST_SAMPLES = 8
 SLOWEST = 5.0  # s between samples; nobody logs a yaw test more slowly
@@ -26,7 +28,7 @@ def clock_trouble(time: Floats) -> str | None:
             f"only {len(time)} sample{'s' * (len(time) != 1)} left; at least {FEWEST_SAMPLES} are needed. "
             "Check that the log was not cut short"
         )
-    period = float(np.median(np.diff(time)))
+    period = median(np.diff(time))
     if period >= SLOWEST:
         return (
             f"units look wrong: {period:.4g} s between samples. If the clock counts milliseconds or "
@@ -42,9 +44,10 @@ def clock_trouble(time: Floats) -> str | None:
 
 def heading_trouble(time: Floats, heading: Floats) -> str | None:
     """Why a heading as logged, shape (N,) [rad], cannot be one, or None."""
-    if np.median(np.abs(heading)) > LARGEST_HEADING:
+    largest = float(np.abs(heading).max())
+    if largest > LARGEST_HEADING and median(np.abs(heading)) > LARGEST_HEADING:
         return (
-            f"units look wrong: a heading of {np.rad2deg(np.abs(heading).max()):.3g} degrees. "
+            f"units look wrong: a heading of {np.rad2deg(largest):.3g} degrees. "
             "Check which column is the heading"
         )
     span, jumps = float(np.ptp(heading)), np.abs(np.diff(heading))
@@ -58,8 +61,8 @@ def heading_trouble(time: Floats, heading: Floats) -> str | None:
             "units look wrong: the heading wraps at 360 where it should at 2 pi radians. "
             'If it is in degrees, name it heading_deg, or say unit = "deg" with --columns'
         )
-    speed = float(np.median(jumps / np.diff(time)))
-    if speed > FASTEST_TURN and span > 4 * np.pi:
+    speed = median(jumps / np.diff(time)) if span > 4 * np.pi else 0.0
+    if speed > FASTEST_TURN:
         return (
             f"units look wrong: the heading changes by {speed:.3g} rad/s. If it is in degrees, "
             'name it heading_deg, or say unit = "deg" with --columns'
@@ -77,7 +80,7 @@ def command_trouble(command: Floats, name: str) -> str | None:
 
 def _wraps_at(turn: float, span: float, jumps: Floats) -> bool:
     """Whether a heading stays within one `turn` [rad] and jumps by most of it, smooth otherwise."""
-    return bool(span <= 1.001 * turn and jumps.max() > 0.75 * turn and np.median(jumps) < 0.05 * turn)
+    return bool(span <= 1.001 * turn and jumps.max() > 0.75 * turn and median(jumps) < 0.05 * turn)
 
 
 def stuck(heading: Floats, command: Floats) -> str | None:
@@ -96,7 +99,10 @@ def stuck(heading: Floats, command: Floats) -> str | None:
 
 def longest_repeat(heading: Floats, where: NDArray[np.bool_]) -> tuple[int, float]:
     """Length and value of the longest stretch of one exact heading among the samples `where`."""
-    same = (np.diff(heading) == 0) & where[1:] & where[:-1]
+    same = np.diff(heading) == 0
+    if not same.any():
+        return 1, float(heading[0])
+    same &= where[1:] & where[:-1]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
     starts, stops = edges[::2], edges[1::2]
     if not len(starts):

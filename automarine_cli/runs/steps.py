@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.runs.noise import heading_noise, slope
+from automarine_cli.runs.noise import slope
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
@@ -83,7 +83,7 @@ def segments(moment: Floats) -> list[tuple[int, int, float]]:
 def _step(run: Run, first: int, stop: int) -> Step:
     begins, ends = first == 0, stop == len(run)
     before = run.time[0] - run.sample_period if begins else run.time[first - 1]
-    sigma = heading_noise(run.time, run.heading)
+    sigma = run.noise
     pace = _mean_rate(run, first, stop)
     rest = None if begins else _rest_before(run, first, sigma, pace)
     rate, doubt = start_motion(run.time[first:stop], run.heading[first:stop], sigma)

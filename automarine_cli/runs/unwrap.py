@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from automarine_cli.runs.noise import NORMAL
+from automarine_cli.runs.noise import NORMAL, median
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -16,6 +16,7 @@ SPIKE_IN_SIGMA = 8.0
 LONGEST_SPIKE = 2  # samples
 LOCAL = 9  # samples over which the local rate is the median
 LONGEST_BRIDGE = 60.0  # s; over a longer gap anything may have happened
+LARGE_STEP = 0.35  # rad; three times a rate of this and the like of it are less than half a turn
 END_SPIKE = np.deg2rad(20)  # at the ends there is only one side to compare with
 
 
@@ -37,34 +38,73 @@ def find_glitches(time: Floats, heading: Floats) -> NDArray[np.bool_]:
     if count < LOCAL:
         return bad
     steps, spans = wrapped(np.diff(heading)), np.diff(time)
+    if not (_suspects(steps, spans, LONGEST_SPIKE, LEAST_SPIKE).size or _jumps_at_ends(heading)):
+        return bad  # nearly all logs
     rates = steps / spans
     bend = steps - spans * median_filter(rates, size=LOCAL, mode="nearest")
-    threshold = max(LEAST_SPIKE, SPIKE_IN_SIGMA * NORMAL * float(np.median(np.abs(bend))))
+    threshold = max(LEAST_SPIKE, SPIKE_IN_SIGMA * NORMAL * median(np.abs(bend)))
     for width in range(1, LONGEST_SPIKE + 1):
-        before = np.arange(count - width - 1)
+        before = _suspects(steps, spans, width, threshold)
+        if not before.size:
+            continue
         after = before + width + 1
-        rate = np.median(_beside(rates, before, after), axis=0)
+        rate = _median_beside(rates, before, after)
         across = np.abs(_off(time, heading, rate, before, after))
-        off = np.max(
-            [np.abs(_off(time, heading, rate, before, before + k)) for k in range(1, width + 1)], axis=0
-        )
-        around = np.median(_beside(np.abs(steps), before, after), axis=0)
+        off = np.abs(_off(time, heading, rate, before, before + 1))
+        for k in range(2, width + 1):
+            off = np.maximum(off, np.abs(_off(time, heading, rate, before, before + k)))
+        around = _median_beside(np.abs(steps), before, after)
         spike = (off > threshold) & (across < threshold) & (off > 3 * across) & (off > 1.5 * around)
         spike &= ~np.any([bad[before + k] for k in range(width + 2)], axis=0)
         for k in range(1, width + 1):
             bad[before[spike] + k] = True
-    return bad | _ends(time, heading, max(threshold, END_SPIKE))
+    return bad | _ends(time, heading, max(threshold, END_SPIKE)) if _jumps_at_ends(heading) else bad
 
 
-def _beside(steps: Floats, before: Indices, after: Indices) -> Floats:
-    """The three steps that lead to sample `before` and the three that leave sample `after`, shape (6, N)."""
+def _suspects(steps: Floats, spans: Floats, width: int, threshold: float) -> Indices:
+    """The samples, shape (M,), that a spike of `width` samples may follow: a look at differences of steps spares
+    the medians of nearly all samples of a log, and leaves out none that is a spike.
+
+    With X the steps less the local rate r, a spike has |X1 + ... + Xk| = off > threshold for some k <= width,
+    |X1 + ... + X(width + 1)| < off / 3, and |r| span < off / 1.5 (the median of |step| around). Then two steps in a row
+    differ by 4/3 off or more if one sample is off, by 2/3 off if two are, less what an uneven clock adds. That holds
+    where no sum of steps passes half a turn, and is asked of the rest in full.
+    """
+    every = np.arange(len(steps) - width)
+    uneven = float(spans.max() / spans.min()) - 1.0
+    share = 2 / 3 - uneven / 1.5
+    large = np.abs(steps) > LARGE_STEP
+    if share < 0.2 or np.count_nonzero(large) > 2:
+        return every
+    suspect = large.copy()
+    suspect[:-1] |= np.abs(np.diff(steps)) > 0.99 * share * threshold
+    suspect[:-1] |= large[1:]
+    found = np.zeros(len(every), dtype=bool)
+    for k in range(width):
+        found |= suspect[k : k + len(every)]
+    if large.any():  # at the ends of the log a step stands for its missing neighbours too
+        found[:4] = found[-4:] = True
+    return every[found]
+
+
+def _median_beside(steps: Floats, before: Indices, after: Indices) -> Floats:
+    """The median of the three steps that lead to sample `before` and the three that leave sample `after`, (M,)."""
     places = [before - 3, before - 2, before - 1, after, after + 1, after + 2]
-    return np.array([steps[np.clip(place, 0, len(steps) - 1)] for place in places])
+    inside = np.minimum(np.maximum(places, 0), len(steps) - 1)
+    ordered = np.sort(steps[inside], axis=0)
+    return np.asarray((ordered[2] + ordered[3]) / 2)
 
 
 def _off(time: Floats, heading: Floats, rate: Floats, here: Indices, there: Indices) -> Floats:
     """How far `heading[there]` is from `heading[here]` carried on at `rate`, modulo a turn."""
     return wrapped(heading[there] - heading[here] - rate * (time[there] - time[here]))
+
+
+def _jumps_at_ends(heading: Floats) -> bool:
+    """Whether any of the first or last steps is large enough for a spike there."""
+    near = LONGEST_SPIKE + 1
+    steps = np.concatenate([np.diff(heading[:near]), np.diff(heading[-near:])])
+    return bool(np.abs(wrapped(steps)).max() > 0.99 * END_SPIKE)
 
 
 def _ends(time: Floats, heading: Floats, threshold: float) -> NDArray[np.bool_]:
