@@ -9,6 +9,7 @@ in which nothing is missing; runs predicted from the others have a veto.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,7 @@ from automarine_cli.fits.mixed_model import MixedFit
 from automarine_cli.models.yaw_model import YawModel
 
 Floats = NDArray[np.float64]
-Map = Callable[
-    [Callable[[tuple[str, Floats]], "Trial | None"], Sequence[tuple[str, Floats]], str],
-    Sequence["Trial | None"],
-]
+Map = Callable[[Callable[[Any], "Trial | None"], Sequence[Any], str], Sequence["Trial | None"]]
 
 TIE = 10.0
 """Difference of evidence (in deviance) below which two explanations count as tied."""
@@ -32,8 +30,9 @@ LIKELY = 0.1
 """Share of the best score from which a candidate beyond the sixth is fitted, after the first round."""
 BRIEF = 4
 """Iterations that every candidate's fit gets; only those in the running are fitted to the end."""
-RUNNING = 0.5
-"""Share of the best gain, all fits being brief, that keeps a candidate in the running; so does being within REACH."""
+RUNNING = ((0.5, 6), (0.9, ITERATIONS))
+"""Who is fitted further, and how far: candidates with this share of the best gain, or within REACH of it; fits that far
+behind never catch up."""
 MATTERS = 0.1
 """Share of all evidence gained that an effect beyond MOST_EFFECTS would have to gain for the runs to be unexplained."""
 TRUST = 1e-3
@@ -128,12 +127,13 @@ def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> R
     )
     work = [(s.effect, start) for s in ranked for start in (s.start, *s.others)]
     found = each(partial(add_effect, study, current, iterations=BRIEF), work, "trying effects")
-    trials = [trial for trial in found if trial is not None]
-    best = min((trial.evidence for trial in trials), default=0.0)
-    least = best + max(REACH, (1.0 - RUNNING) * (current.evidence - best))
-    running = [trial for trial in trials if trial.evidence < least and not trial.fit.converged]
-    settled = each(partial(_settle, study, current), [(t.added[-1], t.fit.theta) for t in running], "fitting")
-    done = {law_of(t.added[-1], t.model.terms[-1].values): t for t in (*trials, *settled) if t is not None}
+    done = {law_of(t.added[-1], t.model.terms[-1].values): t for t in found if t is not None}
+    for share, iterations in RUNNING:
+        best = min((trial.evidence for trial in done.values()), default=0.0)
+        least = best + max(REACH, (1.0 - share) * (current.evidence - best))
+        running = [trial for trial in done.values() if trial.evidence < least and not trial.fit.converged]
+        again = each(partial(_go_on, study, current, iterations=iterations), running, "fitting")
+        done |= {law_of(t.added[-1], t.model.terms[-1].values): t for t in again if t is not None}
     best_law: dict[str, Trial] = {}
     for trial in sorted(done.values(), key=lambda trial: trial.evidence):
         best_law.setdefault(trial.added[-1], trial)
@@ -163,21 +163,22 @@ def add_effect(
     """The current model with one more effect, everything refitted; None where no fit is found."""
     name, start = candidate
     theta = np.concatenate([current.fit.theta[:-1], start, current.fit.theta[-1:]])
-    return _settle(study, current, (name, theta), iterations)
+    return _fitted(study, current, current.model.with_effect(name, start), theta, current.fit, iterations)
 
 
-def _settle(
-    study: Study, current: Trial, candidate: tuple[str, Floats], iterations: int = ITERATIONS
+def _go_on(study: Study, current: Trial, trial: Trial, iterations: int) -> Trial | None:
+    """A trial's fit taken further from where it stands."""
+    return _fitted(study, current, trial.model, trial.fit.theta, trial.fit, iterations)
+
+
+def _fitted(
+    study: Study, current: Trial, model: YawModel, theta: Floats, near: MixedFit, iterations: int
 ) -> Trial | None:
-    """The same from a start for all parameters."""
-    name, theta = candidate
-    own = len(current.model.theta)
-    model = current.model.with_effect(name, theta[own:-1])
     try:
-        fit = study.fit(model, theta, current.fit, iterations)
+        fit = study.fit(model, theta, near, iterations)
     except (FitError, np.linalg.LinAlgError):
         return None
-    return _trial(study, model, (*current.added, name), fit)
+    return _trial(study, model, (*current.added, model.terms[-1].name), fit)
 
 
 def _predicts(trial: Trial, current: Trial) -> bool:

@@ -17,7 +17,7 @@ class PeriodicDisturbance(Effect):
     parameters = (
         Parameter("A", "amplitude of the sine", "{moment}", -float("inf"), float("inf"), 0.03),
         Parameter("B", "amplitude of the cosine", "{moment}", -float("inf"), float("inf"), 0.0),
-        Parameter("T", "period", "s", 0.3, 20.0, 3.0, scan=tuple(1.0 * 1.06**i for i in range(48)), log=True),
+        Parameter("T", "period", "s", 0.3, 20.0, 3.0, scan=tuple(1.0 * 1.04**i for i in range(70)), log=True),
         Parameter(
             "phase",
             "phase at the start of a run",

@@ -10,6 +10,7 @@ from automarine_cli.diagnosis import verdict as judge
 from automarine_cli.diagnosis.advice import general_advice
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.naming_key import Drift, NamingKey
+from automarine_cli.diagnosis.trials import LEVEL
 from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.report.diagnosis_page_tables import (
@@ -128,7 +129,7 @@ def _why(diagnosis: Diagnosis, key: NamingKey) -> str:
         "", ("candidate added to the base model", "evidence gained [deviance]"),
         tuple((trial.added[-1], number(first.gain(trial), 3)) for trial in best),
         notes=(
-            f"Chance reaches {number(first.threshold, 2)} in 2 of 100 campaigns. Every candidate was fitted together "
+            f"Chance reaches {number(first.threshold, 2)} in {100 * LEVEL:.0f} of 100 campaigns. Every candidate was fitted together "
             "with the base model by simulating whole runs.",
         ),
     )  # fmt: skip

@@ -4,6 +4,7 @@ import numpy as np
 
 from automarine_cli import effects as library
 from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.trials import LEVEL
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.report.diagnosis_page_tables import gap_table
 from automarine_cli.report.tables import Table, interval, number
@@ -48,7 +49,7 @@ def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
     evidence = Table(
         "Candidates", ("effect", "evidence gained"),
         tuple((trial.added[-1], number(found.gain(trial), 3)) for trial in best),
-        notes=(f"Chance reaches {number(found.threshold, 2)} in 2 of 100 campaigns.",),
+        notes=(f"Chance reaches {number(found.threshold, 2)} in {100 * LEVEL:.0f} of 100 campaigns.",),
     )  # fmt: skip
     effects = Table("Effects", ("effect", "parameter", "estimate", "unit", "confidence"), tuple(rows))
     return (*((effects,) if rows else ()), gap_table(diagnosis), evidence)

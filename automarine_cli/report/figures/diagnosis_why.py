@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.naming_key import NamingKey
+from automarine_cli.diagnosis.trials import LEVEL
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, verdict
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure
 
@@ -35,7 +36,7 @@ def why_figure(diagnosis: Diagnosis, key: NamingKey) -> Figure:
         Patch(color=AFTER, label="named"),
         Patch(color=COLOURS["sky"], label="rival not excluded"),
         Patch(color="0.72", label="not needed"),
-        Line2D([], [], linestyle="--", color=BEFORE, label="reached by chance in 2 of 100 campaigns"),
+        Line2D([], [], linestyle="--", color=BEFORE, label=f"reached by chance in {100 * LEVEL:.0f} of 100 campaigns"),
         *grid[0, 1].get_legend_handles_labels()[0],
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
