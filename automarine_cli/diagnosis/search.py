@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.diagnosis.physical import drag_drives
 from automarine_cli.diagnosis.scores import Scores, candidates, fitted_parameters, penalty, score
 from automarine_cli.diagnosis.study import ITERATIONS, Study
 from automarine_cli.errors import FitError
@@ -221,7 +222,8 @@ def _settle(
         fit = study.fit(model, theta, current.fit, iterations)
     except (FitError, np.linalg.LinAlgError):
         return None
-    return _trial(study, model, (*current.added, name), fit)
+    trial = _trial(study, model, (*current.added, name), fit)
+    return None if drag_drives(trial.model, study.fastest) else trial
 
 
 def _predicts(trial: Trial, current: Trial) -> bool:

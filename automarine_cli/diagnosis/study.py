@@ -58,6 +58,16 @@ class Study:
         """Largest |moment| of the runs."""
         return float(np.abs(self.batch.moment).max())
 
+    @cached_property
+    def fastest(self) -> float:
+        """Largest |yaw rate| of the runs [rad/s], each as the mean over a second."""
+        found = 0.0
+        for run in self.runs:
+            grid = np.arange(run.time[0], run.time[-1], 1.0)
+            turned = np.abs(np.diff(np.interp(grid, run.time, run.heading)))
+            found = max(found, float(turned.max(initial=0.0)))
+        return found
+
     def reference(self, kind: str) -> float:
         """Value of a parameter that the logs fix (see `effects.Parameter.reference`)."""
         if kind == "moment":
@@ -83,6 +93,8 @@ class Study:
         within = not self.disturbed
         problem = whole_run_problem(model, self.batch, self.at_rest, within)
         most = MOST_OFFSET if within else 0.5
+        if self.disturbed and any(term.name == "input-delay" for term in model.terms):
+            most = 0.0  # an offset common to all changes of command is the same delay
         bounds, positive = [(0.0, np.inf)], [True]
         main = "k_rr" if any(term.name == "quadratic-drag" for term in self.base.terms) else "k_r"
         for i, term in enumerate(model.terms):
@@ -92,12 +104,18 @@ class Study:
                 logger = self.logger_delay if term.name == "input-delay" and not own else -np.inf
                 lower = max(parameter.lower, logger)
                 bounds.append((value, value) if fixed else (lower, parameter.upper))
-                positive.append(parameter.log or (own and parameter.name == main))
+                # In open water another effect may take over all of the drag: searched on the logarithm it would only
+                # creep towards nothing.
+                drag = own and parameter.name == main and not self.disturbed
+                positive.append(parameter.log or drag)
         scale = problem.effects.scale.copy()
+        edges = self.batch.interval.shape[1]
         if not self.disturbed:
-            scale[:, 3 + self.batch.interval.shape[1] :] = 0.0
+            scale[:, 3 + edges :] = 0.0
         else:
-            scale[:, 2] = 0.0
+            scale[:, 2 : 3 + edges] = (
+                0.0  # neither gains nor shifts: a delay of the vehicle is what is looked for
+            )
         return replace(
             problem,
             effects=replace(problem.effects, scale=scale),
@@ -152,7 +170,8 @@ def run_effects_given(
     def costs(fitted: Floats, b: Floats) -> Floats:
         residual = np.where(problem.seen, problem.measured - fitted, 0.0)
         penalty = np.divide(b, scale, out=np.zeros_like(b), where=scale > 0) ** 2
-        return np.asarray((residual**2).sum(axis=-1) / np.exp(2.0 * variances[0]) + penalty.sum(axis=-1))
+        found = (residual**2).sum(axis=-1) / np.exp(2.0 * variances[0]) + penalty.sum(axis=-1)
+        return np.where(np.isfinite(found), found, np.inf)
 
     b = np.zeros_like(problem.effects.scale)
     fitted, by_phi, by_run = derivatives(problem, phi, b)
