@@ -1,6 +1,7 @@
 # Every target works from a fresh clone: the virtual environment is made when it is missing.
 PYTHON ?= python3
 OUT ?= out
+JOBS ?= 1
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -16,7 +17,7 @@ MAKEFLAGS += --no-print-directory
 help: ## Show this list
 	echo "make TARGET, where TARGET is one of"
 	awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
-	echo "Variables: PYTHON=$(PYTHON) makes the virtual environment, OUT=$(OUT) takes the results."
+	echo "Variables: PYTHON=$(PYTHON) makes the virtual environment, OUT=$(OUT) takes the results, JOBS=$(JOBS) processes work."
 
 $(READY): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -39,24 +40,29 @@ fit-thrusters: $(READY) ## Bollard tests of sample_runs -> thruster map, into OU
 	$(AUTOMARINE) fit-thrusters sample_runs/thrusters --thrusters-per-test 2 -o $(OUT)/thrusters --overwrite
 
 fit-yaw: $(READY) ## Step runs of sample_runs -> Table 1, Table 2, yaw model, into OUT/yaw
-	$(AUTOMARINE) fit-yaw sample_runs/steps -o $(OUT)/yaw --overwrite
+	$(AUTOMARINE) fit-yaw sample_runs/steps -o $(OUT)/yaw --overwrite --jobs $(JOBS)
 
 validate: $(READY) ## Validation runs of sample_runs against the yaw model, into OUT/validation
 	test -e $(OUT)/yaw/yaw_model.json || $(MAKE) fit-yaw
-	$(AUTOMARINE) validate sample_runs/validation --model $(OUT)/yaw/yaw_model.json -o $(OUT)/validation --overwrite
+	$(AUTOMARINE) validate sample_runs/validation --model $(OUT)/yaw/yaw_model.json -o $(OUT)/validation --overwrite \
+	  --jobs $(JOBS)
 
 diagnose: $(READY) diagnose-one diagnose-two ## What is hidden in two campaigns of sample_runs, into OUT/diagnose_one, OUT/diagnose_two
 
 diagnose-%: $(READY)
-	$(AUTOMARINE) fit-yaw sample_runs/hidden_$* --fit-to whole-runs -o $(OUT)/hidden_$* --overwrite -q
+	$(AUTOMARINE) fit-yaw sample_runs/hidden_$* --fit-to whole-runs -o $(OUT)/hidden_$* --overwrite -q --jobs $(JOBS)
 	$(AUTOMARINE) diagnose sample_runs/hidden_$* --model $(OUT)/hidden_$*/yaw_model.json \
-	  -o $(OUT)/diagnose_$* --overwrite --seed 0
+	  -o $(OUT)/diagnose_$* --overwrite --seed 0 --jobs $(JOBS)
 
-reproduce: $(READY) ## The demo twice into two folders; fails unless every byte is equal
+reproduce: $(READY) ## The demo twice, in two lands, and again from its manifests; fails unless every byte is equal
 	rm -rf $(OUT)/reproduce
 	$(MAKE) demo OUT=$(OUT)/reproduce/first > /dev/null
-	$(MAKE) demo OUT=$(OUT)/reproduce/second > /dev/null
+	umask 077; export TZ=Pacific/Kiritimati LC_ALL=C PYTHONHASHSEED=4242; \
+	  $(MAKE) demo OUT=$(OUT)/reproduce/second JOBS=2 > /dev/null
 	diff -r $(OUT)/reproduce/first $(OUT)/reproduce/second
+	$(AUTOMARINE) verify $(OUT)/reproduce/first -q
+	for made in $(OUT)/reproduce/first/demo/*/; do \
+	  $(AUTOMARINE) run --from $$made --inputs sample_runs --inputs $(OUT)/reproduce/first || exit 1; done
 	count=$$(find $(OUT)/reproduce/first -type f | wc -l | tr -d ' '); test "$$count" -gt 0; \
 	  echo "Reproduced: $$count files, every byte equal."
 

@@ -50,13 +50,15 @@ def base_for(name: str, scale: float = 1.0, unit: str = "nu") -> YawModel:
 
 
 def sizes_of(effect: Effect) -> tuple[float, ...]:
-    """Values of all parameters with which the effect is planted, for moments up to LARGEST."""
+    """Values of all parameters with which the effect is planted, for moments up to LARGEST: in its first law."""
     fixed = {"moment": LARGEST, "clock": 0.0, "voltage": 12.0}
     own = iter(SIZES.get(effect.name, ()))
     return tuple(
-        fixed[p.reference] if p.reference else next(own, 1.5 * p.start if p.start != p.off else 0.03)
+        fixed[p.reference] if p.reference
+        else 0.0 if p.choices
+        else next(own, 1.5 * p.start if p.start != p.off else 0.03)
         for p in effect.parameters
-    )
+    )  # fmt: skip
 
 
 def with_planted(base: YawModel, *names: str) -> YawModel:

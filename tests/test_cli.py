@@ -171,7 +171,7 @@ def test_trouble_of_the_machine_is_one_line() -> None:
 
 def test_interrupt_is_130() -> None:
     found = fails_with(KeyboardInterrupt())
-    assert (found.exit_code, found.stderr) == (130, "Interrupted; nothing was written.\n")
+    assert (found.exit_code, found.stderr) == (130, "Interrupted; nothing was left half written.\n")
 
 
 SLOW = """
@@ -202,7 +202,7 @@ def test_signals_leave_nothing_half_written(tmp_path: Path, how: int) -> None:
     assert process.stdout.readline() == "ready\n"
     process.send_signal(how)
     _, said = process.communicate(timeout=20)
-    assert (process.returncode, said) == (130, "Interrupted; nothing was written.\n")
+    assert (process.returncode, said) == (130, "Interrupted; nothing was left half written.\n")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -8,8 +8,8 @@ import pytest
 from automarine_cli.diagnosis.advice import extra_runs, general_advice, separations, suggest
 from automarine_cli.diagnosis.bins import STANDS_OUT, of_runs, of_samples, over_variables
 from automarine_cli.diagnosis.naming_key import drifts_of, naming_key
-from automarine_cli.diagnosis.search import Trial
 from automarine_cli.diagnosis.study import Study, study_of
+from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.variables import Column, columns, direction, edges
 from automarine_cli.diagnosis.where import find_where, gaps
 from automarine_cli.models.yaw_model import YawModel

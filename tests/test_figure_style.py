@@ -1,5 +1,7 @@
 """The look of figures: the same bytes whatever the user's settings, colours that differ in grey too."""
 
+from collections.abc import Callable
+
 import matplotlib
 import numpy as np
 import pytest
@@ -13,7 +15,9 @@ from automarine_cli.report.figures.style import (
     house_style,
     legend,
     new_figure,
+    pdf,
     png,
+    svg,
 )
 
 
@@ -49,6 +53,35 @@ def test_same_bytes_whatever_the_user_has_set() -> None:
         assert png(drawn()) == plain
         assert matplotlib.rcParams["font.size"] == 20.0  # and the user's settings are left alone
     assert png(drawn()) == plain
+
+
+@house_style
+def with_colour_bar() -> Figure:
+    """Two panels, one with a colour bar."""
+    figure, axes = new_figure(1, 2, 7.0, 3.0)
+    for ax in axes.flat:
+        mesh = ax.pcolormesh(np.arange(12.0).reshape(3, 4))
+        ax.set_ylabel("heading [deg]")
+    figure.colorbar(mesh, ax=axes[0, 1], pad=0.01, label="gap [deg]")
+    return figure
+
+
+@pytest.mark.parametrize("save", [png, svg, pdf])
+@pytest.mark.parametrize("draw", [drawn, with_colour_bar])
+def test_the_same_figure_saved_again_is_the_same_bytes(
+    save: Callable[[Figure], bytes], draw: Callable[[], Figure]
+) -> None:
+    figure = draw()
+    first = save(figure)
+    assert [save(figure), save(figure), save(draw())] == [first, first, first]
+
+
+def test_svg_and_pdf_hold_no_date_and_no_program() -> None:
+    picture, page = svg(drawn()), pdf(drawn())
+    assert picture.startswith(b"<?xml") and page.startswith(b"%PDF")
+    for word in (b"dc:date", b"CreationDate", b"/Producer", b"/Creator", b"Matplotlib v"):
+        assert word not in picture and word not in page
+    assert b">model 1</text>" in picture
 
 
 def test_only_axes_with_labels_have_a_legend() -> None:

@@ -291,12 +291,17 @@ def test_moments_all_equal_are_fitted_whole(run: Command, tmp_path: Path) -> Non
     assert abs(entry["value"] - K_RR) < 5 * entry["stderr"]
 
 
-def test_turns_to_one_side_only_are_enough(run: Command, tmp_path: Path) -> None:
+def test_turns_to_one_side_only_are_enough_and_told(run: Command, tmp_path: Path) -> None:
     folder = write_logs(campaign([0.2, 0.4, 0.6, 0.8, 1.0], seed=1), tmp_path / "logs")
     result = run("fit-yaw", folder, "-o", tmp_path / "out")
     assert result.exit_code == 0, result.output
-    entry = model_of(tmp_path / "out")["models"]["3"]["k_rr"]
+    model = model_of(tmp_path / "out")
+    entry = model["models"]["3"]["k_rr"]
     assert abs(entry["value"] - K_RR) < 4 * entry["stderr"]
+    (told,) = (warning for warning in model["warnings"] if warning.startswith("Every run turns to starboard"))
+    assert f"Warning: {told}" in result.stdout.replace("\n", " ")
+    for table in ("table1", "table2"):
+        assert told in (tmp_path / "out" / f"{table}.md").read_text()
 
 
 def test_one_run_is_fitted_whole_with_its_own_interval(run: Command, tmp_path: Path) -> None:

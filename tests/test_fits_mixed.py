@@ -282,7 +282,7 @@ def test_a_response_that_is_not_finite_at_the_start_is_refused() -> None:
     with (
         np.errstate(invalid="ignore"),
         pytest.raises(
-            FitError, match="response is not finite on these runs; look at the logs with `automarine check`"
+            FitError, match="no motion of a vehicle fits these runs"
         ),
     ):
         fit_mixed(broken, np.zeros(2), noise=1.0, factors=np.ones(2))

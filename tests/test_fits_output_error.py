@@ -133,7 +133,9 @@ def test_leaving_a_run_out_in_one_step_is_as_good_as_fitting_again() -> None:
 def test_mirrored_campaign_gives_the_same_parameters() -> None:
     runs = campaign(seed=5, gain_scatter=0.03)
     there, back = fitted(runs), fitted([mirrored(run) for run in runs])
-    assert values(back) == pytest.approx(values(there), rel=1e-9)
+    assert values(back) == pytest.approx(
+        values(there), rel=1e-6
+    )  # both settle within 1 % of a standard error
     assert back.gain_scatter.value == pytest.approx(there.gain_scatter.value, rel=1e-6)
 
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from tolerances import assert_close
 
 from automarine_cli.errors import FitError
+from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.identify import identify
 from automarine_cli.fits.step_response import StepData, step_data
 from automarine_cli.fits.velocity_error import (
@@ -213,3 +214,13 @@ def test_tails_of_too_few_samples_are_refused() -> None:
         FitError, match=r"only 2 samples in the steady tail .* 3 are needed; log the heading faster"
     ):
         tail_lines(time, time, np.zeros(1), used)
+
+
+@pytest.mark.parametrize("value", [2.0, -2.0])
+@pytest.mark.parametrize("bias", [0.05, -0.05])
+def test_an_interval_holds_a_known_bias_on_the_side_it_comes_from(value: float, bias: float) -> None:
+    """What should have been read is value/(1 + bias)."""
+    plain = Estimate(value, 0.01, (value - 0.02, value + 0.02), "nu")
+    low, high = plain.holding_bias(bias).ci95
+    assert low <= value * (1.0 - bias) <= high
+    assert (low == plain.ci95[0]) == (value * bias < 0) and (high == plain.ci95[1]) == (value * bias > 0)

@@ -18,7 +18,13 @@ ROOMS = (
 OPEN_TO_ALL = {"__version__"}
 NOT_FROM = {"effects": {"logs", "runs"}, "models": {"logs", "runs"}}  # a model knows nothing of files
 FORBIDDEN_CALLS = {"eval", "exec", "compile", "__import__", "print"}
-FORBIDDEN_LIBRARIES = {"pickle", "shelve", "marshal", "dill", "joblib", "cloudpickle"}
+FORBIDDEN_LIBRARIES = {
+    "pickle", "shelve", "marshal", "dill", "joblib", "cloudpickle", "yaml", "subprocess", "pty", "runpy", "code",
+}  # fmt: skip
+FORBIDDEN_METHODS = {
+    "system", "popen", "read_pickle", "to_pickle", "eval", "query", "literal_eval", "spawnl", "execv", "fork_exec",
+}  # fmt: skip
+FORBIDDEN_KEYWORDS = {"allow_pickle", "shell"}
 HEAVY = {"numpy", "scipy", "pandas", "pyarrow", "matplotlib"}
 LIGHT_ROOMS = {"cli", "errors", "quantities", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
@@ -106,6 +112,21 @@ def test_nothing_is_executed_and_nothing_printed() -> None:
         for path, tree in TREES.items()
         for node in ast.walk(tree)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FORBIDDEN_CALLS
+    ]
+    assert calls == []
+
+
+def test_nothing_that_was_read_can_act() -> None:
+    """No shell, no pickle, no expression of pandas or numpy, however it is called."""
+    calls = [
+        f"{inside(path)}:{node.lineno} calls {ast.unparse(node.func)}"
+        for path, tree in TREES.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+        and (
+            (isinstance(node.func, ast.Attribute) and node.func.attr in FORBIDDEN_METHODS)
+            or any(keyword.arg in FORBIDDEN_KEYWORDS for keyword in node.keywords)
+        )
     ]
     assert calls == []
 

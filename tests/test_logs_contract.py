@@ -5,6 +5,9 @@ import os
 import random
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from reader_contract import SUFFIXES, WRITERS, YAW, judge_bad_files, judge_good_file, log, refusal
 
@@ -63,17 +66,31 @@ def test_packed_text_that_is_damaged_or_no_log(tmp_path: Path) -> None:
     assert cut == "cut.csv.gz: the gzip data ends too early; the file was cut short, copy it again"
     plain = refusal(log(tmp_path, WRITERS[".csv"](YAW), "plain.csv.gz"))
     assert plain == (
-        "plain.csv.gz: not sound gzip data (Not a gzipped file (b'ti')); copy it again, "
-        "or drop .gz from its name if it is plain text"
+        "plain.csv.gz: found no gzip data, expected some by the name; drop .gz from the name if it is plain text"
     )
+    torn = refusal(log(tmp_path, good[:60] + bytes(20) + good[80:], "torn.csv.gz"))
+    assert torn == "torn.csv.gz: the gzip data is damaged inside; copy the file again"
     bomb = refusal(log(tmp_path, gzip.compress(bytes(70 << 20), 6), "bomb.csv.gz"))
-    assert bomb == "bomb.csv.gz: unpacks to more than 200 times its size; this is no log"
+    assert (
+        bomb
+        == "bomb.csv.gz: unpacks to more than 100 times its size, which no log does; look at what is in it"
+    )
 
 
 def test_parquet_that_was_cut_short(tmp_path: Path) -> None:
     sentence = refusal(log(tmp_path, WRITERS[".parquet"](YAW)[:-20], "cut.parquet"))
-    assert sentence.startswith("cut.parquet: not a sound Parquet file (")
-    assert sentence.endswith("); it was cut short or damaged, copy it again")
+    assert sentence == "cut.parquet: the Parquet data ends too early; the file was cut short, copy it again"
+
+
+def test_a_parquet_file_that_would_fill_the_memory(tmp_path: Path) -> None:
+    """Few bytes may stand for many rows, or for a long word in every row."""
+    rows = 3_000_000
+    word = pa.DictionaryArray.from_arrays(pa.array(np.zeros(200_000, np.int32)), pa.array(["x" * 1_000_000]))
+    for columns in ({"time_s": np.zeros(rows), "tau": np.zeros(rows), "n": np.zeros(rows)}, {"run": word}):
+        pq.write_table(pa.table(columns), tmp_path / "bomb.parquet")
+        assert refusal(LogFile(tmp_path / "bomb.parquet", "bomb.parquet", True)) == (
+            "bomb.parquet: unpacks to more than 100 times its size, which no log does; look at what is in it"
+        )
 
 
 def test_what_is_no_regular_file_does_not_hang(tmp_path: Path) -> None:

@@ -36,13 +36,20 @@ def test_a_directory_is_searched_in_name_order(pool: Path, monkeypatch: pytest.M
 
 def test_a_named_file_goes_by_its_own_name(pool: Path) -> None:
     logs = find_logs([pool / "sub/c.parquet", str(pool / "a.csv")])
-    assert names(logs) == ["c.parquet", "a.csv"] and all(log.named for log in logs)
+    assert names(logs) == ["a.csv", "c.parquet"] and all(log.named for log in logs)
 
 
 def test_each_file_once_and_named_wins(pool: Path) -> None:
     logs = find_logs([pool, pool / "a.csv", pool / "sub/../a.csv"])
     assert len(logs) == 5
     assert [log.named for log in logs if log.path.name == "a.csv"] == [True]
+
+
+def test_the_order_of_the_arguments_changes_nothing(pool: Path) -> None:
+    arguments = [pool / "b.csv", pool, pool / "sub", f"{pool}/*.csv", pool / "sub/c.parquet"]
+    assert names(find_logs(arguments)) == [
+        "b.csv", "c.parquet", "pool/a.csv", "pool/lost.csv", "pool/sub/D.CSV.GZ"]  # fmt: skip
+    assert find_logs(arguments) == find_logs(arguments[::-1]) == find_logs(find_logs(arguments))
 
 
 def test_globs(pool: Path) -> None:
@@ -64,7 +71,7 @@ def test_files_of_one_name_get_their_folders_in_front(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     logs = find_logs([tmp_path / "x/day/run.csv", tmp_path / "y/day/run.csv", tmp_path / "y/day/other.csv"])
-    assert names(logs) == ["x/day/run.csv", "y/day/run.csv", "other.csv"]
+    assert names(logs) == ["other.csv", "x/day/run.csv", "y/day/run.csv"]
 
 
 @pytest.mark.parametrize(

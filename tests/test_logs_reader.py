@@ -249,6 +249,40 @@ def test_twenty_thousand_columns(tmp_path: Path) -> None:
     assert short.startswith("short.csv, row 3: found 2 cells, expected 20003 as in the header (row 1)")
 
 
+# content -> the sentence; what would take minutes and gigabytes is told before
+TOO_MUCH = {
+    ", row 1: found 40000 columns, expected at most 30000; check separators and line ends": b"," * 39_999
+    + b"\n1\n",
+    ", row 1: found 10000001 bytes in one line, expected a line of column names": b"a" * 10_000_001
+    + b"\n1\n",
+    ": 1000000 lines of comments or blanks; expected a table of numbers": b"time_s,tau\n"
+    + b" \n" * 1_000_001,
+    ": a header without rows (columns time_s, tau); expected at least one row": b"time_s,tau\n"
+    + b"\n" * 9_000_000,
+}
+
+
+@pytest.mark.parametrize(("sentence", "content"), TOO_MUCH.items(), ids=[s[:40] for s in TOO_MUCH])
+def test_too_much_of_something(tmp_path: Path, sentence: str, content: bytes) -> None:
+    assert refusal(log(tmp_path, content)) == "log.csv" + sentence
+
+
+def test_rows_keep_their_numbers_in_any_pieces(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("automarine_cli.logs.csv.PIECE", 7)
+    lines = ["", "1,2", "", "", "3,4", "5,6", "", "", "", "7,8", ""]
+    for ending in ("\n", "\r\n"):
+        table = read_log(log(tmp_path, ending.join(["time_s,tau", *lines]).encode()))
+        assert list(table.rows) == [3, 6, 7, 11] and list(table.columns["moment"]) == [2, 4, 6, 8]
+
+
+def test_the_name_of_a_run_is_short(tmp_path: Path) -> None:
+    content = b"time_s,tau,run\n0,1,a\n1,2," + b"b" * 101 + b"\n"
+    assert refusal(log(tmp_path, content)) == (
+        f"log.csv, row 3, column run: found '{'b' * 60}...' of 101 characters, expected the name of a run of at most "
+        "100. Shorten it, or check which column names the runs"
+    )
+
+
 def test_things_that_are_no_files(tmp_path: Path) -> None:
     (tmp_path / "folder.csv").mkdir()
     (tmp_path / "link.csv").symlink_to(tmp_path / "nowhere.csv")

@@ -96,8 +96,9 @@ def test_interrupt_and_kill_end_every_process_soon(tmp_path: Path, how: int, wai
     else:
         parent.kill()
     _, said = parent.communicate(timeout=10)  # returns when the last process that holds the pipes has gone
-    if how == signal.SIGINT:
-        assert (parent.returncode, said) == (130, b"")
+    if how == signal.SIGINT:  # by the signal itself where it struck during an import; see `interrupts.end`
+        assert parent.returncode in (130, -signal.SIGINT)
+        assert said == b""
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -125,7 +125,7 @@ def test_json_by_its_ending_and_a_byte_order_mark(tmp_path: Path) -> None:
     [
         ("a.toml", b"tau = \n", "a.toml: not valid TOML: Invalid value (at line 1"),
         ("a.json", b"{", "a.json: not valid JSON: "),
-        ("a.json", b"[1]", "a.json: expected a table of settings, found a list of 1"),
+        ("a.json", b"[1]", "a.json: found a list of 1, expected an object with named keys"),
         ("a.toml", b"tau = '\xff'", "a.toml: expected UTF-8 text"),
     ],
 )

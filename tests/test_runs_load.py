@@ -110,7 +110,8 @@ REASONS: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame | None], str]] = 
     ),
     "constant clock": (
         lambda t: t.assign(time_s=5.0),
-        "units look wrong: the clock stands still. Look at the time column, or map another with --columns",
+        "units look wrong: the clock stands still at 5 s in all 87 rows; expected a rising clock. Look at the "
+        "time column, or map another with --columns",
     ),
     "milliseconds called seconds": (
         lambda t: t.assign(time_s=t.time_s * 1000),

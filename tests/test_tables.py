@@ -47,7 +47,7 @@ def test_markdown_keeps_its_columns() -> None:
         r"| run | k_r\|r\| | why |",
         "| --- | ---: | --- |",
         r'| a\|b_c, d | -1.257 | says "no" \<here\> |',
-        r"| C:\\logs\\#1 | 1.5e-7 | {~^} ψ 10 $ |",
+        r"| C:\\logs\\#1 | 1.5e-7 | {\~^} ψ 10 \$ |",
         "| mean | – | two lines |",
         "",
         "r² in rad/s ± 5 %",

@@ -44,26 +44,34 @@ def test_json_there_and_back(thruster_map: ThrusterMap) -> None:
 
 
 BREAKAGES = {
-    r"schema is 'automarine/yaw-model/1'": lambda d: d.update(schema="automarine/yaw-model/1"),
-    r"unknown key 'thrust'": lambda d: d.update(thrust=1),
-    r"parameters: unknown key 'sideways'": lambda d: d["parameters"].update(sideways={}),
-    r"parameters\.forward: unknown key 'b'": lambda d: d["parameters"]["forward"].update(b=1.0),
-    r"parameters\.forward\.a: expected a finite number": lambda d: d["parameters"]["forward"].update(
-        a=float("nan")
+    r"schema: found \"automarine/yaw-model/1\", expected \"automarine/thruster-map/1\"": lambda d: d.update(
+        schema="automarine/yaw-model/1"
     ),
-    r"parameters\.backward\.a: expected more than 0": lambda d: d["parameters"]["backward"].update(
-        a={"value": -1.0}
+    r"unknown key \"thrust\"": lambda d: d.update(thrust=1),
+    r"parameters: unknown key \"sideways\"": lambda d: d["parameters"].update(sideways={}),
+    r"parameters\.forward: unknown key \"b\"": lambda d: d["parameters"]["forward"].update(b=1.0),
+    r"parameters\.forward\.a: found NaN, expected a finite number": lambda d: d["parameters"][
+        "forward"
+    ].update(a=float("nan")),
+    r"parameters\.backward\.a\.value: found -1, expected more than 0": lambda d: d["parameters"][
+        "backward"
+    ].update(a={"value": -1.0}),
+    r"parameters\.backward\.a: found nothing, expected a number": lambda d: d["parameters"]["backward"].pop(
+        "a"
     ),
-    r"parameters\.backward\.a: expected a number, found None": lambda d: d["parameters"]["backward"].pop("a"),
-    r"parameters\.forward\.n_0 is -1": lambda d: d["parameters"]["forward"].update(n_0=-1.0),
-    r"parameters\.forward\.n_sat is": lambda d: d["parameters"]["forward"].update(n_0=2.0, n_sat=1.0),
-    r"parameters\.forward\.p: expected a number, found 'two'": lambda d: d["parameters"]["forward"].update(
+    r"parameters\.forward\.n_0: found -1, expected a dead band of zero or more": lambda d: d["parameters"][
+        "forward"
+    ].update(n_0=-1.0),
+    r"parameters\.forward\.n_sat: found 1, expected more than the dead band, 2": lambda d: d["parameters"][
+        "forward"
+    ].update(n_0=2.0, n_sat=1.0),
+    r"parameters\.forward\.p: found \"two\", expected a number": lambda d: d["parameters"]["forward"].update(
         p="two"
     ),
-    r"form is 'cubic'": lambda d: d.update(form="cubic"),
-    r"key 'parameters' is missing": lambda d: d.pop("parameters"),
+    r"form: found \"cubic\", expected one of square": lambda d: d.update(form="cubic"),
+    r"key \"parameters\" is missing": lambda d: d.pop("parameters"),
     r"neither a forward nor a backward": lambda d: d.update(parameters={}),
-    r"n_unit is 3": lambda d: d.update(n_unit=3),
+    r"n_unit: found 3, expected text": lambda d: d.update(n_unit=3),
 }
 
 

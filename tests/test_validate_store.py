@@ -124,8 +124,8 @@ def test_an_unknown_effect_is_answered_with_the_library(data: dict[str, Any]) ->
     [
         (b"{", "not valid JSON"),
         (b"[1]", "expected an object with named keys"),
-        (b"\xff\xfe{}", "expected a JSON file in UTF-8"),
-        (b"[" * 100_000, "not valid JSON"),
+        (b"\xff\xfe{}", "expected UTF-8 text, found other bytes"),
+        (b"[" * 100_000, "not valid JSON: nested too deep"),
     ],
 )
 def test_files_that_are_no_model(tmp_path: Path, content: bytes, why: str) -> None:

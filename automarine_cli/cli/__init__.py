@@ -7,7 +7,6 @@ Nothing in this folder imports numpy at module level; a command's body imports i
 import contextlib
 import errno
 import os
-import signal
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +16,7 @@ import click
 from automarine_cli import __version__
 from automarine_cli.cli.options import verbosity
 from automarine_cli.errors import AutomarineError
+from automarine_cli.pipeline import interrupts
 
 NOT_COMMANDS = ("__init__", "options", "echo")
 
@@ -41,29 +41,33 @@ class CommandFolder(click.Group):
         """Run the command; 1 for what is refused, 130 for an interrupt, never a traceback without -vv."""
         try:
             return super().invoke(ctx)
-        except AutomarineError as refusal:
-            raise click.ClickException(str(refusal)) from refusal
-        except (KeyboardInterrupt, click.Abort):
-            click.echo("Interrupted; nothing was written.", err=True)
-            ctx.exit(130)
         except (click.ClickException, click.exceptions.Exit):
             raise
-        except OSError as problem:
-            if problem.errno == errno.EPIPE:
-                _forget_stdout()
-                ctx.exit(141)  # as if the closed pipe had ended us, which is what shells expect
-            _show_traceback(ctx)
-            raise click.ClickException(str(problem)) from problem
-        except MemoryError as problem:
-            raise click.ClickException(
-                "not enough memory; fewer logs at a time or --jobs 1 need less"
-            ) from problem
-        except Exception as defect:
-            _show_traceback(ctx)
-            what = f"{type(defect).__name__}: {defect}".replace("\n", " ")
-            raise click.ClickException(
-                f"{what}; this is a defect of automarine, please report it (-vv shows where)"
-            ) from defect
+        except (KeyboardInterrupt, click.Abort):
+            interrupts.tell()
+            ctx.exit(interrupts.INTERRUPTED)
+        except Exception as problem:
+            if interrupts.struck():  # some libraries make another exception of an interrupt
+                interrupts.tell()
+                ctx.exit(interrupts.INTERRUPTED)
+            raise self._refusal(ctx, problem) from problem
+
+    def _refusal(self, ctx: click.Context, problem: Exception) -> click.ClickException:
+        """One sentence for what a command raised."""
+        if isinstance(problem, AutomarineError):
+            return click.ClickException(str(problem))
+        if isinstance(problem, OSError) and problem.errno == errno.EPIPE:
+            _forget_stdout()
+            ctx.exit(141)  # as if the closed pipe had ended us, which is what shells expect
+        if isinstance(problem, MemoryError):
+            return click.ClickException("not enough memory; fewer logs at a time or --jobs 1 need less")
+        _show_traceback(ctx)
+        if isinstance(problem, OSError):
+            return click.ClickException(str(problem))
+        what = f"{type(problem).__name__}: {problem}".replace("\n", " ")
+        return click.ClickException(
+            f"{what}; this is a defect of automarine, please report it (-vv shows where)"
+        )
 
 
 def _show_traceback(ctx: click.Context) -> None:
@@ -77,10 +81,6 @@ def _forget_stdout() -> None:
     """The reader has gone: whatever is still to be printed goes nowhere, silently."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _end(signal_number: int, frame: object) -> None:
-    raise KeyboardInterrupt
 
 
 @click.group(cls=CommandFolder, context_settings={"help_option_names": ["-h", "--help"]})
@@ -98,7 +98,7 @@ def automarine() -> None:
 
 
 def main() -> None:
-    """The console script."""
+    """The command line, from the arguments to the exit status."""
     for library in (
         "OPENBLAS",
         "OMP",
@@ -108,7 +108,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError, ValueError):
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")  # type: ignore[union-attr]
-    signal.signal(signal.SIGTERM, _end)
+    interrupts.heed()
     try:
         automarine(prog_name="automarine")
     finally:

@@ -10,16 +10,20 @@ from automarine_cli.cli import options
 @click.command("check")
 @options.logs_argument
 @options.columns_option
+@options.out_option
+@options.overwrite_option
 @options.strict_option
 @options.jobs_option
 @options.json_option
 @options.verbosity
-def check(logs: tuple[str, ...], columns: Path | None, strict: bool, jobs: int, as_json: bool) -> object:
+def check(
+    logs: tuple[str, ...], columns: Path | None, out: Path | None, overwrite: bool, strict: bool, jobs: int,
+    as_json: bool,
+) -> object:  # fmt: skip
     """What is in the logs, and what is wrong with them.
 
     For each run: sampling, gaps, what cleaning dropped, heading noise, moments, turns, which half-turn a fit
-    would keep and what cut it, or why there is none. Yaw logs and thruster tests may be mixed. Nothing is
-    written.
+    would keep and what cut it, or why there is none. Yaw logs and thruster tests may be mixed.
 
     \b
     Example:
@@ -28,7 +32,10 @@ def check(logs: tuple[str, ...], columns: Path | None, strict: bool, jobs: int, 
     from automarine_cli.workflows import check as workflow
 
     result = workflow.check(
-        logs, columns=columns, strict=strict, jobs=jobs, progress=options.terminal_progress()
+        logs, columns=columns, out=out, overwrite=overwrite, strict=strict, jobs=jobs,
+        progress=options.terminal_progress(),
+    )  # fmt: skip
+    options.echo_result(
+        result, as_json=as_json, out=out, tables=result.tables(), files=workflow.FILES, keep_hint=None
     )
-    options.echo_result(result, as_json=as_json, tables=result.tables(), keep_hint=None)
     return result

@@ -11,7 +11,7 @@ from automarine_cli.cli import options
 @options.logs_argument
 @options.model_option
 @click.option(
-    "--hold-out", multiple=True, type=click.Path(), metavar="LOG",
+    "--hold-out", multiple=True, type=click.Path(readable=False), metavar="LOG",
     help="A log that is never fitted, to show the gap on; may be given again. Else a quarter of the runs.",
 )  # fmt: skip
 @options.columns_option

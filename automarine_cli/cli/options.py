@@ -14,6 +14,7 @@ __all__ = [
     "columns_option",
     "echo_result",
     "echo_set_aside",
+    "inputs_option",
     "jobs_option",
     "json_option",
     "logs_argument",
@@ -61,7 +62,9 @@ def verbosity(function: Function) -> Function:
     return quiet(verbose(function))
 
 
-logs_argument = click.argument("logs", nargs=-1, required=True, type=click.Path(), metavar="LOG...")
+logs_argument = click.argument(
+    "logs", nargs=-1, required=True, type=click.Path(readable=False), metavar="LOG..."
+)
 """`logs`: strings as given; `logs.find_logs` makes files of them."""
 
 columns_option = click.option(
@@ -86,6 +89,12 @@ seed_option = click.option(
     help="Seed of everything random.",
 )
 """`seed`: int."""
+
+inputs_option = click.option(
+    "--inputs", multiple=True, type=click.Path(exists=True, path_type=Path), metavar="FOLDER",
+    help="Look for the recorded inputs in this folder and below; may be given again.",
+)  # fmt: skip
+"""`inputs`: Paths."""
 
 jobs_option = click.option(
     "--jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.search import Found, Trial
 from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.trials import Found, Trial
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.models.yaw_model import steady_rate
@@ -70,7 +70,7 @@ def separations(study: Study, final: Trial, rival: Trial) -> dict[str, float]:
     problem, other = extra.problem(final.model), extra.problem(rival.model)
     b = np.zeros_like(problem.effects.scale)
     first, by_phi, by_run = derivatives(problem, final.fit.phi, b)
-    second = other.headings(rival.fit.phi, b)
+    second = other.headings(rival.fit.phi, np.zeros_like(other.effects.scale))
     own = len(study.base.theta)
     spread, turn = np.linalg.eigh(final.fit.covariance[:own, :own])
     by_base = by_phi[:, :, :own] @ (turn * np.sqrt(np.maximum(spread, 0.0)))

@@ -3,8 +3,8 @@
 import numpy as np
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
-from automarine_cli.diagnosis.search import Trial
 from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.trials import Trial
 
 NOISE, SCATTER, LEFT = "noise of the heading", "scatter between runs", "left over"
 
@@ -41,7 +41,7 @@ def _stages(study: Study, base: Trial, final: Trial) -> list[Trial]:
             model = model.with_effect(term.name, term.values)
         theta = np.append(model.theta, final.fit.theta[-1])
         fit = study.fit(model, theta, final.fit)
-        stages.append(Trial(final.added[:count], model.with_theta(fit.theta[:-1]), fit, np.nan))
+        stages.append(Trial(final.added[:count], study.told(model, fit), fit, np.nan))
     return [*stages, final] if final.added else []
 
 

@@ -8,8 +8,9 @@ import numpy as np
 from automarine_cli.diagnosis import verdict as judge
 from automarine_cli.diagnosis.advice import split_by
 from automarine_cli.diagnosis.gap import Gap, gap
-from automarine_cli.diagnosis.search import Found, Map, search
+from automarine_cli.diagnosis.search import Map, search
 from automarine_cli.diagnosis.study import Study, study_of
+from automarine_cli.diagnosis.trials import Found
 from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.errors import RunError
 from automarine_cli.models.yaw_model import YawModel
@@ -61,8 +62,9 @@ def diagnose_runs(
     runs = [run for run in runs if len(run) >= 20]
     fitted, kept = split_off(runs, seed) if hold_out is None else (list(runs), list(hold_out))
     if len(fitted) < FEWEST_RUNS:
+        plural = " is" if len(fitted) == 1 else "s are"
         raise RunError(
-            f"{len(fitted)} runs are too few to tell a missing effect from chance; give at least {FEWEST_RUNS}"
+            f"{len(fitted)} run{plural} too few to tell a missing effect from chance; give at least {FEWEST_RUNS}"
         )
     each = each or (lambda function, work, stage: [function(item) for item in work])
     study = study_of(fitted, base)

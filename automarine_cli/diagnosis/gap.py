@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.search import Trial
 from automarine_cli.diagnosis.study import Study, run_effects_given
+from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 
 Floats = NDArray[np.float64]

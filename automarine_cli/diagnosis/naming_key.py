@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from automarine_cli.diagnosis.search import Trial
 from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram
 from automarine_cli.fits.mixed_model import derivatives

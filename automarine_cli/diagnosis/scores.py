@@ -7,14 +7,14 @@ distribution of the best of all candidates costs a few thousand draws and no ref
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.study import Study, fitted_to
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.mixed_model import MixedFit, derivatives
 from automarine_cli.models.yaw_model import YawModel
@@ -27,23 +27,26 @@ SMALL = 0.03  # size at which a parameter without a start of its own is tried
 
 @dataclass(frozen=True)
 class Probe:
-    """One shape of a candidate: parameter values (m, k) whose responses span what it can do at that shape."""
+    """One shape of a candidate: parameter values (m, k) whose responses span what it can do at that shape; `sized` are
+    the parameters that the rows differ in."""
 
     effect: str
     values: Floats
+    sized: tuple[int, ...]
     one_sided: bool
 
 
 @dataclass(frozen=True)
 class Score:
     """A candidate's best shape: expected drop in deviance, the same less its penalty, where a full fit should start
-    (k,), and the size of its first parameter at which the drop would be one."""
+    (k,), and the size of its first parameter at which the drop would be one; `others` are starts in its other laws."""
 
     effect: str
     drop: float
     penalised: float
     start: Floats
     unit_size: float
+    others: tuple[Floats, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -76,38 +79,99 @@ def candidates(study: Study, model: YawModel) -> list[str]:
     ]  # fmt: skip
 
 
-def fitted_parameters(name: str) -> int:
-    """Number of parameters of an effect that a fit estimates."""
-    return sum(not parameter.reference for parameter in effects.get(name).parameters)
+def fitted_parameters(name: str, values: Sequence[float] | Floats | None = None) -> int:
+    """Number of parameters of an effect that a fit estimates: the free ones, and the amplitude of what varies."""
+    effect = effects.get(name)
+    own = tuple(float(v) for v in (effect.off if values is None else values))
+    return sum(not held for held in effect.held(own)) + effect.varies(own)
 
 
 def probes(study: Study, name: str) -> list[Probe]:
-    """The shapes in which a candidate is tried."""
-    own = effects.get(name).parameters
+    """The shapes in which a candidate is tried; how it varies from run to run is no shape of its own."""
+    effect = effects.get(name)
+    own = effect.parameters
+    laws = [
+        range(len(p.choices)) if p.choices and not effect.per_run else (None,) for p in own
+    ]  # fmt: skip
     found = []
-    for shape in product(*(p.scan or (None,) for p in own)):
+    for law in product(*laws):
         fixed = [
-            study.reference(p.reference)
-            if p.reference
+            float(choice) if choice is not None
+            else study.reference(p.reference) if p.reference
             else p.off
-            if s is None
-            else p.scaled(s, study.largest)
-            for p, s in zip(own, shape)
-        ]
-        sizes = [i for i, p in enumerate(own) if not p.scan and not p.reference]
-        rows = []
-        for i in sizes:
-            start = own[i].start if own[i].start != own[i].off else SMALL
-            rows.append([*fixed[:i], own[i].scaled(start, study.largest), *fixed[i + 1 :]])
-        one_sided = not sizes or (len(sizes) == 1 and own[sizes[0]].lower == own[sizes[0]].off)
-        found.append(Probe(name, np.array(rows or [fixed]), one_sided))
+            for p, choice in zip(own, law)
+        ]  # fmt: skip
+        scans = [effect.scan(p, tuple(fixed)) for p in own]
+        sized = tuple(i for i, p in enumerate(own) if not scans[i] and not p.held)
+        one_sided = not sized or (len(sized) == 1 and own[sized[0]].lower == own[sized[0]].off)
+        for shape in product(*(scan or (None,) for scan in scans)):
+            at = [v if s is None else p.scaled(s, study.largest) for p, v, s in zip(own, fixed, shape)]
+            rows = []
+            for i in sized:
+                start = own[i].start if own[i].start != own[i].off else SMALL
+                rows.append([*at[:i], own[i].scaled(start, study.largest), *at[i + 1 :]])
+            found.append(Probe(name, np.array(rows or [at]), sized, one_sided))
     return found
 
 
 def score(study: Study, model: YawModel, fit: MixedFit, names: Sequence[str], seed: int) -> Scores:
     """Score the candidates `names` at a fit of `model`."""
-    problem = study.problem(model)
     every = [probe for name in names for probe in probes(study, name)]
+    weighted = _weighted(study, model, fit, names, every)
+    hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
+    free = np.setdiff1d(np.arange(len(fit.phi)), fit.at_bound)
+    information, pull = _project(hessian, gradient, free, len(fit.phi))
+    information, pull = study.independent * information, study.independent * pull
+    random = np.random.default_rng(seed)
+    draws = _draw(information, random)
+    runs, at = len(study.runs), 0
+    best: dict[tuple[object, ...], Score] = {}
+    null = np.full(DRAWS, -np.inf)
+
+    def keep(law: tuple[object, ...], found: Score) -> None:
+        if law not in best or found.drop > best[law].drop:
+            best[law] = found
+
+    for probe in every:
+        here = slice(at, at + len(probe.values))
+        at = here.stop
+        block = information[here, here]
+        drop, size = _drop(block, pull[None, here], probe.one_sided)
+        start, unit_size = _start(probe, size[0]), _unit_size(probe, block)
+        cost = penalty(fitted_parameters(probe.effect, start), runs)
+        null = np.maximum(null, _drop(block, draws[:, here], probe.one_sided)[0] - cost)
+        keep(
+            law_of(probe.effect, start),
+            Score(probe.effect, float(drop[0]), float(drop[0]) - cost, start, unit_size),
+        )
+        if effects.get(probe.effect).per_run and _period(probe) <= study.slowest:
+            columns = slice(len(fit.phi) + here.start, len(fit.phi) + here.stop)
+            rise, chance = _varying(weighted, columns, study.independent, random)
+            start = _varying_start(probe)
+            cost = penalty(fitted_parameters(probe.effect, start), runs)
+            null = np.maximum(null, chance - cost)
+            keep(law_of(probe.effect, start), Score(probe.effect, rise, rise - cost, start, unit_size))
+    return Scores(_by_effect(list(best.values())), null)
+
+
+def law_of(name: str, values: Sequence[float] | Floats) -> tuple[object, ...]:
+    """An effect and the choices in its values."""
+    return (name, *(v for p, v in zip(effects.get(name).parameters, values) if p.choices))
+
+
+def _by_effect(found: Sequence[Score]) -> tuple[Score, ...]:
+    """The best law of each effect, with the others' starts; best effect first."""
+    ranked = sorted(found, key=lambda s: -s.penalised)
+    names = dict.fromkeys(s.effect for s in ranked)
+    own = {name: [s for s in ranked if s.effect == name] for name in names}
+    return tuple(replace(own[n][0], others=tuple(s.start for s in own[n][1:])) for n in names)
+
+
+def _weighted(
+    study: Study, model: YawModel, fit: MixedFit, names: Sequence[str], every: Sequence[Probe]
+) -> linear_mixed.Weighted:
+    """Each run's normal equations in the model's parameters and, after them, the sizes of all probes."""
+    problem = study.problem(model)
     fitted, by_phi, by_run = derivatives(problem, fit.phi, fit.run_effects)
     columns = np.concatenate([_responses(study, model, fit, name, every) for name in names]) - fitted
     columns = np.where(problem.seen, columns, 0.0)
@@ -118,40 +182,54 @@ def score(study: Study, model: YawModel, fit: MixedFit, names: Sequence[str], se
     data = residual + np.einsum("rnq,rq->rn", by_run, fit.run_effects)
     gram = linear_mixed.Gram.of(j, by_run, data, problem.seen.sum(axis=1))
     variances = np.append(np.log(fit.noise), np.log(np.maximum(fit.factors, linear_mixed.SMALLEST_FACTOR)))
-    weighted = linear_mixed.weigh(gram, problem.effects, variances)
-    hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
-    free = np.setdiff1d(np.arange(len(fit.phi)), fit.at_bound)
-    information, pull = _project(hessian, gradient, free, len(fit.phi))
-    information, pull = study.independent * information, study.independent * pull
-    draws = _draw(information, seed)
-    runs, at = len(problem.measured), 0
-    best: dict[str, Score] = {}
-    null = np.full(DRAWS, -np.inf)
-    for probe in every:
-        here = slice(at, at + len(probe.values))
-        at = here.stop
-        block = information[here, here]
-        drop, size = _drop(block, pull[None, here], probe.one_sided)
-        cost = penalty(fitted_parameters(probe.effect), runs)
-        null = np.maximum(null, _drop(block, draws[:, here], probe.one_sided)[0] - cost)
-        found = Score(
-            probe.effect, float(drop[0]), float(drop[0]) - cost, _start(probe, size[0]), _unit_size(probe, block)
-        )  # fmt: skip
-        if probe.effect not in best or found.drop > best[probe.effect].drop:
-            best[probe.effect] = found
-    ranked = sorted(best.values(), key=lambda s: -s.penalised)
-    return Scores(tuple(ranked), null)
+    return linear_mixed.weigh(gram, problem.effects, variances)
+
+
+def _varying(
+    weighted: linear_mixed.Weighted, columns: slice, independent: float, random: np.random.Generator
+) -> tuple[float, Floats]:
+    """What a coefficient of its own in every run would gain in deviance, and what chance would (DRAWS,).
+
+    With u = V'R^-1 e and K = V'R^-1 V of a run, in K's axes, coefficients of variance g add to the deviance
+    log(1 + g k) - g u²/(1 + g k) an axis, whatever the run; g is the best on a grid.
+    """
+    k, turn = np.linalg.eigh(independent * weighted.hessian[:, columns, columns])
+    pull = independent * np.einsum("rm,rmj->rj", weighted.gradient[:, columns], turn)
+    k, square = np.maximum(k, 0.0).ravel(), (pull**2).ravel()
+    if not k.any():
+        return 0.0, np.zeros(DRAWS)
+    luck = random.standard_normal((DRAWS, k.size)) ** 2 * k
+    scale = np.geomspace(0.03, 300.0, 15) / np.median(k[k > 0])
+    grown = 1.0 + scale[:, None] * k
+    share, cost = scale[:, None] / grown, np.log(grown).sum(axis=1)
+    gain, chance = share @ square - cost, luck @ share.T - cost
+    return float(max(gain.max(), 0.0)), np.asarray(np.maximum(chance.max(axis=1), 0.0))
+
+
+def _period(probe: Probe) -> float:
+    """The probe's value of the parameter that is scanned."""
+    return float(next(v for p, v in zip(effects.get(probe.effect).parameters, probe.values[0]) if p.scan))
+
+
+def _varying_start(probe: Probe) -> Floats:
+    """Where a fit starts in which each run has coefficients of its own: no common ones, the probe's shape."""
+    own = effects.get(probe.effect).parameters
+    start = [
+        0.0 if i in probe.sized else 1.0 if p.choices else v
+        for i, (p, v) in enumerate(zip(own, probe.values[0]))
+    ]
+    return np.array(start)
 
 
 def _responses(study: Study, model: YawModel, fit: MixedFit, name: str, every: Sequence[Probe]) -> Floats:
     """Headings (m, R, N) of the fitted model with the candidate added at each value of each of its probes."""
     values = np.concatenate([probe.values for probe in every if probe.effect == name])
     problem = study.problem(model.with_effect(name, values[0]))
-    count = len(values)
+    count, own = len(values), fitted_to(problem, fit.run_effects)
     theta = np.concatenate(
         [np.tile(fit.theta[:-1], (count, 1)), values, np.full((count, 1), fit.theta[-1])], axis=1
     )
-    return problem.response(theta, np.tile(fit.run_effects, (count, 1, 1)))
+    return problem.response(theta, np.tile(own, (count, 1, 1)))
 
 
 def _project(hessian: Floats, gradient: Floats, free: NDArray[np.int64], own: int) -> tuple[Floats, Floats]:
@@ -164,11 +242,11 @@ def _project(hessian: Floats, gradient: Floats, free: NDArray[np.int64], own: in
     return 0.5 * (information + information.T), gradient[rest] - across @ inverse @ gradient[free]
 
 
-def _draw(information: Floats, seed: int) -> Floats:
+def _draw(information: Floats, random: np.random.Generator) -> Floats:
     """Scores of null campaigns: Gaussian with the information as covariance, (DRAWS, m)."""
     values, vectors = np.linalg.eigh(information)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    return np.random.default_rng(seed).standard_normal((DRAWS, len(values))) @ root.T
+    return random.standard_normal((DRAWS, len(values))) @ root.T
 
 
 def _drop(block: Floats, pull: Floats, one_sided: bool) -> tuple[Floats, Floats]:
@@ -186,10 +264,7 @@ def _start(probe: Probe, size: Floats) -> Floats:
     """Parameter values at which a full fit starts: the probe at the size that the score asks for, within reason."""
     own = effects.get(probe.effect).parameters
     values = probe.values[0].copy()
-    if len(probe.values) == 1 and probe.one_sided and all(p.scan for p in own):
-        return values
-    sized = [i for i, p in enumerate(own) if not p.scan and not p.reference]
-    for row, i in enumerate(sized):
+    for row, i in enumerate(probe.sized):
         step = (probe.values[row, i] - own[i].off) * float(np.clip(size[row], -4.0, 4.0))
         low, high = own[i].lower, own[i].upper
         margin = 1e-3 * abs(probe.values[row, i])
@@ -200,6 +275,6 @@ def _start(probe: Probe, size: Floats) -> Floats:
 def _unit_size(probe: Probe, block: Floats) -> float:
     """Size of the first fitted parameter, from its off value, whose expected drop in deviance is one."""
     own = effects.get(probe.effect).parameters
-    i = next((i for i, p in enumerate(own) if not p.scan and not p.reference), 0)
+    i = probe.sized[0] if probe.sized else 0
     step = probe.values[0, i] - own[i].off if np.isfinite(own[i].off) else probe.values[0, i]
     return float(abs(step) / np.sqrt(max(block[0, 0], 1e-24)))

@@ -7,15 +7,16 @@ in which nothing is missing; runs predicted from the others have a veto.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.physical import drag_drives
-from automarine_cli.diagnosis.scores import Scores, candidates, fitted_parameters, penalty, score
+from automarine_cli.diagnosis.scores import candidates, fitted_parameters, law_of, penalty, score
 from automarine_cli.diagnosis.study import ITERATIONS, Study
+from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Rival, Round, Trial
 from automarine_cli.errors import FitError
 from automarine_cli.fits.mixed_model import MixedFit
 from automarine_cli.models.yaw_model import YawModel
@@ -26,78 +27,24 @@ Map = Callable[
     Sequence["Trial | None"],
 ]
 
-LEVEL = 0.02
-"""Share of campaigns with nothing missing in which something may still be claimed."""
-MOST_EFFECTS = 3
 TIE = 10.0
 """Difference of evidence (in deviance) below which two explanations count as tied."""
-BRIEF = 5
+LIKELY = 0.1
+"""Share of the best score from which a candidate beyond the sixth is fitted, after the first round."""
+BRIEF = 4
 """Iterations that every candidate's fit gets; only those in the running are fitted to the end."""
 RUNNING = 0.5
 """Share of the best gain, all fits being brief, that keeps a candidate in the running; so does being within REACH."""
 MATTERS = 0.1
 """Share of all evidence gained that an effect beyond MOST_EFFECTS would have to gain for the runs to be unexplained."""
+TRUST = 1e-3
+"""Share of the evidence already gained below which nothing more is added: laws and logs are no better than that."""
 TRIFLE = 0.05
 """Share of all evidence gained below which one of MOST_EFFECTS effects counts as mending the form of another."""
 SETTLED_EVIDENCE = 0.5
 """Gain in evidence below which a swap is not worth another look: fits are settled to less."""
 REACH = 60.0
 """Candidates this far behind the best by a full fit are no rivals of it."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A model with its fit; `evidence` is in deviance, smaller is better."""
-
-    added: tuple[str, ...]
-    model: YawModel
-    fit: MixedFit
-    evidence: float
-
-
-@dataclass(frozen=True)
-class Round:
-    """One round of the search: the scores, every candidate's full fit, and the threshold on the gain in evidence."""
-
-    before: Trial
-    scores: Scores
-    trials: tuple[Trial, ...]
-    threshold: float
-
-    def gain(self, trial: Trial) -> float:
-        """Evidence gained over the model that the round began with."""
-        return self.before.evidence - trial.evidence
-
-
-@dataclass(frozen=True)
-class Rival:
-    """An explanation that the runs cannot exclude: what it replaces, how far behind it is (deviance), its fit."""
-
-    replaces: str
-    name: str
-    behind: float
-    trial: Trial
-
-
-@dataclass(frozen=True)
-class Found:
-    """Outcome of a search: the study as judged, base and final model, rounds, p-value of each effect added, rivals.
-
-    `more` says that after MOST_EFFECTS effects another candidate would still beat chance.
-    """
-
-    study: Study
-    base: Trial
-    final: Trial
-    rounds: tuple[Round, ...]
-    p_values: dict[str, float]
-    rivals: tuple[Rival, ...]
-    more: bool = False
-
-    def weight(self, name: str) -> float:
-        """Weight of an effect of the final model against its rivals."""
-        others = sum(float(np.exp(-0.5 * rival.behind)) for rival in self.rivals if rival.replaces == name)
-        return 1.0 / (1.0 + others)
 
 
 def search(study: Study, seed: int, each: Map) -> Found:
@@ -115,7 +62,8 @@ def search(study: Study, seed: int, each: Map) -> Found:
             break
         rounds.append(this)
         current = this.before
-        able = [t for t in this.trials if this.gain(t) > this.threshold and _predicts(t, current)]
+        least = max(this.threshold, TRUST * (rounds[0].before.evidence - current.evidence))
+        able = [t for t in this.trials if this.gain(t) > least and _predicts(t, current)]
         best = min(able, key=lambda trial: trial.evidence, default=None)
         if best is None:
             break
@@ -166,25 +114,33 @@ def independent_share(study: Study, fit: MixedFit) -> float:
 
 
 def _trial(study: Study, model: YawModel, added: tuple[str, ...], fit: MixedFit) -> Trial:
-    cost = penalty(sum(fitted_parameters(name) for name in added), len(study.runs))
-    evidence = -2.0 * study.independent * fit.log_likelihood + cost
-    return Trial(added, model.with_theta(fit.theta[:-1]), fit, evidence)
+    model = study.told(model, fit)
+    own = model.terms[len(study.base.terms) :]
+    cost = penalty(sum(fitted_parameters(term.name, term.values) for term in own), len(study.runs))
+    return Trial(added, model, fit, -2.0 * study.independent * fit.log_likelihood + cost)
 
 
 def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> Round:
     """Score all candidates, fit all (the first time) or the ones within reach."""
     scores = score(study, current.model, current.fit, candidates(study, current.model), seed)
-    ranked = scores.ranked if whole else [s for i, s in enumerate(scores.ranked) if i < 6 or s.penalised > 0]
-    work = [(s.effect, s.start) for s in ranked]
+    likely = max(0.0, LIKELY * scores.ranked[0].penalised) if scores.ranked else 0.0
+    ranked = (
+        scores.ranked if whole else [s for i, s in enumerate(scores.ranked) if i < 6 or s.penalised > likely]
+    )
+    work = [(s.effect, start) for s in ranked for start in (s.start, *s.others)]
     found = each(partial(add_effect, study, current, iterations=BRIEF), work, "trying effects")
     trials = [trial for trial in found if trial is not None]
     best = min((trial.evidence for trial in trials), default=0.0)
     least = best + max(REACH, (1.0 - RUNNING) * (current.evidence - best))
     running = [trial for trial in trials if trial.evidence < least and not trial.fit.converged]
     settled = each(partial(_settle, study, current), [(t.added[-1], t.fit.theta) for t in running], "fitting")
-    done = {trial.added[-1]: trial for trial in (*trials, *settled) if trial is not None}
-    current = _from_elsewhere(study, current, sorted(done.values(), key=lambda trial: trial.evidence)[:3])
-    return Round(current, scores, tuple(done.values()), max(scores.threshold(LEVEL), 0.0))
+    done = {law_of(t.added[-1], t.model.terms[-1].values): t for t in (*trials, *settled) if t is not None}
+    best_law: dict[str, Trial] = {}
+    for trial in sorted(done.values(), key=lambda trial: trial.evidence):
+        best_law.setdefault(trial.added[-1], trial)
+    ranking = list(best_law.values())
+    current = _from_elsewhere(study, current, ranking[:3])
+    return Round(current, scores, tuple(ranking), max(scores.threshold(LEVEL), 0.0))
 
 
 def _from_elsewhere(study: Study, current: Trial, trials: Sequence[Trial]) -> Trial:
@@ -269,7 +225,8 @@ def _reconsider(
             continue
         able = [trial for trial in this.trials if _predicts(trial, without)]
         best = min((*able, current), key=lambda trial: trial.evidence)
-        if without.evidence - best.evidence <= this.threshold:
+        least = max(this.threshold, TRUST * (first.before.evidence - without.evidence))
+        if without.evidence - best.evidence <= least:
             best = without
         if best.evidence < current.evidence - SETTLED_EVIDENCE or best is without:
             current, around, waiting = best, {}, list(best.added)

@@ -12,7 +12,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed
 from automarine_cli.fits.step_response import MOST_OFFSET
-from automarine_cli.fits.whole_runs import whole_run_problem
+from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.noise import heading_noise
 from automarine_cli.runs.run import Run
@@ -82,6 +82,11 @@ class Study:
         return 0.5 * float(np.median([run.sample_period for run in self.runs]))
 
     @cached_property
+    def slowest(self) -> float:
+        """Longest period [s] of what varies from run to run: slower than three times a run it could be anything."""
+        return float(np.median([run.time[-1] - run.time[0] for run in self.runs])) / 3.0
+
+    @cached_property
     def floor(self) -> float:
         """Noise of the heading measured apart from any model, root mean square over runs [rad]."""
         noise = np.array([heading_noise(run.time, run.heading) for run in self.runs])
@@ -99,11 +104,12 @@ class Study:
         main = "k_rr" if any(term.name == "quadratic-drag" for term in self.base.terms) else "k_r"
         for i, term in enumerate(model.terms):
             own = i < len(self.base.terms)
-            for parameter, value in zip(effects.get(term.name).parameters, term.values):
-                fixed = bool(parameter.reference)
+            effect = effects.get(term.name)
+            for parameter, value, fixed in zip(effect.parameters, term.values, effect.held(term.values)):
                 logger = self.logger_delay if term.name == "input-delay" and not own else -np.inf
                 lower = max(parameter.lower, logger)
-                bounds.append((value, value) if fixed else (lower, parameter.upper))
+                slow = self.slowest if parameter.scan and effect.varies(term.values) else np.inf
+                bounds.append((value, value) if fixed else (lower, min(parameter.upper, slow)))
                 # In open water another effect may take over all of the drag: searched on the logarithm it would only
                 # creep towards nothing.
                 drag = own and parameter.name == main and not self.disturbed
@@ -111,11 +117,10 @@ class Study:
         scale = problem.effects.scale.copy()
         edges = self.batch.interval.shape[1]
         if not self.disturbed:
-            scale[:, 3 + edges :] = 0.0
+            scale[:, 3 + edges : 3 + edges + self.batch.windows] = 0.0
         else:
-            scale[:, 2 : 3 + edges] = (
-                0.0  # neither gains nor shifts: a delay of the vehicle is what is looked for
-            )
+            # Neither gains nor shifts: a delay of the vehicle is what is looked for.
+            scale[:, 2 : 3 + edges] = 0.0
         return replace(
             problem,
             effects=replace(problem.effects, scale=scale),
@@ -135,15 +140,38 @@ class Study:
         `near` is a fit of a similar model whose variances and run effects are good starts.
         """
         start = np.append(model.theta, 0.0) if theta is None else theta
+        problem = self.problem(model)
+        factors = np.append([0.03, 0.7, 0.02], np.full(len(problem.effects.limits) - 3, 0.02))
         if near is None:
             return fit_mixed(
-                self.problem(model), start, noise=max(2 * self.floor, 1e-4), factors=np.array([0.03, 0.7, 0.02]),
-                iterations=ITERATIONS, settled=SETTLED,
+                problem, start, noise=max(2 * self.floor, 1e-4), factors=factors, iterations=ITERATIONS,
+                settled=SETTLED,
             )  # fmt: skip
+        kept = min(len(near.factors), len(factors))
+        factors[:kept] = near.factors[:kept]
         return fit_mixed(
-            self.problem(model), start, noise=near.noise, factors=near.factors, run_effects=near.run_effects,
+            problem, start, noise=near.noise, factors=factors, run_effects=fitted_to(problem, near.run_effects),
             iterations=iterations, settled=SETTLED,
         )  # fmt: skip
+
+    def told(self, model: YawModel, fit: MixedFit) -> YawModel:
+        """The fitted model; effects that vary from run to run tell the amplitude that the runs' own share."""
+        model = model.with_theta(fit.theta[:-1])
+        for i, name in enumerate(varying_terms(model)):
+            amplitude = float(np.sqrt(2.0) * fit.factors[3 + i] * self.largest)
+            terms = tuple(
+                replace(t, values=(amplitude, *t.values[1:])) if t.name == name else t for t in model.terms
+            )
+            model = replace(model, terms=terms)
+        return model
+
+
+def fitted_to(problem: Problem, run_effects: Floats) -> Floats:
+    """Run effects (R, q) of a similar model as start values for `problem`: what only one of them has is at the end."""
+    out = np.zeros_like(problem.effects.scale)
+    kept = min(out.shape[1], run_effects.shape[1])
+    out[:, :kept] = run_effects[:, :kept]
+    return out
 
 
 def study_of(runs: Sequence[Run], base: YawModel, disturbed: bool | None = None) -> Study:

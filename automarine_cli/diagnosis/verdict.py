@@ -10,10 +10,11 @@ from scipy import stats
 from automarine_cli import effects
 from automarine_cli.diagnosis.gap import Gap, residuals
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
-from automarine_cli.diagnosis.search import LEVEL, Found, Trial
 from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Trial
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import run_covariance
+from automarine_cli.fits.whole_runs import varying_terms
 
 Floats = NDArray[np.float64]
 
@@ -23,6 +24,11 @@ FLOOR_ERROR = 1.5
 root of the samples), before runs may hold something more."""
 LEFT_OVER = 0.3
 """Share of the excess variance over the floor that may stay when an effect is named."""
+STANDS = 2.0
+"""Times the floor above which residuals that hang together are unexplained, however much larger they were before."""
+MANY = 0.25
+"""Excess variance that the base must leave before as many effects as may be named are believed: small gaps that take
+three are rather one effect that the library lacks."""
 
 FEWEST_GAINS = 10
 """Runs from which the order of their gains says anything."""
@@ -63,14 +69,19 @@ def verdict_of(study: Study, found: Found) -> str:
     if (
         loud
         and hangs_together(study, found.final)
-        and (not found.final.added or excess[1] > LEFT_OVER * excess[0])
+        and (
+            not found.final.added
+            or excess[1] > LEFT_OVER * excess[0]
+            or found.final.fit.noise > STANDS * study.floor
+        )
     ):
         return "unexplained"
     scatter = [trial.fit.factors[0] ** 2 for trial in (found.base, found.final)]
     unnamed = not found.final.added or scatter[1] > LEFT_OVER * scatter[0]
     if unnamed and not study.disturbed and gains_wander(study, found.final):
         return "unexplained"
-    if found.more and not study.disturbed:
+    many = len(found.final.added) == MOST_EFFECTS and excess[0] < MANY
+    if (found.more or many) and not study.disturbed:
         return "unexplained"
     return "named" if found.final.added else "nothing-missing"
 
@@ -110,7 +121,18 @@ def parameter_estimates(study: Study, trial: Trial, name: str) -> dict[str, Esti
                 form = Estimate.from_log if trial.fit.positive[at] else Estimate.from_stderr
                 found[parameter.name] = form(value, stderr, dof, parameter.unit_for(trial.model.moment_unit))
             at += 1
+    for i, varying in enumerate(varying_terms(trial.model)):
+        if varying == name:
+            found[next(iter(found))] = _amplitude(study, trial, 3 + i)
     return found
+
+
+def _amplitude(study: Study, trial: Trial, factor: int) -> Estimate:
+    """Amplitude of what every run has a share of its own of, from the likelihood of their spread."""
+    scale = float(np.sqrt(2.0) * study.largest)
+    low, high = (scale * end for end in trial.fit.factor_interval(factor))
+    value, unit = scale * float(trial.fit.factors[factor]), trial.model.moment_unit
+    return Estimate(value, (high - low) / (2.0 * float(stats.norm.ppf(0.975))), (low, high), unit)
 
 
 def base_estimates(study: Study, trial: Trial) -> dict[str, Estimate]:

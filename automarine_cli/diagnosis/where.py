@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.bins import Variable, of_runs, of_samples, over_variables
-from automarine_cli.diagnosis.search import Trial
 from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.variables import Column, columns, direction
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram

@@ -55,7 +55,8 @@ class Parameter:
     `scan` shapes the effect and means nothing while the effect is off: fits start from the best of these values.
     `log` marks those searched on the logarithm. A parameter with a `reference` is not fitted but says against what the
     others are meant: "moment" the largest moment of the logs, "clock" their first instant, "voltage" their mean
-    supply voltage.
+    supply voltage. One with `choices` is not fitted either: its value counts in these words, laws of which nature has
+    one, and a diagnosis tries them all; where it is not given it is the first.
     """
 
     name: str
@@ -68,6 +69,12 @@ class Parameter:
     scan: tuple[float, ...] = ()
     log: bool = False
     reference: str = ""
+    choices: tuple[str, ...] = ()
+
+    @property
+    def held(self) -> bool:
+        """Whether fits leave it as it is."""
+        return bool(self.reference or self.choices)
 
     def scaled(self, value: float, largest: float) -> float:
         """`value` for logs whose largest moment is `largest`."""
@@ -137,11 +144,26 @@ class Effect:
     steered: ClassVar[bool] = False
     """Whether the moment depends on the heading; without such an effect the simulator sums the heading at the end."""
 
+    per_run: ClassVar[int] = 0
+    """How many coefficients each run may have of its own, in units of moment; the methods get them after the values."""
+
     @property
     def shapes(self) -> tuple[bool, ...]:
-        """Which parameters mean nothing while the effect is off: references, and scanned ones beside a size."""
-        sized = any(not p.scan and not p.reference for p in self.parameters)
-        return tuple(bool(p.reference or (p.scan and sized)) for p in self.parameters)
+        """Which parameters mean nothing while the effect is off: the held ones, and scanned ones beside a size."""
+        sized = any(not p.scan and not p.held for p in self.parameters)
+        return tuple(bool(p.held or (p.scan and sized)) for p in self.parameters)
+
+    def held(self, values: tuple[float, ...]) -> tuple[bool, ...]:
+        """Which parameters a fit leaves as they are, at these values."""
+        return tuple(p.held for p in self.parameters)
+
+    def varies(self, values: tuple[float, ...]) -> bool:
+        """Whether each run has coefficients of its own, at these values."""
+        return False
+
+    def scan(self, parameter: Parameter, values: tuple[float, ...]) -> tuple[float, ...]:
+        """Values at which fits of a parameter may start, given the choices in `values`."""
+        return parameter.scan
 
     @property
     def off(self) -> tuple[float, ...]:

@@ -4,20 +4,39 @@ import numpy as np
 
 from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
 
+EDGE = 0.1
+CUTS = tuple(0.02 * 1.3**i for i in range(14))
+"""Widths at which a cut is tried, as shares of the largest moment."""
+
 
 class DeadBand(Effect):
-    """sgn(tau) max(|tau| - width, 0)."""
+    """Nothing below a width; above it that much less, or, where the controller only cuts small commands, all of it.
+
+    The cut is smoothed over EDGE of the width, within which no test's moments could place it.
+    """
 
     name = "dead-band"
     place = Place.ACTUATOR
-    parameters = (Parameter("width", "half width of the dead-band", "{moment}", 0.0, float("inf"), 0.03),)
-    equation = "tau_delivered = sgn(tau) max(|tau| - width, 0)"
-    says = "The thrusters give nothing below a smallest moment, and that much less above it."
+    parameters = (
+        Parameter("width", "half width of the dead-band", "{moment}", 0.0, float("inf"), 0.03),
+        Parameter("law", "what is left above the width", "1", 0.0, 1.0, 0.0, choices=("the rest", "all")),
+    )
+    equation = "tau_delivered = sgn(tau) max(|tau| - width, 0), or tau where |tau| > width, else 0"
+    says = "The thrusters give nothing below a smallest moment."
     reveals = "slow ramps through zero, and the smallest moments"
     mistaken_for = ("coulomb-drag", "linear-drag", "thrust-exponent")
     separated_by = "a coast-down: a dead-band leaves it alone, Coulomb drag stops it in finite time"
     source = "Blue Robotics T200 performance data (2019): no thrust within 7 to 10 % of the command range"
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        (width,) = values
-        return np.sign(commands.moment) * np.maximum(np.abs(commands.moment) - width, 0.0)
+        width, law = values
+        size = np.abs(commands.moment)
+        left = np.maximum(size - width, 0.0)
+        if law.any():
+            share = (size - width) / np.maximum(2.0 * EDGE * width, 1e-12) + 0.5
+            left = np.where(law > 0, size * np.clip(share, 0.0, 1.0), left)
+        return np.sign(commands.moment) * left
+
+    def scan(self, parameter: Parameter, values: tuple[float, ...]) -> tuple[float, ...]:
+        """A cut has no slope to follow where no moment lies near it."""
+        return CUTS if values[1] and parameter.name == "width" else ()

@@ -1,10 +1,15 @@
 """Water that begins to turn with the vehicle: the whirlpool for which the paper trims to half a turn."""
 
+import numpy as np
+
 from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
 
 
 class WaterSwirl(Effect):
-    """Drag acts on r - w, and the water's rate follows T_w w' = chi r - w."""
+    """Drag acts on the slip s = r - w; the water is stirred in proportion to s, or to |s| s as turbulence would.
+
+    At a slip of 1 rad/s both laws stir alike, so that their parameters have the same size and meaning.
+    """
 
     name = "water-swirl"
     place = Place.WATER
@@ -13,8 +18,9 @@ class WaterSwirl(Effect):
         Parameter(
             "T_w", "time constant of the water", "s", 0.5, 200.0, 10.0, scan=(2.5, 10.0, 40.0), log=True
         ),
+        Parameter("law", "how the slip stirs the water", "1", 0.0, 1.0, 0.0, choices=("linear", "turbulent")),
     )
-    equation = "drag on r - w, T_w w' = chi r - w"
+    equation = "drag on s = r - w, T_w w' = chi s - (1 - chi) w, or with |s| s for s"
     says = "The water begins to turn with the vehicle and carries it along."
     reveals = (
         "turns of a whole revolution and more, a reversal after a long turn, coast-downs that do not end "
@@ -35,5 +41,8 @@ class WaterSwirl(Effect):
     def derivatives(
         self, motion: Motion, states: tuple[Floats, ...], values: tuple[Floats, ...]
     ) -> tuple[Floats, ...]:
-        chi, lag = values
-        return ((chi * motion.rate - states[0]) / lag,)
+        chi, lag, law = values
+        slip = motion.slip
+        if law.any():
+            slip = slip * (1.0 + law * (np.abs(slip) - 1.0))
+        return ((chi * slip - (1.0 - chi) * states[0]) / lag,)

@@ -10,8 +10,9 @@ from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.output_error import OutputErrorFit, fit_half_turns, fit_whole_runs, prefer
 from automarine_cli.fits.step_response import Known, StepData, half_turn_data
 from automarine_cli.fits.velocity_error import VelocityErrorFit, fit_velocity_error
+from automarine_cli.fits.yaw_cautions import design_cautions, fit_cautions, seed_cautions
 from automarine_cli.fits.yaw_fit import YawFit
-from automarine_cli.fits.yaw_warnings import fit_warnings, step_warnings
+from automarine_cli.fits.yaw_warnings import fit_warnings, step_warnings, told
 from automarine_cli.runs.half_turn import HalfTurn, half_turns
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import find_steps
@@ -81,8 +82,17 @@ def _fit_steps(
     preference = prefer(fits)
     seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit)
     noise = float(np.median([turn.noise for turn in turns]))
-    warnings = (*step_warnings(turns, seed), *fit_warnings(fits, preference, data.names, noise))
-    return YawFit(unit, turns, data, (), fits, seed, "", preference, set_aside, warnings)
+    cautions = (
+        *design_cautions([turn.moment for turn in turns], unit, of_steps=True),
+        *seed_cautions(seed, fits[preference.number].gain_scatter.value),
+        *fit_cautions(fits),
+    )
+    warnings = (
+        *step_warnings(turns, seed),
+        *fit_warnings(fits, preference, data.names, noise),
+        *told(cautions, preference),
+    )
+    return YawFit(unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, cautions)
 
 
 def _inertia_to_begin_with(rough: VelocityErrorFit) -> float:
@@ -121,8 +131,10 @@ def _fit_whole(
         "velocity errors; the whole runs were fitted by output error"
     )
     preference = prefer(fits)
-    warnings = tuple(fit_warnings(fits, preference, [run.name for run in moving]))
-    return YawFit(moving[0].moment_unit, (), None, moving, fits, None, why, preference, short, warnings)
+    unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
+    cautions = (*design_cautions(levels.tolist(), unit, of_steps=False), *fit_cautions(fits))
+    warnings = (*fit_warnings(fits, preference, [run.name for run in moving]), *told(cautions, preference))
+    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, cautions)
 
 
 def _too_little(run: Run) -> str:

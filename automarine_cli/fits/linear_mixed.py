@@ -20,7 +20,11 @@ from automarine_cli.errors import FitError
 
 Floats = NDArray[np.float64]
 
-NOT_FINITE = "the model's response is not finite on these runs; look at the logs with `automarine check`"
+NOT_FINITE = (
+    "no motion of a vehicle fits these runs: simulated headings run out of all bounds; look at the logs with "
+    "`automarine check` for gaps, a wrong clock, or wrong units or signs of heading and moment (--columns)"
+)
+NO_MOTION = "the runs show no motion that a model could be fitted to; look at the logs with `automarine check`"
 SMALLEST_FACTOR = 1e-5
 
 
@@ -103,13 +107,14 @@ class Weighted:
 def weigh(gram: Gram, effects: RunEffects, variances: Floats) -> Weighted:
     """Apply R_i^-1 to every inner product. Raises FitError where the response was not finite."""
     if not gram.is_finite:
-        raise FitError(
-            "the model's response is not finite on these runs; look at the logs with `automarine check`"
-        )
+        raise FitError(NOT_FINITE)
     s2 = np.exp(2.0 * variances[0])
     scale = effects.deviation(variances)
     q = scale.shape[1]
-    root = np.linalg.cholesky(_kernel(gram, scale, s2))
+    try:
+        root = np.linalg.cholesky(_kernel(gram, scale, s2))
+    except np.linalg.LinAlgError:
+        raise FitError(NO_MOTION) from None
     inverse = np.linalg.inv(root)
     of_phi = inverse @ (scale[:, :, None] * np.swapaxes(gram.jv, 1, 2))
     of_w = (inverse @ (scale * gram.vw)[:, :, None])[:, :, 0]

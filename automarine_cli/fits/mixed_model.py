@@ -179,7 +179,7 @@ def _line_search(problem: Problem, variances: Floats, here: _Point, new_phi: Flo
 
 
 def _stands(problem: Problem, variances: Floats, old: _Point, new: _Point, wanted: Floats) -> bool:
-    """Whether the search has come to stand: a step cut to a quarter of the one allowed, or less, that gains a trifle."""
+    """Whether the search stands: a step cut to a quarter of the one allowed, or less, gained a trifle."""
     asked = wanted - old.phi
     allowed = min(1.0, BOLDEST / max(float(np.abs(asked)[problem.positive].max(initial=0.0)), 1e-300))
     if np.abs(new.phi - old.phi).max() > 0.25 * allowed * np.abs(asked).max():

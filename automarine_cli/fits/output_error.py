@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.influence import covariance_of_changes, degrees_of_freedom, left_out_changes
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
 from automarine_cli.fits.step_response import NAMES, Known, StepData, instant, step_problem
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem, without_gain
@@ -22,7 +23,6 @@ ENOUGH_RUNS = 8
 """From this many runs on, standard errors are the jackknife's alone; with fewer the larger of it and the
 likelihood's."""
 
-
 MOST_GROWTH = 1e6
 """Of a standard error by leaving runs out; beyond it the runs say nothing at all."""
 
@@ -31,9 +31,9 @@ MOST_GROWTH = 1e6
 class OutputErrorFit:
     """One model fitted to headings by maximum likelihood.
 
-    `estimates` by parameter name, `inertial_turn_angle` I/k_rr [rad] (models 2 and 3), `offset` of the
-    command's instant [sample intervals], `gain_scatter` run to run (relative), `noise` [rad], `correlation`
-    of (I, drag).
+    `estimates` by parameter name, `inertial_turn_angle` I/k_rr [rad] (models 2 and 3), `offset` of the command's
+    instant [sample intervals], `gain_scatter` run to run (relative), `noise` [rad], `covariance` (p, p) of phi
+    (logarithms of positive parameters) with the run as the unit, `start` (p,) the theta that the search began with.
     """
 
     number: str
@@ -44,11 +44,8 @@ class OutputErrorFit:
     gain_scatter: Estimate
     noise: float
     mixed: MixedFit
-
-    @property
-    def covariance(self) -> Floats:
-        """Covariance of phi (logarithms of positive parameters) with the run as the unit, (p, p)."""
-        return run_covariance(self.mixed)
+    covariance: Floats
+    start: Floats
 
 
 @dataclass(frozen=True)
@@ -66,8 +63,9 @@ def fit_half_turns(
     inertia, k_r, k_rr = start
     values = {"1": (k_r,), "2": (k_rr, k_r), "3": (k_rr,)}[number]
     problem = step_problem(data, number, known)
-    mixed = fit_mixed(problem, np.array([inertia, *values, 0.0]), noise=0.02, factors=np.array([0.03, 0.5]))
-    return _outcome(number, problem, mixed, moment_unit, of_half_turns=True)
+    begin = np.array([inertia, *values, 0.0])
+    mixed = fit_mixed(problem, begin, noise=0.02, factors=np.array([0.03, 0.5]))
+    return _outcome(number, problem, mixed, begin, moment_unit, of_half_turns=True)
 
 
 def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> OutputErrorFit:
@@ -84,7 +82,7 @@ def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> Out
     begin = np.append(rough.theta, 0.0)
     if alone:
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
-        return _outcome(number, pooled, only, batch.moment_unit, of_half_turns=False)
+        return _outcome(number, pooled, only, begin, batch.moment_unit, of_half_turns=False)
     first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
     best = fit_mixed(
         problem,
@@ -93,15 +91,21 @@ def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> Out
         factors=np.append(0.02, first.factors[1:]),
         run_effects=first.run_effects,
     )
-    return _outcome(number, problem, best, batch.moment_unit, of_half_turns=False)
+    return _outcome(number, problem, best, begin, batch.moment_unit, of_half_turns=False)
 
 
-def run_covariance(mixed: MixedFit) -> Floats:
-    """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p)."""
+def run_covariance(mixed: MixedFit, problem: Problem | None = None) -> Floats:
+    """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p).
+
+    Given the `problem` that was fitted, it is exact where instants are confined to their sample intervals (see
+    influence.py); without, it is the linearised jackknife, which is too wide there.
+    """
     runs = len(mixed.left_out)
     if runs < 2:
         return mixed.covariance
     jackknife = mixed.jackknife_covariance
+    if problem is not None:
+        jackknife = covariance_of_changes(left_out_changes(problem, mixed))
     if runs >= ENOUGH_RUNS:
         return jackknife
     likely, between = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in (mixed.covariance, jackknife))
@@ -110,19 +114,40 @@ def run_covariance(mixed: MixedFit) -> Floats:
     return mixed.covariance * np.outer(grow, grow)
 
 
+def run_dof(mixed: MixedFit, direction: Floats) -> float:
+    """Degrees of freedom of the variance along `direction` (p,) of phi that `run_covariance` tells."""
+    runs = len(mixed.left_out)
+    return degrees_of_freedom(mixed, direction) if runs >= ENOUGH_RUNS else float(max(runs - 1, 1))
+
+
+def estimate_of(mixed: MixedFit, covariance: Floats, i: int, unit: str, dof: float | None = None) -> Estimate:
+    """One parameter; the interval of a positive one is formed on its logarithm. `dof` is that of `run_dof` if None."""
+    stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
+    form = Estimate.from_log if mixed.positive[i] else Estimate.from_stderr
+    return form(float(mixed.theta[i]), stderr, dof or run_dof(mixed, np.eye(len(mixed.theta))[i]), unit)
+
+
 def _outcome(
-    number: str, problem: Problem, mixed: MixedFit, moment_unit: str, *, of_half_turns: bool
+    number: str,
+    problem: Problem,
+    mixed: MixedFit,
+    start: Floats,
+    moment_unit: str,
+    *,
+    of_half_turns: bool,
 ) -> OutputErrorFit:
-    covariance = run_covariance(mixed)
-    runs = len(problem.measured)
-    dof = float(runs - 1 if runs > 1 else problem.seen.sum() - len(mixed.theta))
+    covariance = run_covariance(mixed, problem if of_half_turns else None)
+    alone = float(problem.seen.sum() - len(mixed.theta)) if len(problem.measured) == 1 else None
+    axes = np.eye(len(mixed.theta))
     names = NAMES[number]
     estimates = {
-        name: _estimate(mixed, covariance, i, dof, unit_of(name, moment_unit)) for i, name in enumerate(names)
+        name: estimate_of(mixed, covariance, i, unit_of(name, moment_unit), alone)
+        for i, name in enumerate(names)
     }
     turn = None
     if "k_rr" in names and 1 not in mixed.at_bound:
         stderr = float(np.sqrt(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1]))
+        dof = alone or run_dof(mixed, axes[0] - axes[1])
         turn = Estimate.from_log(mixed.theta[0] / mixed.theta[1], stderr, dof, "rad")
     gains = problem.effects.scale[:, problem.effects.factor == 0]
     if gains.any():
@@ -130,11 +155,13 @@ def _outcome(
         scatter = Estimate(float(mixed.factors[0]), (high - low) / 3.92, (low, high), "1")
     else:  # known to be none, or not to be told from one run
         scatter = Estimate(0.0, 0.0, (0.0, 0.0), "1")
-    offset = _estimate(mixed, covariance, len(mixed.theta) - 1, dof, "sample interval")
+    offset = estimate_of(mixed, covariance, len(mixed.theta) - 1, "sample interval", alone)
     if of_half_turns:
         offset = _in_interval(offset)
     model = YawModel.base(number, mixed.theta[0], mixed.theta[1:-1], moment_unit)
-    return OutputErrorFit(number, model, estimates, turn, offset, scatter, mixed.noise, mixed)
+    return OutputErrorFit(
+        number, model, estimates, turn, offset, scatter, mixed.noise, mixed, covariance, start
+    )
 
 
 def _in_interval(z: Estimate) -> Estimate:
@@ -142,13 +169,6 @@ def _in_interval(z: Estimate) -> Estimate:
     value, low, high = instant(np.array([z.value, *z.ci95]))
     slope = float(np.exp(-0.5 * z.value**2) / np.sqrt(2.0 * np.pi))
     return Estimate(float(value), slope * z.stderr, (float(low), float(high)), z.unit)
-
-
-def _estimate(mixed: MixedFit, covariance: Floats, i: int, dof: float, unit: str) -> Estimate:
-    """One parameter; the interval of a positive one is formed on its logarithm."""
-    stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
-    form = Estimate.from_log if mixed.positive[i] else Estimate.from_stderr
-    return form(float(mixed.theta[i]), stderr, dof, unit)
 
 
 def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:

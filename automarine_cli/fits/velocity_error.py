@@ -9,7 +9,7 @@ noise-free answer, is off by less than `BIAS_LIMIT` in inertia and drag.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +54,7 @@ class VelocityErrorFit:
     """Tables 1 and 2 by the paper's method.
 
     `tail_from` [rad] turned angle at which the tail starts, `bias` its own relative bias (inertia, drag) on
-    the noise-free response, `steady` whether that is within BIAS_LIMIT. `inertia["2"]` or `drag["2"]` is
+    the noise-free response, which the intervals hold, `steady` whether that is within BIAS_LIMIT. `inertia["2"]` or `drag["2"]` is
     absent where the moments cannot carry model 2,
     `inertia["2"]` also where its drag has no steady rate.
     """
@@ -95,10 +95,12 @@ def fit_velocity_error(
     for model in ("1", "2", "3", "3+c"):
         if model in ("2", "3+c") and (len(data.moment) < 4 or len(np.unique(np.abs(data.moment))) < 2):
             continue
-        drag[model] = fit_drag(data.moment, tails.rate, model, moment_unit)
-        table = None if model == "3+c" else _inertia_table(data.moment, tails, drag[model], moment_unit)
+        fit = fit_drag(data.moment, tails.rate, model, moment_unit)
+        estimates = {name: one.holding_bias(bias[1]) for name, one in fit.estimates.items()}
+        drag[model] = replace(fit, estimates=estimates)
+        table = None if model == "3+c" else _inertia_table(data.moment, tails, fit, moment_unit)
         if table is not None:
-            inertia[model] = table
+            inertia[model] = replace(table, overall=table.overall.holding_bias(bias[0]))
     return VelocityErrorFit(float(tail_from), bias, max(np.abs(bias)) <= BIAS_LIMIT, tails, drag, inertia)
 
 

@@ -39,22 +39,33 @@ def whole_run_problem(
     window of the batch: wind, waves, tether and whatever the model lacks. Its size is estimated; it is zero
     in a quiet pool, and without it a minute of free running on a lake would say nothing of the vehicle,
     because heading integrates every disturbance. It is told as an acceleration [rad/s²], so that a common
-    gain scales inertia and drag and nothing else.
+    gain scales inertia and drag and nothing else. Last come the coefficients of effects that vary from run to run, in
+    the model's order, each effect's with a factor of its own on the largest moment.
     """
     first = batch.heading[:, :1]
     late = batch.interval[None]
     edges = batch.interval.shape[1]
+    gusts = slice(3 + edges, 3 + edges + batch.windows)
+    varying = varying_terms(model)
+    largest = float(np.abs(batch.moment).max()) or 1.0
 
     def headings(theta: Floats, b: Floats) -> Floats:
         own = b[:, :, 3 : 3 + edges]
         common = theta[:, -1, None, None]
         shift = late * instant(common + own) if within else common * late + own  # a step may run backwards
+        blows = b[:, :, gusts]
+        varied: dict[str, Floats] = {}
+        last = gusts.stop
+        for name in varying:
+            varied[name] = b[:, :, last : last + effects.get(name).per_run]
+            last += effects.get(name).per_run
         start = Start(
             first[None, :, 0] + b[:, :, 0],
             b[:, :, 1],
             b[:, :, 2],
             shift,
-            theta[:, :1, None] * b[:, :, 3 + edges :],
+            theta[:, :1, None] * blows if blows.any() else None,
+            varied,
         )
         return simulate(model, batch, theta[:, :-1], start).heading
 
@@ -63,21 +74,36 @@ def whole_run_problem(
     windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
     shifts = (batch.interval > 0).astype(float) if within else batch.interval / np.sqrt(12.0)
     moving = np.where(at_rest[:, None], 0.0, START_RATE_SD)
+    coefficients = [effects.get(name).per_run for name in varying]
     scale = np.concatenate(
-        [START_HEADING_SD * ones, moving, ones, shifts, windows],
+        [
+            START_HEADING_SD * ones,
+            moving,
+            ones,
+            shifts,
+            windows,
+            largest * np.repeat(ones, sum(coefficients), axis=1),
+        ],
         axis=1,
     )
-    factor = np.array([-1, -1, 0] + [1] * edges + [2] * batch.windows)
+    own_factors = [3 + i for i, count in enumerate(coefficients) for _ in range(count)]
+    factor = np.array([-1, -1, 0] + [1] * edges + [2] * batch.windows + own_factors)
+    limits = ((1e-4, 0.3), (1e-3, 1.0), (1e-5, 1.0), *(((1e-4, 1.0),) * len(varying)))
     most = MOST_OFFSET if within else 0.5
     bounds = np.array([*parameter_bounds(model), (-most, most)])
     return Problem(
         headings,
         np.where(batch.seen, batch.heading, 0.0),
         batch.seen,
-        RunEffects(scale, factor, ((1e-4, 0.3), (1e-3, 1.0), (1e-5, 1.0))),
+        RunEffects(scale, factor, limits),
         bounds,
         bounds[:, 0] >= 0.0,
     )
+
+
+def varying_terms(model: YawModel) -> list[str]:
+    """Names of the model's effects of which every run has coefficients of its own."""
+    return [term.name for term in model.terms if effects.get(term.name).varies(term.values)]
 
 
 def without_gain(problem: Problem) -> Problem:

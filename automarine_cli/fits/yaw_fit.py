@@ -15,6 +15,7 @@ from automarine_cli.fits.output_error import (
 )
 from automarine_cli.fits.step_response import StepData
 from automarine_cli.fits.velocity_error import VelocityErrorFit
+from automarine_cli.fits.yaw_cautions import Caution
 from automarine_cli.runs.half_turn import HalfTurn
 from automarine_cli.runs.run import Run, SetAside
 
@@ -30,7 +31,7 @@ class YawFit:
 
     `turns` and `data` are the half-turns used (empty and None for whole runs), `runs` the whole runs (or
     empty), `output_error` and `seed_method` the two estimators by model, `why_no_seed_method` a sentence
-    where there is none.
+    where there is none; `cautions` are on single parameters, of which those that matter are `warnings` as well.
     """
 
     moment_unit: str
@@ -43,6 +44,7 @@ class YawFit:
     preference: Preference
     set_aside: tuple[SetAside, ...]
     warnings: tuple[str, ...]
+    cautions: tuple[Caution, ...]
 
     @property
     def preferred(self) -> OutputErrorFit:

@@ -7,6 +7,7 @@ import numpy as np
 from automarine_cli.fits.drag import identity_gap
 from automarine_cli.fits.output_error import OutputErrorFit, Preference
 from automarine_cli.fits.velocity_error import BIAS_LIMIT, VelocityErrorFit
+from automarine_cli.fits.yaw_cautions import Caution
 from automarine_cli.runs.half_turn import HalfTurn
 
 PLAUSIBLE_TURN = (0.05, 3.0)
@@ -60,14 +61,20 @@ def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit) -> list[str
     return found
 
 
+def told(cautions: Sequence[Caution], preference: Preference) -> list[str]:
+    """The cautions that are warnings: grave ones, and those on every model or on the preferred one; the others only
+    stand below the tables."""
+    return [one.sentence for one in cautions if one.grave or one.model in ("", preference.number)]
+
+
 def fit_warnings(
     fits: Mapping[str, OutputErrorFit],
     preference: Preference,
     names_of_runs: Sequence[str],
     heading_noise: float | None = None,
 ) -> list[str]:
-    """Sentences on the maximum likelihood: implausible, not converged, at a bound, hardly shown by the runs, resting
-    on one of them, or leaving more than the `heading_noise` [rad] that the headings have by themselves."""
+    """Sentences on the preferred maximum likelihood: implausible, resting on one run, late, or leaving more than the
+    `heading_noise` [rad] that the headings have by themselves. On its parameters see yaw_cautions.py."""
     fit = fits[preference.number]
     found = [*_one_run_that_decides(fit, names_of_runs), *_wild_gains(fit, names_of_runs)]
     if heading_noise and fit.noise > UNEXPLAINED * heading_noise:
@@ -84,27 +91,9 @@ def fit_warnings(
             "small vehicles are: "
             "check the units of time and heading, and whether the thrusters or the log lag."
         )
-    for number, other in sorted(fits.items()):
-        if not other.mixed.converged:
-            found.append(
-                f"Model {number} had not converged after {other.mixed.iterations} iterations; its numbers "
-                "are rough."
-            )
-        names = tuple(other.estimates)
-        for i in other.mixed.at_bound:
-            if i == len(names):
-                if number == preference.number:
-                    found.append(LATE if other.mixed.theta[i] > 0 else EARLY)
-                continue
-            found.append(
-                f"Model {number}: {names[i]} stands at a bound of its range, so its interval says nothing."
-            )
-        for name, estimate in other.estimates.items():
-            if number == preference.number and estimate.stderr > abs(estimate.value):
-                found.append(
-                    f"Model {number}: the standard error of {name} exceeds its value; these runs hardly "
-                    "show it."
-                )
+    for i in fit.mixed.at_bound:
+        if i == len(fit.estimates):
+            found.append(LATE if fit.mixed.theta[i] > 0 else EARLY)
     return found
 
 

@@ -5,6 +5,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import islice
 
 DEGREE = math.pi / 180
 STANDARD_GRAVITY = 9.80665  # m/s², exact by definition: 1 kgf in newtons
@@ -22,6 +23,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "sway": {"m/s": 1.0, "cm/s": 0.01, "kn": 1852 / 3600},
     "force": {"N": 1.0, "kgf": STANDARD_GRAVITY, "gf": STANDARD_GRAVITY / 1000, "lbf": POUND_FORCE},
 }
+MOST_LOOKED_AT, LONGEST_GUESSED = 1000, 60  # columns, and characters of a name, in which one may be guessed
 COMMANDS = ("n", "n_port", "n_stbd")  # a control signal keeps the file's own unit, whatever it is called
 
 
@@ -90,7 +92,9 @@ def likely_column(quantity: str, names: Iterable[str]) -> str | None:
     """The column that may be meant by a quantity, for a suggestion; None where nothing comes near."""
     words = (*_WORDS.get(quantity, ()), *(name.lower() for name in names_of(quantity)))
     best, score = None, 0.75
-    for name in names:
+    for name in islice(names, MOST_LOOKED_AT):
+        if len(name) > LONGEST_GUESSED:
+            continue
         plain = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
         likeness = max(difflib.SequenceMatcher(None, plain, word).ratio() for word in words)
         if any(len(word) > 2 and plain.startswith(word + "_") for word in words):

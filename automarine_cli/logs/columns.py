@@ -1,18 +1,17 @@
 """`--columns FILE.toml`: the user's names, units and signs for the canonical columns."""
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, RUN
-from automarine_cli.logs.words import listed, printable, quoted
+from automarine_cli.pipeline.plain_data import read_plain
+from automarine_cli.pipeline.words import listed, printable, quoted
 
 KNOWN_DEFAULTS = ("thrusters_per_test", "arm_m")
-LARGEST_MAP = 1_000_000  # bytes; a column map is a dozen lines
+LARGEST_MAP = 200_000  # bytes; a column map is a dozen lines
 
 
 @dataclass(frozen=True)
@@ -44,16 +43,13 @@ def read_column_map(path: str | Path) -> ColumnMap:
     """
     path = Path(path)
     name = printable(path.name)
-    data = _toml(path, name)
+    data = read_plain(path, "TOML", LogError, most=LARGEST_MAP)
     for key in data:
         if key not in ("columns", "defaults"):
             raise LogError(
                 f"{name}: unknown key {quoted(key)}; a column map holds [columns] and [defaults] only"
             )
-    columns, defaults = data.get("columns", {}), data.get("defaults", {})
-    for key, table in (("columns", columns), ("defaults", defaults)):
-        if not isinstance(table, dict):
-            raise LogError(f"{name}: {key} is {_kind(table)}; expected a table, written [{key}]")
+    columns, defaults = (_table(data.get(key, {}), key, name) for key in ("columns", "defaults"))
     if not columns and not defaults:
         raise LogError(
             f'{name}: the column map is empty; write lines such as heading_deg = "yaw" under [columns]'
@@ -65,21 +61,10 @@ def read_column_map(path: str | Path) -> ColumnMap:
     )
 
 
-def _toml(path: Path, name: str) -> dict[str, Any]:
-    try:
-        if path.stat().st_size > LARGEST_MAP:
-            raise LogError(
-                f"{name}: {path.stat().st_size} bytes; expected a column map of a few lines of TOML"
-            )
-        with path.open("rb") as file:
-            return tomllib.load(file)
-    except OSError as error:
-        raise LogError(f"{name}: the column map cannot be opened ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise LogError(f"{name}: the column map is not UTF-8 text; save it as UTF-8") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        why = "nested too deep" if isinstance(error, RecursionError) else printable(str(error))
-        raise LogError(f"{name}: the column map is not valid TOML: {why}") from None
+def _table(table: object, key: str, name: str) -> dict[str, object]:
+    if not isinstance(table, dict):
+        raise LogError(f"{name}: {key} is {_kind(table)}; expected a table, written [{key}]")
+    return table
 
 
 def _rule(name: str, key: str, value: object) -> ColumnRule:

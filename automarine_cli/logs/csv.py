@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.csv_head import Head, read_head
-from automarine_cli.logs.formats import Format, RawLog
+from automarine_cli.logs.formats import Format, RawLog, most_unpacked, too_well_packed
 from automarine_cli.logs.text import MISSING, numbers
-from automarine_cli.logs.words import quoted
+from automarine_cli.pipeline.words import quoted
 
 _EMPTIED = re.compile(rb"^[ \t]*(?:#[^\r\n]*)?(?=\r?$)", re.MULTILINE)  # comments and lines of blanks
 _SIGNATURES = {
@@ -30,7 +30,10 @@ _SIGNATURES = {
     b"\xff\xfe": "is UTF-16 text; expected UTF-8 (save it as UTF-8)",
     b"\xfe\xff": "is UTF-16 text; expected UTF-8 (save it as UTF-8)",
 }
-_BOMB = (64 << 20, 200)  # more bytes than this, and more than so many times the file: not a log
+MOST_COMMENTS = 1_000_000  # lines
+PIECE = 4 << 20  # bytes
+_CONTROL = bytes(c for c in range(32) if c not in b"\t\n\v\f\r")
+_BINARY = (4096, 0.02)  # bytes looked at, and the share of control characters from which it is no text
 
 
 def read(path: Path, name: str, text: frozenset[str] = frozenset()) -> RawLog:
@@ -56,21 +59,24 @@ FORMAT = Format("CSV", (".csv", ".csv.gz", ".tsv", ".tsv.gz"), read)
 def _content(path: Path, name: str) -> bytes:
     if not path.name.lower().endswith(".gz"):
         return path.read_bytes()
-    limit = max(_BOMB[0], _BOMB[1] * path.stat().st_size)
+    limit = most_unpacked(path)
     try:
+        with path.open("rb") as packed:
+            if packed.read(2) != b"\x1f\x8b":
+                raise LogError(
+                    f"{name}: found no gzip data, expected some by the name; drop .gz from the name if it is "
+                    "plain text"
+                )
         with gzip.open(path) as file:
             data = file.read(limit + 1)
     except EOFError:
         raise LogError(
             f"{name}: the gzip data ends too early; the file was cut short, copy it again"
         ) from None
-    except (gzip.BadGzipFile, zlib.error) as error:
-        raise LogError(
-            f"{name}: not sound gzip data ({error}); copy it again, "
-            "or drop .gz from its name if it is plain text"
-        ) from None
+    except (gzip.BadGzipFile, zlib.error):
+        raise LogError(f"{name}: the gzip data is damaged inside; copy the file again") from None
     if len(data) > limit:
-        raise LogError(f"{name}: unpacks to more than {_BOMB[1]} times its size; this is no log")
+        raise LogError(too_well_packed(name))
     return data
 
 
@@ -86,31 +92,45 @@ def _prepared(data: bytes, name: str) -> bytes:
             f"{name}, row {row}: found a NUL byte, expected text. The file is binary or was damaged "
             "while it was written"
         )
+    head = data[: _BINARY[0]]
+    if len(head) - len(head.translate(None, _CONTROL)) > _BINARY[1] * len(head):
+        raise LogError(
+            f"{name}: found bytes that are no text, expected a table of text. The file is binary or was damaged "
+            "while it was written"
+        )
     if b"\r" in data and b"\n" not in data:
         data = data.replace(b"\r", b"\n")
     if data[:4].lower() == b"sep=":  # a spreadsheet's hint; the delimiter shows anyway
         data = b"#" + data
     starts = (b"#", b" ", b"\t")
     if data.startswith(starts) or any(b"\n" + start in data for start in starts):
-        data = _EMPTIED.sub(b"", data)
+        data, lines = _EMPTIED.subn(b"", data, count=MOST_COMMENTS)
+        if lines == MOST_COMMENTS:
+            raise LogError(
+                f"{name}: {MOST_COMMENTS} lines of comments or blanks; expected a table of numbers"
+            )
     return data
 
 
 def _line_numbers(data: bytes, head: Head) -> NDArray[np.int64]:
     """1-based line numbers of the rows of the body: of its lines that are not empty."""
     body = memoryview(data)[head.body :]
-    count = data.count(b"\n", head.body) + (len(body) > 0 and body[-1] != ord("\n"))
-    lines = head.line + 1 + np.arange(count, dtype=np.int64)
     first_empty = body[:1] == b"\n" or body[:2] == b"\r\n"
     if not first_empty and data.find(b"\n\n", head.body) < 0 and data.find(b"\n\r\n", head.body) < 0:
-        return lines
-    text = np.frombuffer(body, dtype=np.uint8)
-    ends = np.flatnonzero(text == ord("\n"))
-    ends = ends if len(ends) == count else np.append(ends, len(text))
-    starts = np.concatenate([[0], ends[:-1] + 1])
-    length = ends - starts
-    returns = (length == 1) & (text[np.minimum(starts, len(text) - 1)] == ord("\r"))
-    return lines[(length > 0) & ~returns]
+        count = data.count(b"\n", head.body) + (len(body) > 0 and body[-1] != ord("\n"))
+        return head.line + 1 + np.arange(count, dtype=np.int64)
+    # in pieces: a file of nothing but line ends must not take many times its size
+    text = np.frombuffer(b"\n\n" + data[head.body :].rstrip(b"\r\n") + b"\n", dtype=np.uint8)
+    rows, before = [np.zeros(0, dtype=np.int64)], head.line + 1
+    for start in range(2, len(text), PIECE):
+        here = text[start : start + PIECE]
+        one, two = text[start - 1 : start - 1 + len(here)], text[start - 2 : start - 2 + len(here)]
+        ends = here == ord("\n")
+        full = ends & (one != ord("\n")) & ~((one == ord("\r")) & (two == ord("\n")))
+        at = np.flatnonzero(full)
+        rows.append(before + np.cumsum(ends, dtype=np.int64)[at] - 1)
+        before += int(ends.sum())
+    return np.concatenate(rows)
 
 
 def _arrow(body: pa.Buffer, head: Head, types: list[pa.DataType]) -> pa.Table:

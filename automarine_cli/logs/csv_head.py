@@ -5,11 +5,15 @@ import re
 from dataclasses import dataclass
 
 from automarine_cli.errors import LogError
+from automarine_cli.logs.formats import MOST_COLUMNS, too_many_columns
 from automarine_cli.logs.text import decoded, is_missing, is_number
-from automarine_cli.logs.words import quoted
+from automarine_cli.pipeline.words import quoted
 
 DELIMITERS = (";", "\t", ",")  # a tie goes to the first: with ; and tab the comma may be the decimal one
 SAMPLE_LINES = 64
+LONGEST_HEADER = 10_000_000  # bytes
+MOST_EMPTY = 10_000  # lines looked at for these, empty ones among them
+MOST_CELLS = 100_000  # looked at; a log of thousands of columns shows itself in fewer lines
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 
 
@@ -36,10 +40,16 @@ def read_head(data: bytes, name: str, text: frozenset[str] = frozenset()) -> Hea
     line, start, end = _first_line(data)
     if start == len(data):
         raise LogError(f"{name}: no header and no rows; expected a line of column names")
+    if end - start > LONGEST_HEADER:
+        raise LogError(
+            f"{name}, row {line}: found {end - start} bytes in one line, expected a line of column names"
+        )
     header = _text(data[start:end])
     sample = _sample(data, end + 1)
     delimiter = _delimiter(header, sample)
     names = tuple(cell.strip() for cell in _cells(header, delimiter))
+    if len(names) > MOST_COLUMNS:
+        raise LogError(too_many_columns(f"{name}, row {line}", len(names)))
     if any(names) and all(is_number(cell) or not cell for cell in names):
         raise LogError(
             f"{name}, row {line}: found numbers ({quoted(header)}), expected column names; "
@@ -50,7 +60,8 @@ def read_head(data: bytes, name: str, text: frozenset[str] = frozenset()) -> Hea
             f"{name}, row {line}: cells seem to be separated by blanks ({quoted(header)}); "
             "expected commas, semicolons or tabs"
         )
-    rows = [[cell.strip() for cell in _cells(text, delimiter)] for text in sample]
+    every = -(-len(sample) // max(4, MOST_CELLS // len(names)))
+    rows = [[cell.strip() for cell in _cells(line, delimiter)] for line in sample[::every]] if sample else []
     decimal = "," if delimiter != "," and _decimal_comma(rows) else "."
     return Head(
         names,
@@ -85,13 +96,13 @@ def _sample(data: bytes, start: int) -> list[str]:
     lines: list[str] = []
     for position in (start, (start + len(data)) // 2, max(start, len(data) - 4096)):
         first = position if position == start else data.find(b"\n", position) + 1
-        while first > 0 and first < len(data) and len(lines) < SAMPLE_LINES:
+        for _ in range(MOST_EMPTY):
+            if not 0 < first < len(data) or len(lines) >= SAMPLE_LINES:
+                break
             end = data.find(b"\n", first)
             end = len(data) if end < 0 else end
             if data[first:end].strip():
                 lines.append(_text(data[first:end]))
-            if position != start and len(lines) >= SAMPLE_LINES:
-                break
             first = end + 1
         if len(data) - start < 4096 and lines:
             break

@@ -6,10 +6,11 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NoReturn
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.formats import suffix_of, suffixes
-from automarine_cli.logs.words import printable, quoted
+from automarine_cli.pipeline.words import printable, quoted
 
 
 @dataclass(frozen=True)
@@ -22,20 +23,32 @@ class LogFile:
     named: bool
 
 
-def find_logs(arguments: Sequence[str | Path]) -> list[LogFile]:
-    """The logs meant by files, directories (searched recursively, name order) and globs; each file once.
+def find_logs(arguments: Sequence[str | Path | LogFile]) -> list[LogFile]:
+    """The logs meant by files, directories (searched recursively) and globs; each file once.
 
+    In name order, the files of a folder before the folders in it, whatever the order of the arguments: a shell
+    sorts by the rules of the user's language, and results must not depend on that.
     Raises LogError for a file that does not exist or is no log, and for a directory or glob without logs.
     """
     if not arguments:
         raise LogError("no logs given; name log files, directories or quoted globs")
     found: dict[str, LogFile] = {}
     for argument in arguments:
-        for log in _meant_by(str(argument)):
+        for log in [argument] if isinstance(argument, LogFile) else _meant_by(str(argument)):
             key = str(log.path.parent.resolve() / log.path.name)
-            if key not in found or log.named:
+            if key not in found or _claim(log) > _claim(found[key]):
                 found[key] = log
-    return _told_apart(list(found.values()))
+    return sorted(_told_apart(list(found.values())), key=_place)
+
+
+def _claim(log: LogFile) -> tuple[bool, int, str]:
+    """Which of two ways to give one file counts: being named itself, then the one that says more."""
+    return log.named, len(log.name), log.name
+
+
+def _place(log: LogFile) -> list[tuple[bool, str]]:
+    parts = log.name.split("/")
+    return [(True, part) for part in parts[:-1]] + [(False, parts[-1])]
 
 
 def _meant_by(argument: str) -> list[LogFile]:
@@ -62,13 +75,21 @@ def _meant_by(argument: str) -> list[LogFile]:
 def _inside(folder: Path, prefix: str | None = None) -> Iterator[LogFile]:
     """Logs under a directory; links to directories and hidden files or folders are left out."""
     prefix = folder.resolve().name if prefix is None else prefix
-    for here, folders, files in os.walk(folder):
+    for here, folders, files in os.walk(folder, onerror=_refuse_closed):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in sorted(files):
             if suffix_of(name) is not None and not name.startswith("."):
                 path = Path(here, name)
                 inner = path.relative_to(folder).as_posix()
                 yield LogFile(path, printable(f"{prefix}/{inner}" if prefix else inner), named=False)
+
+
+def _refuse_closed(problem: OSError) -> NoReturn:
+    """Logs in a directory that cannot be listed would be passed over in silence."""
+    raise LogError(
+        f"{quoted(str(problem.filename))}: the directory cannot be listed ({problem.strerror}), so its logs would "
+        "be passed over; make it readable, or name the logs that are meant"
+    )
 
 
 def _matching(pattern: str, endings: str) -> list[LogFile]:

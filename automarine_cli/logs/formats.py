@@ -18,6 +18,9 @@ from numpy.typing import NDArray
 
 import automarine_cli.logs as folder
 
+MOST_COLUMNS = 30_000
+MOST_UNPACKED, MOST_TIMES = 64 << 20, 100  # bytes; times the file
+
 
 @dataclass(frozen=True)
 class RawLog:
@@ -43,6 +46,23 @@ class Format:
     name: str
     suffixes: tuple[str, ...]
     read: Callable[[Path, str, frozenset[str]], RawLog]
+
+
+def most_unpacked(path: Path) -> int:
+    """The most bytes that a packed file may unpack to: what grows more is made to fill the memory."""
+    return max(MOST_UNPACKED, MOST_TIMES * path.stat().st_size)
+
+
+def too_well_packed(name: str) -> str:
+    """The sentence for a file that would unpack to more."""
+    return (
+        f"{name}: unpacks to more than {MOST_TIMES} times its size, which no log does; look at what is in it"
+    )
+
+
+def too_many_columns(where: str, count: int) -> str:
+    """The sentence for a table that is wider than any log."""
+    return f"{where}: found {count} columns, expected at most {MOST_COLUMNS}; check separators and line ends"
 
 
 @cache

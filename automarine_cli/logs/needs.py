@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, likely_canonical, likely_column, names_of
 from automarine_cli.logs.table import LogTable
-from automarine_cli.logs.words import listed, printable, quoted
+from automarine_cli.pipeline.words import listed, printable, quoted
 
 _WORDS = {
     "moment": "yaw moment",

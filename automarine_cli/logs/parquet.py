@@ -1,6 +1,7 @@
 """Apache Parquet, read by pyarrow; only columns of numbers, text and times are looked at."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -8,33 +9,85 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.words import printable
+from automarine_cli.logs.formats import (
+    MOST_COLUMNS,
+    Format,
+    RawLog,
+    most_unpacked,
+    too_many_columns,
+    too_well_packed,
+)
 
 _INDEX = "__index_level_"  # what pandas writes beside the columns
+_MAGIC = b"PAR1"
+_CELL = 8  # bytes of a number once read
 
 
 def read(path: Path, name: str, text: frozenset[str] = frozenset()) -> RawLog:
     """Read a Parquet file. Raises LogError for anything that pyarrow cannot read."""
+    _refuse_foreign(path, name)
     try:
-        with pq.ParquetFile(path) as file:
-            schema = file.schema_arrow
-            kept = [i for i, field in enumerate(schema) if _readable(field)]
-            names = [schema.names[i] for i in kept]
-            if len(set(names)) < len(names):
-                return RawLog(tuple(names), (), np.arange(1, file.metadata.num_rows + 1))
-            table = file.read(columns=names)
-            table.validate(full=True)
-            arrays = tuple(_plain(table[column]) for column in names)
-    except (pa.ArrowException, OSError, MemoryError, ValueError, KeyError) as error:
-        raise LogError(
-            f"{name}: not a sound Parquet file ({_first_words(error)}); "
-            "it was cut short or damaged, copy it again"
-        ) from None
-    return RawLog(tuple(n.strip() for n in names), arrays, np.arange(1, table.num_rows + 1))
+        return _read(path, name)
+    except (pa.ArrowException, OSError, MemoryError, ValueError, KeyError, OverflowError, RecursionError):
+        raise LogError(f"{name}: the Parquet data is damaged inside; copy the file again") from None
 
 
 FORMAT = Format("Parquet", (".parquet",), read)
+
+
+def _refuse_foreign(path: Path, name: str) -> None:
+    """Refuse a file that does not begin and end as Parquet does."""
+    with path.open("rb") as file:
+        begins = file.read(4) == _MAGIC
+        file.seek(max(0, path.stat().st_size - 4))
+        ends = file.read(4) == _MAGIC
+    if not begins:
+        raise LogError(
+            f"{name}: found no Parquet data, expected some by the name; if it is text, name it .csv or .tsv"
+        )
+    if not ends or path.stat().st_size < 12:
+        raise LogError(f"{name}: the Parquet data ends too early; the file was cut short, copy it again")
+
+
+def _read(path: Path, name: str) -> RawLog:
+    limit = most_unpacked(path)
+    with pq.ParquetFile(path) as file:
+        if file.metadata.num_columns > MOST_COLUMNS:
+            raise LogError(too_many_columns(name, file.metadata.num_columns))
+        kept = [field for field in file.schema_arrow if _readable(field)]
+        names = [field.name for field in kept]
+        rows = file.metadata.num_rows
+        if len(set(names)) < len(names):
+            return RawLog(tuple(names), (), np.arange(1, min(rows, 1) + 1))
+        if rows * max(1, len(names)) * _CELL > limit:
+            raise LogError(too_well_packed(name))
+    # text stays a dictionary until its length is known: a word of a megabyte may stand in every row
+    words = [field.name for field in kept if _is_text(field.type)]
+    with pq.ParquetFile(path, read_dictionary=words) as file:
+        table = file.read(columns=names)
+    table.validate(full=True)
+    if sum(_text_bytes(table[word]) for word in words) > limit:
+        raise LogError(too_well_packed(name))
+    arrays = tuple(_plain(table[column]) for column in names)
+    return RawLog(tuple(n.strip() for n in names), arrays, np.arange(1, table.num_rows + 1))
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_binary(kind))
+
+
+def _text_bytes(column: Any) -> int:
+    """Bytes of a text column with each cell written out."""
+    total = 0
+    for chunk in column.chunks:
+        if pa.types.is_dictionary(chunk.type):
+            times = np.bincount(chunk.indices.drop_null().to_numpy(), minlength=len(chunk.dictionary))
+            lengths: Any = pc.fill_null(pc.binary_length(chunk.dictionary), 0)
+            total += int(times @ lengths.to_numpy().astype(np.int64))
+        else:
+            total += chunk.nbytes
+    return total
 
 
 def _readable(field: pa.Field) -> bool:
@@ -44,9 +97,7 @@ def _readable(field: pa.Field) -> bool:
         pa.types.is_floating,
         pa.types.is_boolean,
         pa.types.is_decimal,
-        pa.types.is_string,
-        pa.types.is_large_string,
-        pa.types.is_binary,
+        _is_text,
         pa.types.is_timestamp,
     )
     return any(test(kind) for test in tests) and not field.name.startswith(_INDEX)
@@ -58,17 +109,8 @@ def _plain(array: pa.ChunkedArray) -> pa.ChunkedArray:
         array = pc.cast(array, array.type.value_type)
     if pa.types.is_timestamp(array.type):
         return array
-    if (
-        pa.types.is_string(array.type)
-        or pa.types.is_large_string(array.type)
-        or pa.types.is_binary(array.type)
-    ):
+    if _is_text(array.type):
         return pc.cast(array, pa.binary())
     if pa.types.is_boolean(array.type):
         array = pc.cast(array, pa.int8())
     return pc.cast(array, pa.float64(), safe=False)
-
-
-def _first_words(error: BaseException) -> str:
-    words = printable(str(error).strip().split("\n")[0])
-    return words[:120] if words else type(error).__name__

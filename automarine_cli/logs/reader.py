@@ -16,7 +16,9 @@ from automarine_cli.logs.find import LogFile
 from automarine_cli.logs.formats import RawLog, format_of, suffixes
 from automarine_cli.logs.table import Floats, LogTable
 from automarine_cli.logs.text import decoded, first_not_a_number, first_not_a_timestamp, seconds_of_timestamps
-from automarine_cli.logs.words import listed, printable, quoted
+from automarine_cli.pipeline.words import listed, printable, quoted
+
+LONGEST_RUN_NAME = 100  # characters; every row of a log carries the name of its run
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ def read_log(file: LogFile, columns: ColumnMap | None = None) -> LogTable:
     extras: dict[str, Floats] = {}
     for i, (name, array) in enumerate(zip(raw.names, raw.arrays)):
         if i not in used and name and pa.types.is_floating(array.type):
-            extras[name] = _finite_or_nan(array.to_numpy().copy(), name, notes)
+            extras[printable(name)] = _finite_or_nan(array.to_numpy().copy(), name, notes)
     moment = next((use.canonical.unit for use in uses if use.canonical.quantity == "moment"), None)
     return LogTable(
         source=file.name,
@@ -215,6 +217,13 @@ def _run_names(raw: RawLog, index: int, source: str) -> NDArray[np.str_]:
     coded: Any = pc.dictionary_encode(array.combine_chunks()) if array.num_chunks > 1 else array.chunk(0)
     coded = coded if pa.types.is_dictionary(coded.type) else pc.dictionary_encode(coded)
     names = [_run_name(value) for value in coded.dictionary.to_pylist()]
+    if (long := next((i for i, name in enumerate(names) if len(name) > LONGEST_RUN_NAME), None)) is not None:
+        row = int(np.flatnonzero(coded.indices.to_numpy() == long)[0])
+        raise LogError(
+            f"{source}, row {raw.rows[row]}, column {printable(raw.names[index])}: found {quoted(names[long])} of "
+            f"{len(names[long])} characters, expected the name of a run of at most {LONGEST_RUN_NAME}. "
+            "Shorten it, or check which column names the runs"
+        )
     return np.array(names)[coded.indices.to_numpy()]
 
 

@@ -1,7 +1,6 @@
 """Models from files: `yaw_model.json` of a yaw fit, `thrusters.json` of a thruster fit; all of it checked."""
 
 import difflib
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,12 +10,27 @@ from automarine_cli import effects
 from automarine_cli.errors import ModelError
 from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
+from automarine_cli.pipeline.plain_data import read_plain
+from automarine_cli.pipeline.plain_data import told as _told
+from automarine_cli.pipeline.words import LONGEST, printable
 from automarine_cli.quantities import MOMENT_UNITS
 
 SCHEMA = "automarine/yaw-model/1"
+SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
 DRAG_NAMES = {"linear-drag": "k_r", "quadratic-drag": "k_rr"}
 LATEST_SWITCH = 0.5  # of a sample interval: beyond it another sample would show the command first
+# What `fit-yaw` and `diagnose` write; of it `_READ` is read. Any other key is a slip of somebody's hand.
 _READ = ("schema", "models", "preferred", "moment_unit", "switch_offset", "effects")
+_TOP = (
+    *_READ,
+    *("fitted_to", "preferred_because", "inertial_turn_angle_rad", "gain_scatter", "heading_noise_deg"),
+    *("warnings", "runs", "parent", "notes"),
+)
+_MODEL = (
+    *("I_r", "k_rr", "k_r", "inertial_turn_angle_rad", "output_error", "velocity_error", "sse", "why"),
+    *("warnings", "notes"),
+)
+_EFFECT = ("name", "parameters", "says", "confidence", "p_value", "rivals")
 
 
 @dataclass(frozen=True)
@@ -42,26 +56,27 @@ def load_yaw_models(path: Path) -> StoredModels:
 
     Raises ModelError with the file and the key's path for anything that is not what the schema says.
     """
-    return yaw_models_from_json(_read_json(path), path.name)
+    return yaw_models_from_json(read_plain(path, "JSON", ModelError), printable(path.name))
 
 
 def load_thruster_map(path: Path) -> ThrusterMap:
     """The map of a `thrusters.json`. Raises ModelError with the file and the key's path."""
-    return ThrusterMap.from_json(_read_json(path), path.name)
+    return ThrusterMap.from_json(read_plain(path, "JSON", ModelError), printable(path.name))
 
 
 def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels:
     """The models in the content of a `yaw_model.json`; `where` names it for messages. Raises ModelError."""
     top = _object(data, where)
     _check_schema(top, where)
-    _refuse_misspelt(top, where)
+    _refuse_unknown(top, _TOP, where)
     entries = _object(_needed(top, "models", where), f"{where}: models")
     unit = _moment_unit(top, entries, where)
     added = _effects(top.get("effects", []), f"{where}: effects")
     models = {}
     for number, entry in entries.items():
         if number not in BASE_TERMS:
-            raise ModelError(f"{where}: models.{number}: unknown model; known are {', '.join(BASE_TERMS)}")
+            name = printable(number[:LONGEST])
+            raise ModelError(f"{where}: models.{name}: unknown model; known are {', '.join(BASE_TERMS)}")
         if entry is not None:  # null: a model that could not be fitted
             models[number] = _with_effects(_base(number, entry, unit, f"{where}: models.{number}"), added)
     if not models:
@@ -83,17 +98,6 @@ def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels
     return StoredModels(models, preferred, unit, late, where, names)
 
 
-def _read_json(path: Path) -> object:
-    try:
-        return json.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as problem:
-        raise ModelError(f"{path.name}: cannot be read ({problem.strerror})") from None
-    except UnicodeDecodeError:
-        raise ModelError(f"{path.name}: expected a JSON file in UTF-8, found other bytes") from None
-    except (ValueError, RecursionError) as problem:
-        raise ModelError(f"{path.name}: not valid JSON: {problem}") from None
-
-
 def _check_schema(top: Mapping[str, object], where: str) -> None:
     schema = top.get("schema")
     if schema != SCHEMA:
@@ -103,13 +107,14 @@ def _check_schema(top: Mapping[str, object], where: str) -> None:
         raise ModelError(f"{where}: schema: found {_told(schema)}, expected {_told(SCHEMA)}; {hint}")
 
 
-def _refuse_misspelt(top: Mapping[str, object], where: str) -> None:
-    """More keys are welcome, but one that seems to be meant as a key that is read must not be passed over."""
-    for key in top:
-        absent = [name for name in _READ if name not in top]
-        close = difflib.get_close_matches(str(key), absent, n=1, cutoff=0.8)
-        if key not in _READ and close:
-            raise ModelError(f"{where}: unknown key {_told(key)}; did you mean {_told(close[0])}?")
+def _refuse_unknown(entry: Mapping[str, object], known: tuple[str, ...], where: str) -> None:
+    """Refuse a key that means nothing: it may be meant as one that is read, and must not be passed over."""
+    for key in entry:
+        if key not in known:
+            absent = [name for name in known if name not in entry]
+            close = difflib.get_close_matches(key[:LONGEST], absent, n=1, cutoff=0.8)
+            hint = f"did you mean {_told(close[0])}?" if close else f"known are {', '.join(known)}"
+            raise ModelError(f"{where}: unknown key {_told(key)}; {hint}")
 
 
 def _moment_unit(top: Mapping[str, object], entries: Mapping[str, object], where: str) -> str:
@@ -128,6 +133,7 @@ def _moment_unit(top: Mapping[str, object], entries: Mapping[str, object], where
 def _base(number: str, data: object, unit: str, where: str) -> YawModel:
     """Model `number` without effects. Model 2's linear term may have either sign, as in Table 1."""
     entry = _object(data, where)
+    _refuse_unknown(entry, _MODEL, where)
     drags = [DRAG_NAMES[term] for term in BASE_TERMS[number]]
     for name in DRAG_NAMES.values():
         if entry.get(name) is not None and name not in drags:
@@ -152,6 +158,7 @@ def _effects(data: object, where: str) -> list[tuple[str, tuple[float, ...]]]:
     for i, item in enumerate(data):
         place = f"{where}[{i}]"
         entry = _object(item, place)
+        _refuse_unknown(entry, _EFFECT, place)
         name = _needed(entry, "name", place)
         if not isinstance(name, str) or name not in effects.names():
             raise ModelError(
@@ -170,6 +177,9 @@ def _parameters(name: str, given: Mapping[str, object], where: str) -> tuple[flo
             raise ModelError(f"{where}: unknown key {_told(key)}; {name} has {names}")
     values = []
     for parameter in wanted:
+        if parameter.choices and parameter.name not in given:
+            values.append(parameter.start)
+            continue
         value = _number(_needed(given, parameter.name, where), f"{where}.{parameter.name}")
         if not parameter.lower <= value <= parameter.upper:
             raise ModelError(
@@ -198,6 +208,8 @@ def _number(data: object, where: str) -> float:
         value = math.inf
     if not math.isfinite(value):
         raise ModelError(f"{where}: found {_told(data)}, expected a finite number")
+    if value and not SMALLEST <= abs(value) <= LARGEST:
+        raise ModelError(f"{where}: found {_told(data)}, expected 0 or a size of {SMALLEST:g} to {LARGEST:g}")
     return value
 
 
@@ -211,15 +223,3 @@ def _needed(data: Mapping[str, object], key: str, where: str) -> object:
     if key not in data:
         raise ModelError(f"{where}: key {_told(key)} is missing")
     return data[key]
-
-
-def _told(value: object) -> str:
-    """A value in words, short enough for one line."""
-    if value is None:
-        return "nothing"
-    if isinstance(value, Mapping):
-        return "an object"
-    if isinstance(value, list):
-        return f"a list of {len(value)}"
-    text = json.dumps(value, ensure_ascii=False, default=str)
-    return text if len(text) <= 40 else text[:37] + "..."

@@ -2,16 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import ModelError
 from automarine_cli.models.thruster_forms import FORMS, Curve
+from automarine_cli.pipeline.plain_data import told
 
 Floats = NDArray[np.float64]
 SCHEMA = "automarine/thruster-map/1"
+SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
 _REQUIRED = ("schema", "forward", "backward", "form", "parameters")
 _ALLOWED = (
     *_REQUIRED,
@@ -93,16 +95,16 @@ class ThrusterMap:
         top = _object(data, where)
         if top.get("schema") != SCHEMA:
             raise ModelError(
-                f"{where}: schema is {top.get('schema')!r}, expected {SCHEMA!r}; "
+                f"{where}: schema: found {told(top.get('schema'))}, expected {told(SCHEMA)}; "
                 "give the thrusters.json that `automarine fit-thrusters` writes"
             )
         _known(top, _ALLOWED, where)
         for key in _REQUIRED:
             if key not in top:
-                raise ModelError(f"{where}: key {key!r} is missing")
+                raise ModelError(f"{where}: key {told(key)} is missing")
         form = top["form"]
         if not isinstance(form, str) or form not in FORMS:
-            raise ModelError(f"{where}: form is {form!r}, expected one of {', '.join(FORMS)}")
+            raise ModelError(f"{where}: form: found {told(form)}, expected one of {', '.join(FORMS)}")
         parameters = _object(top["parameters"], f"{where}: parameters")
         _known(parameters, ("forward", "backward"), f"{where}: parameters")
         curves = {
@@ -113,7 +115,7 @@ class ThrusterMap:
             raise ModelError(f"{where}: parameters has neither a forward nor a backward direction")
         unit = top.get("n_unit", "")
         if not isinstance(unit, str):
-            raise ModelError(f"{where}: n_unit is {unit!r}, expected text")
+            raise ModelError(f"{where}: n_unit: found {told(unit)}, expected text")
         return cls(form, curves["forward"], curves["backward"], unit)
 
 
@@ -144,31 +146,38 @@ def _curve_from(data: object, where: str) -> Curve | None:
         n_sat = None  # the fit found no saturation within the measured range
     n_sat = None if n_sat is None else _value(n_sat, f"{where}.n_sat", low=0.0)
     if dead_band < 0:
-        raise ModelError(f"{where}.n_0 is {dead_band!r}; a dead band cannot be negative")
+        raise ModelError(f"{where}.n_0: found {dead_band:g}, expected a dead band of zero or more")
     if n_sat is not None and n_sat <= dead_band:
-        raise ModelError(f"{where}.n_sat is {n_sat!r}; expected more than the dead band {dead_band!r}")
+        raise ModelError(f"{where}.n_sat: found {n_sat:g}, expected more than the dead band, {dead_band:g}")
     return Curve(a, p, dead_band, n_sat)
 
 
 def _object(data: object, where: str) -> Mapping[str, object]:
     if not isinstance(data, Mapping):
-        raise ModelError(f"{where}: expected an object with named keys, found {type(data).__name__}")
+        raise ModelError(f"{where}: found {told(data)}, expected an object with named keys")
     return data
 
 
 def _known(data: Mapping[str, object], allowed: tuple[str, ...], where: str) -> None:
     unknown = sorted(str(key) for key in data if key not in allowed)
     if unknown:
-        raise ModelError(f"{where}: unknown key {unknown[0]!r}; known are {', '.join(allowed)}")
+        raise ModelError(f"{where}: unknown key {told(unknown[0])}; known are {', '.join(allowed)}")
 
 
 def _value(entry: object, where: str, low: float | None) -> float:
     """A number, plain or as an estimate `{"value": ...}`; finite, and above `low` where that is given."""
-    value = entry.get("value") if isinstance(entry, Mapping) else entry
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ModelError(f"{where}: expected a number, found {value!r}")
+    if isinstance(entry, Mapping):
+        where, entry = f"{where}.value", entry.get("value")
+    if isinstance(entry, bool) or not isinstance(entry, int | float):
+        raise ModelError(f"{where}: found {told(entry)}, expected a number")
+    try:
+        value = float(entry)
+    except OverflowError:
+        value = inf
     if not isfinite(value):
-        raise ModelError(f"{where}: expected a finite number, found {value!r}")
+        raise ModelError(f"{where}: found {told(entry)}, expected a finite number")
+    if value and not SMALLEST <= abs(value) <= LARGEST:
+        raise ModelError(f"{where}: found {told(entry)}, expected 0 or a size of {SMALLEST:g} to {LARGEST:g}")
     if low is not None and value <= low:
-        raise ModelError(f"{where}: expected more than {low:g}, found {value!r}")
-    return float(value)
+        raise ModelError(f"{where}: found {value:g}, expected more than {low:g}")
+    return value

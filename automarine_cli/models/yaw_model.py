@@ -70,10 +70,12 @@ class YawModel:
         return replace(self, inertia=values[0], terms=terms)
 
     def with_effect(self, name: str, values: Sequence[float] | Floats) -> "YawModel":
-        """The same model with one more effect."""
-        count = len(effects.get(name).parameters)
+        """The same model with one more effect; choices of law at the end may be left out, for the first."""
+        own = effects.get(name).parameters
+        count, given = len(own), len(values)
+        values = [*values, *(p.start for p in own[given:] if p.choices)]
         if len(values) != count:
-            raise ModelError(f"effect {name!r} has {count} parameters, {len(values)} values were given")
+            raise ModelError(f"effect {name!r} has {count} parameters, {given} values were given")
         return replace(self, terms=(*self.terms, Term(name, tuple(float(v) for v in values))))
 
     def unpack(self, theta: Floats) -> Iterator[tuple[effects.Effect, tuple[Floats, ...]]]:

@@ -4,23 +4,29 @@ A folder of results is told by its `manifest.json`; how it gets onto the disk is
 """
 
 import contextlib
+import dataclasses
 import hashlib
 import json
 import math
 import os
-import platform
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from importlib import metadata
 from pathlib import Path, PurePath, PurePosixPath
 
-from automarine_cli import __version__
 from automarine_cli.errors import OutputError
 from automarine_cli.pipeline import staging
+from automarine_cli.pipeline.manifest import (
+    MANIFEST,
+    SCHEMA,
+    Input,
+    input_entries,
+    is_manifest,
+    versions_here,
+)
+from automarine_cli.pipeline.recipe import to_mapping
 
-MANIFEST = "manifest.json"
-SCHEMA = "automarine/manifest/1"
-LIBRARIES = ("click", "numpy", "scipy", "pandas", "pyarrow", "matplotlib")
 MOST_FOREIGN = 1000
+MOST_THROUGH = 200  # files written through to the disk one by one; of more, a slow disk would make minutes
 # Settings that must not change a result, or that `inputs` says already: never in the manifest.
 UNRECORDED = frozenset(
     {"logs", "out", "jobs", "overwrite", "as_json", "json", "progress", "verbose", "quiet"}
@@ -33,10 +39,12 @@ def json_text(data: object) -> str:
     Raises OutputError for a value that is not a finite number: a result file never holds NaN.
     """
     try:
-        return json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False, default=_as_plain) + "\n"
+        text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False, default=_as_plain) + "\n"
     except ValueError as problem:
         place = _first_not_finite(data) or str(problem)
         raise OutputError(f"{place} is not a finite number; this is a defect, please report it") from None
+    # a byte of a file's name that is not UTF-8 has no letter, only an escape
+    return re.sub("[\ud800-\udfff]", lambda lone: f"\\u{ord(lone[0]):04x}", text)
 
 
 def file_stems(names: Sequence[str]) -> list[str]:
@@ -83,7 +91,7 @@ class ResultFolder:
         with staging.one_sentence(self._out):
             file = self._stage.joinpath(*path.parts)
             file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(data)
+            staging.write(file, data, through=len(self._hashes) < MOST_THROUGH)
         self._hashes[name] = hashlib.sha256(data).hexdigest()
 
     def write_json(self, name: str, data: object) -> None:
@@ -97,28 +105,30 @@ def result_folder(
     *,
     command: str,
     options: Mapping[str, object],
-    inputs: Sequence[tuple[str, Path]],
+    inputs: Sequence[tuple[str, Path] | Input],
     seed: int | None,
     overwrite: bool,
 ) -> Iterator[ResultFolder]:
     """Write the results of `command` into the folder `out`, whole or not at all.
 
-    `inputs` are the files read, each with the short name that results use. On leaving without an error the
-    manifest is added and the whole folder appears at once; on any error nothing of it stays behind.
-    Raises OutputError if `out` holds results and `overwrite` is false, is a file, or cannot be written.
+    `inputs` are the files read, each with the short name that results use and its role (without one: a log).
+    `options` and `seed` must hold all else that the results depend on: `run --from` makes them again from it.
+    On leaving without an error the manifest is added and the whole folder appears at once; on any error nothing
+    of it stays behind. Raises OutputError if `out` holds results and `overwrite` is false, is a file, is being
+    written to by another process, or cannot be written.
     """
     target = Path(os.path.realpath(out))
     with staging.one_sentence(out), staging.staged(target) as stage:
         _, forbidden = _inspect(target, out, command, overwrite)
-        read = [{"file": name, "sha256": _sha256(path)} for name, path in inputs]
+        read = input_entries(inputs)
         folder = ResultFolder(out, stage, forbidden)
         with staging.caller():
             yield folder
+        versions = versions_here()
         manifest = {
             "schema": SCHEMA,
-            "automarine": __version__,
-            "libraries": {"python": platform.python_version()}
-            | {name: metadata.version(name) for name in LIBRARIES},
+            "automarine": versions.pop("automarine"),
+            "libraries": versions,
             "command": command,
             "options": {
                 key: _without_place(value) for key, value in options.items() if key not in UNRECORDED
@@ -130,7 +140,7 @@ def result_folder(
         folder.write_json(MANIFEST, manifest)
         replaced, _ = _inspect(target, out, command, overwrite)  # again: it may have appeared meanwhile
         staging.carry_over(target, stage, leave=replaced)
-        staging.put_in_place(stage, target)
+        staging.put_in_place(stage, target, through=len(folder.hashes) <= MOST_THROUGH)
 
 
 def _inspect(target: Path, out: Path, command: str, overwrite: bool) -> tuple[frozenset[str], frozenset[str]]:
@@ -163,24 +173,16 @@ def _inspect(target: Path, out: Path, command: str, overwrite: bool) -> tuple[fr
 
 
 def _read_manifest(path: Path) -> dict[str, object] | None:
-    """The manifest at `path` if it is automarine's."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    ours = isinstance(data, dict) and str(data.get("schema", "")).startswith("automarine/manifest/")
-    return data if ours else None
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """The manifest at `path` if it is automarine's, of whatever version."""
+    return json.loads(path.read_text(encoding="utf-8")) if is_manifest(path) else None
 
 
 def _without_place(value: object) -> object:
     """An option as given, but never with a place on this machine: files are told by their last name."""
     if isinstance(value, PurePath) or (isinstance(value, str) and PurePath(value).is_absolute()):
         return PurePath(value).name
+    if dataclasses.is_dataclass(value):
+        return _without_place(to_mapping(value))
     if isinstance(value, Mapping):
         return {str(key): _without_place(one) for key, one in value.items()}
     if isinstance(value, (list, tuple)):

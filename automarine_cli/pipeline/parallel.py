@@ -15,6 +15,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
 from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.interrupts import held_back
 from automarine_cli.pipeline.progress import Progress, counted, silent
 
 Item = TypeVar("Item")
@@ -57,18 +58,20 @@ def _in_processes(
         with _deaf_to_interrupts():
             futures = [executor.submit(_work_on, function, chunk) for chunk in chunks]
         coming = (result for future in futures for result in _results_of(future))
-        return list(counted(progress, stage, coming, len(work)))
+        results = list(counted(progress, stage, coming, len(work)))
     except BrokenProcessPool:
+        executor.shutdown()
         raise SettingError(
             f"one of {workers} processes died while working on {stage or 'the data'}, usually for want of "
             "memory; try again with fewer, for example --jobs 1"
         ) from None
-    except BaseException:  # nobody waits for the items under way
+    except BaseException as problem:  # nobody waits for the items under way
         for child in set(multiprocessing.active_children()) - others:
-            child.terminate()
+            child.kill()
+        executor.shutdown(wait=isinstance(problem, Exception), cancel_futures=True)
         raise
-    finally:
-        executor.shutdown()
+    executor.shutdown()
+    return results
 
 
 def _work_on(
@@ -94,14 +97,15 @@ def _results_of(future: "Future[tuple[list[Result], BaseException | None]]") -> 
 @contextlib.contextmanager
 def _deaf_to_interrupts() -> Iterator[None]:
     """Processes started here never hear Ctrl-C, not even while they start; this one hears it afterwards."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    with held_back():
+        if not hasattr(signal, "pthread_sigmask"):  # Windows
+            yield
+            return
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin_worker() -> None:

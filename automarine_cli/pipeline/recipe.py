@@ -10,7 +10,6 @@ import dataclasses
 import difflib
 import json
 import math
-import tomllib
 import types
 import typing
 from collections.abc import Mapping, Sequence
@@ -18,6 +17,8 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar, Union
 
 from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.plain_data import read_plain, told
+from automarine_cli.pipeline.words import LONGEST, printable
 
 Recipe = TypeVar("Recipe")
 
@@ -34,9 +35,11 @@ def from_mapping(cls: type[Recipe], mapping: object, where: str) -> Recipe:
     fields = {_key(field): field for field in dataclasses.fields(cls) if field.init}  # type: ignore[arg-type]
     for key in mapping:
         if key not in fields:
-            close = difflib.get_close_matches(str(key), fields, n=1)
+            close = difflib.get_close_matches(str(key)[:LONGEST], fields, n=1)
             hint = f" (did you mean {close[0]!r}?)" if close else ""
-            raise SettingError(f"{where}: unknown key {str(key)!r}{hint}; allowed keys: {', '.join(fields)}")
+            raise SettingError(
+                f"{where}: unknown key {_key_in_words(key)}{hint}; allowed keys: {', '.join(fields)}"
+            )
     hints = typing.get_type_hints(cls)
     values = {}
     for key, field in fields.items():
@@ -61,20 +64,12 @@ def to_mapping(recipe: object) -> dict[str, Any]:
 
 def read_mapping(path: Path) -> dict[str, Any]:
     """The table in a TOML or JSON file (told apart by the ending `.json`). Raises SettingError."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as problem:
-        raise SettingError(f"{path.name}: cannot be read ({problem.strerror})") from None
-    except UnicodeDecodeError:
-        raise SettingError(f"{path.name}: expected UTF-8 text, found other bytes; save it as UTF-8") from None
-    kind = "JSON" if path.suffix == ".json" else "TOML"
-    try:
-        data = json.loads(text) if kind == "JSON" else tomllib.loads(text)
-    except (ValueError, RecursionError) as problem:
-        raise SettingError(f"{path.name}: not valid {kind}: {problem}") from None
-    if not isinstance(data, dict):
-        raise SettingError(f"{path.name}: expected a table of settings, found {_found(data)}")
-    return data
+    return read_plain(path, "JSON" if path.suffix == ".json" else "TOML", SettingError)
+
+
+def converted(hint: Any, value: object, where: str) -> Any:
+    """One plain value as the type `hint`, which a recipe's field may have. Raises SettingError at `where`."""
+    return _convert(hint, value, where)
 
 
 def read_recipe(cls: type[Recipe], path: Path) -> Recipe:
@@ -122,7 +117,10 @@ def _convert(hint: Any, value: object, where: str) -> Any:
     if origin is tuple and isinstance(value, (list, tuple)):
         return _convert_tuple(hint, value, where)
     if isinstance(origin, type) and issubclass(origin, Mapping) and isinstance(value, Mapping):
-        return {str(key): _convert(args[1], one, f"{where}.{key}") for key, one in value.items()}
+        return {
+            str(key): _convert(args[1], one, f"{where}.{printable(str(key)[:LONGEST])}")
+            for key, one in value.items()
+        }
     if (
         hint is float
         and isinstance(value, (int, float))
@@ -180,12 +178,13 @@ def _expected(hint: Any) -> str:
 
 def _found(value: object) -> str:
     """A value in words, short enough for one line."""
-    if isinstance(value, Mapping):
-        return "a table"
-    if isinstance(value, (list, tuple)):
-        return f"a list of {len(value)}"
-    text = json.dumps(value, ensure_ascii=False, default=str)
-    return text if len(text) <= 40 else text[:37] + "..."
+    return "a table" if isinstance(value, Mapping) else told(value)
+
+
+def _key_in_words(key: object) -> str:
+    """A key in quotes, on one line, shortened."""
+    text = printable(str(key)[:LONGEST])
+    return f"'{text}{'...' * (len(str(key)) > LONGEST)}'"
 
 
 def _toml_key(key: str) -> str:

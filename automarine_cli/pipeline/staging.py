@@ -1,18 +1,30 @@
-"""How a folder gets onto the disk at once: filled beside the target, put in place by a rename.
+"""How a folder gets onto the disk at once: filled beside the target, then the two change places.
 
-Siblings of the target while process N works: `.NAME.automarine-N-new` is under construction,
-`.NAME.automarine-N-old` is the former folder between the two renames of a replacement. A kill at any instant
-leaves the old folder, the new one or none under the target's name; the next run puts a stranded old folder
-back and clears away what dead processes left.
+Siblings of the target while a process works: `.NAME.automarine-lock`, which only one process holds;
+`.NAME.automarine-new`, the folder under construction; and, where the system cannot exchange two folders in one
+step, `.NAME.automarine-old`, the former folder between two renames. A kill at any instant leaves the old folder
+or the new one under the target's name (or, in that last case, the old one beside it, put back by the next run).
+Whoever holds the lock clears away what killed processes left.
 """
 
 import contextlib
+import errno
 import os
+import re
 import shutil
+import stat
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from automarine_cli.errors import OutputError
+from automarine_cli.pipeline.exchange import exchanged
+from automarine_cli.pipeline.interrupts import held_back, last_chore
+from automarine_cli.pipeline.lock import HeldElsewhereError, held, is_held
+
+ROOM, RIGHT = "Make room, or choose another folder with -o", "Choose a folder that you may write to with -o"
+ADVICE = {errno.ENOSPC: ROOM, errno.EDQUOT: ROOM, errno.EROFS: RIGHT, errno.EACCES: RIGHT, errno.EPERM: RIGHT}
+TEMPORARY = re.compile(r"\..+\.automarine-(lock|new|old)")
 
 
 class _CallersError(Exception):
@@ -29,9 +41,10 @@ def one_sentence(out: Path) -> Iterator[None]:
         raise wrapped.__cause__ from None
     except OSError as problem:
         reason = problem.strerror or type(problem).__name__
+        advice = ADVICE.get(problem.errno or 0, "Choose another folder with -o")
         raise OutputError(
             f"results cannot be written to {out}: {reason[:1].lower()}{reason[1:]}; nothing was changed "
-            "there. Make room or choose another folder with -o"
+            f"there. {advice}"
         ) from None
 
 
@@ -48,38 +61,53 @@ def caller() -> Iterator[None]:
 def staged(target: Path) -> Iterator[Path]:
     """A new empty folder beside `target`; removed on the way out unless it was put in place.
 
-    Raises OutputError if the target cannot be replaced as a whole.
+    Nobody else writes to `target` meanwhile. Raises OutputError if somebody does already, or if the target
+    cannot be replaced as a whole.
     """
     _refuse_unfit(target)
     made = [parent for parent in target.parents if not parent.exists()]
-    stage = None
-    done = False
+    stage, done = _sibling(target, "new"), False
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        _clear_leftovers(target)
-        stage = _sibling(target, "new")
-        stage.mkdir()
-        yield stage
-        done = True
+        with _alone(target):
+            try:
+                _clear_leftovers(target)
+                stage.mkdir()
+                with last_chore(partial(_leave, target)):
+                    yield stage
+                done = True
+            finally:
+                with held_back():
+                    _remove(stage)
     finally:
-        if stage is not None:
-            shutil.rmtree(stage, ignore_errors=True)
         if not done:
             for parent in made:
                 with contextlib.suppress(OSError):
                     parent.rmdir()
 
 
+def write(file: Path, data: bytes, *, through: bool) -> None:
+    """Write a new file, `through` to the disk itself: then what the disk refuses it refuses now. Raises OSError."""
+    with file.open("xb") as stream:
+        stream.write(data)
+        stream.flush()
+        if through:
+            os.fsync(stream.fileno())
+
+
 def carry_over(target: Path, stage: Path, leave: frozenset[str]) -> None:
     """Link (or copy) what `target` holds into `stage`, except names in `leave` and names already there."""
     if not target.is_dir():
         return
-    for folder, subfolders, files in os.walk(target, topdown=False):
+    for folder, subfolders, files in os.walk(target, topdown=False, onerror=_refuse):
         inside = Path(folder).relative_to(target)
+        if any(TEMPORARY.fullmatch(part) for part in inside.parts):
+            continue
         links = [name for name in subfolders if (Path(folder) / name).is_symlink()]
         for name in files + links:
             relative = inside / name
-            if relative.as_posix() not in leave and not (stage / relative).exists():
+            ours = relative.as_posix() in leave or TEMPORARY.fullmatch(name)
+            if not ours and not (stage / relative).exists():
                 (stage / relative).parent.mkdir(parents=True, exist_ok=True)
                 _link_or_copy(Path(folder) / name, stage / relative)
         if not subfolders and not files:
@@ -88,11 +116,30 @@ def carry_over(target: Path, stage: Path, leave: frozenset[str]) -> None:
             shutil.copymode(folder, stage / inside)
 
 
-def put_in_place(stage: Path, target: Path) -> None:
-    """Make `stage` the folder `target`; a former folder there goes. On an error the former folder is back."""
-    if not target.exists():
-        stage.rename(target)
-        return
+def _refuse(problem: OSError) -> None:
+    """A folder that is there and cannot be looked into is not passed over: what it holds would be lost."""
+    if not isinstance(problem, FileNotFoundError):
+        raise problem
+
+
+def put_in_place(stage: Path, target: Path, *, through: bool) -> None:
+    """Make `stage` the folder `target`, at once; a former folder there goes. On an error it is still there.
+
+    With `through` every file was written through to the disk; otherwise the whole disk is told to catch up.
+    """
+    if not through and hasattr(os, "sync"):
+        os.sync()
+    _sync(stage)
+    with held_back():
+        if not target.exists():
+            stage.rename(target)
+        elif not exchanged(stage, target):
+            _by_two_renames(stage, target)
+    with contextlib.suppress(OSError):  # the results are in place; only a power cut could still undo that
+        _sync(target.parent)
+
+
+def _by_two_renames(stage: Path, target: Path) -> None:
     old = _sibling(target, "old")
     try:
         target.rename(old)
@@ -101,7 +148,7 @@ def put_in_place(stage: Path, target: Path) -> None:
         if old.exists() and not target.exists():
             old.rename(target)
         raise
-    shutil.rmtree(old, ignore_errors=True)
+    _remove(old)
 
 
 def _refuse_unfit(target: Path) -> None:
@@ -114,49 +161,73 @@ def _refuse_unfit(target: Path) -> None:
             f"{target.name or target} is the folder this command runs in (or holds it, or is a mounted disk) "
             "and cannot be replaced as a whole; give a folder inside it, for example -o results"
         )
+    if target.exists() and not (os.access(target, os.W_OK) and target.stat().st_mode & 0o222):
+        raise OutputError(
+            f"{target.name} is read-only; choose another folder with -o, or allow writing to this one"
+        )
+
+
+@contextlib.contextmanager
+def _alone(target: Path) -> Iterator[None]:
+    """Hold the lock of `target`. Raises OutputError if it, or a folder above or in it, is being written to."""
+    try:
+        with held(_sibling(target, "lock")):
+            above = (parent for parent in target.parents if parent.name and is_held(_sibling(parent, "lock")))
+            inside = (place for place in _locks_in(target) if is_held(place))
+            busy = next(above, None) or next(inside, None)
+            if busy is not None:
+                raise HeldElsewhereError
+            yield
+    except HeldElsewhereError:
+        raise OutputError(
+            f"another automarine is writing results to {target.name} (or to a folder above or in it); "
+            "wait until it has ended, or choose another folder with -o"
+        ) from None
+
+
+def _locks_in(target: Path) -> Iterator[Path]:
+    for folder, _, files in os.walk(target, onerror=_refuse):
+        yield from (Path(folder) / name for name in files if name.endswith(".automarine-lock"))
 
 
 def _sibling(target: Path, role: str) -> Path:
-    """A name beside `target` that no other process uses."""
-    count = 0
-    while True:
-        suffix = f"-{count}" if count else ""
-        path = target.with_name(f".{target.name}.automarine-{os.getpid()}-{role}{suffix}")
-        if not path.exists():
-            return path
-        count += 1
+    return target.with_name(f".{target.name}.automarine-{role}")
 
 
 def _clear_leftovers(target: Path) -> None:
-    """Put a stranded old folder back and remove what dead processes left beside `target`."""
-    prefix = f".{target.name}.automarine-"
-    left = [path for path in sorted(target.parent.iterdir()) if path.name.startswith(prefix)]
-    for path in left:
-        number, _, role = path.name.removeprefix(prefix).partition("-")
-        if not number.isdigit():
-            continue
-        stranded = role.startswith("old") and not target.exists()
-        if _is_alive(int(number)):
-            if stranded and int(number) != os.getpid():
-                raise OutputError(
-                    f"another automarine is just replacing {target.name} (see {path.name}); try again"
-                )
-        elif stranded:
-            path.rename(target)
-        else:
-            shutil.rmtree(path, ignore_errors=True)
+    """Put a stranded old folder back and remove what killed processes left beside `target`."""
+    old = _sibling(target, "old")
+    if old.is_dir() and not target.exists():
+        old.rename(target)
+    _remove(old)
+    _remove(_sibling(target, "new"))
 
 
-def _is_alive(number: int) -> bool:
-    if os.name == "nt":  # signal 0 would end the process there; leftovers stay
-        return True
+def _leave(target: Path) -> None:
+    """As if this process had never worked on `target`."""
+    _clear_leftovers(target)
+    _sibling(target, "lock").unlink(missing_ok=True)
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder if it is there, also where parts of it are closed to writing."""
+    shutil.rmtree(folder, ignore_errors=True)
+    if folder.is_dir():
+        for here, _, _ in os.walk(folder):
+            with contextlib.suppress(OSError):
+                Path(here).chmod(stat.S_IRWXU)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _sync(folder: Path) -> None:
+    """See that the names in a folder outlast a power cut, where the system can do that."""
+    if os.name == "nt":
+        return
+    number = os.open(folder, os.O_RDONLY)
     try:
-        os.kill(number, 0)
-    except ProcessLookupError:
-        return False
-    except (PermissionError, OverflowError):
-        return True
-    return True
+        os.fsync(number)
+    finally:
+        os.close(number)
 
 
 def _link_or_copy(source: Path, destination: Path) -> None:

@@ -19,6 +19,7 @@ from automarine_cli.report.diagnosis_page_tables import (
     gap_table,
     regions_table,
 )
+from automarine_cli.report.diagnosis_tables import parameter_cell
 from automarine_cli.report.tables import MISSING, Table, interval, number
 
 LARGE_MOVE = 2.0
@@ -85,7 +86,10 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     means = {parameter.name: parameter.meaning for parameter in card.parameters}
     table = Table(
         "", ("parameter", "meaning", "estimate and 95 % interval", "unit"),
-        tuple((name, means[name], interval(e), e.unit or MISSING) for name, e in effect.parameters.items()),
+        tuple(
+            (name, means[name], parameter_cell(effect.name, name, e), e.unit or MISSING)
+            for name, e in effect.parameters.items()
+        ),
     )  # fmt: skip
     smallest = 1.0 / (1 + len(diagnosis.found.rounds[0].scores.null))
     chance = "at most" if effect.p_value <= 1.01 * smallest else "about"

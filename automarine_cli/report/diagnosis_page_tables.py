@@ -94,4 +94,4 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
 def _sized(name: str) -> effects.Parameter:
     """The parameter that says how large an effect is: the first that is not a shape and is fitted."""
     own = effects.get(name).parameters
-    return next((p for p in own if not p.scan and not p.reference), own[0])
+    return next((p for p in own if not p.scan and not p.held), own[0])

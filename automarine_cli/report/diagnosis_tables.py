@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from automarine_cli import effects as library
 from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.fits.estimate import Estimate
 from automarine_cli.report.diagnosis_page_tables import gap_table
 from automarine_cli.report.tables import Table, interval, number
 
@@ -22,10 +24,22 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     return f"Nothing missing that these runs could show: gap {before} deg, noise of the heading {floor} deg."
 
 
+def parameter_cell(effect: str, name: str, estimate: Estimate) -> str:
+    """An estimate with its interval; the word for a choice between laws."""
+    parameter = next(p for p in library.get(effect).parameters if p.name == name)
+    return parameter.choices[round(estimate.value)] if parameter.choices else interval(estimate)
+
+
 def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
     """Effects with their parameters, gap, and the best candidates."""
     rows = [
-        (effect.name, name, interval(estimate), estimate.unit, f"{effect.confidence:.0%}")
+        (
+            effect.name,
+            name,
+            parameter_cell(effect.name, name, estimate),
+            estimate.unit,
+            f"{effect.confidence:.0%}",
+        )
         for effect in diagnosis.effects
         for name, estimate in effect.parameters.items()
     ]

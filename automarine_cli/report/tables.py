@@ -171,7 +171,10 @@ def _one_line(text: str) -> str:
 
 
 def _markdown(text: str) -> str:
-    return re.sub(r"([\\|`*<>\[\]])", r"\\\1", _one_line(text))
+    """Text without meaning to Markdown or HTML: k_r stays k_r, but no `_x_`, `$x$`, `~~x~~` or `&lt;`."""
+    text = re.sub(r"([\\|`*<>\[\]$~])", r"\\\1", _one_line(text))
+    text = re.sub(r"(?<![A-Za-z0-9])_|_(?![A-Za-z0-9])", r"\\_", text)
+    return re.sub(r"&(?=#?\w+;)", "&amp;", text)
 
 
 def _markdown_row(row: tuple[Cell, ...]) -> str:
@@ -187,7 +190,10 @@ def _latex(cell: Cell) -> str:
         if exponent:
             return rf"${mantissa}\times 10^{{{int(exponent)}}}$"
         return f"${mantissa}$" if mantissa[0] in "-+" else mantissa
-    return "".join(_LATEX.get(c, c) for c in text)
+    safe = (
+        "{}" if text[:1] in ("[", "*") else ""
+    )  # after the line end of a row these two would be its options
+    return safe + "".join(_LATEX.get(c, c) for c in text)
 
 
 def _latex_row(row: tuple[Cell, ...]) -> str:

@@ -1,6 +1,6 @@
 """All files of a yaw fit, in memory: tables, figures, one row a run."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pyarrow as pa
@@ -10,19 +10,25 @@ from automarine_cli.fits.step_response import instant
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report import yaw_tables
 from automarine_cli.report.figures import yaw as figures
-from automarine_cli.report.figures.style import png
+from automarine_cli.report.figures.style import figure_files
 from automarine_cli.report.tables import Table
 
 
 def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
-    """Tables 1 and 2; `short` leaves out the means at each moment."""
+    """Tables 1 and 2 with what must be known of their parameters below them.
+
+    `short`, for the terminal, leaves that to the warnings, and leaves out the means at each moment.
+    """
     notes = (
         (yaw_tables.tail_note(fit.seed_method),)
         if fit.seed_method is not None
         else (f"{fit.why_no_seed_method}.",)
     )
-    one = yaw_tables.drag_table(fit.seed_method, fit.output_error, fit.moment_unit, notes)
-    two = yaw_tables.inertia_table(fit.seed_method, fit.output_error, fit.moment_unit, notes, not short)
+    drag, inertia = ((), ()) if short else yaw_tables.caution_notes(fit.cautions)
+    one = yaw_tables.drag_table(fit.seed_method, fit.output_error, fit.moment_unit, (*notes, *drag))
+    two = yaw_tables.inertia_table(
+        fit.seed_method, fit.output_error, fit.moment_unit, (*notes, *inertia), not short
+    )
     return one, two
 
 
@@ -47,20 +53,20 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     return (*lines, *(f"Warning: {warning}" for warning in fit.warnings))
 
 
-def files(fit: YawFit) -> Iterator[tuple[str, str | bytes]]:
-    """Name and content of every file but the model's JSON."""
+def files(fit: YawFit, formats: Sequence[str] = ("png",)) -> Iterator[tuple[str, str | bytes]]:
+    """Name and content of every file but the model's JSON; each figure in each of the formats."""
     for name, table in zip(("table1", "table2"), tables(fit)):
         yield f"{name}.csv", table.to_csv()
         yield f"{name}.md", table.to_markdown()
         yield f"{name}.tex", table.to_latex()
     yield "runs.parquet", parquet(run_rows(fit))
     if fit.seed_method is not None and fit.data is not None:
-        yield "half_turns.png", png(figures.half_turns_figure(fit))
-        yield "drag.png", png(figures.drag_figure(fit, fit.seed_method))
-        yield "inertia.png", png(figures.inertia_figure(fit, fit.seed_method))
-        yield "collapse.png", png(figures.collapse_figure(fit, fit.data))
+        yield from figure_files("half_turns", figures.half_turns_figure(fit), formats)
+        yield from figure_files("drag", figures.drag_figure(fit, fit.seed_method), formats)
+        yield from figure_files("inertia", figures.inertia_figure(fit, fit.seed_method), formats)
+        yield from figure_files("collapse", figures.collapse_figure(fit, fit.data), formats)
     else:
-        yield "whole_runs.png", png(figures.whole_runs_figure(fit))
+        yield from figure_files("whole_runs", figures.whole_runs_figure(fit), formats)
 
 
 def run_rows(fit: YawFit) -> pa.Table:

@@ -1,6 +1,6 @@
 """Tables 1 and 2 of a yaw fit: the paper's layout above the rule, our own rows below it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from automarine_cli.fits.drag import DragFit, nested_test
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.velocity_error import VelocityErrorFit
+from automarine_cli.fits.yaw_cautions import DRAG, INERTIA, Caution
 from automarine_cli.report.tables import MISSING, Cell, Math, Table, interval, number
 
 MODELS = ("1", "2", "3")
@@ -81,12 +82,20 @@ def inertia_table(
     return Table("Table 2. Identified yaw models: inertia", HEADER, tuple(rows), rules, (unit_note, *notes))
 
 
+def caution_notes(cautions: Sequence[Caution]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Notes below Table 1, on drag, and below Table 2, on inertia."""
+    return (
+        tuple(one.sentence for one in cautions if set(DRAG) & set(one.parameters)),
+        tuple(one.sentence for one in cautions if INERTIA in one.parameters),
+    )
+
+
 def tail_note(seed: VelocityErrorFit) -> str:
     """Where the tails start and what bias that leaves."""
     inertia, drag = (100 * b for b in seed.bias)
     return (
         f"Tails start at {np.degrees(seed.tail_from):.0f}° of turn, where the method's own bias is "
-        f"{inertia:+.2f} % in inertia and {drag:+.2f} % in drag."
+        f"{inertia:+.2f} % in inertia and {drag:+.2f} % in drag; the intervals hold it."
     )
 
 

@@ -11,7 +11,7 @@ from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
 from automarine_cli.runs.jumps import find_jumps
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.sense import LARGEST_HEADING, clock_trouble, heading_trouble, stuck
+from automarine_cli.runs.sense import LARGEST_HEADING, clock_trouble, command_trouble, heading_trouble, stuck
 from automarine_cli.runs.unwrap import find_glitches, unwrap, wrapped
 
 Floats = NDArray[np.float64]
@@ -50,6 +50,8 @@ def clean(table: LogTable, chosen: NDArray[np.int64], name: str) -> tuple[Run, .
     columns = _only(columns, fresh)
     _refuse(clock_trouble(columns["time"]))
     _refuse(heading_trouble(columns["time"], columns["heading"]))
+    for key in commands:
+        _refuse(command_trouble(columns[key], "moment" if key == "moment" else "thruster command"))
     glitch = find_glitches(columns["time"], columns["heading"])
     glitch |= np.abs(columns["heading"]) > LARGEST_HEADING  # what some compasses say instead of nothing
     counts["glitches"] = int(glitch.sum())

@@ -1,5 +1,7 @@
 """`load_runs`: all logs of a campaign become runs; what does not serve is set aside with its reason."""
 
+import contextlib
+import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -9,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.errors import LogError, RunError
+from automarine_cli.errors import FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_yaw
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.pipeline.parallel import ordered_map
@@ -23,7 +25,8 @@ MOST_REASONS = 5  # reasons shown when nothing is left
 
 @dataclass(frozen=True)
 class Campaign:
-    """The runs of one campaign on one clock, in file order; what was set aside; the files read."""
+    """The runs of one campaign on one clock, in file order; what was set aside; the files read (those that have
+    bytes to read: no links that lead nowhere)."""
 
     runs: tuple[Run, ...]
     set_aside: tuple[SetAside, ...]
@@ -54,7 +57,12 @@ def load_runs(
         raise refused_by_strict(aside[0])
     if not runs:
         raise none_left(len(files), aside)
-    return Campaign(_one_unit(named_apart(runs)), tuple(aside), tuple(files))
+    return Campaign(_one_unit(named_apart(runs)), tuple(aside), tuple(filter(has_bytes, files)))
+
+
+def has_bytes(file: LogFile) -> bool:
+    """Whether a log has bytes that can be told by their hash: a link that leads nowhere has none."""
+    return file.path.is_file() and os.access(file.path, os.R_OK)
 
 
 def refused_by_strict(first: SetAside) -> RunError:
@@ -67,6 +75,21 @@ def none_left(files: int, aside: Sequence[SetAside]) -> RunError:
     reasons = "; ".join(f"{s.file}: {s.why}" for s in aside[:MOST_REASONS])
     more = f"; and {len(aside) - MOST_REASONS} more" if len(aside) > MOST_REASONS else ""
     return RunError(f"no run is left of {files} log{'s' * (files != 1)}: {reasons}{more}")
+
+
+@contextlib.contextmanager
+def told_beside(aside: Sequence[SetAside]) -> Iterator[None]:
+    """Whoever is refused for want of runs is also told how many were set aside before, and why the first was."""
+    try:
+        yield
+    except (FitError, RunError) as refusal:
+        if not aside:
+            raise
+        count = f"{len(aside)} run was" if len(aside) == 1 else f"{len(aside)} runs were"
+        first = f"{aside[0].file}, run {aside[0].run!r}: {aside[0].why}"
+        raise type(refusal)(
+            f"{refusal} ({count} set aside before{', the first' * (len(aside) > 1)}: {first})"
+        ) from None
 
 
 def read_runs(file: LogFile, columns: ColumnMap | None = None) -> tuple[list[Run], list[SetAside]]:

@@ -7,6 +7,7 @@ Floats = NDArray[np.float64]
 FEWEST_SAMPLES = 8
 SLOWEST = 5.0  # s between samples; nobody logs a yaw test more slowly
 FASTEST = 2e-4  # s between samples
+LARGEST_MOMENT = 1e12  # of either unit; beyond it arithmetic overflows
 LARGEST_HEADING = 1000 * 2 * np.pi
 FASTEST_TURN = 8 * np.pi  # rad/s; four turns a second
 RADIANS_AS_DEGREES = 2 * np.pi * np.pi / 180  # a whole turn in radians, read as degrees
@@ -17,7 +18,8 @@ def clock_trouble(time: Floats) -> str | None:
     """Why a clock, shape (N,), cannot be one of a yaw test, or None."""
     if len(time) > 1 and np.ptp(time) == 0:
         return (
-            "units look wrong: the clock stands still. Look at the time column, or map another with --columns"
+            f"units look wrong: the clock stands still at {time[0]:.10g} s in all {len(time)} rows; expected a rising "
+            "clock. Look at the time column, or map another with --columns"
         )
     if len(time) < FEWEST_SAMPLES:
         return (
@@ -63,6 +65,14 @@ def heading_trouble(time: Floats, heading: Floats) -> str | None:
             'name it heading_deg, or say unit = "deg" with --columns'
         )
     return None
+
+
+def command_trouble(command: Floats, name: str) -> str | None:
+    """Why a moment or thruster command, shape (N,), cannot be one, or None."""
+    largest = float(np.abs(command).max(initial=0.0))
+    if largest <= LARGEST_MOMENT:
+        return None
+    return f"units look wrong: a {name} of {largest:.3g}. Check which column is the {name}"
 
 
 def _wraps_at(turn: float, span: float, jumps: Floats) -> bool:

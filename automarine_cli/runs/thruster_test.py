@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.errors import LogError, RunError
+from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_thruster
 from automarine_cli.pipeline.progress import Progress, counted, silent
+from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, unreadable
 from automarine_cli.runs.run import SetAside
 
 Floats = NDArray[np.float64]
@@ -52,33 +53,25 @@ def load_thruster_logs(
     files = find_logs(logs)
     records: list[Series] = []
     set_aside: list[SetAside] = []
-    inputs: list[LogFile] = []
     missing = 0
     for file in counted(progress, "reading", files, len(files)):
         try:
             table = read_log(file, columns)
             require_thruster(table)
         except LogError as refusal:
-            if file.named or strict:
+            if file.named:
                 raise
-            set_aside.append(SetAside(file.name, "", str(refusal)))
+            set_aside.append(unreadable(file, refusal))
             continue
-        inputs.append(file)
         found, gone, idle = _records(table)
         records += found
         missing += gone
         set_aside += idle
     if strict and set_aside:
-        first = set_aside[0]
-        raise RunError(
-            f"{first.file}, run {first.run}: {first.why} (--strict refuses what would be set aside)"
-        )
+        raise refused_by_strict(set_aside[0])
     if not records:
-        raise RunError(
-            f"no thruster test left: {len(set_aside)} log{'s' if len(set_aside) > 1 else ''} set aside, the "
-            f"first because {set_aside[0].why}"
-        )
-    return ThrusterLogs(tuple(records), tuple(set_aside), tuple(inputs), missing)
+        raise none_left(len(files), set_aside)
+    return ThrusterLogs(tuple(records), tuple(set_aside), tuple(filter(has_bytes, files)), missing)
 
 
 def _records(table: LogTable) -> tuple[list[Series], int, list[SetAside]]:

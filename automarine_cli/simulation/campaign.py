@@ -9,9 +9,11 @@ from math import exp, floor, log2
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli import effects
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import LogTable
 from automarine_cli.logs.canonical import DEGREE
+from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.clean import NotUsable, clean
@@ -127,7 +129,7 @@ def _make(work: tuple[Sequence[Plan], float], specification: Specification, seed
     logger = specification.logger
     drawn = [_draw(plan, specification, seed) for plan in plans]
     times = [sample_times(plan, logger, seed) for plan in plans]
-    truth = _truth(plans, specification, drawn, times, step)
+    truth = _truth(plans, specification, drawn, times, step, seed)
     made = []
     for plan, draw, time, (heading, rate) in zip(plans, drawn, times, truth):
         reading = heading + draw.heading_zero
@@ -173,6 +175,7 @@ def _truth(
     drawn: Sequence[Drawn],
     times: Sequence[Floats],
     step: float,
+    seed: int,
 ) -> list[tuple[Floats, Floats]]:
     """True reading [rad] and yaw rate [rad/s] of each run at its samples."""
     model = specification.model()
@@ -194,6 +197,7 @@ def _truth(
     start = Start(
         heading=np.array([[draw.start_heading for draw in drawn]]),
         log_gain=np.array([[draw.log_gain for draw in drawn]]),
+        own=_own_phases(model, plans, seed),
         disturbance=np.broadcast_to(added[None, :, None], (1, len(plans), batch.windows)),
     )
     found = simulate(model, batch, start=start)
@@ -204,6 +208,17 @@ def _truth(
             node = np.zeros_like(node)
         truth.append((found.heading[0, i, node], found.rate[0, i, node]))
     return truth
+
+
+def _own_phases(model: YawModel, plans: Sequence[Plan], seed: int) -> dict[str, Floats]:
+    """Sine and cosine (1, R, 2) of each run's own wave, for effects that vary from run to run: any phase is as
+    likely."""
+    own = {}
+    for term in model.terms:
+        if effects.get(term.name).varies(term.values):
+            phase = np.array([2.0 * np.pi * uniform(1, seed, plan.key, term.name)[0] for plan in plans])
+            own[term.name] = term.values[0] * np.stack([np.cos(phase), np.sin(phase)], axis=1)[None]
+    return own
 
 
 def _knots(time: Floats, switches: Floats, held: bool) -> Floats:

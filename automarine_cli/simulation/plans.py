@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from automarine_cli.simulation.streams import uniform
 
 Floats = NDArray[np.float64]
 
-MOST_SAMPLES = 500_000_000
+MOST_SAMPLES, MOST_RUNS = 500_000_000, 1_000_000
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
 
 
@@ -43,7 +44,12 @@ def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
     Raises SettingError for two runs of one name in one file, two groups that write one file, and a campaign of
     more than half a thousand million samples.
     """
-    plans = list(_listed(specification))
+    asked = sum(
+        group.repeats for group in specification.runs
+    )  # before any is made: it may be a thousand million
+    plans = [] if asked > MOST_RUNS else list(islice(_listed(specification), MOST_RUNS + 1))
+    if max(asked, len(plans)) > MOST_RUNS:
+        raise SettingError(f"{specification.source}: more than {MOST_RUNS} runs would be made; ask for fewer")
     _refuse_clashes(plans, specification)
     total = sum(plan.samples for plan in plans)
     if total > MOST_SAMPLES:

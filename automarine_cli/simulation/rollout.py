@@ -4,7 +4,7 @@ the effects.
 Order of the axes everywhere: parameter sets P, runs R, samples N (or steps M).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
@@ -29,7 +29,8 @@ class Start:
 
     `heading` [rad] and `rate` [rad/s] at the first sample, `log_gain` of the moment delivered, `shift` [s]
     of every change of command from the middle of the interval in which it happened, `disturbance` (P, R,
-    windows) a moment added in each window of the batch.
+    windows) a moment added in each window of the batch, `own` by name the coefficients (P, R, k) of effects that
+    vary from run to run.
     """
 
     heading: ArrayLike = 0.0
@@ -37,6 +38,12 @@ class Start:
     log_gain: ArrayLike = 0.0
     shift: Floats | None = None
     disturbance: Floats | None = None
+    own: Mapping[str, Floats] = field(default_factory=dict)
+
+    def bind(self, effect: Effect, values: tuple[Floats, ...]) -> tuple[Floats, ...]:
+        """An effect's values with each run's own coefficients after them."""
+        own = self.own.get(effect.name, np.zeros((1, 1, effect.per_run)))
+        return (*values, *np.moveaxis(own, 2, 0))
 
 
 @dataclass(frozen=True)
@@ -51,10 +58,12 @@ class Trajectory:
 
     @cached_property
     def heading(self) -> Floats:
+        """Headings that the sensor reads [rad], (P, R, N)."""
         return self._at_samples(self.nodes[0])
 
     @cached_property
     def rate(self) -> Floats:
+        """True yaw rates [rad/s], (P, R, N)."""
         return self._at_samples(self.nodes[1])
 
     def _at_samples(self, column: Floats) -> Floats:
@@ -79,7 +88,7 @@ def simulate(
     shape = np.broadcast_shapes(
         (len(theta), len(batch.names)), np.shape(start.heading), np.shape(start.log_gain)
     )
-    terms = list(model.unpack(theta))
+    terms = [(effect, start.bind(effect, values)) for effect, values in model.unpack(theta)]
     commands = batch.commands(start.shift)
     forward = replace(
         commands, length=np.maximum(commands.length, 0.0)

@@ -12,11 +12,14 @@ from typing import Literal
 from automarine_cli import effects as library
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.yaw_model import Term, YawModel
+from automarine_cli.pipeline.plain_data import everything, in_words, told
 from automarine_cli.pipeline.recipe import from_mapping, read_mapping
+from automarine_cli.pipeline.words import printable
 from automarine_cli.simulation.checks import at_least_zero, between, positive, safe_path
 from automarine_cli.simulation.run_groups import Format, Levels, RunGroup, group_from, levels_of
 
 SCHEMA = "automarine/simulation/1"
+SMALLEST, LARGEST = 1e-12, 1e12  # of any number: beyond it no vehicle is, and arithmetic overflows
 MOST_JITTER = 0.3  # of a sample period: the clock must keep rising
 
 
@@ -57,14 +60,14 @@ class EffectSetting:
         for name in self.values:
             if name not in names:
                 raise SettingError(f"effect {self.name!r} has no parameter {name!r}; it has {allowed}")
-        for name in names:
+        for name in (p.name for p in effect.parameters if not p.choices):
             if name not in self.values:
                 raise SettingError(f"effect {self.name!r} needs its parameter {name!r} (of {allowed})")
 
     @property
     def ordered(self) -> tuple[float, ...]:
         """The values in the effect's own order."""
-        return tuple(self.values[parameter.name] for parameter in library.get(self.name).parameters)
+        return tuple(self.values.get(p.name, p.start) for p in library.get(self.name).parameters)
 
 
 @dataclass(frozen=True)
@@ -225,15 +228,21 @@ class _Raw:
 
 def read_specification(path: Path) -> Specification:
     """The specification in a TOML (or JSON) file. Raises SettingError with file and key."""
-    return specification_from(read_mapping(path), path.name)
+    return specification_from(read_mapping(path), printable(path.name))
 
 
 def specification_from(mapping: Mapping[str, object], where: str = "specification") -> Specification:
     """The specification held by plain data; `where` names it in messages. Raises SettingError."""
     if mapping.get("schema") != SCHEMA:
         raise SettingError(
-            f'{where}: schema is {mapping.get("schema")!r}; expected the line schema = "{SCHEMA}"'
+            f'{where}: schema: found {told(mapping.get("schema"))}, expected the line schema = "{SCHEMA}"'
         )
+    for value, place in everything(mapping):
+        number = isinstance(value, (int, float)) and value and place != ("seed",)
+        if number and not SMALLEST <= abs(value) <= LARGEST:  # type: ignore[arg-type]
+            raise SettingError(
+                f"{where}: {in_words(place)}found {told(value)}, expected 0 or a size of {SMALLEST:g} to {LARGEST:g}"
+            )
     raw = from_mapping(_Raw, mapping, where)
     if not raw.runs and raw.bollard is None:
         raise SettingError(f"{where}: nothing to simulate; expected [[runs]] or [bollard]")

@@ -15,13 +15,24 @@ from automarine_cli.logs import (
     read_log,
     require_thruster,
 )
+from automarine_cli.pipeline.manifest import Input, given_as
+from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report.check_tables import run_table, thruster_test_table
 from automarine_cli.report.tables import Table
-from automarine_cli.runs.load import named_apart, none_left, refused_by_strict, runs_of_table, unreadable
+from automarine_cli.runs.load import (
+    has_bytes,
+    named_apart,
+    none_left,
+    refused_by_strict,
+    runs_of_table,
+    unreadable,
+)
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen, look_at_run, look_at_tests
 from automarine_cli.runs.run import Run, SetAside
+
+FILES = ("check.json", "check.md")
 
 
 @dataclass(frozen=True)
@@ -55,17 +66,33 @@ def check(
     logs: Sequence[str | Path],
     *,
     columns: ColumnMap | Path | None = None,
+    out: Path | None = None,
+    overwrite: bool = False,
     strict: bool = False,
     jobs: int = 1,
     progress: Progress = silent,
 ) -> Check:
-    """Look at yaw logs and thruster tests, which may be mixed.
+    """Look at yaw logs and thruster tests, which may be mixed; writes what it found if `out` is given.
 
     Raises LogError or RunError as `load_runs`: for a named log that cannot be read, with `strict` for what
-    would be set aside, and where nothing is left.
+    would be set aside, and where nothing is left; OutputError.
     """
     names = read_column_map(columns) if isinstance(columns, Path) else columns or ColumnMap()
     files = find_logs(logs)
+    if out is None:
+        return _look(files, names, strict, jobs, progress)
+    inputs = [Input(file.name, file.path) for file in files if has_bytes(file)] + given_as(columns=columns)
+    options = {"columns": columns, "strict": strict}
+    with result_folder(
+        out, command="check", options=options, inputs=inputs, seed=None, overwrite=overwrite
+    ) as folder:
+        result = _look(files, names, strict, jobs, progress)
+        folder.write_json("check.json", result.to_json())
+        folder.write("check.md", "\n".join(table.to_markdown() for table in result.tables()))
+    return result
+
+
+def _look(files: Sequence[LogFile], names: ColumnMap, strict: bool, jobs: int, progress: Progress) -> Check:
     found = ordered_map(
         partial(_look_at, columns=names), files, jobs, progress=progress, stage="reading logs"
     )

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
-from automarine_cli.diagnosis.search import Trial
 from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.verdict import NamedEffect, base_estimates, gap_json, parameter_estimates
 from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import SettingError
@@ -18,12 +18,13 @@ from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import run_covariance
 from automarine_cli.logs import ColumnMap, LogFile, read_column_map
 from automarine_cli.models.store import StoredModels, load_yaw_models
+from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import diagnosis_report, diagnosis_tables, thruster_diagnosis
 from automarine_cli.report.tables import Table
-from automarine_cli.runs.load import load_runs, refused_by_strict
+from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.workflows.diagnose_thrusters import ThrusterDiagnosis, diagnose_thrusters, is_thruster_map
 from automarine_cli.workflows.moments import with_moments
@@ -148,6 +149,7 @@ def diagnose(
     thrusters: Path | None = None,
     arm: float | None = None,
     out: Path | None = None,
+    figure_formats: tuple[str, ...] = ("png",),
     overwrite: bool = False,
     strict: bool = False,
     seed: int = 0,
@@ -157,7 +159,7 @@ def diagnose(
     """Diagnose the preferred model of the file `model` on yaw logs.
 
     `hold_out` logs are never fitted; without any a quarter of the runs, drawn with `seed`, is held out. Writes the
-    results if `out` is given. Raises LogError, RunError, ModelError, FitError, SettingError or OutputError.
+    results if `out` is given, figures in the `figure_formats` (png, svg, pdf). Raises LogError, RunError, ModelError, FitError, SettingError or OutputError.
     """
     stored = load_yaw_models(model)
     names = (
@@ -173,23 +175,26 @@ def diagnose(
 
     def work() -> YawDiagnosis:
         base = stored.models[stored.preferred]
-        found = diagnose_runs(
-            runs, base, hold_out=kept, seed=seed,
-            each=lambda function, items, stage: ordered_map(function, items, jobs, progress=progress, stage=stage),
-        )  # fmt: skip
+        with told_beside((*aside, *more_aside)):
+            found = diagnose_runs(
+                runs, base, hold_out=kept, seed=seed,
+                each=lambda function, items, stage: ordered_map(function, items, jobs, progress=progress, stage=stage),
+            )  # fmt: skip
         where = find_where(found.study, found.found.base, seed)
         return YawDiagnosis(found, where, stored, parent, (*aside, *more_aside))
 
     if out is None:
         return work()
-    inputs = [(file.name, file.path) for file in (*files, *more)] + [(model.name, model)]
-    inputs += [(path.name, path) for path in (columns, thrusters) if isinstance(path, Path)]
+    inputs = [Input(file.name, file.path) for file in files]
+    inputs += [Input(file.name, file.path, "hold_out") for file in more]
+    inputs += given_as(model=model, columns=columns, thrusters=thrusters)
     options = {
         "model": model,
-        "hold_out": [str(Path(log).name) for log in hold_out],
-        "columns": columns if isinstance(columns, Path) else None,
+        "hold_out": [file.name for file in more],
+        "columns": columns,
         "thrusters": thrusters,
         "arm": arm,
+        "figure_formats": figure_formats,
         "strict": strict,
     }
     with result_folder(
@@ -198,7 +203,7 @@ def diagnose(
         result = work()
         folder.write_json("diagnosis.json", result.to_json())
         folder.write_json("extended_model.json", result.extended_model())
-        for name, content in diagnosis_report.files(result.diagnosis, result.where):
+        for name, content in diagnosis_report.files(result.diagnosis, result.where, figure_formats):
             folder.write(name, content)
     return result
 

@@ -1,6 +1,5 @@
 """`diagnose` on bollard tests: where a thruster map and its measurements disagree, why, and the map that closes it."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,11 +8,13 @@ from automarine_cli.diagnosis.thruster_map import diagnose_thrusters as diagnose
 from automarine_cli.errors import ModelError, RunError, SettingError
 from automarine_cli.logs import ColumnMap, read_column_map
 from automarine_cli.models.thruster_map import SCHEMA, ThrusterMap
+from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import thruster_diagnosis as page
 from automarine_cli.report.figures import thruster_diagnosis as figures
-from automarine_cli.report.figures.style import png
+from automarine_cli.report.figures.style import figure_files
 from automarine_cli.runs.thruster_test import ThrusterLogs, load_thruster_logs
 
 FILES = (
@@ -29,10 +30,9 @@ FILES = (
 def is_thruster_map(model: Path) -> bool:
     """Whether a model file says that it is a thruster map; False for anything that cannot be read."""
     try:
-        data = json.loads(model.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return read_plain(model, "JSON", ModelError).get("schema") == SCHEMA
+    except ModelError:
         return False
-    return isinstance(data, dict) and data.get("schema") == SCHEMA
 
 
 def diagnose_thrusters(
@@ -42,6 +42,7 @@ def diagnose_thrusters(
     hold_out: Sequence[str | Path] = (),
     columns: Path | ColumnMap | None = None,
     out: Path | None = None,
+    figure_formats: tuple[str, ...] = ("png",),
     overwrite: bool = False,
     strict: bool = False,
     seed: int = 0,
@@ -81,16 +82,16 @@ def diagnose_thrusters(
 
     if out is None:
         return judged()
-    inputs = [(file.name, file.path) for file in (*loaded.inputs, *(held.inputs if held else ()))]
-    inputs.append((model.name, model))
-    if isinstance(columns, Path):
-        inputs.append((column_map.source, columns))
+    inputs = [Input(file.name, file.path) for file in loaded.inputs]
+    inputs += [Input(file.name, file.path, "hold_out") for file in (held.inputs if held else ())]
+    inputs += given_as(model=model, columns=columns)
     options = {
         "model": model.name,
         "hold_out": [file.name for file in held.inputs] if held else [],
         "thrusters_per_test": thrusters_per_test,
+        "figure_formats": figure_formats,
         "strict": strict,
-        "columns": column_map.source or None,
+        "columns": columns,
     }
     with result_folder(
         out, command="diagnose", options=options, inputs=inputs, seed=seed, overwrite=overwrite
@@ -99,20 +100,20 @@ def diagnose_thrusters(
         folder.write_json("diagnosis.json", result.to_json())
         folder.write_json("extended_model.json", result.extended_map)
         folder.write("diagnosis.md", page.markdown(result))
-        folder.write("where.png", png(figures.where_figure(result)))
-        folder.write("why.png", png(figures.why_figure(result)))
-        folder.write("before_after.png", png(figures.before_after_figure(result)))
+        drawn = {
+            "where": figures.where_figure(result),
+            "why": figures.why_figure(result),
+            "before_after": figures.before_after_figure(result),
+        }
+        for figure in drawn:
+            for name, content in figure_files(figure, drawn[figure], figure_formats):
+                folder.write(name, content)
     return result
 
 
 def _base(model: Path) -> tuple[ThrusterMap, bool]:
     """The map, and whether its file says how thrust follows the voltage."""
-    try:
-        data = json.loads(model.read_text(encoding="utf-8"))
-    except OSError as problem:
-        raise ModelError(f"{model.name}: cannot be read ({problem.strerror})") from None
-    except ValueError as problem:
-        raise ModelError(f"{model.name}: is not JSON ({problem})") from None
+    data = read_plain(model, "JSON", ModelError)
     found = ThrusterMap.from_json(data, model.name)
     voltage = data.get("voltage_exponent")
     return found, isinstance(voltage, dict) and "reference_V" in voltage

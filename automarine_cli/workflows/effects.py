@@ -75,8 +75,9 @@ def _card(one: Effect) -> tuple[Table | str, ...]:
     width = max(len(label) for label, _ in lines)
     sentences = (one.name, "", *(f"{label.ljust(width)}  {text}" for label, text in lines))
     rows = tuple(_parameter_row(parameter, shape) for parameter, shape in zip(one.parameters, one.shapes))
-    header = ("symbol", "meaning", "unit", "bounds", "start", "off", "reference")
-    note = "Starts are for a largest moment of one. A parameter with a reference is taken from the logs, not fitted."
+    header = ("symbol", "meaning", "unit", "bounds", "start", "off", "reference or choices")
+    note = "Starts are for a largest moment of one. A parameter with a reference is taken from the logs, not fitted; "
+    note += "one with choices is 0 for the first and so on, and a diagnosis tries each."
     return ("\n".join(sentences), Table("Parameters", header, rows, notes=(note,)))
 
 
@@ -88,7 +89,7 @@ def _parameter_row(parameter: Parameter, shape: bool) -> tuple[str, ...]:
         f"{_bound(parameter.lower)} to {_bound(parameter.upper)}",
         number(parameter.start),
         "any" if shape else _bound(parameter.off),
-        FITTED_AGAINST.get(parameter.reference, ""),
+        " or ".join(parameter.choices) or FITTED_AGAINST.get(parameter.reference, ""),
     )
 
 
@@ -112,6 +113,7 @@ def _card_json(one: Effect) -> dict[str, object]:
                 "off": None if shape else _finite(p.off),
                 "any_when_off": shape,
                 "reference": p.reference or None,
+                "choices": list(p.choices),
             }
             for p, shape in zip(one.parameters, one.shapes)
         ],

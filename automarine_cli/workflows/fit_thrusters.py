@@ -17,12 +17,14 @@ from automarine_cli.fits.thruster_result import ThrusterFit
 from automarine_cli.fits.thruster_tare import Tare, subtract_tare
 from automarine_cli.fits.thruster_voltage import VoltageExponent, voltage_exponents
 from automarine_cli.logs import ColumnMap, read_column_map
+from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import thruster_tables
-from automarine_cli.report.figures.style import png
+from automarine_cli.report.figures.style import figure_files
 from automarine_cli.report.figures.thrusters import thruster_figure
+from automarine_cli.runs.load import told_beside
 from automarine_cli.runs.thruster_test import ThrusterLogs, load_thruster_logs
 
 FELT = 0.2  # exponent of thrust against voltage from which one map for all voltages misleads
@@ -34,6 +36,7 @@ def fit_thrusters(
     *,
     columns: Path | ColumnMap | None = None,
     out: Path | None = None,
+    figure_formats: tuple[str, ...] = ("png",),
     overwrite: bool = False,
     strict: bool = False,
     thrusters_per_test: int | None = None,
@@ -45,7 +48,7 @@ def fit_thrusters(
     pulled.
 
     `thrusters_per_test` of None takes the column map's `[defaults]`, else 1; `form` of None chooses by
-    cross-validation. Writes the results if `out` is given. Raises LogError, RunError, FitError, OutputError.
+    cross-validation. Writes the results if `out` is given, figures in the `figure_formats` (png, svg, pdf). Raises LogError, RunError, FitError, OutputError.
     """
     column_map = (
         columns if isinstance(columns, ColumnMap) else read_column_map(columns) if columns else ColumnMap()
@@ -53,15 +56,14 @@ def fit_thrusters(
     loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)
     if out is None:
         return _fit_loaded(loaded, column_map, thrusters_per_test, form, jobs, progress)
-    inputs = [(file.name, file.path) for file in loaded.inputs]
+    inputs = [Input(file.name, file.path) for file in loaded.inputs] + given_as(columns=columns)
     options = {
         "thrusters_per_test": thrusters_per_test,
         "form": form,
+        "figure_formats": figure_formats,
         "strict": strict,
-        "columns": column_map.source or None,
+        "columns": columns,
     }
-    if isinstance(columns, Path):
-        inputs.append((column_map.source, columns))
     with result_folder(
         out, command="fit-thrusters", options=options, inputs=inputs, seed=None, overwrite=overwrite
     ) as folder:
@@ -69,7 +71,8 @@ def fit_thrusters(
         folder.write_json("thrusters.json", result.to_json())
         folder.write("thrusters.csv", thruster_tables.points_csv(result))
         folder.write("thrusters.md", thruster_tables.markdown(result))
-        folder.write("thrusters.png", png(thruster_figure(result)))
+        for name, content in figure_files("thrusters", thruster_figure(result), figure_formats):
+            folder.write(name, content)
     return result
 
 
@@ -82,6 +85,13 @@ def _fit_loaded(
     progress: Progress,
 ) -> ThrusterFit:
     count = _thrusters(thrusters, columns)
+    with told_beside(loaded.set_aside):
+        return _fit_points(loaded, columns, count, form, jobs, progress)
+
+
+def _fit_points(
+    loaded: ThrusterLogs, columns: ColumnMap, count: int, form: str | None, jobs: int, progress: Progress
+) -> ThrusterFit:
     where = loaded.inputs[0].name if len(loaded.inputs) == 1 else f"{len(loaded.inputs)} logs"
     rule = columns.columns.get("n")
     n_unit = (rule.unit or "") if rule is not None else ""

@@ -11,11 +11,12 @@ from automarine_cli.fits.step_response import Known
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.logs import ColumnMap, read_column_map
 from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import yaw_report
-from automarine_cli.runs.load import load_runs, refused_by_strict
+from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.workflows.moments import with_moments
 
 FIT_TO = ("auto", "half-turns", "whole-runs")
@@ -30,12 +31,14 @@ def fit_yaw(
     fit_to: str = "auto",
     known: Known = NOTHING_KNOWN,
     out: Path | None = None,
+    figure_formats: tuple[str, ...] = ("png",),
     overwrite: bool = False,
     strict: bool = False,
     jobs: int = 1,
     progress: Progress = silent,
 ) -> YawFit:
-    """Identify the yaw model of a vehicle from its logs; writes the results if `out` is given.
+    """Identify the yaw model of a vehicle from its logs; writes the results if `out` is given, figures in the
+    `figure_formats` (png, svg, pdf).
 
     `thrusters` and `arm` [m] turn thruster commands into moments; `fit_to` and `known` as in
     `fits.yaw_fit.identify`. Raises LogError, RunError, FitError, SettingError or OutputError.
@@ -50,7 +53,8 @@ def fit_yaw(
         return ordered_map(function, models, jobs, progress=progress, stage="fitting models")
 
     def work() -> YawFit:
-        fit = identify(runs, fit_to, known, each)
+        with told_beside(campaign.set_aside):
+            fit = identify(runs, fit_to, known, each)
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside))
         if strict and fit.set_aside:
             raise refused_by_strict(fit.set_aside[0])
@@ -58,13 +62,15 @@ def fit_yaw(
 
     if out is None:
         return work()
-    inputs = [(file.name, file.path) for file in campaign.inputs]
-    inputs += [(path.name, path) for path in (columns, thrusters) if isinstance(path, Path)]
+    inputs = [Input(file.name, file.path) for file in campaign.inputs]
+    inputs += given_as(columns=columns, thrusters=thrusters)
     options = {
-        "columns": columns if isinstance(columns, Path) else None,
-        "thrusters": thrusters if isinstance(thrusters, Path) else None,
+        "columns": columns,
+        "thrusters": thrusters,
         "arm": arm,
         "fit_to": fit_to,
+        "known": known,
+        "figure_formats": figure_formats,
         "strict": strict,
     }
     with result_folder(
@@ -72,6 +78,6 @@ def fit_yaw(
     ) as folder:
         fit = work()
         folder.write_json("yaw_model.json", fit.to_json())
-        for name, content in yaw_report.files(fit):
+        for name, content in yaw_report.files(fit, figure_formats):
             folder.write(name, content)
     return fit

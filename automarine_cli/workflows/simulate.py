@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from automarine_cli.pipeline.manifest import given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.recipe import to_mapping
@@ -80,7 +81,7 @@ def simulate(
     used = asked.seed if seed is None else seed
     if out is None:
         return Simulation(asked, used, make_campaign(asked, used, jobs=jobs, progress=progress))
-    inputs = [(asked.source, specification)] if isinstance(specification, Path) else []
+    inputs = given_as(specification=specification)
     with result_folder(
         out, command="simulate", options={}, inputs=inputs, seed=used, overwrite=overwrite
     ) as folder:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,13 @@ from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.comparison.scores import SCORES, RunScore, rate_source
 from automarine_cli.comparison.validation import Comparison, Scored, compare
 from automarine_cli.errors import AutomarineError, ModelError, RunError
-from automarine_cli.logs import ColumnMap, LogFile, read_column_map
+from automarine_cli.logs import ColumnMap, read_column_map
 from automarine_cli.models.store import StoredModels, load_yaw_models
+from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import ResultFolder, file_stems, result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.report.figures.style import png
+from automarine_cli.report.figures.style import figure_files
 from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.report.validation_tables import overall_table, run_table, score_table
@@ -108,6 +110,7 @@ def validate(
     arm: float | None = None,
     out: Path | None = None,
     figures: bool = True,
+    figure_formats: tuple[str, ...] = ("png",),
     overwrite: bool = False,
     strict: bool = False,
     seed: int = 0,
@@ -118,7 +121,8 @@ def validate(
 
     `thrusters` and `arm` [m] make the moment of thruster commands (`arm` may stand as `arm_m` among the column
     map's defaults); `seed` is that of the bootstrap over runs.
-    Writes the results if `out` is given, one figure a run unless `figures` is false. Raises LogError, RunError,
+    Writes the results if `out` is given, one figure a run in each of the `figure_formats` (png, svg, pdf) unless
+    `figures` is false. Raises LogError, RunError,
     ModelError, SettingError, OutputError.
     """
     stored = load_yaw_models(model)
@@ -138,18 +142,20 @@ def validate(
         return Validation(stored, compare(stored, runs, seed, progress), left_out)
     options = {
         "model": model,
-        "columns": names.source or None,
+        "columns": columns,
         "thrusters": thrusters,
         "arm": arm,
         "figures": figures,
+        "figure_formats": figure_formats,
         "strict": strict,
     }
-    inputs = _inputs(campaign.inputs, model, thrusters, columns if isinstance(columns, Path) else None)
+    inputs = [Input(file.name, file.path) for file in campaign.inputs]
+    inputs += given_as(model=model, columns=columns, thrusters=thrusters)
     with result_folder(
         out, command="validate", options=options, inputs=inputs, seed=seed, overwrite=overwrite
     ) as folder:
         result = Validation(stored, compare(stored, runs, seed, progress), left_out)
-        _write(folder, result, figures, jobs, progress)
+        _write(folder, result, figure_formats if figures else (), jobs, progress)
     return result
 
 
@@ -195,31 +201,27 @@ def _same_unit(runs: Sequence[Run], stored: StoredModels) -> None:
             )
 
 
-def _inputs(
-    logs: Sequence[LogFile], model: Path, thrusters: Path | None, columns: Path | None
-) -> list[tuple[str, Path]]:
-    """Everything read, with the short names that results use."""
-    others = [path for path in (model, thrusters, columns) if path is not None]
-    return [(file.name, file.path) for file in logs] + [(path.name, path) for path in others]
-
-
-def _write(folder: ResultFolder, result: Validation, figures: bool, jobs: int, progress: Progress) -> None:
+def _write(
+    folder: ResultFolder, result: Validation, formats: tuple[str, ...], jobs: int, progress: Progress
+) -> None:
     found = result.comparison
     folder.write_json("validation.json", result.to_json())
     folder.write("validation.csv", score_table(found).to_csv())
     folder.write("validation.md", "\n".join(table.to_markdown() for table in result.tables()))
     folder.write("validation.tex", "\n".join(table.to_latex() for table in result.tables()))
-    if not figures:
+    if not formats:
         return
     free = [
         {number: scored.free[i] for number, scored in found.models.items()} for i in range(len(found.runs))
     ]
-    pages = ordered_map(_picture, list(zip(free, found.floors)), jobs, progress=progress, stage="figures")
+    draw = partial(_pictures, formats=formats)
+    pages = ordered_map(draw, list(zip(free, found.floors)), jobs, progress=progress, stage="figures")
     for stem, page in zip(file_stems([run.name for run in found.runs]), pages):
-        folder.write(f"validation_{stem}.png", page)
+        for name, content in page:
+            folder.write(name.replace("RUN", stem), content)
 
 
-def _picture(one: tuple[Mapping[str, FreeRun], float]) -> bytes:
-    """The figure of one run as PNG."""
+def _pictures(one: tuple[Mapping[str, FreeRun], float], formats: tuple[str, ...]) -> list[tuple[str, bytes]]:
+    """The figure of one run in each of the formats."""
     free, floor_deg = one
-    return png(validation_figure(free, floor_deg))
+    return list(figure_files("validation_RUN", validation_figure(free, floor_deg), formats))

@@ -1,7 +1,8 @@
 """`make bench`: accuracy against the Cramer-Rao bound, coverage of intervals, speed. Prints tables and writes
 out/bench.json.
 
-Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [startup] [simulator] [fit] [--jobs N]
+Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [thrusters] [effects] [startup] [simulator] [fit]
+       [--jobs N] [--campaigns N]
 """
 
 import os
@@ -15,20 +16,22 @@ import time
 from pathlib import Path
 
 from coverage import coverage
+from coverage_effects import effect_coverage
+from coverage_thrusters import thruster_coverage
 from efficiency import efficiency
 from speed import Result, fit, simulator, startup
 
 from automarine_cli.cli.echo import terminal_progress
 from automarine_cli.pipeline.progress import Progress
 
-CAMPAIGNS = {"efficiency": 200, "coverage": 300}
-SECTIONS = ("efficiency", "coverage", "startup", "simulator", "fit")
+CAMPAIGNS = {"efficiency": 200, "coverage": 300, "thrusters": 300, "effects": 40}
+SECTIONS = (*CAMPAIGNS, "startup", "simulator", "fit")
 
 
 def run_section(name: str, jobs: int, campaigns: int | None, progress: Progress) -> Result:
     """Tables and plain results of one section."""
     if name in CAMPAIGNS:
-        measure = {"efficiency": efficiency, "coverage": coverage}[name]
+        measure = dict(zip(CAMPAIGNS, (efficiency, coverage, thruster_coverage, effect_coverage)))[name]
         return measure(campaigns or CAMPAIGNS[name], jobs, progress)
     if name == "startup":
         return startup(15, progress)
@@ -46,7 +49,9 @@ def main() -> None:
     parser.add_argument(
         "--jobs", type=int, default=min(2, os.cpu_count() or 1), help="processes (default: 2)"
     )
-    parser.add_argument("--campaigns", type=int, help="simulated campaigns a case, instead of 200 and 300")
+    parser.add_argument(
+        "--campaigns", type=int, help="simulated campaigns a case, instead of 200, 300 or (effects) 40"
+    )
     parser.add_argument("--out", type=Path, default=Path("out/bench.json"), help="default: out/bench.json")
     options = parser.parse_args()
     if unknown := [name for name in options.sections if name not in SECTIONS]:

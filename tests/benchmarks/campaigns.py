@@ -22,6 +22,9 @@ BOTH_SIDES = tuple(sign * m / 10 for m in range(1, 13) for sign in (-1, 1))
 LARGE = tuple(2 * [*BOTH_SIDES])
 """48 runs: |tau| 0.1 to 1.2 to both sides, two each."""
 
+MEDIUM = BOTH_SIDES
+"""24 runs: the same moments, one each."""
+
 SMALL = tuple(2 * [-1.0, -0.6, -0.2, 0.2, 0.6, 1.0])
 """12 runs at 6 moments."""
 
@@ -35,23 +38,37 @@ class Campaign:
 
 
 def make_campaign(
-    seed: Sequence[int], moments: Sequence[float] = LARGE, *, k_r: float = 0.0, scatter: float = 0.0
+    seed: Sequence[int],
+    moments: Sequence[float] = LARGE,
+    *,
+    k_r: float = 0.0,
+    k_rr: float = K_RR,
+    scatter: float = 0.0,
+    noise: float = NOISE,
 ) -> Campaign:
     """Rest, then a step of each moment held past half a turn; the log's clock begins anywhere in a period.
 
-    `scatter` is the standard deviation of the logarithm of each run's moment delivered over commanded.
+    `scatter` is the standard deviation of the logarithm of each run's moment delivered over commanded, `noise` that of
+    the heading [rad].
     """
     random = np.random.default_rng(seed)
     start = random.uniform(-np.pi, np.pi, len(moments))
     runs = []
     for i, (moment, heading0) in enumerate(zip(moments, start)):
         delivered = moment * np.exp(scatter * random.standard_normal())
-        last = round(8.0 * INERTIA / np.sqrt(abs(moment) * K_RR) / PERIOD)
+        last = round(_length(abs(moment), k_r, k_rr) / PERIOD)
         time = PERIOD * (np.arange(-REST, last) + random.uniform())
-        heading, _ = response(time, delivered, INERTIA, k_r, K_RR, heading0)
-        noisy = heading + NOISE * random.standard_normal(len(time))
+        heading, _ = response(time, delivered, INERTIA, k_r, k_rr, heading0)
+        noisy = heading + noise * random.standard_normal(len(time))
         runs.append(Run(f"run {i}", "simulated", time, noisy, np.where(time > 0, moment, 0.0), "nu"))
     return Campaign(tuple(runs), start)
+
+
+def _length(moment: float, k_r: float, k_rr: float) -> float:
+    """Duration [s] of a step that passes half a turn, with gains of the thrust to spare."""
+    if k_rr == 0.0:
+        return 1.6 * np.pi * k_r / moment + 2.0 * INERTIA / k_r
+    return 8.0 * INERTIA / np.sqrt(moment * k_rr) * (1.0 + k_r / np.sqrt(moment * k_rr))
 
 
 def known_half_turns(campaign: Campaign) -> StepData:

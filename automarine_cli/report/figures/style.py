@@ -5,6 +5,8 @@ own matplotlib settings say, and leaves them alone afterwards.
 """
 
 import io
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import matplotlib
@@ -13,6 +15,9 @@ from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+from automarine_cli.errors import SettingError
+from automarine_cli.report.figures import panels
 
 # Okabe and Ito (2008), ordered so that neighbours differ in lightness too.
 COLOURS = {
@@ -98,8 +103,44 @@ def new_figure(
 @house_style
 def png(figure: Figure) -> bytes:
     """The figure as PNG at 200 dpi: no date, no software name, the same bytes each time."""
+    return _saved(figure, "png", {"Software": None}, dpi=DPI)
+
+
+@house_style
+def svg(figure: Figure) -> bytes:
+    """The figure as SVG with text as text, and with its panels as data for a page that shows values: no date, no
+    software name, the same bytes each time."""
+    panels.mark(figure)
+    with matplotlib.rc_context({"svg.hashsalt": "automarine", "svg.fonttype": "none"}):
+        return panels.described(_saved(figure, "svg", {"Date": None, "Creator": None}), figure)
+
+
+@house_style
+def pdf(figure: Figure) -> bytes:
+    """The figure as PDF for print: no date, no software name, the same bytes each time."""
+    with matplotlib.rc_context({"pdf.fonttype": 42}):  # letters that other programs can edit
+        return _saved(figure, "pdf", {"CreationDate": None, "Creator": None, "Producer": None})
+
+
+FORMATS: Mapping[str, Callable[[Figure], bytes]] = {"png": png, "svg": svg, "pdf": pdf}
+
+
+def figure_files(name: str, figure: Figure, formats: Sequence[str] = ("png",)) -> Iterator[tuple[str, bytes]]:
+    """`name.format` and its content, for each format in turn. Raises SettingError for a format unknown."""
+    for kind in formats:
+        if kind not in FORMATS:
+            raise SettingError(f"figure format {kind!r} is not known; known are {', '.join(FORMATS)}")
+        yield f"{name}.{kind}", FORMATS[kind](figure)
+
+
+def _saved(figure: Figure, kind: str, metadata: dict[str, Any], **keywords: Any) -> bytes:
+    """The file of that kind. The layout is found once, for the first file: a second search would start where the
+    first one ended and end a hair beside it, and so would every pixel of a colour bar."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+    with warnings.catch_warnings():  # the name of a run in letters that the font lacks is drawn as boxes
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
+        figure.savefig(buffer, format=kind, metadata=metadata, **keywords)
+    figure.set_layout_engine("none")
     return buffer.getvalue()
 
 

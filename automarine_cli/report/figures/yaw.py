@@ -207,7 +207,7 @@ def whole_runs_figure(fit: YawFit) -> Figure:
             lw=1.0,
             label=f"model {number} with disturbance",
         )
-        ax.set_title(run.name)
+        ax.set_title(run.name, parse_math=False)  # a name may hold dollar signs
     for ax in axes.flat[len(shown) :]:
         ax.set_axis_off()
     for ax in axes[-1]:

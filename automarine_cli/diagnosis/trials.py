@@ -1,0 +1,69 @@
+"""What a search for missing effects tries and finds: trials, the rounds they compete in, rivals, and the outcome."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from automarine_cli.diagnosis.scores import Scores
+from automarine_cli.diagnosis.study import Study
+from automarine_cli.fits.mixed_model import MixedFit
+from automarine_cli.models.yaw_model import YawModel
+
+LEVEL = 0.02
+"""Share of campaigns with nothing missing in which something may still be claimed."""
+MOST_EFFECTS = 3
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A model with its fit; `evidence` is in deviance, smaller is better."""
+
+    added: tuple[str, ...]
+    model: YawModel
+    fit: MixedFit
+    evidence: float
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round of the search: the scores, every candidate's full fit, and the threshold on the gain in evidence."""
+
+    before: Trial
+    scores: Scores
+    trials: tuple[Trial, ...]
+    threshold: float
+
+    def gain(self, trial: Trial) -> float:
+        """Evidence gained over the model that the round began with."""
+        return self.before.evidence - trial.evidence
+
+
+@dataclass(frozen=True)
+class Rival:
+    """An explanation that the runs cannot exclude: what it replaces, how far behind it is (deviance), its fit."""
+
+    replaces: str
+    name: str
+    behind: float
+    trial: Trial
+
+
+@dataclass(frozen=True)
+class Found:
+    """Outcome of a search: the study as judged, base and final model, rounds, p-value of each effect added, rivals.
+
+    `more` says that after MOST_EFFECTS effects another candidate would still beat chance.
+    """
+
+    study: Study
+    base: Trial
+    final: Trial
+    rounds: tuple[Round, ...]
+    p_values: dict[str, float]
+    rivals: tuple[Rival, ...]
+    more: bool = False
+
+    def weight(self, name: str) -> float:
+        """Weight of an effect of the final model against its rivals."""
+        others = sum(float(np.exp(-0.5 * rival.behind)) for rival in self.rivals if rival.replaces == name)
+        return 1.0 / (1.0 + others)

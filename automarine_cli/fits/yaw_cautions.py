@@ -1,0 +1,208 @@
+"""What a fit cannot know: parameters at a bound, never moved, hardly shown, tied to another or against physics, and
+campaigns that cannot tell them apart; each with the runs to add."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.output_error import OutputErrorFit
+from automarine_cli.fits.velocity_error import VelocityErrorFit
+
+CORRELATED = 0.95
+"""Correlation of two estimates from which on only a combination of them is known."""
+
+DILUTED = 0.04
+"""Scatter of the thrust from run to run from which on the least squares of Table 1 are biased by it."""
+
+UNMOVED = 1e-9
+"""Relative change from its start below which a parameter never moved."""
+
+INERTIA, DRAG = "I_r", ("k_rr", "k_r")
+EVERY = (INERTIA, *DRAG)
+
+REMEDY = {
+    "I_r": "add runs from rest, logged faster",
+    "k_rr": "add runs at larger moments, each held until the rate is steady",
+    "k_r": "add runs at smaller moments, each held until the rate is steady",
+}
+"""What shows a parameter."""
+
+
+@dataclass(frozen=True)
+class Caution:
+    """A sentence on `parameters` of one model ("" for every model): on drag it stands below Table 1, on inertia below
+    Table 2. `grave` is one that a person must hear of even where another model is preferred."""
+
+    model: str
+    parameters: tuple[str, ...]
+    sentence: str
+    grave: bool = False
+
+
+def fit_cautions(fits: Mapping[str, OutputErrorFit]) -> list[Caution]:
+    """What to know of the parameters of each maximum-likelihood fit."""
+    found = []
+    for number, fit in sorted(fits.items()):
+        if not fit.mixed.converged:
+            found.append(
+                Caution(
+                    number,
+                    EVERY,
+                    f"Model {number} had not converged after {fit.mixed.iterations} iterations; its numbers are rough.",
+                    grave=True,
+                )
+            )
+        for i, name in enumerate(fit.estimates):
+            stuck = _stuck(fit, i, name)
+            sentence = stuck or _negative(name, fit.estimates[name]) or _wide(name, fit.estimates[name])
+            if sentence:
+                found.append(Caution(number, (name,), f"Model {number}: {sentence}", grave=bool(stuck)))
+        found += _correlations(fit)
+    return found
+
+
+def _stuck(fit: OutputErrorFit, i: int, name: str) -> str:
+    """A parameter at its bound, or one that the runs never moved."""
+    if i in fit.mixed.at_bound:
+        return f"{name} stands at a bound of its range, so its interval says nothing; {REMEDY[name]}."
+    value, start = float(fit.mixed.theta[i]), float(fit.start[i])
+    if abs(value - start) <= UNMOVED * abs(start) or fit.covariance[i, i] <= 0.0:
+        return f"{name} never moved from its start, {value:.3g}: these runs do not show it; {REMEDY[name]}."
+    return ""
+
+
+def _negative(name: str, estimate: Estimate) -> str:
+    """A drag that drives the vehicle, or an inertia below zero."""
+    if estimate.value >= 0:
+        return ""
+    why = "a negative inertia" if name == INERTIA else "a drag that drives the vehicle"
+    low, high = estimate.ci95
+    told = f"{name} is {estimate.value:.3g} [{low:.3g}, {high:.3g}], {why}, which no vehicle has; "
+    if high >= 0:
+        return told + f"the interval holds zero: take a model without it, or {REMEDY[name]}."
+    return told + "something else acts on these runs: look for it with `automarine diagnose`."
+
+
+def _wide(name: str, estimate: Estimate) -> str:
+    low, high = estimate.ci95
+    if high - low <= abs(estimate.value):
+        return ""
+    return (
+        f"{name} is {estimate.value:.3g} [{low:.3g}, {high:.3g}], an interval wider than the value; these runs hardly "
+        f"show it: {REMEDY[name]}."
+    )
+
+
+def _correlations(fit: OutputErrorFit) -> list[Caution]:
+    """Pairs of parameters of which the runs show a combination only; two drags that are one take the inertia along,
+    and stand alone. By the likelihood's covariance: that of a few runs left out scatters by itself."""
+    names, found = list(fit.estimates), []
+    covariance = fit.mixed.covariance
+    deviation = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    for i in range(len(names)):
+        for j in range(i + 1, len(names)):
+            product = deviation[i] * deviation[j]
+            share = float(covariance[i, j] / product) if product > 0 else 0.0
+            if abs(share) > CORRELATED and not {i, j} & set(fit.mixed.at_bound):
+                pair = (names[i], names[j])
+                found.append(
+                    Caution(
+                        fit.number,
+                        pair,
+                        f"Model {fit.number}: {pair[0]} and {pair[1]} are correlated by {share:.3f}; "
+                        f"{_combination(pair, share)}",
+                    )
+                )
+    joint = [caution for caution in found if caution.parameters == DRAG]
+    return joint or found
+
+
+def _combination(pair: tuple[str, str], share: float) -> str:
+    """What of a correlated pair is known, and what would part them."""
+    if set(pair) == set(DRAG):
+        return (
+            "these runs show little but their joint drag: add runs at much smaller and much larger moments."
+        )
+    if share > 0:
+        return (
+            "their quotient is known far better than either, as where the thrust scatters from run to run: add runs, "
+            "or measure thrust or voltage."
+        )
+    return f"these runs hardly tell them apart: hold each moment until the rate is steady, and {REMEDY[pair[0]]}."
+
+
+def seed_cautions(seed: VelocityErrorFit, gain_scatter: float) -> list[Caution]:
+    """What to know of Tables 1 and 2 by the paper's method; `gain_scatter` is the maximum likelihood's."""
+    found = []
+    if gain_scatter > DILUTED:
+        found.append(
+            Caution(
+                "",
+                EVERY,
+                f"Thrust scatters by {100 * gain_scatter:.1f} % from run to run: least squares of the commanded moment "
+                "on the rate take it for drag that is too small, and their intervals do not know; trust the maximum "
+                "likelihood.",
+            )
+        )
+    for number, drag in sorted(seed.drag.items()):
+        for name in DRAG:
+            if number in ("1", "2", "3") and name in drag.estimates:
+                sentence = _negative(name, drag.estimates[name]) or _wide(name, drag.estimates[name])
+                if sentence:
+                    found.append(Caution(number, (name,), f"Least squares of model {number}: {sentence}"))
+    for number, table in sorted(seed.inertia.items()):
+        value, (low, high) = table.overall.value, table.overall.ci95
+        sentence = _negative(INERTIA, table.overall)
+        if not sentence and high - low > value:
+            sentence = (
+                f"I_r is {value:.3g} [{low:.3g}, {high:.3g}], an interval wider than the value; its means at each "
+                "moment differ, as where the model is wrong or the runs are few: add runs at each moment."
+            )
+        if sentence:
+            found.append(Caution(number, (INERTIA,), f"Velocity errors of model {number}: {sentence}"))
+    return found
+
+
+def design_cautions(levels: Sequence[float], unit: str, of_steps: bool) -> list[Caution]:
+    """What the moments of a campaign cannot show; `levels` are the moments commanded, `of_steps` one for each run."""
+    sides = {float(np.sign(level)) for level in levels if level}
+    sizes = sorted({round(abs(level), 9) for level in levels if level})
+    found = []
+    if len(sides) == 1:
+        here, there = ("starboard", "port") if sides == {1.0} else ("port", "starboard")
+        found.append(
+            Caution(
+                "",
+                EVERY,
+                f"Every run turns to {here}: a moment that always acts, or thrusters that push less one way, would go "
+                f"into inertia and drag unseen; add runs to {there} at the same moments.",
+            )
+        )
+    if len(sizes) == 1:
+        found.append(
+            Caution(
+                "",
+                DRAG,
+                f"Every run commands the same size of moment, {sizes[0]:g} {unit}: how drag grows with the rate shows "
+                f"only in how each turn begins; add runs at {0.5 * sizes[0]:.3g} and {2.0 * sizes[0]:.3g} {unit}, or "
+                "as much as the thrusters give.",
+            )
+        )
+    if of_steps and len(sizes) == 2:
+        found.append(
+            Caution(
+                "",
+                DRAG,
+                f"The runs command two sizes of moment, {sizes[0]:g} and {sizes[1]:g} {unit}: model 2 goes through any "
+                f"two, so Table 1 cannot tell how drag grows with the rate; add runs at "
+                f"{_third(sizes[0], sizes[1]):.3g} {unit}.",
+            )
+        )
+    return found
+
+
+def _third(low: float, high: float) -> float:
+    """A size of moment that two others leave out: between them if they are far apart, else half the smaller."""
+    return 0.5 * (low + high) if high > 2.0 * low else 0.5 * low

@@ -1,0 +1,93 @@
+"""The folders that a campaign's report is made from: what each step left, read and checked."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from automarine_cli.errors import OutputError
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
+from automarine_cli.pipeline.plain_data import read_plain
+
+RESULTS = {
+    "check": ("check.json", "automarine/check/", "a look at the logs"),
+    "thrusters": ("thrusters.json", "automarine/thruster-map/", "a thruster map"),
+    "yaw": ("yaw_model.json", "automarine/yaw-model/", "a yaw model"),
+    "validation": ("validation.json", "automarine/validation/", "a validation"),
+    "diagnosis": ("diagnosis.json", "automarine/diagnosis/", "a diagnosis"),
+}
+"""Folder of each step: its result file, how that file's schema begins, and what it is in words."""
+
+
+@dataclass(frozen=True)
+class StepResult:
+    """One step's folder: its result file and its manifest (None if there is none)."""
+
+    name: str
+    folder: Path
+    data: Mapping[str, Any]
+    manifest: Manifest | None
+
+    @property
+    def file(self) -> str:
+        """The result file, as messages name it."""
+        return f"{self.name}/{RESULTS[self.name][0]}"
+
+    def at(self, *keys: str | int) -> Any:
+        """A value in the result file. Raises OutputError with its place if it is not there."""
+        value: Any = self.data
+        for key in keys:
+            try:
+                value = value[key]
+            except (KeyError, IndexError, TypeError):
+                place = ".".join(str(one) for one in keys)
+                raise OutputError(
+                    f"{self.file}: {place} is missing; expected a file as automarine writes it. Run that step again"
+                ) from None
+        return value
+
+    def number(self, *keys: str | int) -> float:
+        """A number in the result file. Raises OutputError if it is none."""
+        value = self.at(*keys)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise OutputError(f"{self.file}: {'.'.join(map(str, keys))} is no number. Run that step again")
+        return float(value)
+
+    def estimate(self, *keys: str | int) -> Estimate:
+        """An estimate in the result file. Raises OutputError if it is none."""
+        low, high = (self.number(*keys, "ci95", i) for i in (0, 1))
+        return Estimate(
+            self.number(*keys, "value"),
+            self.number(*keys, "stderr"),
+            (low, high),
+            str(self.at(*keys, "unit")),
+        )
+
+    def text(self, name: str) -> str:
+        """A text file of the folder; empty if it is not there."""
+        path = self.folder / name
+        return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+
+
+def read_steps(folder: Path) -> dict[str, StepResult]:
+    """The steps that are there, by folder name in their order. Raises OutputError if there is none, or for a file
+    that automarine did not write so."""
+    found = {}
+    for name, (file, schema, _) in RESULTS.items():
+        path = folder / name / file
+        if not path.is_file():
+            continue
+        data = read_plain(path, "JSON", OutputError)
+        if not str(data.get("schema", "")).startswith(schema):
+            raise OutputError(f"{name}/{file}: schema is {data.get('schema')!r}; expected {schema}1")
+        manifest = path.with_name(MANIFEST)
+        found[name] = StepResult(
+            name, folder / name, data, read_manifest(manifest) if manifest.is_file() else None
+        )
+    if not found:
+        raise OutputError(
+            f"{folder}: none of the folders {', '.join(RESULTS)} with results is here; give a folder that "
+            "automarine run made, or write the results of single commands into folders of these names"
+        )
+    return found

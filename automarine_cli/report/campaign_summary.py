@@ -1,0 +1,125 @@
+"""A campaign in three sentences: what was identified, how well it predicts, what it lacks."""
+
+from collections.abc import Iterator, Mapping
+
+from automarine_cli.pipeline.words import listed
+from automarine_cli.report.campaign_steps import RESULTS, StepResult
+from automarine_cli.report.diagnosis_page import escape
+from automarine_cli.report.tables import interval, number
+
+Steps = Mapping[str, StepResult]
+
+LAWS = {"1": "drag k_r r", "2": "drag k_r|r| |r| r + k_r r", "3": "drag k_r|r| |r| r"}
+NAMES = {"k_rr": "k_r|r|", "k_r": "k_r", "I_r": "I_r"}
+
+
+def summary(steps: Steps) -> Iterator[str]:
+    """One paragraph of at most three sentences; nothing where there is only a look at the logs."""
+    said = [
+        sentence
+        for sentence in (
+            _identified(steps),
+            _predicts(steps.get("validation"), steps.get("yaw")),
+            _lacks(steps),
+        )
+        if sentence
+    ]
+    if said:
+        yield " ".join(said)
+
+
+def missing_sentence(steps: Steps) -> str:
+    """Which steps left nothing to report."""
+    missing = [words for name, (_, _, words) in RESULTS.items() if name not in steps]
+    return f"Not in this report, for want of results: {listed(missing)}." if missing else ""
+
+
+def _identified(steps: Steps) -> str:
+    parts = [_yaw(steps["yaw"])] if "yaw" in steps else []
+    parts += [_thrust(steps["thrusters"])] if "thrusters" in steps else []
+    said = "; ".join(part for part in parts if part)
+    return f"{said[:1].upper()}{said[1:]}." if said else ""
+
+
+def _yaw(step: StepResult) -> str:
+    model = str(step.at("preferred"))
+    found = [
+        f"**{name} = {escape(interval(estimate))}** {estimate.unit}"
+        for key, name in NAMES.items()
+        if key in step.at("models", model)
+        for estimate in [step.estimate("models", model, key)]
+    ]
+    runs = step.at("runs", "used")
+    return f"model {escape(model)} ({LAWS.get(model, 'drag')}) serves best on {runs} runs, with {' and '.join(found)}"
+
+
+def _thrust(step: StepResult) -> str:
+    sides = []
+    for key, side in (("forward", "ahead"), ("backward", "astern")):
+        if step.at(key, "a") is not None:
+            sides.append(f"{number(step.number(key, 'a', 'value'))} {side}")
+    form = str(step.at("form"))
+    also = "" if form == "square" else f" (better told by the form {escape(form)})"
+    return f"one thruster gives F = a |n| n{also} with a = {' and '.join(sides)} N/n²" if sides else ""
+
+
+def _predicts(step: StepResult | None, fitted: StepResult | None) -> str:
+    if step is None:
+        return ""
+    best, used = str(step.at("best")), step.at("runs", "used")
+    score = step.at("models", best)
+    if score.get("rmse_deg") is None:
+        return f"On {used} runs of validation every model runs away."
+    runs = f"{used} run{'s' * (used != 1)}{_seen(step, fitted)}"
+    again = score.get("restarted_rmse_deg")
+    restarted = f", by {number(again, 3)} degrees when restarted within them" if again is not None else ""
+    return (
+        f"Driven by the commands of {runs}, model {escape(best)} misses the heading by **{_bracketed(step, best)}** "
+        f"degrees rms over whole runs{restarted}, where the noise is {number(step.number('noise_floor_deg'), 3)}."
+    )
+
+
+def _bracketed(step: StepResult, model: str) -> str:
+    """The free-run error with its interval over runs, where there is one."""
+    value = number(step.number("models", model, "rmse_deg"), 3)
+    ends = step.at("models", model).get("rmse_deg_ci95")
+    return f"{value} \\[{number(ends[0], 3)}, {number(ends[1], 3)}\\]" if ends else value
+
+
+def _seen(step: StepResult, fitted: StepResult | None) -> str:
+    """Whether the logs of the validation had been fitted, by their content."""
+    if fitted is None or fitted.manifest is None or step.manifest is None:
+        return ""
+    known = {entry.sha256 for entry in fitted.manifest.inputs if entry.role == "log"}
+    again = [entry for entry in step.manifest.inputs if entry.role == "log" and entry.sha256 in known]
+    return f" ({len(again)} of the logs had been fitted)" if again else " that were not fitted"
+
+
+def _lacks(steps: Steps) -> str:
+    if (step := steps.get("diagnosis")) is None:
+        return ""
+    unit, words = ("deg", "degrees") if "before_deg" in step.at("gap", "fitted_runs") else ("N", "newtons")
+
+    def gap(runs: str) -> list[str]:
+        values = (step.number("gap", runs, f"{name}_{unit}") for name in ("before", "after", "noise_floor"))
+        return [f"{value:.2f}" if unit == "deg" else number(value, 3) for value in values]
+
+    before, after, noise = gap("fitted_runs")
+    verdict = str(step.at("verdict"))
+    if verdict == "nothing-missing":
+        return (
+            f"Nothing is missing that these runs could show: the gap is {before} {words}, the noise {noise}."
+        )
+    if verdict == "unexplained":
+        return (
+            f"Something is missing that no effect of the library explains: the gap is {after} {words}, the noise "
+            f"{noise}."
+        )
+    names = " and ".join(f"**{escape(str(effect['name']))}**" for effect in step.at("effects"))
+    held = ""
+    if step.at("gap", "held_out_runs"):
+        held = " (from {} to {} on what was held out)".format(*gap("held_out_runs"))
+    return (
+        f"The model lacks {names}: with it the gap falls from {before} to {after} {words}{held}, where the noise is "
+        f"{noise}."
+    )

@@ -1,0 +1,143 @@
+"""The Markdown that our own files are written in, as HTML: headings, paragraphs, lists, tables, pictures, code.
+
+A subset on purpose. Every letter of text is escaped, so nothing that came from a file can become markup;
+the only tags let through are the lines of `FOLDS`, which fold a part of a page away.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from html import escape, unescape
+
+Picture = Callable[[str, str], str]
+"""HTML of the picture at a place (relative, as written), told in words by the other argument."""
+
+FOLDS = re.compile(r"<details><summary>(.*)</summary>|</details>")
+PICTURE = re.compile(r"!\[((?:\\.|[^\]\\])*)\]\(([^()\s]+)\)")
+LINK = re.compile(r"(?<!\\)\[((?:\\.|[^\]\\])*)\]\((#[\w-]+)\)")
+HEADING = re.compile(r"(#{1,6}) +(.+)")
+TOKEN = re.compile(r"(?<!\\)`([^`]*)`|(?<!\\)\*\*((?:\\.|[^*\\])+)\*\*|(\\[!-/:-@\[-`{-~])")
+SYMBOL = re.compile(r"(?<![\w-])(k_r\|r\||k_rr|k_r|I_r|a_f|a_b|n_0|n_sat|T_w)(?![\w|])")
+
+GROUP = re.compile(r", 95 %|, maximum likelihood|^mean at ")
+"""Labels in Tables 1 and 2 that begin another group of rows: Markdown has no form for the rule above them."""
+LONG = 36  # letters from which on a cell may be broken
+
+
+@dataclass
+class Page:
+    """HTML of a document, and its headings: level, id, words."""
+
+    html: str
+    headings: list[tuple[int, str, str]] = field(default_factory=list)
+
+
+def to_html(text: str, picture: Picture) -> Page:
+    """The document as HTML, its headings with ids to link to."""
+    page = Page("")
+    page.html = "\n".join(_blocks(text.splitlines(), picture, page.headings))
+    return page
+
+
+def plain(text: str) -> str:
+    """Markdown of a line as the words alone."""
+    return unescape(re.sub(r"\\([!-/:-@\[-`{-~])|\*\*|(?<!\\)`", lambda found: found[1] or "", text))
+
+
+def slug(words: str, taken: Sequence[str]) -> str:
+    """An id for a heading: its words in small letters, with a number where they come again."""
+    stem = re.sub(r"[^a-z0-9]+", "-", words.lower()).strip("-") or "part"
+    return next(name for n in range(1, 10_000) if (name := stem if n == 1 else f"{stem}-{n}") not in taken)
+
+
+def _blocks(lines: Sequence[str], picture: Picture, headings: list[tuple[int, str, str]]) -> Iterator[str]:
+    i = 0
+    while i < len(lines):
+        line = lines[i].strip()
+        block = [line]
+        if line.startswith(("|", "- ")):
+            mark = line[:1]
+            while i + len(block) < len(lines) and lines[i + len(block)].strip().startswith(mark):
+                block.append(lines[i + len(block)].strip())
+        i += len(block)
+        if line:
+            yield _block(block, picture, headings)
+
+
+def _block(block: Sequence[str], picture: Picture, headings: list[tuple[int, str, str]]) -> str:
+    line = block[0]
+    if line.startswith("|") and len(block) > 1:
+        return _table(block)
+    if line.startswith("- "):
+        return "<ul>" + "".join(f"<li>{words(item[2:])}</li>" for item in block) + "</ul>"
+    if found := HEADING.fullmatch(line):
+        level, said = len(found[1]), plain(found[2])
+        name = slug(said, [one for _, one, _ in headings])
+        headings.append((level, name, said))
+        anchor = f'<a class="anchor" href="#{name}" aria-label="Link to: {escape(said)}">#</a>'
+        return f'<h{level} id="{name}">{words(found[2])} {anchor}</h{level}>'
+    if found := FOLDS.fullmatch(line):
+        return f"<details><summary>{words(found[1])}</summary>" if found[1] is not None else "</details>"
+    if found := PICTURE.fullmatch(line):
+        return picture(found[2], plain(found[1]))
+    return f"<p>{words(line)}</p>"
+
+
+def words(text: str) -> str:
+    """Text of one line with code, bold, links inside the page and symbols with their index below."""
+    parts, at = [], 0
+    for found in LINK.finditer(text):
+        parts += [_spans(text[at : found.start()]), f'<a href="{found[2]}">{_spans(found[1])}</a>']
+        at = found.end()
+    return "".join([*parts, _spans(text[at:])])
+
+
+def _spans(text: str) -> str:
+    parts, at, run = [], 0, ""
+    for found in TOKEN.finditer(text):
+        run += unescape(text[at : found.start()])
+        at = found.end()
+        if found[3]:
+            run += found[3][1]
+            continue
+        parts.append(_symbols(run))
+        run = ""
+        parts.append(
+            f"<code>{escape(found[1])}</code>"
+            if found[1] is not None
+            else f"<strong>{_spans(found[2])}</strong>"
+        )
+    return "".join([*parts, _symbols(run + unescape(text[at:]))])
+
+
+def _symbols(text: str) -> str:
+    """Escaped text in which k_r|r| stands as in print."""
+    return SYMBOL.sub(lambda found: "<var>{}</var><sub>{}</sub>".format(*found[1].split("_")), escape(text))
+
+
+def _table(block: Sequence[str]) -> str:
+    head, sides, *rows = (_cells(line) for line in block)
+    right = [side.endswith(":") for side in sides] + [False] * len(head)
+
+    def row(cells: Sequence[str], head: bool, rule: bool = False) -> str:
+        made = []
+        for i, cell in enumerate(cells):
+            tag, scope = ("th", ' scope="col"') if head else ("th", ' scope="row"') if i == 0 else ("td", "")
+            kind = ' class="n"' if right[i] else ' class="long"' if len(cell) > LONG else ""
+            made.append(f"<{tag}{scope}{kind}>{words(cell)}</{tag}>")
+        return f"<tr{' class=rule' if rule else ''}>{''.join(made)}</tr>"
+
+    body, group = [], ""
+    for cells in rows:
+        now = found[0] if (found := GROUP.search(cells[0])) else group
+        body.append(row(cells, False, now != group))
+        group = now
+    return (
+        '<div class="table"><div class="scroll" tabindex="0" role="region" aria-label="Table">'
+        f"<table><thead>{row(head, True)}</thead><tbody>{''.join(body)}</tbody></table></div></div>"
+    )
+
+
+def _cells(line: str) -> list[str]:
+    """Cells of a row, split at bars without a backslash."""
+    return [cell.strip() for cell in re.split(r"(?<!\\)\|", line)][1:-1]

@@ -1,0 +1,58 @@
+"""`report`: what the steps of a campaign left, as one page and as Markdown."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from automarine_cli.errors import OutputError
+from automarine_cli.pipeline import staging
+from automarine_cli.report.campaign_page import document
+from automarine_cli.report.campaign_steps import RESULTS, read_steps
+from automarine_cli.report.html.page import page
+
+SCHEMA = "automarine/report/1"
+TITLE = "Yaw identification"
+FILES = ("report.html", "report.md")
+
+
+@dataclass(frozen=True)
+class Report:
+    """The report's files in memory, and the steps that it tells of."""
+
+    files: dict[str, str]
+    steps: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """What is in it: schema automarine/report/1."""
+        missing = [name for name in RESULTS if name not in self.steps]
+        return {"schema": SCHEMA, "files": list(self.files), "steps": list(self.steps), "missing": missing}
+
+
+def report_files(folder: Path, *, title: str = TITLE) -> dict[str, str]:
+    """`report.html` and `report.md` of a campaign's folder, from its step folders alone.
+
+    Steps without results are left out, and the report says so. Raises OutputError if there is none at all.
+    """
+    return _made(folder, title).files
+
+
+def report(folder: Path, *, title: str = TITLE, overwrite: bool = False) -> Report:
+    """Write the report of a campaign's folder beside its step folders. Raises OutputError, also for reports that
+    are there already unless `overwrite`."""
+    there = [name for name in FILES if (folder / name).exists()]
+    if there and not overwrite:
+        raise OutputError(f"{folder} already holds {there[0]}; give --overwrite to replace it")
+    made = _made(folder, title)
+    with staging.one_sentence(folder):
+        for name, text in made.files.items():
+            new = folder / f".{name}.automarine-new"
+            new.unlink(missing_ok=True)
+            staging.write(new, text.encode(), through=True)
+            new.replace(folder / name)
+    return made
+
+
+def _made(folder: Path, title: str) -> Report:
+    steps = read_steps(folder)
+    text = document(steps, title)
+    return Report({"report.html": page(text, folder, title), "report.md": text}, tuple(steps))
