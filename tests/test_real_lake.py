@@ -6,10 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from automarine_cli.comparison.residuals import free_runs
+from automarine_cli.comparison.restart import find_restarts, restarted_errors
+from automarine_cli.diagnosis.diagnose import diagnose_runs
+from automarine_cli.diagnosis.study import study_of
 from automarine_cli.fits.output_error import fit_whole_runs
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.logs import read_column_map
+from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.load import load_runs
+from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
 from automarine_cli.workflows.fit_yaw import fit_yaw
@@ -31,6 +37,8 @@ heading_deg = { from = "heading_deg", unit = "deg", sign = -1 }
 n_port = "port_cmd"
 n_stbd = "stbd_cmd"
 """
+WITH_SURGE = f'{NOMINAL}surge_m_s = "speed_mps"\n'
+FITTED, LEFT_OUT = ("01", "05", "15", "21", "25"), ("03", "11", "19", "23", "29")
 TWO_TOGETHER = """
 [columns]
 n = "cmd"
@@ -57,7 +65,7 @@ def nominal(tmp_path_factory: pytest.TempPathFactory) -> YawFit:
 
 def test_all_ten_runs_are_fitted_whole(nominal: YawFit) -> None:
     content = nominal.to_json()
-    assert content["fitted_to"] == "whole runs" and nominal.used == 10 and not nominal.set_aside
+    assert content["fitted_to"] == "whole runs" and nominal.used == 10
     assert nominal.seed_method is None and nominal.why_no_seed_method.startswith("0 of 10 runs")
 
 
@@ -74,7 +82,7 @@ def test_drag_and_inertia_are_positive_and_of_the_size_of_a_small_boat(nominal: 
 def test_the_model_follows_the_measured_headings(nominal: YawFit) -> None:
     assert nominal.preference.number in ("1", "2")
     scatter = nominal.preferred.gain_scatter
-    assert 0.03 < scatter.value < 0.3
+    assert 0.03 < scatter.value <= 0.3
 
 
 def test_the_delay_of_the_thrusters_is_warned_of(nominal: YawFit) -> None:
@@ -83,9 +91,12 @@ def test_the_delay_of_the_thrusters_is_warned_of(nominal: YawFit) -> None:
     )
 
 
-def test_the_run_whose_compass_jumps_is_named(nominal: YawFit) -> None:
-    """run_11 jumps by 51 degrees within a sample at 1.4 s, and by 20 at 6.4 s."""
-    assert any(warning.startswith("run_11 alone moves I_r of model") for warning in nominal.warnings)
+def test_the_run_whose_heading_jumps_is_split(nominal: YawFit) -> None:
+    """run_11 jumps by 48 degrees within a sample at 1.4 s, surge speed with it, and by 21 at 6.3 s; left in, the jumps
+    moved the inertia by 40 %."""
+    assert [aside.run for aside in nominal.set_aside] == ["run_11.1", "run_11.2"]
+    assert all("jump of the heading" in aside.why for aside in nominal.set_aside)
+    assert not any(warning.startswith("run_11") for warning in nominal.warnings)
 
 
 def test_commands_through_our_own_bollard_map_agree(nominal: YawFit, tmp_path: Path) -> None:
@@ -97,3 +108,48 @@ def test_commands_through_our_own_bollard_map_agree(nominal: YawFit, tmp_path: P
     fit = fit_whole_runs(make_batch(runs, 0.1), "1", np.zeros(len(runs), dtype=bool))
     for name, estimate in fit.estimates.items():
         assert estimate.value == pytest.approx(nominal.output_error["1"].estimates[name].value, rel=0.25)
+
+
+@pytest.fixture(scope="module")
+def halves(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Run], list[Run]]:
+    """Half of the runs to fit, the others to hold out, with the surge speed that the logs have."""
+    columns = read_column_map(column_map(tmp_path_factory.mktemp("halves"), WITH_SURGE))
+    fitted, kept = ([str(LAKE / f"run_{n}.csv") for n in half] for half in (FITTED, LEFT_OUT))
+    return list(load_runs(fitted, columns).runs), list(load_runs(kept, columns).runs)
+
+
+def restarted(model: YawModel, runs: list[Run]) -> float:
+    """Heading error [deg] over windows of 15 s, each begun from the measured state."""
+    restarts = [find_restarts(run) for run in runs]
+    assert {one.rule for one in restarts} == {"every 15 s, because the moment changes all the time"}
+    errors = np.concatenate(list(restarted_errors(model, list(free_runs(model, runs)), restarts)))
+    return float(np.degrees(np.sqrt(np.mean(errors**2))))
+
+
+def test_delay_and_surge_halve_the_error_on_runs_left_out(halves: tuple[list[Run], list[Run]]) -> None:
+    """What is known of the boat: a delay of 0.4 to 0.6 s; and the faster it goes the more its hulls resist a turn."""
+    study = study_of(halves[0], YawModel.base("1", 25.0, [15.0], "N m"))
+    assert study.disturbed
+    base = study.fit(study.base)
+    model = study.base.with_theta(base.theta[:-1]).with_effect("input-delay", [0.5])
+    model = model.with_effect("cross-coupling", [-10.0])
+    fit = study.fit(model, np.append(model.theta, 0.0), base)
+    found = model.with_theta(fit.theta[:-1])
+    values = dict(zip(found.parameter_names, found.theta))
+    assert 0.4 < values["t_d"] < 0.7 and values["c"] < -10.0
+    assert fit.predictive.sum() > base.predictive.sum() + 100.0
+    before, after = (restarted(m, halves[1]) for m in (study.base.with_theta(base.theta[:-1]), found))
+    assert after < 0.7 * before
+
+
+@pytest.mark.skipif("AUTOMARINE_SLOW" not in os.environ, reason="some minutes; AUTOMARINE_SLOW=1 runs it")
+def test_a_diagnosis_names_the_delay_and_the_gap_on_runs_left_out_shrinks(
+    halves: tuple[list[Run], list[Run]],
+) -> None:
+    found = diagnose_runs(halves[0], YawModel.base("1", 25.0, [15.0], "N m"), hold_out=halves[1])
+    assert found.verdict == "named" and found.held_out_gap is not None
+    named = {effect.name for effect in found.effects}
+    assert named & {"input-delay", "thruster-lag", "dead-band", "cross-coupling"}
+    assert found.held_out_gap.after < found.held_out_gap.before
+    base, final = found.found.base.model, found.found.final.model
+    assert restarted(final, halves[1]) < restarted(base, halves[1])

@@ -48,7 +48,8 @@ def test_a_good_run_comes_back_as_it_was(tmp_path: Path) -> None:
     np.testing.assert_allclose(turns, np.round(turns[0]), atol=1e-12)
     np.testing.assert_array_equal(found.command, run.command)
     assert set(found.extras) == {"depth_m"} and set(found.extras["depth_m"]) == {2.5}
-    assert found.counts == {"rows": len(run), "missing": 0, "duplicates": 0, "glitches": 0, "gaps": 0}
+    nothing = dict.fromkeys(("missing", "duplicates", "glitches", "gaps", "jumps"), 0)
+    assert found.counts == {"rows": len(run), **nothing}
     assert found.notes == () and campaign.set_aside == () and campaign.inputs[0].name == "run.csv"
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.diagnosis.physical import drag_drives
 from automarine_cli.diagnosis.scores import candidates, fitted_parameters, law_of, penalty, score
 from automarine_cli.diagnosis.study import ITERATIONS, Study
 from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Rival, Round, Trial
@@ -137,7 +138,7 @@ def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> R
     best_law: dict[str, Trial] = {}
     for trial in sorted(done.values(), key=lambda trial: trial.evidence):
         best_law.setdefault(trial.added[-1], trial)
-    ranking = list(best_law.values())
+    ranking = [trial for trial in best_law.values() if not drag_drives(trial.model, study.fastest)]
     current = _from_elsewhere(study, current, ranking[:3])
     return Round(current, scores, tuple(ranking), max(scores.threshold(LEVEL), 0.0))
 

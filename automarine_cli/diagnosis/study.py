@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
+from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed
+from automarine_cli.fits.output_error import run_covariance
 from automarine_cli.fits.step_response import MOST_OFFSET
 from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
 from automarine_cli.models.yaw_model import YawModel
@@ -58,6 +60,16 @@ class Study:
         """Largest |moment| of the runs."""
         return float(np.abs(self.batch.moment).max())
 
+    @cached_property
+    def fastest(self) -> float:
+        """Largest |yaw rate| of the runs [rad/s], each as the mean over a second."""
+        found = 0.0
+        for run in self.runs:
+            grid = np.arange(run.time[0], run.time[-1], 1.0)
+            turned = np.abs(np.diff(np.interp(grid, run.time, run.heading)))
+            found = max(found, float(turned.max(initial=0.0)))
+        return found
+
     def reference(self, kind: str) -> float:
         """Value of a parameter that the logs fix (see `effects.Parameter.reference`)."""
         if kind == "moment":
@@ -88,6 +100,8 @@ class Study:
         within = not self.disturbed
         problem = whole_run_problem(model, self.batch, self.at_rest, within)
         most = MOST_OFFSET if within else 0.5
+        if self.disturbed and any(term.name == "input-delay" for term in model.terms):
+            most = 0.0  # an offset common to all changes of command is the same delay
         bounds, positive = [(0.0, np.inf)], [True]
         main = "k_rr" if any(term.name == "quadratic-drag" for term in self.base.terms) else "k_r"
         for i, term in enumerate(model.terms):
@@ -98,13 +112,17 @@ class Study:
                 lower = max(parameter.lower, logger)
                 slow = self.slowest if parameter.scan and effect.varies(term.values) else np.inf
                 bounds.append((value, value) if fixed else (lower, min(parameter.upper, slow)))
-                positive.append(parameter.log or (own and parameter.name == main))
+                # In open water another effect may take over all of the drag: searched on the logarithm it would only
+                # creep towards nothing.
+                drag = own and parameter.name == main and not self.disturbed
+                positive.append(parameter.log or drag)
         scale = problem.effects.scale.copy()
+        edges = self.batch.interval.shape[1]
         if not self.disturbed:
-            gusts = 3 + self.batch.interval.shape[1]
-            scale[:, gusts : gusts + self.batch.windows] = 0.0
+            scale[:, 3 + edges : 3 + edges + self.batch.windows] = 0.0
         else:
-            scale[:, 2] = 0.0
+            # Neither gains nor shifts: a delay of the vehicle is what is looked for.
+            scale[:, 2 : 3 + edges] = 0.0
         return replace(
             problem,
             effects=replace(problem.effects, scale=scale),
@@ -137,6 +155,24 @@ class Study:
             problem, start, noise=near.noise, factors=factors, run_effects=fitted_to(problem, near.run_effects),
             iterations=iterations, settled=SETTLED,
         )  # fmt: skip
+
+    @cached_property
+    def _covariances(self) -> dict[int, tuple[MixedFit, Floats]]:
+        return {}
+
+    def covariance(self, model: YawModel, fit: MixedFit) -> Floats:
+        """Covariance of a fit's phi with the run as the unit, (p, p); worked out once a fit.
+
+        In a pool it is exact where instants are confined to their sample intervals; in open water, where every window
+        of every run has a disturbance of its own, the linearised jackknife.
+        """
+        if id(fit) not in self._covariances:
+            try:
+                found = run_covariance(fit, None if self.disturbed else self.problem(model))
+            except (FitError, np.linalg.LinAlgError):
+                found = run_covariance(fit)
+            self._covariances[id(fit)] = (fit, found)  # the fit is kept, or another could have its id
+        return self._covariances[id(fit)][1]
 
     def told(self, model: YawModel, fit: MixedFit) -> YawModel:
         """The fitted model; effects that vary from run to run tell the amplitude that the runs' own share."""
@@ -182,7 +218,8 @@ def run_effects_given(
     def costs(fitted: Floats, b: Floats) -> Floats:
         residual = np.where(problem.seen, problem.measured - fitted, 0.0)
         penalty = np.divide(b, scale, out=np.zeros_like(b), where=scale > 0) ** 2
-        return np.asarray((residual**2).sum(axis=-1) / np.exp(2.0 * variances[0]) + penalty.sum(axis=-1))
+        found = (residual**2).sum(axis=-1) / np.exp(2.0 * variances[0]) + penalty.sum(axis=-1)
+        return np.where(np.isfinite(found), found, np.inf)
 
     b = np.zeros_like(problem.effects.scale)
     fitted, by_phi, by_run = derivatives(problem, phi, b)

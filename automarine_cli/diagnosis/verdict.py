@@ -13,7 +13,7 @@ from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Trial
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.fits.output_error import run_covariance
+from automarine_cli.fits.output_error import estimate_of
 from automarine_cli.fits.whole_runs import varying_terms
 
 Floats = NDArray[np.float64]
@@ -111,15 +111,13 @@ def hangs_together(study: Study, trial: Trial) -> bool:
 
 def parameter_estimates(study: Study, trial: Trial, name: str) -> dict[str, Estimate]:
     """Estimates of one effect's parameters with the run as the unit."""
-    covariance = run_covariance(trial.fit)
-    dof = max(len(study.runs) - 1, 1)
+    covariance = study.covariance(trial.model, trial.fit)
     at, found = 1, {}
     for term in trial.model.terms:
-        for parameter, value in zip(effects.get(term.name).parameters, term.values):
+        for parameter in effects.get(term.name).parameters:
             if term.name == name:
-                stderr = float(np.sqrt(max(covariance[at, at], 0.0)))
-                form = Estimate.from_log if trial.fit.positive[at] else Estimate.from_stderr
-                found[parameter.name] = form(value, stderr, dof, parameter.unit_for(trial.model.moment_unit))
+                unit = parameter.unit_for(trial.model.moment_unit)
+                found[parameter.name] = estimate_of(trial.fit, covariance, at, unit)
             at += 1
     for i, varying in enumerate(varying_terms(trial.model)):
         if varying == name:
@@ -137,12 +135,8 @@ def _amplitude(study: Study, trial: Trial, factor: int) -> Estimate:
 
 def base_estimates(study: Study, trial: Trial) -> dict[str, Estimate]:
     """Estimates of inertia and the base model's drag."""
-    covariance = run_covariance(trial.fit)
-    dof = max(len(study.runs) - 1, 1)
-    unit = trial.model.moment_unit
-    found = {
-        "I_r": Estimate.from_log(trial.fit.theta[0], float(np.sqrt(covariance[0, 0])), dof, f"{unit} s²")
-    }
+    covariance = study.covariance(trial.model, trial.fit)
+    found = {"I_r": estimate_of(trial.fit, covariance, 0, f"{trial.model.moment_unit} s²")}
     for term in study.base.terms:
         found |= parameter_estimates(study, trial, term.name)
     return found

@@ -43,6 +43,10 @@ SETTLED = 1e-2
 MOST_FOLLOWING = 5
 """How often the run effects may be fitted again before a trial step is given up."""
 
+TRIFLE = 1e-2
+"""Gain in the sum of squares (of standard deviations) that is not worth a step that had to be cut short: the response
+has a kink there, as that to a delay has where it is a whole number of steps."""
+
 BOLDEST = 1.0
 """Largest change of the logarithm of a positive parameter in one step."""
 
@@ -96,7 +100,7 @@ def fit_mixed(
             point,
             _line_search(problem, variances, point, new_phi, point.b + share * (new_b - point.b)),
         )
-        stuck = point is old
+        stuck = point is old or _stands(problem, variances, old, point, new_phi)
     return _report(problem, point, variances, bounds, step, converged)
 
 
@@ -124,10 +128,13 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
     effects = np.tile(b, (1 + p + q, 1, 1))
     sets[np.arange(1, 1 + p), np.arange(p)] += step
     effects[np.arange(1 + p, 1 + p + q), :, free] += RUN_STEP
-    out = np.where(problem.seen, problem.response(problem.natural(sets), effects), 0.0)
-    by_run = np.zeros((b.shape[1], *out.shape[1:]))
-    by_run[free] = (out[1 + p :] - out[0]) / RUN_STEP
-    by_phi = (out[1 : 1 + p] - out[0]) / step[:, None, None]
+    by_run = np.zeros((b.shape[1], *b.shape[:1], problem.seen.shape[1]))
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # parameters that no vehicle has: `weigh` sees the infinity
+        out = np.where(problem.seen, problem.response(problem.natural(sets), effects), 0.0)
+        by_run[free] = (out[1 + p :] - out[0]) / RUN_STEP
+        by_phi = (out[1 : 1 + p] - out[0]) / step[:, None, None]
     return out[0], np.moveaxis(by_phi, 0, 2), np.moveaxis(by_run, 0, 2)
 
 
@@ -169,6 +176,15 @@ def _line_search(problem: Problem, variances: Floats, here: _Point, new_phi: Flo
             return trial
         share /= 2.0
     return here
+
+
+def _stands(problem: Problem, variances: Floats, old: _Point, new: _Point, wanted: Floats) -> bool:
+    """Whether the search stands: a step cut to a quarter of the one allowed, or less, gained a trifle."""
+    asked = wanted - old.phi
+    allowed = min(1.0, BOLDEST / max(float(np.abs(asked)[problem.positive].max(initial=0.0)), 1e-300))
+    if np.abs(new.phi - old.phi).max() > 0.25 * allowed * np.abs(asked).max():
+        return False
+    return _penalised(problem, variances, old) - _penalised(problem, variances, new) < TRIFLE
 
 
 def _followed(problem: Problem, variances: Floats, phi: Floats, b: Floats, limit: float) -> _Point | None:

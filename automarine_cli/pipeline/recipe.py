@@ -91,6 +91,11 @@ def toml_text(mapping: Mapping[str, Any], prefix: str = "") -> str:
     return "".join(values + tables)
 
 
+def toml_line(key: str, value: object) -> str:
+    """`key = value` on one line, a table as an inline one."""
+    return f"{_toml_key(key)} = {_toml_value(value)}"
+
+
 def _key(field: "dataclasses.Field[Any]") -> str:
     return field.name.rstrip("_")
 

@@ -129,8 +129,8 @@ def _why(diagnosis: Diagnosis, key: NamingKey) -> str:
         "", ("candidate added to the base model", "evidence gained [deviance]"),
         tuple((trial.added[-1], number(first.gain(trial), 3)) for trial in best),
         notes=(
-            f"Chance reaches {number(first.threshold, 2)} in {100 * LEVEL:.0f} of 100 campaigns. Every candidate was fitted together "
-            "with the base model by simulating whole runs.",
+            f"Chance reaches {number(first.threshold, 2)} in {100 * LEVEL:.0f} of 100 campaigns. "
+            "Every candidate was fitted together with the base model by simulating whole runs.",
         ),
     )  # fmt: skip
     said = [_drift(key.best("k"), "drag"), _drift(key.best("I/k"), "inertia over drag")]

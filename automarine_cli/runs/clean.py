@@ -9,15 +9,17 @@ from numpy.typing import NDArray
 
 from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
+from automarine_cli.runs.jumps import find_jumps
 from automarine_cli.runs.noise import median
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.sense import LARGEST_HEADING, clock_trouble, command_trouble, heading_trouble, stuck
-from automarine_cli.runs.unwrap import find_glitches, unwrap
+from automarine_cli.runs.unwrap import find_glitches, unwrap, wrapped
 
 Floats = NDArray[np.float64]
 GAP_IN_PERIODS = 3.0 + 1e-6  # more than three periods, clocks being rounded
 COARSE = 0.2  # of the rows: more repeated stamps than this are no accident
-COUNTS = ("rows", "missing", "duplicates", "glitches", "gaps")
+COUNTS = ("rows", "missing", "duplicates", "glitches", "gaps", "jumps")
+SHORTEST_PART = 5.0  # s; what is left between two jumps has to be worth fitting a start of its own
 
 
 class NotUsable(RunError):
@@ -122,30 +124,49 @@ def _any_command(run: Run) -> Floats:
 
 
 def _bridged(run: Run) -> tuple[Run, ...]:
-    """Unwrap the heading; gaps that can be bridged are flagged, at the others the run is split."""
+    """Unwrap the heading; gaps that can be bridged are flagged, at the others and at jumps the run is split."""
     steps = np.diff(run.time)
     gaps = np.flatnonzero(steps > GAP_IN_PERIODS * median(steps))
+    jumps = np.setdiff1d(find_jumps(run.time, run.heading), gaps)
+    sizes = np.rad2deg(np.abs(wrapped(np.diff(run.heading)[jumps])))
     result = unwrap(run.time, run.heading, gaps)
     run = replace(run, heading=result.heading)
     widest = f"{steps[gaps].max():.3g} s" if gaps.size else ""
-    if not result.broken_after:
-        note = (
-            f"{gaps.size} gap{'s' * (gaps.size > 1)} of up to {widest}, bridged by the rates beside them",
+    notes = run.notes
+    if jumps.size:
+        notes += (
+            f"split at {_counted(len(jumps), 'jump')} of up to {sizes.max():.0f} degrees from one sample to the next, "
+            "which no vehicle makes: samples are missing there, or the compass slipped",
         )
-        return (
-            replace(
-                run, counts={**run.counts, "gaps": int(gaps.size)}, notes=run.notes + note * bool(gaps.size)
-            ),
+    if result.broken_after:
+        notes += (
+            f"split at {_counted(len(result.broken_after), 'gap')} of up to {widest}, "
+            "across which the heading cannot be followed",
         )
-    edges = [0, *(i + 1 for i in result.broken_after), len(run)]
-    note = (
-        f"split at {len(result.broken_after)} gap{'s' * (len(result.broken_after) > 1)} of up to {widest}, "
-        "across which the heading cannot be followed",
-    )
+    elif gaps.size:
+        notes += (f"{_counted(gaps.size, 'gap')} of up to {widest}, bridged by the rates beside them",)
+    edges = [0, *(int(i) + 1 for i in sorted({*result.broken_after, *jumps})), len(run)]
+    if len(edges) == 2:
+        return (replace(run, counts={**run.counts, "gaps": int(gaps.size)}, notes=notes),)
     parts = []
     for number, (start, stop) in enumerate(pairwise(edges), 1):
         part = run.cut(start, stop)
         inner = int(((gaps >= start) & (gaps < stop - 1)).sum())
         counts = {**(run.counts if number == 1 else dict.fromkeys(COUNTS, 0)), "gaps": inner}
-        parts.append(replace(part, name=f"{run.name}.{number}", counts=counts, notes=run.notes + note))
+        counts["jumps"] = int((start - 1 in jumps) + (stop - 1 in jumps))
+        parts.append(replace(part, name=f"{run.name}.{number}", counts=counts, notes=notes))
     return tuple(parts)
+
+
+def too_short(part: Run) -> str | None:
+    """Why a part of a run that was split at a jump does not serve, or None."""
+    length = float(part.time[-1] - part.time[0])
+    if not part.counts["jumps"] or length >= SHORTEST_PART:
+        return None
+    return (
+        f"only {length:.2g} s are left beside a jump of the heading; at least {SHORTEST_PART:g} s are needed"
+    )
+
+
+def _counted(number: int, thing: str) -> str:
+    return f"{number} {thing}{'s' * (number != 1)}"

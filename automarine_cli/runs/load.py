@@ -16,7 +16,7 @@ from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_lo
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.runs.clean import NotUsable, clean
+from automarine_cli.runs.clean import NotUsable, clean, too_short
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.sense import clock_trouble
 
@@ -132,7 +132,7 @@ def runs_of_table(table: LogTable, file: LogFile) -> tuple[list[Run], list[SetAs
             aside.append(SetAside(file.name, name, _without_source(str(error), file.name)))
             continue
         for part in parts:
-            why = clock_trouble(part.time) if len(parts) > 1 else None
+            why = (clock_trouble(part.time) or too_short(part)) if len(parts) > 1 else None
             if why is None:
                 runs.append(part)
             else:

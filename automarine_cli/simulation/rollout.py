@@ -102,10 +102,12 @@ def simulate(
         over="ignore", invalid="ignore"
     ):  # a fit may try parameters that no vehicle has; it sees the infinity
         heading, rate = _integrate(theta[:, :1], terms, batch, commands, start, shape)
-    time = np.concatenate([np.zeros_like(commands.start[..., :1]), commands.start + commands.length], axis=2)
-    for effect, values in terms:
-        if effect.place is Place.SENSOR:
-            heading = effect.read(heading, time, tuple(v[..., None] for v in values))
+        time = np.concatenate(
+            [np.zeros_like(commands.start[..., :1]), commands.start + commands.length], axis=2
+        )
+        for effect, values in terms:
+            if effect.place is Place.SENSOR:
+                heading = effect.read(heading, time, tuple(v[..., None] for v in values))
     return Trajectory((heading, rate), batch.node)
 
 

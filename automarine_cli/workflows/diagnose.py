@@ -15,7 +15,6 @@ from automarine_cli.diagnosis.verdict import NamedEffect, base_estimates, gap_js
 from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import SettingError
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.fits.output_error import run_covariance
 from automarine_cli.logs import ColumnMap, LogFile, read_column_map
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.pipeline.manifest import Input, given_as
@@ -103,7 +102,7 @@ def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha2
     drag = {name: base[name].to_json() for name in ("k_rr", "k_r", "I_r") if name in base}
     angle = None
     if "k_rr" in base:
-        covariance = run_covariance(trial.fit)
+        covariance = study.covariance(trial.model, trial.fit)
         spread = float(np.sqrt(max(covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1], 0.0)))
         angle = Estimate.from_log(
             base["I_r"].value / base["k_rr"].value, spread, len(study.runs) - 1, "rad"
@@ -155,9 +154,10 @@ def diagnose(
     strict: bool = False,
     seed: int = 0,
     jobs: int = 1,
+    cluster: str | None = None,
     progress: Progress = silent,
 ) -> YawDiagnosis:
-    """Diagnose the preferred model of the file `model` on yaw logs.
+    """Diagnose the preferred model of the file `model` on yaw logs, on `jobs` processes or a Dask `cluster`.
 
     `hold_out` logs are never fitted; without any a quarter of the runs, drawn with `seed`, is held out. Writes the
     results if `out` is given, figures in the
@@ -180,7 +180,9 @@ def diagnose(
         with told_beside((*aside, *more_aside)):
             found = diagnose_runs(
                 runs, base, hold_out=kept, seed=seed,
-                each=lambda function, items, stage: ordered_map(function, items, jobs, progress=progress, stage=stage),
+                each=lambda function, items, stage: ordered_map(
+                    function, items, jobs, cluster=cluster, progress=progress, stage=stage
+                ),
             )  # fmt: skip
         where = find_where(found.study, found.found.base, seed)
         return YawDiagnosis(found, where, stored, parent, (*aside, *more_aside))
@@ -216,14 +218,17 @@ def diagnose_any(
     model: Path,
     thrusters: Path | None = None,
     arm: float | None = None,
+    cluster: str | None = None,
     **settings: Any,
 ) -> "YawDiagnosis | ThrusterDiagnosis":
-    """`diagnose` for a yaw model, `diagnose_thrusters` for a thruster map, by the schema of the file `model`."""
+    """`diagnose` for a yaw model, `diagnose_thrusters` for a thruster map (here, it is quick), by the schema of the
+    file `model`.
+    """
     if is_thruster_map(model):
         if thrusters is not None or arm is not None:
             raise SettingError(f"{model.name} is a thruster map: --thrusters and --arm belong to a yaw model")
         return diagnose_thrusters(logs, model=model, **settings)
-    return diagnose(logs, model=model, thrusters=thrusters, arm=arm, **settings)
+    return diagnose(logs, model=model, thrusters=thrusters, arm=arm, cluster=cluster, **settings)
 
 
 def terminal(result: "YawDiagnosis | ThrusterDiagnosis") -> list[Table | str]:

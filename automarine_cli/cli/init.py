@@ -1,0 +1,43 @@
+"""`automarine init`: a folder in, one workflow call, a campaign file and its questions out."""
+
+from pathlib import Path
+
+import click
+
+from automarine_cli.cli import options
+
+
+@click.command("init", short_help="Look at a folder of logs and write a campaign file.")
+@click.argument(
+    "folder", metavar="[DIR]", default=".", type=click.Path(exists=True, file_okay=False, path_type=Path)
+)
+@click.option(
+    "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+    help="The campaign file to write.  [default: DIR/campaign.toml]",
+)  # fmt: skip
+@options.overwrite_option
+@options.jobs_option
+@options.json_option
+@options.verbosity
+def init(folder: Path, out: Path | None, overwrite: bool, jobs: int, as_json: bool) -> object:
+    """Look at the logs in DIR (by default here) and write a commented campaign.toml for `automarine run`.
+
+    It says which logs are thruster tests, step runs, manoeuvres and validation runs, and which column holds what,
+    in which unit, with the range that was seen. Where name and range do not settle it, the value is "?": a question
+    that a person answers before `automarine run` takes the file.
+
+    \b
+    Example:
+      automarine init sample_runs -o out/campaign.toml
+    """
+    from automarine_cli.workflows import init as workflow
+
+    result = workflow.init(
+        folder, out=out, overwrite=overwrite, jobs=jobs, progress=options.terminal_progress()
+    )
+    options.echo_result(result, as_json=as_json, tables=result.tables(), keep_hint=None)
+    if not as_json and options.verbosity_level() >= 0:
+        place = folder / workflow.NAME if out is None else out
+        first = "Answer the questions in it, then: " if result.questions else "Next: "
+        click.echo(f"Written: {place}. {first}automarine run {place} -o results")
+    return result

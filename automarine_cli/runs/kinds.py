@@ -1,0 +1,47 @@
+"""What kind of test a yaw run is, and whether it turns the way its moment says."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from automarine_cli.runs.half_turn import NO_TURN
+from automarine_cli.runs.run import Run
+from automarine_cli.runs.steps import find_steps, segments
+
+Kind = Literal["step", "manoeuvre", "idle"]
+
+
+@dataclass(frozen=True)
+class RunKind:
+    """One run: a `step` has one constant moment, whether or not it serves; `idle` none at all; else a manoeuvre.
+
+    `with_moment` and `against` count the stretches from rest that turned with and against the sign of their
+    moment; `low` and `high` are the smallest and the largest moment [`unit`].
+    """
+
+    name: str
+    kind: Kind
+    unit: str
+    low: float
+    high: float
+    with_moment: int
+    against: int
+
+
+def kind_of(run: Run) -> RunKind:
+    """The kind of one run. Thruster commands without a moment count as their difference, port less starboard."""
+    driven = run
+    if run.moment is None:
+        driven = run.with_moment(run.extras["n_port"] - run.extras["n_stbd"], "n_port - n_stbd")
+    levels = {moment for _, _, moment in segments(driven.command) if moment != 0}
+    steps = [step for step in find_steps(driven) if step.from_rest]
+    angles = [(step.moment, driven.heading[step.stop - 1] - driven.heading[step.first]) for step in steps]
+    turned = [float(moment * angle) for moment, angle in angles if abs(angle) > NO_TURN]
+    return RunKind(
+        name=run.name,
+        kind=("idle", "step")[len(levels)] if len(levels) < 2 else "manoeuvre",
+        unit=driven.moment_unit,
+        low=float(driven.command.min()),
+        high=float(driven.command.max()),
+        with_moment=sum(one > 0 for one in turned),
+        against=sum(one < 0 for one in turned),
+    )

@@ -1,0 +1,167 @@
+"""What `init` sees in a folder of logs: columns and what they are taken for, runs and what kind of test they are."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+from automarine_cli.errors import LogError
+from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, is_thruster_test, read_log
+from automarine_cli.logs.canonical import CANONICAL
+from automarine_cli.logs.recognise import Recognised, Span, recognise, spans
+from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.report.tables import number
+from automarine_cli.runs.kinds import RunKind, kind_of
+from automarine_cli.runs.load import read_runs, unreadable
+from automarine_cli.runs.run import SetAside
+from automarine_cli.workflows.campaign_file import Logs
+
+NEEDED = ("time", "heading", "moment")
+YAW = (*NEEDED, "yaw_rate", "voltage")
+BOLLARD = ("n", "force", "time", "voltage")
+HELD_BACK = ("valid", "hold", "verif")  # how folders of runs begin that no fit may see
+TURNED_ROUND = 0.8  # share of the steps that turn against their moment, from which a sign is asked for
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Logs with the same columns: whether they are thruster tests, and what each column does over all of them."""
+
+    names: tuple[str, ...]
+    bollard: bool
+    files: tuple[LogFile, ...]
+    seen: Mapping[str, Span]
+
+
+@dataclass(frozen=True)
+class Look:
+    """Everything that was seen: what the columns are taken for, the runs of each yaw log, what could not be read."""
+
+    folder: Path
+    layouts: tuple[Layout, ...]
+    columns: tuple[Recognised, ...]
+    lacking: tuple[str, ...]
+    runs: Mapping[LogFile, tuple[RunKind, ...]]
+    set_aside: tuple[SetAside, ...]
+    placed: Mapping[str, tuple[LogFile, ...]] = field(default_factory=dict)
+
+    @property
+    def thrusters_drive(self) -> bool:
+        """Whether the yaw logs hold thruster commands and no moment."""
+        keys = {one.key for one in self.columns}
+        return {"n_port", "n_stbd"} <= keys and not keys & {"tau", "tau_Nm"}
+
+    @property
+    def turns(self) -> tuple[int, int]:
+        """How many stretches from rest turned with, and against, the sign of their moment."""
+        kinds = [kind for runs in self.runs.values() for kind in runs]
+        return sum(kind.with_moment for kind in kinds), sum(kind.against for kind in kinds)
+
+    @property
+    def turned_round(self) -> bool:
+        """Whether nearly all turn against their moment: heading or moment counts the other way."""
+        good, bad = self.turns
+        return bad >= 2 and bad >= TURNED_ROUND * (good + bad)
+
+
+def look_at(folder: Path, files: Sequence[LogFile], jobs: int = 1, progress: Progress = silent) -> Look:
+    """Look at every log: its columns first, then its runs by what the columns are taken for, then its kind."""
+    seen = ordered_map(_columns_of, files, jobs, progress=progress, stage="looking at columns")
+    aside = [one for one in seen if isinstance(one, SetAside)]
+    groups: dict[tuple[tuple[str, ...], bool], list[tuple[LogFile, dict[str, Span]]]] = {}
+    for file, one in zip(files, seen):
+        if not isinstance(one, SetAside):
+            groups.setdefault(one[:2], []).append((file, one[2]))
+    layouts = tuple(
+        Layout(names, bollard, tuple(file for file, _ in group), _together([spans for _, spans in group]))
+        for (names, bollard), group in sorted(groups.items(), key=lambda item: -len(item[1]))
+    )
+    columns, lacking = _recognised(layouts)
+    rules = ColumnMap({one.key: ColumnRule(one.source, one.unit) for one in columns if not one.as_named})
+    yaw = [file for layout in layouts if not layout.bollard for file in layout.files]
+    found = ordered_map(
+        partial(_runs_of, columns=rules), yaw, jobs, progress=progress, stage="looking at runs"
+    )
+    aside += [one for _, bad in found for one in bad]
+    runs = dict(zip(yaw, (good for good, _ in found)))
+    return _placed(Look(folder, layouts, columns, lacking, runs, tuple(aside)), files)
+
+
+def _columns_of(file: LogFile) -> tuple[tuple[str, ...], bool, dict[str, Span]] | SetAside:
+    """Names, whether it is a thruster test, and what the columns of a log do; or why it cannot be read."""
+    try:
+        table = read_log(file)
+    except LogError as error:
+        return unreadable(file, error)
+    return table.names, is_thruster_test(table), spans(table)
+
+
+def _together(seen: Sequence[Mapping[str, Span]]) -> dict[str, Span]:
+    whole: dict[str, Span] = {}
+    for one in seen:
+        for name, span in one.items():
+            whole[name] = whole[name] + span if name in whole else span
+    return whole
+
+
+def _recognised(layouts: Sequence[Layout]) -> tuple[tuple[Recognised, ...], tuple[str, ...]]:
+    """What columns are taken for, each key once (the layout with more logs decides), and what was not found."""
+    found: dict[str, Recognised] = {}
+    lacking: dict[str, None] = {}
+    for layout in layouts:
+        wanted = _wanted(layout)
+        for quantity in wanted:
+            one = recognise(quantity, layout.names, layout.seen)
+            if one is not None:
+                found.setdefault(one.key, one)
+            elif quantity in (BOLLARD[:2] if layout.bollard else (*NEEDED, "n_port", "n_stbd")):
+                lacking.setdefault(quantity)
+    there = {CANONICAL[key].quantity for key in found}
+    return tuple(found.values()), tuple(one for one in lacking if one not in there)
+
+
+def _wanted(layout: Layout) -> tuple[str, ...]:
+    """Quantities of a layout; thruster commands stand in for a moment that is not there."""
+    if layout.bollard:
+        return BOLLARD
+    if recognise("moment", layout.names, layout.seen) is None:
+        sides = [recognise(side, layout.names, layout.seen) for side in ("n_port", "n_stbd")]
+        if all(sides):
+            return ("time", "heading", "n_port", "n_stbd", "yaw_rate", "voltage")
+    return YAW
+
+
+def _runs_of(file: LogFile, columns: ColumnMap) -> tuple[tuple[RunKind, ...], list[SetAside]]:
+    try:
+        runs, aside = read_runs(LogFile(file.path, file.name, False), columns)
+    except LogError as error:  # a guess that does not fit this log
+        return (), [unreadable(file, error)]
+    return tuple(kind_of(run) for run in runs), aside
+
+
+def _placed(look: Look, files: Sequence[LogFile]) -> Look:
+    """Each log under the kind of test that it is; those that could not be read nowhere."""
+    bollard = {file for layout in look.layouts if layout.bollard for file in layout.files}
+    placed: dict[str, list[LogFile]] = {kind: [] for kind in Logs.__dataclass_fields__}
+    for file in files:
+        kinds = Counter(run.kind for run in look.runs.get(file, ()))
+        if file in bollard:
+            placed["thrusters"].append(file)
+        elif not kinds or set(kinds) == {"idle"}:
+            continue
+        elif any(part.lower().startswith(HELD_BACK) for part in file.name.split("/")):
+            placed["validation"].append(file)
+        else:
+            placed["manoeuvres" if kinds["manoeuvre"] else "steps"].append(file)
+    return replace(look, placed={kind: tuple(found) for kind, found in placed.items()})
+
+
+def moments_of(look: Look, kind: str) -> str:
+    """`18 runs, moments -1.2 to 1.2 nu`, for the comment beside the logs of a kind."""
+    runs = [run for file in look.placed[kind] for run in look.runs.get(file, ())]
+    if not runs:
+        return ""
+    low, high = min(run.low for run in runs), max(run.high for run in runs)
+    return f"{len(runs)} run{'s' * (len(runs) != 1)}, {number(low, 3)} to {number(high, 3)} {runs[0].unit}"

@@ -1,0 +1,162 @@
+"""The commented campaign file that `init` writes: what was seen beside every value, a question where it is not sure."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from automarine_cli.logs.canonical import CANONICAL, names_of
+from automarine_cli.logs.recognise import Recognised
+from automarine_cli.pipeline.recipe import toml_line
+from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.workflows.campaign_file import OPEN, SCHEMA
+from automarine_cli.workflows.campaign_look import NEEDED, Look, moments_of
+
+COMMENTS = 44  # column at which comments stand, where the line is shorter
+WIDEST = 120  # of a line with its comment, where the line is long
+MOST_TOLD = 20  # logs without a place that are listed
+SAY = {
+    "thrusters": "bollard tests",
+    "steps": "one constant moment each",
+    "manoeuvres": "other runs: the diagnosis uses them too",
+    "validation": "never fitted",
+}
+
+
+def campaign_text(look: Look, entries: Mapping[str, Sequence[str]]) -> str:
+    """The file's content; `entries` are the folders, globs and files under `[logs]`."""
+    parts = (_head(look), _vehicle(look), _logs(look, entries), _columns(look), _settings(look, entries))
+    return "\n".join(line for part in parts for line in part) + "\n"
+
+
+def _beside(line: str, comment: str) -> str:
+    if not comment:
+        return line
+    comment = printable(comment)
+    if "\n" in line or (len(line) > COMMENTS and len(line) + len(comment) > WIDEST):
+        return f"# {comment}\n{line}"
+    return f"{line:<{COMMENTS}} # {comment}"
+
+
+def _open(key: str, comment: str) -> str:
+    """A question: the value is a question mark until a person answers."""
+    return _beside(toml_line(key, OPEN), f"? {comment}")
+
+
+def _head(look: Look) -> Iterator[str]:
+    count = sum(len(layout.files) for layout in look.layouts)
+    yield f"# A campaign of {count} log{'s' * (count != 1)}, written by `automarine init` for `automarine run`."
+    yield f'# Look through it. A value "{OPEN}" is a question; `run` refuses the file until it is answered.'
+    yield ""
+    yield toml_line("schema", SCHEMA)
+    yield _beside(toml_line("title", printable(look.folder.resolve().name)), "heading of the report")
+    yield ""
+
+
+def _vehicle(look: Look) -> Iterator[str]:
+    yield "[vehicle]"
+    yield _beside('# name = ""', "as the report calls it")
+    meaning = "metres from the centre line to each thruster"
+    if look.thrusters_drive:
+        yield _open("arm_m", f"{meaning}: the logs hold thruster commands, no moment")
+    else:
+        yield _beside(
+            "# arm_m = 0.15", f"{meaning}; not needed, the logs hold no commands to make moments of"
+        )
+    volts = next((one for one in look.columns if one.key == "voltage_V"), None)
+    seen = f"the logs hold {volts.source}, {volts.seen}" if volts else "the logs hold no voltage"
+    yield _beside("# supply_V = 14.8", f"supply of the vehicle in volts; {seen}")
+    yield ""
+
+
+def _logs(look: Look, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    yield _beside("[logs]", "files, folders and globs, relative to this file")
+    for kind, places in entries.items():
+        files = look.placed[kind]
+        told = moments_of(look, kind)
+        seen = f"{len(files)} log{'s' * (len(files) != 1)}" + (f", {told}" if told else "")
+        if not files and kind == "validation":
+            seen = "none found in a folder called validation; move runs here that no fit may see"
+        yield _beside(_list(kind, places), f"{SAY[kind]}: {seen}")
+    yield from _without_place(look)
+    yield ""
+
+
+def _list(key: str, places: Sequence[str]) -> str:
+    line = toml_line(key, list(places))
+    if len(line) <= WIDEST - 20:
+        return line
+    return f"{key} = [\n" + "".join(f"  {toml_line('x', one).partition(' = ')[2]},\n" for one in places) + "]"
+
+
+def _without_place(look: Look) -> Iterator[str]:
+    """Logs and runs that are in no list, each with its reason."""
+    idle = [file.name for file, runs in look.runs.items() if runs and all(run.kind == "idle" for run in runs)]
+    told = [f"{name}: no moment acts in it" for name in idle]
+    told += [f"{one.file}, run {one.run}: {one.why}" for one in look.set_aside]
+    if told:
+        yield f"# Not used: {len(told)}"
+    for line in told[:MOST_TOLD]:
+        yield f"#   {printable(line)[:200]}"
+    if len(told) > MOST_TOLD:
+        yield f"#   and {len(told) - MOST_TOLD} more"
+
+
+def _columns(look: Look) -> Iterator[str]:
+    yield _beside("[columns]", "canonical name = the logs' name; a table may give unit, sign, scale, offset")
+    for one in look.columns:
+        yield _column(one, look)
+    for quantity in look.lacking:
+        keys = names_of(quantity)
+        if quantity in ("n_port", "n_stbd") or (quantity == "moment" and look.thrusters_drive):
+            continue
+        if quantity in (*NEEDED, "n", "force"):
+            names = listed(look.layouts[0].names if quantity in NEEDED else _bollard_names(look))
+            other = " (or n_port and n_stbd)" if quantity == "moment" else ""
+            yield _open(keys[0], f"no column looks like the {quantity}{other}; the logs have {names}")
+    yield ""
+
+
+def _bollard_names(look: Look) -> tuple[str, ...]:
+    return next((layout.names for layout in look.layouts if layout.bollard), ())
+
+
+def _column(one: Recognised, look: Look) -> str:
+    """One column: as named (a comment), mapped, or asked about."""
+    quantity = CANONICAL[one.key].quantity
+    sign = quantity == "heading" and look.turned_round
+    followed, against = look.turns
+    seen = one.seen
+    if quantity == "heading" and followed + against:
+        seen += f"; turns with the moment in {followed} of {followed + against} steps"
+    rule: dict[str, object] = {"from": one.source}
+    if one.unit is not None:
+        rule["unit"] = one.unit
+    if one.open and quantity not in (*NEEDED, "n_port", "n_stbd", "n", "force"):
+        return f"# {_beside(toml_line(one.key, one.source), f'{seen}; {one.open}')}"  # nothing depends on it
+    if one.open and not one.unit_open:
+        return _open(one.key, f"{one.source}, {seen}: {one.open}")
+    if one.open:
+        rule["unit"] = OPEN
+    if sign:
+        rule["sign"] = OPEN
+        why = "? 1 or -1: yaw and moment are both positive clockwise from above; one of them is not"
+        return _beside(toml_line(one.key, rule), f"{why}. {seen}" + (f"; ? {one.open}" if one.open else ""))
+    if one.open:
+        return _beside(toml_line(one.key, rule), f"? {one.open}; seen: {seen}")
+    if one.as_named:
+        return _beside(f"# {one.key}", f"as named: {seen}")
+    return _beside(toml_line(one.key, one.source if len(rule) == 1 else rule), seen)
+
+
+def _settings(look: Look, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    if entries["thrusters"] or look.thrusters_drive:
+        yield "[thrusters]"
+    if entries["thrusters"]:
+        yield _open("per_test", "how many equal thrusters pulled together? The logs cannot show it")
+        yield _beside(toml_line("form", "auto"), "thrust curve: auto chooses by cross-validation")
+    elif look.thrusters_drive:
+        yield _open("map", "a thrusters.json of this vehicle: there are no bollard tests to make one of")
+    if entries["thrusters"] or look.thrusters_drive:
+        yield ""
+    yield "[yaw]"
+    moment = "thrusters" if look.thrusters_drive else "logged"
+    yield _beside(toml_line("moment", moment), "logged, or made by the thrusters of n_port and n_stbd")
+    yield _beside(toml_line("fit_to", "auto"), "auto, half-turns or whole-runs")

@@ -1,0 +1,126 @@
+"""`init`: a folder of logs is looked at and becomes a commented campaign file, with questions where it is not sure."""
+
+import os
+import tomllib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from automarine_cli.errors import LogError, OutputError
+from automarine_cli.logs import LogFile, find_logs
+from automarine_cli.pipeline import staging
+from automarine_cli.pipeline.manifest import MANIFEST
+from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.reuse import manifest_of
+from automarine_cli.report.tables import Table
+from automarine_cli.workflows.campaign_file import open_questions
+from automarine_cli.workflows.campaign_look import Look, look_at
+from automarine_cli.workflows.campaign_places import places_of
+from automarine_cli.workflows.campaign_text import campaign_text
+
+SCHEMA = "automarine/init/1"
+NAME = "campaign.toml"
+
+
+@dataclass(frozen=True)
+class Started:
+    """The campaign file that was written, or would be, and what it still asks."""
+
+    look: Look
+    text: str
+    questions: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """What was seen: schema automarine/init/1."""
+        return {
+            "schema": SCHEMA,
+            "logs": sum(len(layout.files) for layout in self.look.layouts),
+            "placed": {kind: [file.name for file in files] for kind, files in self.look.placed.items()},
+            "columns": [
+                {
+                    "column": one.source,
+                    "taken_for": one.key,
+                    "unit": one.unit,
+                    "seen": one.seen,
+                    "open": one.open,
+                }
+                for one in self.look.columns
+            ],
+            "questions": list(self.questions),
+            "campaign": self.text,
+            "runs": {
+                "used": sum(len(runs) for runs in self.look.runs.values()),
+                "set_aside": [vars(run) for run in self.look.set_aside],
+            },
+        }
+
+    def tables(self) -> tuple[Table | str, ...]:
+        """How many logs of each kind, what the columns are taken for, and what is asked."""
+        kinds = tuple((kind, str(len(files))) for kind, files in self.look.placed.items())
+        columns = tuple((one.source, one.key, one.seen, one.open or "sure") for one in self.look.columns)
+        count = len(self.questions)
+        asked = f"{count} question{'s' * (count != 1)} to answer: {', '.join(self.questions)}." if count else (
+            "Nothing is left to ask; look through it all the same."
+        )  # fmt: skip
+        return (
+            Table("Logs", ("kind", "logs"), kinds),
+            Table("Columns", ("column", "taken for", "values", "sure or asked"), columns),
+            asked,
+        )
+
+
+def init(
+    folder: Path = Path(),
+    *,
+    out: Path | None = None,
+    overwrite: bool = False,
+    write: bool = True,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> Started:
+    """Look at the logs in `folder` and write a campaign file `out` (by default `campaign.toml` in the folder).
+
+    Raises LogError where there are no logs, and OutputError for a file that is there already unless `overwrite`.
+    """
+    target = folder / NAME if out is None else out
+    if write and target.exists() and not overwrite:
+        raise OutputError(
+            f"{target} is there already; give --overwrite to replace it, or another name with -o"
+        )
+    files = [file for file in find_logs([folder]) if not _is_result(file.path, folder)]
+    if not files:
+        raise LogError(f"{folder}: the only logs here are in folders of results; give a folder of logs")
+    look = look_at(folder, files, jobs, progress)
+    text = campaign_text(look, _entries(look, files, target))
+    if write:
+        with staging.one_sentence(target.parent):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            new = target.with_name(f".{target.name}.automarine-new")
+            new.unlink(missing_ok=True)
+            staging.write(new, text.encode("utf-8"), through=True)
+            new.replace(target)
+    return Started(look, text, tuple(open_questions(tomllib.loads(text))))
+
+
+def _is_result(path: Path, folder: Path) -> bool:
+    """Whether a table lies in a folder of results: of any command but the one that makes logs."""
+    above = [one for one in path.parents if one == folder or folder in one.parents]
+    found = (manifest_of(one) for one in above if (one / MANIFEST).is_file())
+    return any(manifest is not None and manifest.command != "simulate" for manifest in found)
+
+
+def _entries(look: Look, files: Sequence[LogFile], target: Path) -> dict[str, list[str]]:
+    """What stands under `[logs]`: folders, globs and files, relative to the campaign file."""
+    home = target.parent.resolve()
+    base = Path(os.path.relpath(look.folder.resolve(), home)).as_posix()
+    inner = {file: file.path.resolve().relative_to(look.folder.resolve()).as_posix() for file in files}
+    everywhere = list(inner.values())
+    return {
+        kind: list(_below(base, places_of([inner[file] for file in found], everywhere)))
+        for kind, found in look.placed.items()
+    }
+
+
+def _below(base: str, places: Sequence[str]) -> Iterator[str]:
+    yield from (place if base == "." else f"{base}/{place}" for place in places)
