@@ -35,7 +35,8 @@ def left_out_changes(problem: Problem, fit: MixedFit) -> Floats:
     """
     variances = np.log([fit.noise, *np.maximum(fit.factors, SMALLEST_FACTOR)])
     runs, count = fit.left_out.shape
-    free = np.setdiff1d(np.arange(count), fit.at_bound)
+    shown = np.flatnonzero(np.diagonal(fit.covariance) > 0.0)  # what no sample shows stays where it is
+    free = np.setdiff1d(shown, fit.at_bound)
     moved = np.zeros((runs, count))
     if not len(free):
         return moved
