@@ -6,12 +6,13 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from automarine_cli.errors import FitError, SettingError
-from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.parallel import AHEAD, LARGEST_CHUNK, ordered_map, ordered_stream
 from automarine_cli.pipeline.steps import Pipeline
 
 
@@ -27,6 +28,11 @@ def refuse_from_three(x: int) -> int:
 
 def die(x: int) -> int:
     os._exit(1)
+
+
+def leave_a_note(x: int, folder: Path) -> int:
+    (folder / str(x)).touch()
+    return x
 
 
 def digits(x: int) -> list[str]:
@@ -110,3 +116,26 @@ def test_pipeline_counts_what_goes_in_and_comes_out(jobs: int) -> None:
     assert kept == [1, 3, 5]
     assert pipeline.to_json() == [{"step": "digits", "in": 3, "out": 6}, {"step": "odd", "in": 6, "out": 3}]
     assert [str(count) for count in pipeline.counts] == ["digits: 3 -> 6", "odd: 6 -> 3"]
+
+
+def test_a_cluster_without_dask_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(
+        SettingError, match=r"not installed; install it with: pip install 'automarine\[cluster\]'"
+    ):
+        ordered_map(square, [1], cluster="tcp://127.0.0.1:8786")
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_stream_is_never_far_ahead_of_who_takes_it(jobs: int, tmp_path: Path) -> None:
+    stream = ordered_stream(partial(leave_a_note, folder=tmp_path), range(400), jobs)
+    taken = [next(stream) for _ in range(40)]
+    time.sleep(0.5)
+    begun = len(list(tmp_path.iterdir()))
+    stream.close()
+    assert taken == list(range(40))
+    assert begun <= 40 + (AHEAD + 1) * jobs * LARGEST_CHUNK
+    until = time.monotonic() + 5
+    while multiprocessing.active_children() and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not multiprocessing.active_children()

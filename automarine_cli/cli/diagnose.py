@@ -22,11 +22,13 @@ from automarine_cli.cli import options
 @options.strict_option
 @options.seed_option
 @options.jobs_option
+@options.cluster_option
 @options.json_option
 @options.verbosity
 def diagnose(
     logs: tuple[str, ...], model: Path, hold_out: tuple[str, ...], columns: Path | None, thrusters: Path | None,
-    arm: float | None, out: Path | None, overwrite: bool, strict: bool, seed: int, jobs: int, as_json: bool,
+    arm: float | None, out: Path | None, overwrite: bool, strict: bool, seed: int, jobs: int,
+    cluster: str | None, as_json: bool,
 ) -> object:  # fmt: skip
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
 
@@ -43,7 +45,8 @@ def diagnose(
 
     result = diagnose_any(
         logs, model=model, hold_out=hold_out, columns=columns, thrusters=thrusters, arm=arm, out=out,
-        overwrite=overwrite, strict=strict, seed=seed, jobs=jobs, progress=options.terminal_progress(),
+        overwrite=overwrite, strict=strict, seed=seed, jobs=jobs, cluster=cluster,
+        progress=options.terminal_progress(),
     )  # fmt: skip
     options.echo_result(result, as_json=as_json, out=out, tables=terminal(result), files=FILES)
     return result

@@ -11,6 +11,7 @@ from automarine_cli.cli.echo import echo_result, echo_set_aside, terminal_progre
 
 __all__ = [
     "arm_option",
+    "cluster_option",
     "columns_option",
     "echo_result",
     "echo_set_aside",
@@ -101,6 +102,12 @@ jobs_option = click.option(
     help="Processes to work with; the results are the same.",
 )  # fmt: skip
 """`jobs`: int."""
+
+cluster_option = click.option(
+    "--cluster", metavar="ADDRESS",
+    help="A Dask scheduler, such as tcp://host:8786, whose workers do the work; the results are the same.",
+)  # fmt: skip
+"""`cluster`: address or None."""
 
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else."

@@ -1,4 +1,4 @@
-"""One function over many items, on one core or several: results always in input order.
+"""One function over many items, on one core, several, or a cluster: results always in input order.
 
 The processes are started afresh (spawn), never forked: numpy and pyarrow run threads of their own, and a fork
 of a process with threads can hang. `function` and the items must therefore be importable and picklable.
@@ -9,8 +9,9 @@ import multiprocessing
 import os
 import signal
 import threading
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
@@ -22,6 +23,9 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 CHUNKS_PER_JOB = 4  # small enough to share the work evenly, large enough to spare the pickling
+PATIENCE_S = 20  # for a cluster to answer
+LARGEST_CHUNK = 32  # items; what a stream holds at a time does not grow with the number of items
+AHEAD = 2  # chunks under way for each process
 
 
 def ordered_map(
@@ -29,36 +33,51 @@ def ordered_map(
     items: Iterable[Item],
     jobs: int = 1,
     *,
+    cluster: str | None = None,
     progress: Progress = silent,
     stage: str = "",
 ) -> list[Result]:
-    """`[function(item) for item in items]` on `jobs` processes, in input order and the same for any `jobs`.
+    """`[function(item) for item in items]` on `jobs` processes or a cluster; see `ordered_stream`."""
+    return list(ordered_stream(function, items, jobs, cluster=cluster, progress=progress, stage=stage))
 
-    The first item (in input order) that raises decides the error. An interrupt ends the processes at once.
-    Raises SettingError if `jobs` is below one or a process dies (usually for want of memory).
+
+def ordered_stream(
+    function: Callable[[Item], Result],
+    items: Iterable[Item],
+    jobs: int = 1,
+    *,
+    cluster: str | None = None,
+    progress: Progress = silent,
+    stage: str = "",
+) -> Iterator[Result]:
+    """The results of `function` on each item, one by one in input order and the same for any `jobs`.
+
+    With the address of a Dask scheduler as `cluster` its workers do the work, whatever `jobs`. Few results are held
+    at a time: work that is far ahead of whoever takes the results waits. The first item (in input order) that raises
+    decides the error. An interrupt ends the processes at once. Raises SettingError if `jobs` is below one, a process
+    dies (usually for want of memory), or there is no cluster.
     """
     if jobs < 1:
         raise SettingError(f"jobs is {jobs}; expected 1 or more processes")
     work = list(items)
     workers = min(jobs, len(work))
-    if workers <= 1:
-        return list(counted(progress, stage, map(function, work), len(work)))
-    return _in_processes(function, work, workers, progress, stage)
+    if cluster is not None and work:
+        found = _on_cluster(function, work, cluster, stage)
+    elif workers <= 1:
+        found = map(function, work)
+    else:
+        found = _in_processes(function, work, workers, stage)
+    return counted(progress, stage, found, len(work))
 
 
 def _in_processes(
-    function: Callable[[Item], Result], work: list[Item], workers: int, progress: Progress, stage: str
-) -> list[Result]:
+    function: Callable[[Item], Result], work: list[Item], workers: int, stage: str
+) -> Iterator[Result]:
     others = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker)
-    size = max(1, len(work) // (workers * CHUNKS_PER_JOB))
-    chunks = [work[start : start + size] for start in range(0, len(work), size)]
     try:
-        with _deaf_to_interrupts():
-            futures = [executor.submit(_work_on, function, chunk) for chunk in chunks]
-        coming = (result for future in futures for result in _results_of(future))
-        results = list(counted(progress, stage, coming, len(work)))
+        yield from _through(executor, function, work, workers)
     except BrokenProcessPool:
         executor.shutdown()
         raise SettingError(
@@ -71,7 +90,68 @@ def _in_processes(
         executor.shutdown(wait=isinstance(problem, Exception), cancel_futures=True)
         raise
     executor.shutdown()
-    return results
+
+
+def _on_cluster(
+    function: Callable[[Item], Result], work: list[Item], address: str, stage: str
+) -> Iterator[Result]:
+    """Through the standard executor of Dask's client; work of a worker that dies is done again by another."""
+    with cluster_executor(address) as (executor, workers):
+        try:
+            yield from _through(executor, function, work, workers)
+        except Exception as problem:
+            if type(problem).__name__ not in ("KilledWorker", "CancelledError", "FutureCancelledError"):
+                raise
+            raise SettingError(
+                f"the cluster at {address} gave up {stage or 'the work'}: {problem}; look at its workers' logs, "
+                "they usually died for want of memory"
+            ) from None
+
+
+@contextlib.contextmanager
+def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
+    """The executor of the Dask scheduler at `address`, and how many tasks its workers take at once.
+
+    Raises SettingError where Dask is not installed, nobody answers, or there are no workers.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise SettingError(
+            "--cluster needs Dask, which is not installed; install it with: pip install 'automarine[cluster]'"
+        ) from None
+    try:
+        client = Client(address, timeout=PATIENCE_S, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as problem:
+        raise SettingError(
+            f"no Dask scheduler answers at {address} ({str(problem) or type(problem).__name__}); start one with "
+            "`dask scheduler` and give its address, such as tcp://127.0.0.1:8786"
+        ) from None
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE_S)
+        except TimeoutError:
+            raise SettingError(
+                f"the scheduler at {address} has no workers; start some with `dask worker {address} --nthreads 1`"
+            ) from None
+        with client.get_executor(pure=False) as executor:
+            yield executor, sum(client.nthreads().values())
+
+
+def _through(
+    executor: Executor, function: Callable[[Item], Result], work: list[Item], workers: int
+) -> Iterator[Result]:
+    """Results in input order, a few chunks of items under way for each of `workers`."""
+    size = min(LARGEST_CHUNK, max(1, len(work) // (workers * CHUNKS_PER_JOB)))
+    chunks = (work[start : start + size] for start in range(0, len(work), size))
+    under_way: deque[Future[tuple[list[Result], BaseException | None]]] = deque()
+    while True:
+        while len(under_way) < AHEAD * workers and (chunk := next(chunks, None)) is not None:
+            with _deaf_to_interrupts():
+                under_way.append(executor.submit(_work_on, function, chunk))
+        if not under_way:
+            return
+        yield from _results_of(under_way.popleft())
 
 
 def _work_on(
