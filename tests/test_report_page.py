@@ -247,8 +247,8 @@ def test_an_svg_is_only_what_draws() -> None:
     )
     assert inline(text, "one-", 'say "hi" <now>') == (
         '<svg role="img" aria-label="say &quot;hi&quot; &lt;now&gt;" style="max-width:17px" viewBox="0 0 10 10">'
-        '<path id="one-p" d="M 0.12 1"></path><use href="#one-p" clip-path="url(#one-c)"></use><use></use>'
-        "<image></image>"
+        '<path id="one-p" d="M 0.12 1"/><use href="#one-p" clip-path="url(#one-c)"/><use/>'
+        "<image/>"
         "<text>a &lt;script&gt; b</text></svg>"
     )
     for bad in ("<html/>", "no", '<!DOCTYPE svg [<!ENTITY a "b">]><svg/>'):
@@ -307,9 +307,10 @@ def test_a_browser_shows_it_without_a_word_to_anybody(tab: tuple[Tab, Path], wid
 def test_a_pointer_finds_values_and_draws_closer(tab: tuple[Tab, Path]) -> None:
     shown, path = tab
     shown.open(path)
+    figure = "document.querySelector('figure svg')"
+    shown.value(f"{figure}.scrollIntoView({{block: 'center', behavior: 'instant'}})")
     box = shown.value(
-        "(() => { const s = document.querySelector('figure svg'); "
-        "s.scrollIntoView({block: 'center', behavior: 'instant'}); const r = s.getBoundingClientRect(); return [r.left, r.top, r.width, r.height] })()"
+        f"(({{left, top, width, height}}) => [left, top, width, height])({figure}.getBoundingClientRect())"
     )
     panel = shown.value("JSON.parse(document.querySelector('figure svg').dataset.panels)[0]")
     wide, high = shown.value("document.querySelector('figure svg').getAttribute('viewBox')").split()[2:]

@@ -58,6 +58,9 @@ def _pieces(element: ElementTree.Element, prefix: str, given: str = "") -> Itera
         element.set("style", shared)
     if given and element.get("style") == given:
         del element.attrib["style"]
+    if not len(element) and not element.text:
+        yield f"<{name}{_attributes(element, prefix)}/>"
+        return
     yield f"<{name}{_attributes(element, prefix)}>"
     if name in ("text", "tspan"):
         yield escape(element.text or "", quote=False)

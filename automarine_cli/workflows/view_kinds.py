@@ -1,0 +1,255 @@
+"""What each kind of result shows of itself in Python: its lines, its rows, its tables, its figures."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from automarine_cli.comparison.scores import SCORES
+from automarine_cli.diagnosis.budget import budget
+from automarine_cli.diagnosis.naming_key import naming_key
+from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.thruster_result import ThrusterFit
+from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.report import (
+    compare_tables,
+    diagnosis_tables,
+    thruster_diagnosis,
+    thruster_tables,
+    yaw_report,
+)
+from automarine_cli.report.figures import compare as compare_figures
+from automarine_cli.report.figures import diagnosis as diagnosis_figures
+from automarine_cli.report.figures import thruster_diagnosis as thruster_diagnosis_figures
+from automarine_cli.report.figures import thrusters as thruster_figures
+from automarine_cli.report.figures import validation as validation_figures
+from automarine_cli.report.figures import yaw as yaw_figures
+from automarine_cli.report.tables import Table, interval, number
+from automarine_cli.workflows.check import Check
+from automarine_cli.workflows.compare import ResultComparison
+from automarine_cli.workflows.diagnose import YawDiagnosis
+from automarine_cli.workflows.simulate import Simulation
+from automarine_cli.workflows.validate import Validation
+
+Row = dict[str, object]
+Figures = Mapping[str, Callable[[], Any]]
+SYMBOLS = {"k_rr": "k_r|r|"}
+
+
+@dataclass(frozen=True)
+class View:
+    """How one kind of result is shown; the first of its figures is drawn where none is asked for."""
+
+    lines: Callable[[Any], Iterator[str]]
+    rows: Callable[[Any], Iterator[Row]]
+    tables: Callable[[Any], Sequence[Table | str]]
+    figures: Callable[[Any], Figures]
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'s' * (count != 1)}"
+
+
+def _numbers(estimate: Estimate) -> Row:
+    low, high = estimate.ci95
+    return {
+        "value": estimate.value,
+        "stderr": estimate.stderr,
+        "low": low,
+        "high": high,
+        "unit": estimate.unit,
+    }
+
+
+def _aligned(estimates: Mapping[str, Estimate]) -> Iterator[str]:
+    """Names, numbers with their intervals, units: one line each."""
+    width = max((len(name) for name in estimates), default=0)
+    for name, one in estimates.items():
+        unit = "" if one.unit in ("", "1") else f" {one.unit}"
+        yield f"  {name:<{width}}  {interval(one)}{unit}"
+
+
+# fit_yaw
+
+
+def _yaw_lines(fit: YawFit) -> Iterator[str]:
+    to = "half-turns" if fit.turns else "whole runs"
+    used, aside = _counted(fit.used, "run"), len(fit.set_aside)
+    yield f"Yaw model {fit.preference.number}, fitted to {to} of {used}; {aside} set aside"
+    found = {SYMBOLS.get(name, name): one for name, one in fit.preferred.estimates.items()}
+    if fit.inertial_turn_angle is not None:
+        found["I_r/k_r|r|"] = fit.inertial_turn_angle
+    yield from _aligned(found)
+    yield f"  heading noise {np.degrees(fit.preferred.noise):.2f} deg; {_counted(len(fit.warnings), 'warning')}"
+
+
+def _yaw_rows(fit: YawFit) -> Iterator[Row]:
+    for model, ml in fit.output_error.items():
+        for name, one in ml.estimates.items():
+            yield {"model": model, "method": "maximum likelihood", "parameter": name} | _numbers(one)
+    if fit.seed_method is None:
+        return
+    for model, drag in fit.seed_method.drag.items():
+        if model not in fit.output_error:  # with a constant moment: a test of symmetry, no model of its own
+            continue
+        found = dict(drag.estimates)
+        if model in fit.seed_method.inertia:
+            found["I_r"] = fit.seed_method.inertia[model].overall
+        for name, one in found.items():
+            yield {"model": model, "method": "velocity error", "parameter": name} | _numbers(one)
+
+
+def _yaw_figures(fit: YawFit) -> Figures:
+    seed, data = fit.seed_method, fit.data
+    if seed is None or data is None:
+        return {"whole-runs": lambda: yaw_figures.whole_runs_figure(fit)}
+    return {
+        "drag": lambda: yaw_figures.drag_figure(fit, seed),
+        "inertia": lambda: yaw_figures.inertia_figure(fit, seed),
+        "half-turns": lambda: yaw_figures.half_turns_figure(fit),
+        "collapse": lambda: yaw_figures.collapse_figure(fit, data),
+    }
+
+
+# fit_thrusters
+
+
+def _thruster_lines(fit: ThrusterFit) -> Iterator[str]:
+    law, chosen = fit.analysis, fit.analysis.selection.chosen.form.name
+    yield f"Thruster map of one thruster from {_counted(len(fit.points), 'point')}: F = a |n| n; form chosen: {chosen}"
+    yield from _aligned({f"a {side}": one for side, one in law.square.items()})
+    yield f"  R² {number(law.r2)}, rmse {number(law.percent(law.law.rmse), 3)} % of full scale"
+
+
+def _thruster_rows(fit: ThrusterFit) -> Iterator[Row]:
+    for side, one in fit.analysis.square.items():
+        yield {"direction": side, "form": "square", "parameter": "a"} | _numbers(one)
+
+
+# validate
+
+
+def _validation_lines(result: Validation) -> Iterator[str]:
+    found = result.comparison
+    runs, aside = _counted(len(found.runs), "run"), len(result.set_aside)
+    yield f"Validation on {runs}: model {found.best} is best; {aside} set aside"
+    for model, scored in found.models.items():
+        score = scored.overall["rmse_deg"]
+        ends = "" if score.ci95 is None else f" [{number(score.ci95[0], 3)}, {number(score.ci95[1], 3)}]"
+        said = "runs away" if score.value is None else f"heading rmse {number(score.value, 3)}{ends} deg"
+        yield f"  model {model}  {said}"
+    yield f"  noise of the heading {number(found.floor, 3)} deg"
+
+
+def _validation_rows(result: Validation) -> Iterator[Row]:
+    found = result.comparison
+    for model, scored in found.models.items():
+        for run, one in zip(found.runs, scored.scores):
+            yield {"run": run.name, "model": model} | {name: one.value(name) for name in SCORES}
+
+
+def _validation_figures(result: Validation) -> Figures:
+    found = result.comparison
+
+    def draw(i: int) -> Any:
+        free = {model: scored.free[i] for model, scored in found.models.items()}
+        return validation_figures.validation_figure(free, found.floors[i])
+
+    return {run.name: lambda i=i: draw(i) for i, run in enumerate(found.runs)}  # type: ignore[misc]
+
+
+# diagnose
+
+
+def _diagnosis_lines(result: YawDiagnosis) -> Iterator[str]:
+    yield diagnosis_tables.verdict_sentence(result.diagnosis)
+    for effect in result.diagnosis.effects:
+        yield f"  {effect.name}, confidence {effect.confidence:.0%}"
+        yield from (f"  {line}" for line in _aligned(effect.parameters))
+        yield from (f"    or {rival.name}, {rival.confidence:.0%}" for rival in effect.rivals)
+
+
+def _diagnosis_rows(result: YawDiagnosis) -> Iterator[Row]:
+    for effect in result.diagnosis.effects:
+        for name, one in effect.parameters.items():
+            yield {"effect": effect.name, "confidence": effect.confidence, "parameter": name} | _numbers(one)
+
+
+def _diagnosis_figures(result: YawDiagnosis) -> Figures:
+    found, where = result.diagnosis, result.where
+    last = found.found
+    return {
+        "before-after": lambda: diagnosis_figures.before_after_figure(found, where, budget(found)),
+        "where": lambda: diagnosis_figures.where_figure(where, found),
+        "why": lambda: diagnosis_figures.why_figure(found, naming_key(found.study, last.base, last.final)),
+    }
+
+
+def _thruster_diagnosis_rows(result: ThrusterDiagnosis) -> Iterator[Row]:
+    for effect in result.to_json()["effects"]:  # type: ignore[attr-defined]
+        for name, one in effect["parameters"].items():
+            row = {"effect": effect["name"], "confidence": effect["confidence"], "parameter": name}
+            yield row | (_numbers(Estimate.from_json(one)) if isinstance(one, dict) else {"value": one})
+
+
+def _thruster_diagnosis_figures(result: ThrusterDiagnosis) -> Figures:
+    return {
+        "before-after": lambda: thruster_diagnosis_figures.before_after_figure(result),
+        "where": lambda: thruster_diagnosis_figures.where_figure(result),
+        "why": lambda: thruster_diagnosis_figures.why_figure(result),
+    }
+
+
+# check, simulate, compare
+
+
+def _check_lines(result: Check) -> Iterator[str]:
+    runs, tests = _counted(len(result.runs), "yaw run"), _counted(len(result.tests), "thruster test")
+    yield f"Look at {_counted(result.logs, 'log')}: {runs}, {tests}; {len(result.set_aside)} set aside"
+    yield from (f"  {one.file}, run {one.run}: {one.why}" for one in result.set_aside)
+
+
+def _check_rows(result: Check) -> Iterator[Row]:
+    content: Any = result.to_json()
+    yield from ({"kind": "yaw run"} | run for run in content["yaw_runs"])
+    yield from ({"kind": "thruster test"} | test for test in content["thruster_tests"])
+
+
+def _simulation_lines(result: Simulation) -> Iterator[str]:
+    names = ", ".join(effect.name for effect in result.specification.effects) or "none"
+    yield f"Simulated campaign of {_counted(len(result.runs), 'run')}, seed {result.seed}; effects: {names}"
+
+
+def _simulation_rows(result: Simulation) -> Iterator[Row]:
+    content: Any = result.to_json()
+    yield from content["made"]
+
+
+def _comparison_rows(result: ResultComparison) -> Iterator[Row]:
+    for one in result.differences:
+        row: Row = {"parameter": one.parameter, "of": one.of, "less": one.base} | _numbers(one.difference)
+        yield row | {"p_value": one.p_value, "verdict": one.verdict}
+
+
+VIEWS: Mapping[type, View] = {
+    YawFit: View(_yaw_lines, _yaw_rows, lambda fit: yaw_report.tables(fit, short=True), _yaw_figures),
+    ThrusterFit: View(
+        _thruster_lines, _thruster_rows, thruster_tables.tables,
+        lambda fit: {"map": lambda: thruster_figures.thruster_figure(fit)},
+    ),
+    Validation: View(_validation_lines, _validation_rows, Validation.tables, _validation_figures),
+    YawDiagnosis: View(_diagnosis_lines, _diagnosis_rows, YawDiagnosis.tables, _diagnosis_figures),
+    ThrusterDiagnosis: View(
+        lambda result: iter([thruster_diagnosis.verdict_sentence(result)]), _thruster_diagnosis_rows,
+        thruster_diagnosis.tables, _thruster_diagnosis_figures,
+    ),
+    Check: View(_check_lines, _check_rows, Check.tables, lambda result: {}),
+    Simulation: View(_simulation_lines, _simulation_rows, Simulation.tables, lambda result: {}),
+    ResultComparison: View(
+        lambda result: iter([compare_tables.summary(result.differences), *(f"  {s}" for s in result.sentences()[1:])]),
+        _comparison_rows, ResultComparison.tables,
+        lambda result: {"intervals": lambda: compare_figures.compare_figure(result.sides)},
+    ),
+}  # fmt: skip
