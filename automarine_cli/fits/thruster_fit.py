@@ -116,7 +116,7 @@ def parameters(
         residual,
         np.array([values[name] for name in free], dtype=float),
         tuple(units[name] for name in free),
-        JACKKNIFE,
+        UNBIASED if free == ["a"] else JACKKNIFE,
     )
     result: dict[str, object] = {name: estimate.to_json() for name, estimate in zip(free, found)}
     for name in form.free:
