@@ -23,7 +23,7 @@ def compare(results: tuple[Path, ...], out: Path | None, overwrite: bool, as_jso
 
     \b
     Example:
-      automarine compare out/monday/yaw out/tuesday/yaw
+      automarine compare out/fit-yaw out/hidden
     """
     from automarine_cli.workflows import compare as workflow
 

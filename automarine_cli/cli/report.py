@@ -19,7 +19,7 @@ def report(folder: Path, title: str, overwrite: bool, as_json: bool) -> object:
 
     \b
     Example:
-      automarine report out/campaign
+      automarine report out/pool_day
     """
     from automarine_cli.workflows import report as workflow
 
