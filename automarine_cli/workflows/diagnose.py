@@ -101,7 +101,7 @@ def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha2
     base = base_estimates(study, trial)
     drag = {name: base[name].to_json() for name in ("k_rr", "k_r", "I_r") if name in base}
     angle = None
-    if "k_rr" in base:
+    if "k_rr" in base and base["k_rr"].value > 0:
         covariance = study.covariance(trial.model, trial.fit)
         spread = float(np.sqrt(max(covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1], 0.0)))
         angle = Estimate.from_log(
