@@ -54,8 +54,12 @@ def gap_table(diagnosis: Diagnosis) -> Table:
         "", ("runs", "before [deg]", "after [deg]", "noise of the heading [deg]", "gap above the noise closed"),
         tuple(rows),
         notes=(
-            "Root mean square over whole runs simulated from their start, with each run's own start heading, thrust "
-            "and switch instants. "
+            "Root mean square over whole runs simulated from their start, with each run's own start heading and "
+            "disturbances, which follow much of what the model lacks: restarted errors are those of `automarine "
+            "validate`."
+            if diagnosis.study.disturbed
+            else "Root mean square over whole runs simulated from their start, with each run's own start heading, "
+            "thrust and switch instants. "
             f"Thrust differs from run to run by {scatter[0]:.1f} % before and {scatter[1]:.1f} % after.",
         ),
     )  # fmt: skip
