@@ -70,6 +70,7 @@ def _yaw(steps: Steps) -> list[str]:
     blocks += [
         re.sub(r"\A\*\*(.*)\*\*", r"### \1", step.text(f"{table}.md")) for table in ("table1", "table2")
     ]
+    blocks += [_bullets([escape(f"Warning: {line}") for line in step.at("warnings")])]
     figures = [picture(step, stem) for stem in ("drag", "inertia", "half_turns", "collapse", "whole_runs")]
     return [*blocks, "### Figures of the fit", *figures]
 
@@ -138,7 +139,8 @@ def _set_aside(steps: Steps) -> list[str]:
 
 
 def _next(steps: Steps) -> list[str]:
-    said = [escape(str(line)) for line in steps["yaw"].at("warnings")] if "yaw" in steps else []
+    warnings = [str(line) for line in steps["yaw"].at("warnings")] if "yaw" in steps else []
+    said = [escape(line) for line in warnings if re.search(r"\badd\b", line, flags=re.IGNORECASE)]
     blocks = [_bullets(said), _without_next(steps["diagnosis"])[1] if "diagnosis" in steps else ""]
     lines = [block.strip() for block in blocks if block.strip()]
     return (

@@ -66,16 +66,19 @@ def _thrust(step: StepResult) -> str:
 def _predicts(step: StepResult | None, fitted: StepResult | None) -> str:
     if step is None:
         return ""
-    best, used = str(step.at("best")), step.at("runs", "used")
-    score = step.at("models", best)
-    if score.get("rmse_deg") is None:
-        return f"On {used} runs of validation every model runs away."
+    best, fits = str(step.at("best")), str(step.at("preferred_by_fit"))
+    model, used = fits if fits in step.at("models") else best, step.at("runs", "used")
+    score = step.at("models", model)
     runs = f"{used} run{'s' * (used != 1)}{_seen(step, fitted)}"
+    if score.get("rmse_deg") is None:
+        return f"Driven by the commands of {runs}, model {escape(model)} runs away."
     again = score.get("restarted_rmse_deg")
     restarted = f", by {number(again, 3)} degrees when restarted within them" if again is not None else ""
+    better = f" (best is model {escape(best)} with {_bracketed(step, best)})" if best != model else ""
     return (
-        f"Driven by the commands of {runs}, model {escape(best)} misses the heading by **{_bracketed(step, best)}** "
-        f"degrees rms over whole runs{restarted}, where the noise is {number(step.number('noise_floor_deg'), 3)}."
+        f"Driven by the commands of {runs}, model {escape(model)} misses the heading by "
+        f"**{_bracketed(step, model)}** degrees rms over whole runs{better}{restarted}, where the noise is "
+        f"{number(step.number('noise_floor_deg'), 3)}."
     )
 
 

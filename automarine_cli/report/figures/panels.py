@@ -72,16 +72,28 @@ def _panel(name: str, axes: Axes, figure: Figure) -> dict[str, Any]:
         axis.get_scale() == "linear" and type(axis.get_major_formatter()) is ScalarFormatter
         for axis in (axes.xaxis, axes.yaxis)
     )
-    below = next(
-        (a for _, a in reversed(list(_panels(figure))) if a.get_shared_x_axes().joined(a, axes)), axes
-    )
     labels = [line.get_label() for line in _lines(axes)]
     return {
         "id": name,
         "box": [round(float(side), 3) for side in box],
         "x": [float(f"{limit:.6g}") for limit in axes.get_xlim()],
         "y": [float(f"{limit:.6g}") for limit in axes.get_ylim()],
-        "says": [plain(axes.get_xlabel() or below.get_xlabel()), plain(axes.get_ylabel())],
+        "says": [_said(axes, figure, "x"), _said(axes, figure, "y")],
         "zooms": numbers,
         "lines": [plain(str(label)) if not str(label).startswith("_") else "" for label in labels],
     }
+
+
+def _said(axes: Axes, figure: Figure, way: str) -> str:
+    """The label of an axis; of inner panels that of the nearest one below, or to the left, which stands for them."""
+    across, along = ("x0", "y0") if way == "x" else ("y0", "x0")
+    here = axes.get_position()
+    beside = [
+        other
+        for _, other in _panels(figure)
+        if abs(getattr(other.get_position(), across) - getattr(here, across)) < 1e-3
+        and getattr(other.get_position(), along) <= getattr(here, along)
+    ]
+    nearest = sorted(beside, key=lambda other: -getattr(other.get_position(), along))
+    labels = (other.get_xlabel() if way == "x" else other.get_ylabel() for other in nearest)
+    return plain(" ".join(next((label for label in labels if label), "").split()))

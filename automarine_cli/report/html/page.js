@@ -51,7 +51,7 @@
     says(at) {
       const found = this.nearest(at), [x, y, label] = found || [...at, ''];
       this.found = found;
-      const [wx, wy] = this.says_;
+      const [wx, wy] = [this.says_[0] || 'x', this.says_[1] || 'y'];
       return [found ? label : null, `${wx}: ${shown(this.scale('x').value(x), this.x[1] - this.x[0])}`,
         `${wy}: ${shown(this.scale('y').value(y), this.y[1] - this.y[0])}`].filter(Boolean).join('\n');
     }
