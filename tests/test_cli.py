@@ -33,6 +33,16 @@ except SystemExit:
     print(*(name for name in {HEAVY} if name in sys.modules), file=sys.stderr)
 """
 
+LIST_LOADED = """
+import sys
+from automarine_cli.cli import main
+try:
+    main()
+except SystemExit:
+    files = ("check", "fit_yaw", "run", "validate")
+    print([name for name in files if f"automarine_cli.cli.{name}" in sys.modules])
+"""
+
 TRY = """
 import click
 from automarine_cli.cli import automarine, main
@@ -300,6 +310,14 @@ def test_arm_must_be_a_length() -> None:
 
 
 # Help texts and examples
+
+
+def test_list_of_commands_is_what_the_commands_say() -> None:
+    """It is read off their files: importing all of them would take longer than importing click."""
+    listed = python("--help", code=LIST_LOADED).stdout
+    for name, command in commands().items():
+        assert f"  {name} " in listed and command.short_help and command.short_help in listed
+    assert listed.splitlines()[-1] == "[]"
 
 
 @EVERY_COMMAND

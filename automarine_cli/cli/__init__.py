@@ -7,6 +7,7 @@ Nothing in this folder imports numpy at module level; a command's body imports i
 import contextlib
 import errno
 import os
+import re
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -18,6 +19,7 @@ from automarine_cli.cli.terminal import Refusal, versions
 from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline import interrupts
 
+SHORT_HELP = re.compile(r'^@click\.command\(\s*"[\w-]+",\s*short_help="([^"\n]+)"', re.MULTILINE)
 NOT_COMMANDS = ("__init__", "options", "echo", "terminal")
 
 
@@ -36,6 +38,20 @@ class CommandFolder(click.Group):
             return super().get_command(ctx, cmd_name)
         module = import_module(f"{__name__}.{cmd_name.replace('-', '_')}")
         return next(value for value in vars(module).values() if isinstance(value, click.Command))
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The list of commands; what each does is read off its file, for loading them all would take longer."""
+        rows = [(name, self._short_help(ctx, name)) for name in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+    def _short_help(self, ctx: click.Context, name: str) -> str:
+        file = Path(__file__).with_name(f"{name.replace('-', '_')}.py")
+        written = file.is_file() and SHORT_HELP.search(file.read_text(encoding="utf-8"))
+        if written:
+            return written[1]
+        command = self.get_command(ctx, name)
+        return "" if command is None else command.get_short_help_str(60)
 
     def invoke(self, ctx: click.Context) -> object:
         """Run the command; 1 for what is refused, 130 for an interrupt, never a traceback without -vv."""

@@ -7,7 +7,7 @@ import click
 from automarine_cli.cli import options
 
 
-@click.command("check")
+@click.command("check", short_help="What is in the logs, and what is wrong with them.")
 @options.logs_argument
 @options.columns_option
 @options.out_option

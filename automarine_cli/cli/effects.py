@@ -5,7 +5,7 @@ import click
 from automarine_cli.cli import options
 
 
-@click.command("effects")
+@click.command("effects", short_help="The library of effects, and the card of each.")
 @click.argument("name", required=False, metavar="[NAME]")
 @options.json_option
 @options.verbosity
