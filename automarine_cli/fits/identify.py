@@ -41,8 +41,21 @@ def identify(
     `each` maps a function over the models (to use processes). Raises RunError where too few runs are left,
     FitError where the data cannot carry a fit.
     """
-    each = each or (lambda function, models: [function(model) for model in models])
     turns, set_aside = half_turns(runs)
+    return identify_turns(turns, set_aside, lambda: runs, fit_to, known, each)
+
+
+def identify_turns(
+    turns: tuple[HalfTurn, ...],
+    set_aside: tuple[SetAside, ...],
+    whole: Callable[[], Sequence[Run]],
+    fit_to: str = "auto",
+    known: Known = NOTHING_KNOWN,
+    each: Map | None = None,
+) -> YawFit:
+    """As `identify`, of half-turns and the runs without one; `whole` gives the runs, if they are needed."""
+    each = each or (lambda function, models: [function(model) for model in models])
+    runs = len(turns) + len(set_aside)
     sizes = len({round(abs(turn.moment), 9) for turn in turns})
     enough = len(turns) >= FEWEST_STEPS and sizes >= 2
     if fit_to == "half-turns" and not enough:
@@ -51,9 +64,9 @@ def identify(
             f"{FEWEST_STEPS} at 2 are needed; "
             f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         )
-    if fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= len(runs)):
+    if fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs):
         return _fit_steps(turns, set_aside, known, each)
-    return _fit_whole(tuple(runs), turns, set_aside, each)
+    return _fit_whole(tuple(whole()), turns, set_aside, each)
 
 
 def _counted(number: int, noun: str) -> str:

@@ -11,16 +11,12 @@ from scipy import special
 from automarine_cli.fits.linear_mixed import RunEffects
 from automarine_cli.fits.mixed_model import Problem
 from automarine_cli.models.closed_form import response
-from automarine_cli.runs.half_turn import HalfTurn
+from automarine_cli.runs.half_turn import MOST_REST, HalfTurn
 
 Floats = NDArray[np.float64]
 
 NAMES = {"1": ("I_r", "k_r"), "2": ("I_r", "k_rr", "k_r"), "3": ("I_r", "k_rr")}
 """Parameters of the paper's models in the order of theta."""
-
-MOST_REST = 200
-"""Samples of rest before a step that are used; more would say little of the start heading and much of slow
-drifts."""
 
 MOST_OFFSET = 2.5
 """Bound of the common z of the switch instants: `instant` then lies within 0.6 % of the end of the interval."""

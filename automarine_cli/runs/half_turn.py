@@ -8,8 +8,8 @@ dropped as well.
 """
 
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ MOMENT_ENDS = "the moment changed"
 LOG_ENDS = "the log ended"
 
 FEWEST_SAMPLES = 8
+MOST_REST = 200
+"""Samples of rest before a step that are used; more would say little of the start heading and much of slow drifts."""
 MARGIN_IN_SIGMA = 3.0
 LEAST_TURN = np.deg2rad(60)  # a step that ends before this has shown no steady rate
 NO_TURN = np.deg2rad(5)
@@ -96,29 +98,78 @@ def half_turn(run: Run, step: Step) -> HalfTurn:
 
 
 def half_turns(runs: Iterable[Run]) -> tuple[tuple[HalfTurn, ...], tuple[SetAside, ...]]:
-    """The first half-turn of every run that serves, and the runs set aside with their reasons.
-
-    Of a run with several steps the first that serves is taken; if none does, the first one's reason is given.
-    """
+    """The first half-turn of every run that serves, and the runs set aside with their reasons."""
     good: list[HalfTurn] = []
     aside: list[SetAside] = []
     for run in runs:
-        trimmed = tuple(_trimmed(run))
-        chosen = next((turn for turn in trimmed if turn.serves), None)
-        if chosen is not None:
-            good.append(chosen)
+        turn, why = first_half_turn(run)
+        if turn is not None:
+            good.append(turn)
         else:
-            aside.append(SetAside(run.source, run.name, trimmed[0].why if trimmed else NO_STEP))
+            aside.append(SetAside(run.source, run.name, why))
     return tuple(good), tuple(aside)
+
+
+def first_half_turn(run: Run) -> tuple[HalfTurn | None, str]:
+    """Of a run with several steps the first that serves; if none does, None and the first one's reason."""
+    why = ""
+    for step in find_steps(run):
+        turn = half_turn(run, step)
+        if turn.serves:
+            return turn, ""
+        why = why or turn.why
+    return None, why or NO_STEP
+
+
+@dataclass(frozen=True)
+class Trimmed:
+    """A run of which only its half-turn is kept, with some of the rest before it and of what follows (for figures);
+    of a run without one nothing but its name, and `why`.
+    """
+
+    run: Run
+    turn: HalfTurn | None
+    why: str
+
+    def of(self, run: Run) -> "Trimmed":
+        """The same under the name of `run`."""
+        turn = None if self.turn is None else replace(self.turn, step=replace(self.turn.step, run=run))
+        return Trimmed(run, turn, self.why)
+
+
+def trimmed(run: Run) -> Trimmed:
+    """Keep of a run what a fit to half-turns needs. Raises RunError where the run has no moment."""
+    turn, why = first_half_turn(run)
+    if turn is None:
+        return Trimmed(_copied(run, 0, 0), None, why)
+    step, kept = turn.step, turn.kept
+    rest = step.rest and slice(max(step.rest.start, step.rest.stop - MOST_REST), step.rest.stop)
+    start = kept.start if rest is None else rest.start
+    stop = min(step.stop, kept.stop + len(turn.time))
+    short = _copied(run, start, stop)
+    step = replace(
+        step,
+        run=short,
+        first=step.first - start,
+        stop=stop - start,
+        rest=None if rest is None else slice(0, rest.stop - start),
+    )
+    kept = slice(kept.start - start, kept.stop - start)
+    return Trimmed(
+        short, replace(turn, step=step, time=short.time[kept], heading=short.heading[kept], kept=kept), ""
+    )
+
+
+def _copied(run: Run, start: int, stop: int) -> Run:
+    """Samples start:stop with nothing else, so that the rest of the log need not stay in memory."""
+    part = replace(run, extras={}).cut(start, stop)
+    moment = None if part.moment is None else part.moment.copy()
+    return replace(part, time=part.time.copy(), heading=part.heading.copy(), moment=moment)
 
 
 NO_STEP = (
     "no step: no constant moment is held for at least 5 samples. Hold the moment constant, or fit whole runs"
 )
-
-
-def _trimmed(run: Run) -> Iterator[HalfTurn]:
-    return (half_turn(run, step) for step in find_steps(run))
 
 
 def _end(turned: Floats, noise: float) -> tuple[int, bool]:

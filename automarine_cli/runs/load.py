@@ -3,10 +3,11 @@
 import contextlib
 import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +15,17 @@ from numpy.typing import NDArray
 from automarine_cli.errors import FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_yaw
 from automarine_cli.logs.formats import stem_of
-from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.clean import NotUsable, clean, too_short
+from automarine_cli.runs.half_turn import HalfTurn, Trimmed, trimmed
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.sense import clock_trouble
 
+Kept = TypeVar("Kept")
+
 MOST_REASONS = 5  # reasons shown when nothing is left
+NAMED_APART = "another run of this campaign has the same name; the file's name was put in front"
 
 
 @dataclass(frozen=True)
@@ -47,17 +52,76 @@ def load_runs(
     that would be set aside if `strict`, and if no run is left.
     """
     files = find_logs(logs)
-    runs: list[Run] = []
+    runs, aside = _gathered(partial(read_runs, columns=columns), files, strict, progress, jobs)
+    return Campaign(_one_unit(named_apart(runs)), aside, tuple(filter(has_bytes, files)))
+
+
+@dataclass(frozen=True)
+class HalfTurnCampaign:
+    """The half-turns of a campaign without what came after them: `turns` that serve, in file order, `not_turned` the
+    runs without one and why; the rest as in `Campaign`. `count` is the number of runs.
+    """
+
+    turns: tuple[HalfTurn, ...]
+    not_turned: tuple[SetAside, ...]
+    count: int
+    set_aside: tuple[SetAside, ...]
+    inputs: tuple[LogFile, ...]
+
+
+def load_half_turns(
+    logs: Sequence[str | Path],
+    columns: ColumnMap | None = None,
+    drive: Callable[[Run], Run] | None = None,
+    *,
+    strict: bool = False,
+    progress: Progress = silent,
+    jobs: int = 1,
+) -> HalfTurnCampaign:
+    """As `load_runs`, but of each run only its half-turn is kept, trimmed where it is read: what a campaign takes in
+    memory does not grow with the length of its logs. `drive` gives runs of thruster commands their moment.
+    """
+    files = find_logs(logs)
+    read = partial(_read_trimmed, columns=columns, drive=drive)
+    found, aside = _gathered(read, files, strict, progress, jobs)
+    runs = _one_unit(named_apart([one.run for one in found]))
+    named = [one.of(run) for one, run in zip(found, runs)]
+    return HalfTurnCampaign(
+        turns=tuple(one.turn for one in named if one.turn is not None),
+        not_turned=tuple(
+            SetAside(one.run.source, one.run.name, one.why) for one in named if one.turn is None
+        ),
+        count=len(named),
+        set_aside=aside,
+        inputs=tuple(filter(has_bytes, files)),
+    )
+
+
+def _gathered(
+    read: Callable[[LogFile], tuple[list[Kept], list[SetAside]]],
+    files: Sequence[LogFile],
+    strict: bool,
+    progress: Progress,
+    jobs: int,
+) -> tuple[list[Kept], tuple[SetAside, ...]]:
+    """What is read of all files, and what is set aside."""
+    kept: list[Kept] = []
     aside: list[SetAside] = []
-    read = partial(read_runs, columns=columns)
-    for good, bad in ordered_map(read, files, jobs, progress=progress, stage="reading logs"):
-        runs += good
+    for good, bad in ordered_stream(read, files, jobs, progress=progress, stage="reading logs"):
+        kept += good
         aside += bad
     if strict and aside:
         raise refused_by_strict(aside[0])
-    if not runs:
+    if not kept:
         raise none_left(len(files), aside)
-    return Campaign(_one_unit(named_apart(runs)), tuple(aside), tuple(filter(has_bytes, files)))
+    return kept, tuple(aside)
+
+
+def _read_trimmed(
+    file: LogFile, columns: ColumnMap | None, drive: Callable[[Run], Run] | None
+) -> tuple[list[Trimmed], list[SetAside]]:
+    runs, aside = read_runs(file, columns)
+    return [trimmed(run if drive is None else drive(run)) for run in runs], aside
 
 
 def has_bytes(file: LogFile) -> bool:
@@ -167,20 +231,25 @@ def _without_source(sentence: str, source: str) -> str:
 
 
 def named_apart(runs: Sequence[Run]) -> list[Run]:
-    """Runs of one campaign, no two of one name: runs of one name get their file's name in front (without its
-    ending where that is enough).
+    """Runs of one campaign, no two of one name; see `names_apart`."""
+    names = names_apart([(run.name, run.source) for run in runs])
+    return [
+        run if run.name == name else replace(run, name=name, notes=(*run.notes, NAMED_APART))
+        for run, name in zip(runs, names)
+    ]
+
+
+def names_apart(runs: Sequence[tuple[str, str]]) -> list[str]:
+    """Names for runs, given by name and file: those of one name get their file's name in front (without its ending
+    where that is enough).
     """
-    note = "another run of this campaign has the same name; the file's name was put in front"
-    named = list(runs)
+    named = [name for name, _ in runs]
     for prefix in (stem_of, str):
-        times = Counter(run.name for run in named)
-        for i, (run, original) in enumerate(zip(named, runs)):
-            if times[run.name] > 1:
-                front = prefix(run.source)
-                own = original.name == _stem(run.source)
-                named[i] = replace(
-                    original, name=front if own else f"{front}:{original.name}", notes=(*original.notes, note)
-                )
+        times = Counter(named)
+        for i, (name, (original, source)) in enumerate(zip(named.copy(), runs)):
+            if times[name] > 1:
+                front = prefix(source)
+                named[i] = front if original == _stem(source) else f"{front}:{original}"
     return named
 
 

@@ -1,7 +1,7 @@
 """`automarine check`: what is in the logs, what of it serves, and what is wrong with the rest."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -23,15 +23,16 @@ from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.check_tables import run_table, thruster_test_table
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import (
+    NAMED_APART,
     has_bytes,
-    named_apart,
+    names_apart,
     none_left,
     refused_by_strict,
     runs_of_table,
     unreadable,
 )
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen, look_at_run, look_at_tests
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import SetAside
 
 FILES = ("check.json", "check.md")
 
@@ -95,21 +96,27 @@ def check(
 
 def _look(files: Sequence[LogFile], names: ColumnMap, strict: bool, jobs: int, progress: Progress) -> Check:
     found = ordered_map(
-        partial(_look_at, columns=names), files, jobs, progress=progress, stage="reading logs"
+        partial(_look_at, columns=names), files, jobs, progress=progress, stage="looking at logs"
     )
     aside = [run for _, _, bad in found for run in bad]
-    runs = named_apart([run for good, _, _ in found for run in good])
+    runs = [run for good, _, _ in found for run in good]
     tests = tuple(test for _, seen, _ in found for test in seen)
     if strict and aside:
         raise refused_by_strict(aside[0])
     if not runs and not tests:
         raise none_left(len(files), aside)
-    seen = ordered_map(look_at_run, runs, jobs, progress=progress, stage="looking at runs")
+    apart = names_apart([(run.run, run.file) for run in runs])
+    seen = [
+        run if run.run == name else replace(run, run=name, notes=[*run.notes, NAMED_APART])
+        for run, name in zip(runs, apart)
+    ]
     return Check(tuple(seen), tests, tuple(aside), len(files))
 
 
-def _look_at(file: LogFile, columns: ColumnMap) -> tuple[list[Run], list[ThrusterTestSeen], list[SetAside]]:
-    """Yaw runs, thruster tests and what is set aside of one file."""
+def _look_at(
+    file: LogFile, columns: ColumnMap
+) -> tuple[list[RunSeen], list[ThrusterTestSeen], list[SetAside]]:
+    """What is seen of the yaw runs and thruster tests of one file, and what is set aside; its samples are not kept."""
     try:
         table = read_log(file, columns)
         if is_thruster_test(table):
@@ -120,4 +127,4 @@ def _look_at(file: LogFile, columns: ColumnMap) -> tuple[list[Run], list[Thruste
             raise
         return [], [], [unreadable(file, error)]
     runs, aside = runs_of_table(table, file)
-    return runs, [], aside
+    return [look_at_run(run) for run in runs], [], aside

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from automarine_cli.fits.identify import NOTHING_KNOWN, identify
+from automarine_cli.fits.identify import NOTHING_KNOWN, identify_turns
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.step_response import Known
 from automarine_cli.fits.yaw_fit import YawFit
@@ -16,8 +16,9 @@ from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import yaw_report
-from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
-from automarine_cli.workflows.moments import with_moments
+from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_strict, told_beside
+from automarine_cli.runs.run import Run
+from automarine_cli.workflows.moments import moment_maker
 
 FIT_TO = ("auto", "half-turns", "whole-runs")
 
@@ -46,15 +47,19 @@ def fit_yaw(
     column_map = (
         columns if isinstance(columns, ColumnMap) else read_column_map(columns) if columns else ColumnMap()
     )
-    campaign = load_runs(logs, column_map, strict=strict, progress=progress, jobs=jobs)
-    runs = with_moments(campaign.runs, thrusters, arm, column_map)
+    drive = moment_maker(thrusters, arm, column_map)
+    campaign = load_half_turns(logs, column_map, drive, strict=strict, progress=progress, jobs=jobs)
+
+    def whole() -> Sequence[Run]:
+        runs = load_runs(logs, column_map, progress=progress, jobs=jobs).runs
+        return runs if drive is None else [drive(run) for run in runs]
 
     def each(function: Callable[[str], OutputErrorFit], models: Sequence[str]) -> Sequence[OutputErrorFit]:
         return ordered_map(function, models, jobs, progress=progress, stage="fitting models")
 
     def work() -> YawFit:
         with told_beside(campaign.set_aside):
-            fit = identify(runs, fit_to, known, each)
+            fit = identify_turns(campaign.turns, campaign.not_turned, whole, fit_to, known, each)
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside))
         if strict and fit.set_aside:
             raise refused_by_strict(fit.set_aside[0])
