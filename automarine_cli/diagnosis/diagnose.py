@@ -70,9 +70,10 @@ def diagnose_runs(
     study = study_of(fitted, base)
     found = search(study, seed, each)
     study = found.study
-    word = judge.verdict_of(study, found)
-    named = judge.named_effects(study, found, split_by(study, found)) if word == "named" else ()
     held_out = Study(tuple(kept), base, study.disturbed, study.signals) if kept else None
+    held_out_gap = None if held_out is None else gap(held_out, found.base, found.final)
+    word = judge.verdict_of(study, found, held_out_gap)
+    named = judge.named_effects(study, found, split_by(study, found)) if word == "named" else ()
     return Diagnosis(
         verdict=word,
         study=study,
@@ -80,6 +81,6 @@ def diagnose_runs(
         effects=named,
         gap=gap(study, found.base, found.final, fitted=True),
         held_out=held_out,
-        held_out_gap=None if held_out is None else gap(held_out, found.base, found.final),
+        held_out_gap=held_out_gap,
         detectable=judge.detectable(study, found),
     )

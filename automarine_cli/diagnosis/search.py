@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli import effects
 from automarine_cli.diagnosis.physical import drag_drives
 from automarine_cli.diagnosis.scores import candidates, fitted_parameters, law_of, penalty, score
 from automarine_cli.diagnosis.study import ITERATIONS, Study
@@ -62,7 +63,7 @@ def search(study: Study, seed: int, each: Map) -> Found:
         rounds.append(this)
         current = this.before
         least = max(this.threshold, TRUST * (rounds[0].before.evidence - current.evidence))
-        able = [t for t in this.trials if this.gain(t) > least and _predicts(t, current)]
+        able = [t for t in this.trials if this.gain(t) > least and may_stand(t, current)]
         best = min(able, key=lambda trial: trial.evidence, default=None)
         if best is None:
             break
@@ -182,9 +183,17 @@ def _fitted(
     return _trial(study, model, (*current.added, model.terms[-1].name), fit)
 
 
-def _predicts(trial: Trial, current: Trial) -> bool:
-    """Whether runs left out of the fit are predicted better with the effect than without."""
-    return float(trial.fit.predictive.sum()) > float(current.fit.predictive.sum())
+def may_stand(trial: Trial, current: Trial) -> bool:
+    """Whether runs left out of the fit are predicted better with the effect than without, and its size is its own: a
+    size that only a bound stops says that the runs want something else."""
+    predicts = float(trial.fit.predictive.sum()) > float(current.fit.predictive.sum())
+    term, end = trial.model.terms[-1], len(trial.model.theta)
+    effect, places = effects.get(term.name), range(end - len(term.values), end)
+    own = zip(places, effect.parameters, term.values, effect.held(term.values))
+    stopped = (
+        i in trial.fit.at_bound and value != p.off for i, p, value, held in own if not (held or p.scan)
+    )  # fmt: skip
+    return predicts and not any(stopped)
 
 
 def _without(study: Study, trial: Trial, out: str) -> Trial | None:
@@ -223,7 +232,7 @@ def _reconsider(
             this = _round(study, without, seed + steps, each, whole=False)
         except FitError:  # simulations beside this fit run away: it cannot be asked
             continue
-        able = [trial for trial in this.trials if _predicts(trial, without)]
+        able = [trial for trial in this.trials if may_stand(trial, without)]
         best = min((*able, current), key=lambda trial: trial.evidence)
         least = max(this.threshold, TRUST * (first.before.evidence - without.evidence))
         if without.evidence - best.evidence <= least:

@@ -26,6 +26,8 @@ LEFT_OVER = 0.3
 """Share of the excess variance over the floor that may stay when an effect is named."""
 STANDS = 2.0
 """Times the floor above which residuals that hang together are unexplained, however much larger they were before."""
+ASTRAY = 1.1
+"""Growth of the gap on runs held out at which an explanation cannot be right."""
 MANY = 0.25
 """Excess variance that the base must leave before as many effects as may be named are believed: small gaps that take
 three are rather one effect that the library lacks."""
@@ -55,14 +57,17 @@ class NamedEffect:
     rivals: tuple[NamedRival, ...]
 
 
-def verdict_of(study: Study, found: Found) -> str:
+def verdict_of(study: Study, found: Found, held_out: Gap | None = None) -> str:
     """ "named", "nothing-missing" or "unexplained".
 
     Unexplained are runs whose residuals stand well above the floor and hang together in time, when what was added
     closes less than most of that gap: the candidate then only fits least badly. So are runs whose own gains of thrust
     wander with the campaign's clock, for a gain a run can follow anything that changes slowly, and no residual shows;
-    and runs that would take more effects than anybody should believe.
+    and runs that would take more effects than anybody should believe; and an explanation that leads runs held out
+    astray.
     """
+    if held_out is not None and held_out.after > ASTRAY * held_out.before:
+        return "unexplained"
     excess = [max((trial.fit.noise / study.floor) ** 2 - 1.0, 0.0) for trial in (found.base, found.final)]
     margin = max(WELL_ABOVE, 3.0 * FLOOR_ERROR / float(np.sqrt(study.batch.seen.sum())))
     loud = found.final.fit.noise > (1.0 + margin) * study.floor and not study.disturbed
