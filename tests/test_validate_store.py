@@ -110,7 +110,8 @@ def test_refusals_name_the_place(data: dict[str, Any], sentence: str) -> None:
     assert data != before
     with pytest.raises(ModelError) as refusal:
         yaw_models_from_json(data, "m.json")
-    assert str(refusal.value) == f"m.json: {sentence}"
+    then = "; give a file as `automarine fit-yaw` writes it" if sentence.endswith(" is missing") else ""
+    assert str(refusal.value) == f"m.json: {sentence}{then}"
 
 
 def test_an_unknown_effect_is_answered_with_the_library(data: dict[str, Any]) -> None:

@@ -73,5 +73,6 @@ def run(
     for one in result.refused:
         click.echo(f"Error: {one.step}: {one.why}", err=True)
     if result.refused:
+        click.echo("Correct that and run the same command again: the steps that are done are kept.", err=True)
         ctx.exit(1)
     return result

@@ -221,5 +221,7 @@ def _object(data: object, where: str) -> Mapping[str, object]:
 
 def _needed(data: Mapping[str, object], key: str, where: str) -> object:
     if key not in data:
-        raise ModelError(f"{where}: key {_told(key)} is missing")
+        raise ModelError(
+            f"{where}: key {_told(key)} is missing; give a file as `automarine fit-yaw` writes it"
+        )
     return data[key]

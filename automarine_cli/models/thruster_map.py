@@ -101,7 +101,9 @@ class ThrusterMap:
         _known(top, _ALLOWED, where)
         for key in _REQUIRED:
             if key not in top:
-                raise ModelError(f"{where}: key {told(key)} is missing")
+                raise ModelError(
+                    f"{where}: key {told(key)} is missing; give a file as `automarine fit-thrusters` writes it"
+                )
         form = top["form"]
         if not isinstance(form, str) or form not in FORMS:
             raise ModelError(f"{where}: form: found {told(form)}, expected one of {', '.join(FORMS)}")
@@ -112,7 +114,9 @@ class ThrusterMap:
             for side in ("forward", "backward")
         }
         if curves["forward"] is None and curves["backward"] is None:
-            raise ModelError(f"{where}: parameters has neither a forward nor a backward direction")
+            raise ModelError(
+                f"{where}: parameters has neither a forward nor a backward direction; expected one or both"
+            )
         unit = top.get("n_unit", "")
         if not isinstance(unit, str):
             raise ModelError(f"{where}: n_unit: found {told(unit)}, expected text")
