@@ -350,3 +350,10 @@ def test_tables_are_copied_with_the_names_that_they_show(tab: tuple[Tab, Path]) 
     )
     copied = shown.value("navigator.clipboard.readText()")
     assert copied.splitlines()[0] == "Model\t1\t2\t3" and copied.splitlines()[1].startswith("k_r|r|\t–\t")
+
+
+def test_very_long_tables_stay_in_their_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("automarine_cli.report.campaign_page.MOST_ROWS", 3)
+    text = report_files(folder)["report.md"]
+    assert "Every run: see `check/check.md`." in text and "see `manifest.json`" in text
+    assert "<details>" not in text

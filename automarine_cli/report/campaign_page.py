@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from itertools import islice
 
+from automarine_cli.pipeline.manifest import Manifest
 from automarine_cli.pipeline.outputs import file_stems
 from automarine_cli.report.campaign_steps import StepResult
 from automarine_cli.report.campaign_summary import missing_sentence, summary
@@ -24,6 +25,7 @@ ALT = {
     "before_after": "The gap before and after the missing effect was added, against the noise of the heading",
 }
 SHOWN_OPEN, MOST_SHOWN = 6, 40  # runs whose validation figure stands open, and that are in the page at all
+MOST_ROWS = 1000  # of a folded table: a page of ten thousand rows opens slowly and is read by nobody
 NEXT = "What to run next"
 
 
@@ -119,7 +121,10 @@ def _logs(steps: Steps) -> list[str]:
     if (step := steps.get("check")) is None or not (body := step.text("check.md")):
         return []
     used, count = step.at("runs", "used"), step.at("logs")
-    return [f"{count} logs with {used} runs and thruster tests were looked at.", *fold("Every run", body)]
+    return [
+        f"{count} logs with {used} runs and thruster tests were looked at.",
+        *_listed("Every run", body, "check/check.md"),
+    ]
 
 
 def _set_aside(steps: Steps) -> list[str]:
@@ -167,21 +172,28 @@ def _made(steps: Steps) -> list[str]:
         )
     header = ("folder", "command", "settings other than the usual", "seed", "inputs", "automarine")
     versions = {", ".join(f"{name} {one}" for name, one in made.libraries.items()) for _, made in known}
-    files = [
-        (step.name, entry.role, entry.file, entry.sha256 or "not readable")
-        for step, made in known
-        for entry in made.inputs
-    ]
     return [
         Table("", header, tuple(rows)).to_markdown(),
         *(f"Versions: {escape(line)}." for line in sorted(versions)),
         "`automarine verify` on each folder says whether anything in it changed since; `automarine run --from` makes "
         "it again.",
-        *fold(
-            "Every input and its SHA-256",
-            Table("", ("folder", "as", "file", "SHA-256"), tuple(files)).to_markdown(),
-        ),
+        *_listed("Every input and its SHA-256", _files(known), "manifest.json"),
     ]
+
+
+def _files(known: Sequence[tuple[StepResult, Manifest]]) -> str:
+    """Every input of every step with its hash."""
+    rows = [
+        (step.name, entry.role, entry.file, entry.sha256 or "not readable")
+        for step, made in known
+        for entry in made.inputs
+    ]
+    return Table("", ("folder", "as", "file", "SHA-256"), tuple(rows)).to_markdown()
+
+
+def _listed(summary: str, table: str, place: str) -> list[str]:
+    """A long table folded away; of a very long one only where it stands."""
+    return fold(summary, table) if table.count("\n") <= MOST_ROWS else [f"{summary}: see `{place}`."]
 
 
 def _settings(options: Mapping[str, object]) -> str:
