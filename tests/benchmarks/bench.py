@@ -2,7 +2,7 @@
 out/bench.json.
 
 Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [thrusters] [effects] [startup] [simulator] [fit]
-       [--jobs N] [--campaigns N]
+       [reading] [memory] [broken] [cluster] [--jobs N] [--campaigns N] [--repeats N] [--full]
 """
 
 import os
@@ -15,27 +15,33 @@ import sys
 import time
 from pathlib import Path
 
+from cluster import cluster
 from coverage import coverage
 from coverage_effects import effect_coverage
 from coverage_thrusters import thruster_coverage
 from efficiency import efficiency
+from reading import broken, memory, reading
 from speed import Result, fit, simulator, startup
 
 from automarine_cli.cli.echo import terminal_progress
 from automarine_cli.pipeline.progress import Progress
 
 CAMPAIGNS = {"efficiency": 200, "coverage": 300, "thrusters": 300, "effects": 40}
-SECTIONS = (*CAMPAIGNS, "startup", "simulator", "fit")
+SECTIONS = (*CAMPAIGNS, "startup", "simulator", "fit", "reading", "memory", "broken", "cluster")
 
 
-def run_section(name: str, jobs: int, campaigns: int | None, progress: Progress) -> Result:
+def run_section(
+    name: str, jobs: int, campaigns: int | None, repeats: int, full: bool, progress: Progress
+) -> Result:
     """Tables and plain results of one section."""
     if name in CAMPAIGNS:
         measure = dict(zip(CAMPAIGNS, (efficiency, coverage, thruster_coverage, effect_coverage)))[name]
         return measure(campaigns or CAMPAIGNS[name], jobs, progress)
-    if name == "startup":
-        return startup(15, progress)
-    return {"simulator": simulator, "fit": fit}[name](15, progress)
+    if name == "reading":
+        return reading(repeats, full, progress)
+    if name in ("memory", "broken", "cluster"):
+        return {"memory": memory, "broken": broken, "cluster": cluster}[name](full, progress)
+    return {"startup": startup, "simulator": simulator, "fit": fit}[name](3 * repeats, progress)
 
 
 def main() -> None:
@@ -52,6 +58,12 @@ def main() -> None:
     parser.add_argument(
         "--campaigns", type=int, help="simulated campaigns a case, instead of 200, 300 or (effects) 40"
     )
+    parser.add_argument("--repeats", type=int, default=5, help="of which the median counts (default: 5)")
+    parser.add_argument(
+        "--full",
+        action="store_true",
+        help="read 1 GB of CSV, 20,000 files, 100 million samples (needs 5 GB of disk)",
+    )
     parser.add_argument("--out", type=Path, default=Path("out/bench.json"), help="default: out/bench.json")
     options = parser.parse_args()
     if unknown := [name for name in options.sections if name not in SECTIONS]:
@@ -59,7 +71,9 @@ def main() -> None:
     results = json.loads(options.out.read_text()) if options.out.exists() and options.sections else {}
     for name in options.sections or SECTIONS:
         begun = time.perf_counter()
-        tables, results[name] = run_section(name, options.jobs, options.campaigns, terminal_progress())
+        tables, results[name] = run_section(
+            name, options.jobs, options.campaigns, options.repeats, options.full, terminal_progress()
+        )
         for table in tables:
             print(table.to_text())
         print(f"({name}: {time.perf_counter() - begun:.0f} s)\n", flush=True)
