@@ -59,6 +59,14 @@ def test_what_is_named_canonically_needs_no_question(tmp_path: Path) -> None:
     assert [file.name for file in known.files("steps")] == [f"steps/run_0{i}.csv" for i in range(4)]
 
 
+def test_ranges_are_those_of_all_logs(tmp_path: Path) -> None:
+    write_logs(tmp_path / "pool" / "steps", CANONICAL)
+    write_logs(tmp_path / "pool" / "more", {**CANONICAL, "spare": CANONICAL["tau"]}, (1.2, -1.1))
+    found, data = asked(tmp_path / "pool")
+    assert data["logs"]["steps"] == ["more", "steps"]
+    assert "# tau                                        # as named: -1.1 to 1.2\n" in found.text
+
+
 def test_a_whole_campaign_with_one_question(tmp_path: Path, run: Callable[..., Result]) -> None:
     file = make_small_campaign(tmp_path / "pool")
     file.unlink()

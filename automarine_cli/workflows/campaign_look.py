@@ -111,9 +111,11 @@ def _recognised(layouts: Sequence[Layout]) -> tuple[tuple[Recognised, ...], tupl
     found: dict[str, Recognised] = {}
     lacking: dict[str, None] = {}
     for layout in layouts:
-        wanted = _wanted(layout)
-        for quantity in wanted:
-            one = recognise(quantity, layout.names, layout.seen)
+        # a column of this name does what it does over all logs, also those with other columns beside it
+        alike = _together([one.seen for one in layouts if one.bollard == layout.bollard])
+        seen = {name: alike[name] for name in layout.names if name in alike}
+        for quantity in _wanted(layout):
+            one = recognise(quantity, layout.names, seen)
             if one is not None:
                 found.setdefault(one.key, one)
             elif quantity in (BOLLARD[:2] if layout.bollard else (*NEEDED, "n_port", "n_stbd")):
