@@ -191,7 +191,9 @@ def may_stand(trial: Trial, current: Trial) -> bool:
     effect, places = effects.get(term.name), range(end - len(term.values), end)
     own = zip(places, effect.parameters, term.values, effect.held(term.values))
     stopped = (
-        i in trial.fit.at_bound and value != p.off for i, p, value, held in own if not (held or p.scan)
+        i in trial.fit.at_bound and value != p.off
+        for i, p, value, held in own
+        if not held and (not p.scan or effect.varies(term.values))
     )  # fmt: skip
     return predicts and not any(stopped)
 

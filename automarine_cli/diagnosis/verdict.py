@@ -24,7 +24,7 @@ FLOOR_ERROR = 1.5
 root of the samples), before runs may hold something more."""
 LEFT_OVER = 0.3
 """Share of the excess variance over the floor that may stay when an effect is named."""
-STANDS = 2.0
+STANDS = 1.3
 """Times the floor above which residuals that hang together are unexplained, however much larger they were before."""
 ASTRAY = 1.1
 """Growth of the gap on runs held out at which an explanation cannot be right."""
