@@ -9,7 +9,7 @@ from automarine_cli.diagnosis.study import Study
 from automarine_cli.fits.mixed_model import MixedFit
 from automarine_cli.models.yaw_model import YawModel
 
-LEVEL = 0.01
+LEVEL = 0.005
 """Share of campaigns with nothing missing in which something may still be claimed."""
 MOST_EFFECTS = 3
 

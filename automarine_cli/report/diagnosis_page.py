@@ -129,7 +129,7 @@ def _why(diagnosis: Diagnosis, key: NamingKey) -> str:
         "", ("candidate added to the base model", "evidence gained [deviance]"),
         tuple((trial.added[-1], number(first.gain(trial), 3)) for trial in best),
         notes=(
-            f"Chance reaches {number(first.threshold, 2)} in {100 * LEVEL:.0f} of 100 campaigns. "
+            f"Chance reaches {number(first.threshold, 2)} in {1000 * LEVEL:.0f} of 1000 campaigns. "
             "Every candidate was fitted together with the base model by simulating whole runs.",
         ),
     )  # fmt: skip

@@ -49,7 +49,7 @@ def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
     evidence = Table(
         "Candidates", ("effect", "evidence gained"),
         tuple((trial.added[-1], number(found.gain(trial), 3)) for trial in best),
-        notes=(f"Chance reaches {number(found.threshold, 2)} in {100 * LEVEL:.0f} of 100 campaigns.",),
+        notes=(f"Chance reaches {number(found.threshold, 2)} in {1000 * LEVEL:.0f} of 1000 campaigns.",),
     )  # fmt: skip
     effects = Table("Effects", ("effect", "parameter", "estimate", "unit", "confidence"), tuple(rows))
     return (*((effects,) if rows else ()), gap_table(diagnosis), evidence)

@@ -36,7 +36,7 @@ def why_figure(diagnosis: Diagnosis, key: NamingKey) -> Figure:
         Patch(color=AFTER, label="named"),
         Patch(color=COLOURS["sky"], label="rival not excluded"),
         Patch(color="0.72", label="not needed"),
-        Line2D([], [], linestyle="--", color=BEFORE, label=f"reached by chance in {100 * LEVEL:.0f} of 100 campaigns"),
+        Line2D([], [], linestyle="--", color=BEFORE, label=f"reached by chance in {1000 * LEVEL:.0f} of 1000 campaigns"),
         *grid[0, 1].get_legend_handles_labels()[0],
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
