@@ -1,6 +1,12 @@
 """Fixtures that every test may use."""
 
 import os
+import signal
+
+if (
+    signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+):  # as in a shell's background: children would not hear Ctrl-C
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 for _library in ("OPENBLAS", "OMP", "MKL"):  # as the console script does, before numpy comes
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")

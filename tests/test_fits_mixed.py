@@ -281,8 +281,6 @@ def test_a_response_that_is_not_finite_at_the_start_is_refused() -> None:
     broken = replace(linear.problem(), response=lambda theta, b: np.full((len(theta), RUNS, SAMPLES), np.inf))
     with (
         np.errstate(invalid="ignore"),
-        pytest.raises(
-            FitError, match="no motion of a vehicle fits these runs"
-        ),
+        pytest.raises(FitError, match="no motion of a vehicle fits these runs"),
     ):
         fit_mixed(broken, np.zeros(2), noise=1.0, factors=np.ones(2))

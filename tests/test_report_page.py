@@ -102,7 +102,7 @@ def test_sections_stand_in_order_and_hold_what_was_found(
         "Thruster map", "Yaw model", "Validation", "Diagnosis", "Logs", "Runs set aside", "What to run next",
         "How this was made",
     ]  # fmt: skip
-    model = json.loads((folder / "yaw" / "yaw_model.json").read_text())
+    model = json.loads((folder / "yaw" / "yaw_model.json").read_text(encoding="utf-8"))
     low, high = model["models"][model["preferred"]]["I_r"]["ci95"]
     first = page.text.partition("Thruster map")[2]
     said = re.search(r"I\s*r = ([\d.]+) \[([\d.]+), ([\d.]+)\]", first)
@@ -192,7 +192,9 @@ def test_command_writes_beside_the_steps(folder: Path, tmp_path: Path, run: Call
     assert {path.name for path in tmp_path.iterdir()} == {"thrusters", "report.html", "report.md"}
     again = run("report", tmp_path)
     assert again.exit_code == 1 and "give --overwrite to replace it" in again.stderr
-    assert report(tmp_path, overwrite=True).files["report.md"] == (tmp_path / "report.md").read_text()
+    assert report(tmp_path, overwrite=True).files["report.md"] == (tmp_path / "report.md").read_text(
+        encoding="utf-8"
+    )
 
 
 @pytest.mark.parametrize(
@@ -259,7 +261,9 @@ def test_an_svg_is_only_what_draws() -> None:
 def test_what_the_page_brings_is_small() -> None:
     folder = Path(am.__file__).parent / "report" / "html"
     assert (folder / "page.js").stat().st_size < 20_000 and (folder / "page.css").stat().st_size < 10_000
-    assert "http" not in (folder / "page.js").read_text().replace("http://www.w3.org/2000/svg", "")
+    assert "http" not in (folder / "page.js").read_text(encoding="utf-8").replace(
+        "http://www.w3.org/2000/svg", ""
+    )
 
 
 @pytest.fixture(scope="module")

@@ -98,13 +98,14 @@ def made_in(folder: Path, pool: str, turn: int, jobs: int, umask: int, more: dic
 
 def another_locale() -> str:
     """A locale with a decimal comma if the machine has one, else one with other letters."""
+    before = locale.setlocale(locale.LC_ALL)
     for name in ("de_DE.UTF-8", "fr_FR.UTF-8", "tr_TR.UTF-8", "C.UTF-8"):
         try:
             locale.setlocale(locale.LC_ALL, name)
         except locale.Error:
             continue
         finally:
-            locale.setlocale(locale.LC_ALL, "C")
+            locale.setlocale(locale.LC_ALL, before)
         return name
     return "C"
 
@@ -230,7 +231,7 @@ def test_other_bytes_and_other_versions_are_said(
     [
         ({"schema": "automarine/manifest/2"}, "schema is 'automarine/manifest/2'; expected 'automarine/manifest/1'"),
         ({"schema": "other"}, "is no manifest of automarine"),
-        ({"command": "rm -rf"}, "command is 'rm -rf'; known are fit-thrusters, fit-yaw"),
+        ({"command": "rm -rf"}, "command is 'rm -rf'; known are check, fit-thrusters, fit-yaw"),
         ({"options": {"form": 3}}, "options.form: expected a text in quotes, found 3"),
         ({"options": {"out": "/etc"}}, "options: unknown key 'out'"),
         ({"options": {"evil": 1}}, "options: unknown key 'evil' of fit-thrusters"),

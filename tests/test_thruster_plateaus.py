@@ -85,7 +85,9 @@ def test_square_law_from_raw_series_in_units_of_its_standard_error() -> None:
         value, stderr = fitted(reduce_series([raw(seed, tare=(0.8, 0.8))]).points)
         scores.append((value - A) / stderr)
     assert np.abs(scores).max() < 5.0
-    assert np.sqrt(np.mean(np.square(scores))) < 2.0
+    # A square law rests on its few highest levels: t with so few degrees of freedom has long tails, of which the
+    # interval knows (its coverage is measured in benchmarks/coverage.py) and a standard error does not.
+    assert np.median(np.abs(scores)) < 1.5
 
 
 def test_standard_error_allows_for_autocorrelation() -> None:

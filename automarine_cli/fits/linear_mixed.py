@@ -24,7 +24,9 @@ NOT_FINITE = (
     "no motion of a vehicle fits these runs: simulated headings run out of all bounds; look at the logs with "
     "`automarine check` for gaps, a wrong clock, or wrong units or signs of heading and moment (--columns)"
 )
-NO_MOTION = "the runs show no motion that a model could be fitted to; look at the logs with `automarine check`"
+NO_MOTION = (
+    "the runs show no motion that a model could be fitted to; look at the logs with `automarine check`"
+)
 SMALLEST_FACTOR = 1e-5
 
 

@@ -54,9 +54,8 @@ class VelocityErrorFit:
     """Tables 1 and 2 by the paper's method.
 
     `tail_from` [rad] turned angle at which the tail starts, `bias` its own relative bias (inertia, drag) on
-    the noise-free response, which the intervals hold, `steady` whether that is within BIAS_LIMIT. `inertia["2"]` or `drag["2"]` is
-    absent where the moments cannot carry model 2,
-    `inertia["2"]` also where its drag has no steady rate.
+    the noise-free response, which the intervals hold, `steady` whether that is within BIAS_LIMIT. `inertia["2"]` or
+    `drag["2"]` is absent where the moments cannot carry model 2, `inertia["2"]` also where its drag has no steady rate.
     """
 
     tail_from: float

@@ -27,7 +27,7 @@ from automarine_cli.simulation.streams import normal, uniform
 
 Floats = NDArray[np.float64]
 
-FINER = 4.0  # steps are this much shorter than a fit needs: the error stays below the last digit logged
+FINER = 8.0  # steps are this much shorter than a fit needs: the error stays below the last digit logged
 AROUND = 1e-7  # s: the command changes in the middle of an interval of twice this length
 CHUNK = 64  # runs that are simulated together
 MOST_REDRAWS = 10_000

@@ -32,11 +32,12 @@ def why_figure(diagnosis: Diagnosis, key: NamingKey) -> Figure:
     _key(grid[1, 1], key, "I/k", "inertia over drag, I / k", key.log_ratio, key.log_ratio_error,
          key.predicted_ratio, named)  # fmt: skip
     grid[1, 1].set_xlabel(f"size of the moment [{key.unit}]")
+    chance = f"reached by chance in {1000 * LEVEL:.0f} of 1000 campaigns"
     handles = [
         Patch(color=AFTER, label="named"),
         Patch(color=COLOURS["sky"], label="rival not excluded"),
         Patch(color="0.72", label="not needed"),
-        Line2D([], [], linestyle="--", color=BEFORE, label=f"reached by chance in {1000 * LEVEL:.0f} of 1000 campaigns"),
+        Line2D([], [], linestyle="--", color=BEFORE, label=chance),
         *grid[0, 1].get_legend_handles_labels()[0],
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
