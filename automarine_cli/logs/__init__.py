@@ -1,6 +1,6 @@
 """Log files of any format become `LogTable`s: canonical columns in SI units, row numbers for messages."""
 
-from automarine_cli.logs.columns import ColumnMap, ColumnRule, column_rules, read_column_map
+from automarine_cli.logs.columns import ColumnMap, ColumnRule, column_rules, given_columns, read_column_map
 from automarine_cli.logs.find import LogFile, find_logs
 from automarine_cli.logs.needs import is_thruster_test, require, require_thruster, require_yaw
 from automarine_cli.logs.reader import read_log
@@ -13,6 +13,7 @@ __all__ = [
     "LogTable",
     "column_rules",
     "find_logs",
+    "given_columns",
     "is_thruster_test",
     "read_column_map",
     "read_log",

@@ -36,6 +36,13 @@ class ColumnMap:
     source: str = ""
 
 
+def given_columns(columns: "str | Path | ColumnMap | None") -> ColumnMap:
+    """The map that a command was given: itself, its file, or none, for logs in the tool's own names."""
+    if isinstance(columns, ColumnMap):
+        return columns
+    return read_column_map(columns) if columns else ColumnMap()
+
+
 def read_column_map(path: str | Path) -> ColumnMap:
     """Read a column map (TOML with `[columns]` and `[defaults]`).
 

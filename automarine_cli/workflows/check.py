@@ -10,8 +10,8 @@ from automarine_cli.logs import (
     ColumnMap,
     LogFile,
     find_logs,
+    given_columns,
     is_thruster_test,
-    read_column_map,
     read_log,
     require_thruster,
 )
@@ -79,7 +79,7 @@ def check(
     Raises LogError or RunError as `load_runs`: for a named log that cannot be read, with `strict` for what
     would be set aside, and where nothing is left; OutputError.
     """
-    names = read_column_map(columns) if isinstance(columns, Path) else columns or ColumnMap()
+    names = given_columns(columns)
     files = find_logs(logs)
     if out is None:
         return _look(files, names, strict, jobs, progress)

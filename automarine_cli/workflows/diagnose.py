@@ -15,7 +15,7 @@ from automarine_cli.diagnosis.verdict import NamedEffect, base_estimates, gap_js
 from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import SettingError
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.logs import ColumnMap, LogFile, read_column_map
+from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
@@ -164,9 +164,7 @@ def diagnose(
     `figure_formats` (png, svg, pdf). Raises LogError, RunError, ModelError, FitError, SettingError or OutputError.
     """
     stored = load_yaw_models(model)
-    names = (
-        columns if isinstance(columns, ColumnMap) else read_column_map(columns) if columns else ColumnMap()
-    )
+    names = given_columns(columns)
     runs, aside, files = _runs(logs, names, thrusters, arm, strict, jobs, progress, stored)
     kept, more_aside, more = (
         (None, (), ())

@@ -6,7 +6,7 @@ from pathlib import Path
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.diagnosis.thruster_map import diagnose_thrusters as diagnose_points
 from automarine_cli.errors import ModelError, RunError, SettingError
-from automarine_cli.logs import ColumnMap, read_column_map
+from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.models.thruster_map import SCHEMA, ThrusterMap
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
@@ -55,9 +55,7 @@ def diagnose_thrusters(
     Without `hold_out` a quarter of the levels, drawn with `seed`, is held out. Writes the results if `out` is given.
     `jobs` changes nothing: a table of levels is quick. Raises LogError, RunError, FitError, ModelError, OutputError.
     """
-    column_map = (
-        columns if isinstance(columns, ColumnMap) else read_column_map(columns) if columns else ColumnMap()
-    )
+    column_map = given_columns(columns)
     base, with_voltage = _base(model)
     loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)
     held = load_thruster_logs(hold_out, column_map, strict=strict, progress=progress) if hold_out else None

@@ -16,7 +16,7 @@ from automarine_cli.fits.thruster_points import Ints, Points
 from automarine_cli.fits.thruster_result import ThrusterFit
 from automarine_cli.fits.thruster_tare import Tare, subtract_tare
 from automarine_cli.fits.thruster_voltage import VoltageExponent, voltage_exponents
-from automarine_cli.logs import ColumnMap, read_column_map
+from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
@@ -51,9 +51,7 @@ def fit_thrusters(
     cross-validation. Writes the results if `out` is given, figures in the
     `figure_formats` (png, svg, pdf). Raises LogError, RunError, FitError, OutputError.
     """
-    column_map = (
-        columns if isinstance(columns, ColumnMap) else read_column_map(columns) if columns else ColumnMap()
-    )
+    column_map = given_columns(columns)
     loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)
     if out is None:
         return _fit_loaded(loaded, column_map, thrusters_per_test, form, jobs, progress)

@@ -9,7 +9,7 @@ from automarine_cli.fits.identify import NOTHING_KNOWN, identify_turns
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.step_response import Known
 from automarine_cli.fits.yaw_fit import YawFit
-from automarine_cli.logs import ColumnMap, read_column_map
+from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
@@ -44,9 +44,7 @@ def fit_yaw(
     `thrusters` and `arm` [m] turn thruster commands into moments; `fit_to` and `known` as in
     `fits.yaw_fit.identify`. Raises LogError, RunError, FitError, SettingError or OutputError.
     """
-    column_map = (
-        columns if isinstance(columns, ColumnMap) else read_column_map(columns) if columns else ColumnMap()
-    )
+    column_map = given_columns(columns)
     drive = moment_maker(thrusters, arm, column_map)
     campaign = load_half_turns(logs, column_map, drive, strict=strict, progress=progress, jobs=jobs)
 

@@ -13,7 +13,7 @@ from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.comparison.scores import SCORES, RunScore, rate_source
 from automarine_cli.comparison.validation import Comparison, Scored, compare
 from automarine_cli.errors import AutomarineError, ModelError, RunError
-from automarine_cli.logs import ColumnMap, read_column_map
+from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import ResultFolder, file_stems, result_folder
@@ -127,9 +127,7 @@ def validate(
     ModelError, SettingError, OutputError.
     """
     stored = load_yaw_models(model)
-    names = (
-        columns if isinstance(columns, ColumnMap) else read_column_map(columns) if columns else ColumnMap()
-    )
+    names = given_columns(columns)
     drive = moment_maker(thrusters, arm, names)
     campaign = load_runs(logs, names, strict=strict, progress=progress, jobs=jobs)
     runs, aside = _usable(campaign.runs, stored, drive)
