@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from automarine_cli.errors import FitError, SettingError
-from automarine_cli.pipeline.parallel import AHEAD, LARGEST_CHUNK, ordered_map, ordered_stream
+from automarine_cli.pipeline.parallel import AHEAD, LARGEST_CHUNK, lasting_map, ordered_map, ordered_stream
 from automarine_cli.pipeline.steps import Pipeline
 
 
@@ -28,6 +28,10 @@ def refuse_from_three(x: int) -> int:
 
 def die(x: int) -> int:
     os._exit(1)
+
+
+def own_process(x: int) -> int:
+    return os.getpid()
 
 
 def leave_a_note(x: int, folder: Path) -> int:
@@ -72,6 +76,29 @@ def test_a_process_that_dies_is_one_sentence() -> None:
 def test_no_jobs_is_refused(jobs: int) -> None:
     with pytest.raises(SettingError, match=f"jobs is {jobs}; expected 1 or more"):
         ordered_map(square, [1], jobs)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_rounds_of_work_share_their_processes(jobs: int) -> None:
+    with lasting_map(jobs) as each:
+        assert each(square, range(23), "squares") == [x * x for x in range(23)]
+        assert each(square, [], "nothing") == []
+        at_work = {one for _ in range(3) for one in each(own_process, range(8), "processes")}
+    assert len(at_work) <= jobs and (os.getpid() in at_work) == (jobs == 1)
+    assert not any(child.is_alive() for child in multiprocessing.active_children())
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_round_that_fails_ends_them(jobs: int) -> None:
+    with pytest.raises(FitError, match=r"^run 3 cannot be fitted$"), lasting_map(jobs) as each:
+        each(square, range(4), "squares")
+        each(refuse_from_three, range(40), "fits")
+    assert not any(child.is_alive() for child in multiprocessing.active_children())
+
+
+def test_a_lasting_process_that_dies_is_one_sentence() -> None:
+    with pytest.raises(SettingError, match="one of 2 processes died"), lasting_map(2) as each:
+        each(die, range(4), "fits")
 
 
 SLEEPERS = """

@@ -10,10 +10,10 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.interrupts import held_back
@@ -57,27 +57,62 @@ def ordered_stream(
     decides the error. An interrupt ends the processes at once. Raises SettingError if `jobs` is below one, a process
     dies (usually for want of memory), or there is no cluster.
     """
-    if jobs < 1:
-        raise SettingError(f"jobs is {jobs}; expected 1 or more processes")
     work = list(items)
-    workers = min(jobs, len(work))
-    if cluster is not None and work:
-        found = _on_cluster(function, work, cluster, stage)
-    elif workers <= 1:
-        found = map(function, work)
-    else:
-        found = _in_processes(function, work, workers, stage)
+    found = _in_order(function, work, min(_checked(jobs), len(work)), cluster if work else None, stage)
     return counted(progress, stage, found, len(work))
 
 
-def _in_processes(
-    function: Callable[[Item], Result], work: list[Item], workers: int, stage: str
+@contextlib.contextmanager
+def lasting_map(
+    jobs: int = 1, *, cluster: str | None = None, progress: Progress = silent
+) -> Iterator[Callable[[Callable[[Any], Any], Sequence[Any], str], list[Any]]]:
+    """Yields `each(function, items, stage)`, an `ordered_map` whose processes, or whose connection to a cluster, last.
+
+    For work that comes in many small rounds, of which each would cost more to begin than to do.
+    """
+    with _workers(_checked(jobs), cluster, "") as (executor, workers):
+
+        def each(function: Callable[[Any], Any], items: Sequence[Any], stage: str) -> list[Any]:
+            work = list(items)
+            found = map(function, work) if executor is None else _through(executor, function, work, workers)
+            return list(counted(progress, stage, found, len(work)))
+
+        yield each
+
+
+def _checked(jobs: int) -> int:
+    if jobs < 1:
+        raise SettingError(f"jobs is {jobs}; expected 1 or more processes")
+    return jobs
+
+
+def _in_order(
+    function: Callable[[Item], Result], work: list[Item], jobs: int, cluster: str | None, stage: str
 ) -> Iterator[Result]:
+    with _workers(jobs, cluster, stage) as (executor, workers):
+        yield from map(function, work) if executor is None else _through(executor, function, work, workers)
+
+
+@contextlib.contextmanager
+def _workers(jobs: int, cluster: str | None, stage: str) -> Iterator[tuple[Executor | None, int]]:
+    """What does the work, and how many tasks at once; None for this process itself."""
+    if cluster is not None:
+        with _cluster(cluster, stage) as found:
+            yield found
+    elif jobs <= 1:
+        yield None, 1
+    else:
+        with _processes(jobs, stage) as executor:
+            yield executor, jobs
+
+
+@contextlib.contextmanager
+def _processes(workers: int, stage: str) -> Iterator[Executor]:
     others = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker)
     try:
-        yield from _through(executor, function, work, workers)
+        yield executor
     except BrokenProcessPool:
         executor.shutdown()
         raise SettingError(
@@ -92,13 +127,12 @@ def _in_processes(
     executor.shutdown()
 
 
-def _on_cluster(
-    function: Callable[[Item], Result], work: list[Item], address: str, stage: str
-) -> Iterator[Result]:
-    """Through the standard executor of Dask's client; work of a worker that dies is done again by another."""
+@contextlib.contextmanager
+def _cluster(address: str, stage: str) -> Iterator[tuple[Executor, int]]:
+    """The standard executor of Dask's client; work of a worker that dies is done again by another."""
     with cluster_executor(address) as (executor, workers):
         try:
-            yield from _through(executor, function, work, workers)
+            yield executor, workers
         except Exception as problem:
             if type(problem).__name__ not in ("KilledWorker", "CancelledError", "FutureCancelledError"):
                 raise

@@ -19,7 +19,7 @@ from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
-from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.parallel import lasting_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report import diagnosis_report, diagnosis_tables, thruster_diagnosis
@@ -175,13 +175,11 @@ def diagnose(
 
     def work() -> YawDiagnosis:
         base = stored.models[stored.preferred]
-        with told_beside((*aside, *more_aside)):
-            found = diagnose_runs(
-                runs, base, hold_out=kept, seed=seed,
-                each=lambda function, items, stage: ordered_map(
-                    function, items, jobs, cluster=cluster, progress=progress, stage=stage
-                ),
-            )  # fmt: skip
+        with (
+            told_beside((*aside, *more_aside)),
+            lasting_map(jobs, cluster=cluster, progress=progress) as each,
+        ):
+            found = diagnose_runs(runs, base, hold_out=kept, seed=seed, each=each)
         where = find_where(found.study, found.found.base, seed)
         return YawDiagnosis(found, where, stored, parent, (*aside, *more_aside))
 
