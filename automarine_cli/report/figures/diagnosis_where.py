@@ -52,13 +52,19 @@ def where_figure(where: Where, diagnosis: Diagnosis) -> Figure:
     return figure
 
 
+NARROWEST = 0.04
+"""Share of its panel that a marked region takes at least: a narrower one could not be seen."""
+
+
 def _bins(axes: Axes, variable: Variable) -> None:
     """The most telling row of one variable as steps with a band; bins that stand out are shaded."""
     row = variable.telling
     out = bool(variable.stands_out.any())
+    wide = NARROWEST * float(variable.edges[-1] - variable.edges[0])
     for begin, end, mark in zip(variable.edges[:-1], variable.edges[1:], variable.stands_out):
         if mark:
-            axes.axvspan(begin, end, color=MARK, alpha=0.45, linewidth=0, zorder=0)
+            aside = max(wide - (end - begin), 0.0) / 2.0
+            axes.axvspan(begin - aside, end + aside, color=MARK, alpha=0.45, linewidth=0, zorder=0)
     have = np.isfinite(row.mean)
     colour = BEFORE if out else "0.45"
     axes.axhline(0.0, color="0.3", linewidth=0.6, zorder=1)
