@@ -1,5 +1,6 @@
-"""The README says what is there: floor plan, commands, options, make targets, files, links and pictures."""
+"""README and pages say what is there: floor plan, commands, options, make targets, files, links and pictures."""
 
+import os
 import re
 import shlex
 import subprocess
@@ -13,14 +14,35 @@ from automarine_cli.cli import CommandFolder, automarine
 from automarine_cli.logs.canonical import CANONICAL
 
 ROOT = Path(__file__).resolve().parent.parent
-README = (ROOT / "README.md").read_text(encoding="utf-8")
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
-FENCES = re.findall(r"^```(\w*)\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
+PAGES = {
+    path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+    for path in (ROOT / "README.md", *sorted((ROOT / ".github").rglob("*.md")))
+}
+README = PAGES["README.md"]
+EVERY_PAGE = pytest.mark.parametrize("page", PAGES)
+ANYWHERE = "\n".join(PAGES.values())
+
+
+def fences(page: str) -> list[str]:
+    """The fenced blocks of a page."""
+    return re.findall(r"^```\w*\n(.*?)^```$", PAGES[page], flags=re.MULTILINE | re.DOTALL)
+
+
+def without_fences(page: str) -> str:
+    """A page's text, without its fenced blocks."""
+    return re.sub(r"^```.*?^```$", "", PAGES[page], flags=re.MULTILINE | re.DOTALL)
+
+
+def anchors(page: str) -> set[str]:
+    """What a link to a heading of that page may say after its #."""
+    headings = re.findall(r"^#+ (.*)$", without_fences(page), flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def floor_plan() -> set[str]:
     """Paths of the files and folders named in the floor plan, folders with a slash at their end."""
-    (plan,) = (text for _, text in FENCES if text.startswith("automarine_cli/\n"))
+    (plan,) = (text for text in fences(".github/pages/developers.md") if text.startswith("automarine_cli/\n"))
     found, above = set(), [""]
     for line in plan.splitlines():
         depth = (len(line) - len(line.lstrip())) // 2
@@ -32,10 +54,15 @@ def floor_plan() -> set[str]:
     return found
 
 
-def lines_that_start_with(word: str) -> list[str]:
-    """Command lines of that program in the fenced blocks, without prompt and comment."""
-    lines = (line.strip().removeprefix("$ ") for _, text in FENCES for line in text.splitlines())
-    return [line.partition("  #")[0] for line in lines if line.startswith(f"{word} ")]
+def command_lines() -> list[tuple[str, str]]:
+    """Page and text of every `automarine ...` line in a fenced block, without prompt and comment."""
+    lines = (
+        (page, line.strip().removeprefix("$ ").partition("  #")[0].strip())
+        for page in PAGES
+        for block in fences(page)
+        for line in block.replace("\\\n", " ").splitlines()
+    )
+    return [(page, line) for page, line in lines if line.startswith("automarine ")]
 
 
 def files() -> list[Path]:
@@ -57,12 +84,32 @@ def test_floor_plan_is_the_one_on_disk() -> None:
     assert there - plan == set()
 
 
-@pytest.mark.parametrize("line", lines_that_start_with("automarine"))
-def test_commands_shown_are_commands(line: str) -> None:
+@pytest.mark.parametrize(("page", "line"), command_lines())
+def test_commands_shown_are_commands(page: str, line: str) -> None:
     name, *arguments = shlex.split(line)[1:]
-    command = commands()[name]
-    flags = {flag for param in command.params for flag in (*param.opts, *param.secondary_opts)}
-    assert [word for word in arguments if word.startswith("-") and word not in flags] == []
+    if name.startswith("-"):
+        assert name in ("--version", "--help")
+        return
+    words = [word.partition("=")[0] for word in arguments if re.match(r"--?[a-z]", word)]
+    assert [word for word in words if word not in flags_of(commands()[name])] == []
+
+
+def flags_of(command: click.Command) -> set[str]:
+    """Every way to write an option of a command."""
+    return {"-h", "--help"} | {
+        flag for param in command.params for flag in (*param.opts, *param.secondary_opts)
+    }
+
+
+@EVERY_PAGE
+def test_options_named_in_the_text_exist(page: str) -> None:
+    """On a command's own page, those of that command; elsewhere those of any command."""
+    name = page.rpartition("/")[2].removesuffix(".md")
+    known = commands()
+    its_own = [known[name]] if page.startswith(".github/commands/") else known.values()
+    flags = {flag for command in its_own for flag in flags_of(command)} | {"--version"}
+    named = re.findall(r"(?<=`)--[a-z][a-z-]*", without_fences(page))
+    assert [flag for flag in named if flag not in flags] == []
 
 
 def commands() -> dict[str, click.Command]:
@@ -78,29 +125,49 @@ def test_every_command_stands_in_the_table() -> None:
 
 
 def test_make_targets_exist() -> None:
-    shown = set(re.findall(r"(?:`|\$ )make ([a-z-]+)", README))
+    shown = set(re.findall(r"(?:`|\$ )make ([a-z-]+)", ANYWHERE))
     targets = set(re.findall(r"^([a-z-]+):", MAKEFILE, flags=re.MULTILINE))
     assert {"demo", "test", "reproduce", "paper", "bench", "pictures"} <= shown
     assert shown - targets == set()
 
 
-def test_links_and_pictures_exist() -> None:
-    places = re.findall(r"\]\(([^)#]+)\)", README)
-    inside = [place for place in places if "://" not in place]
-    assert inside and [place for place in inside if not (ROOT / place).exists()] == []
+@EVERY_PAGE
+def test_links_lead_somewhere(page: str) -> None:
+    wrong = []
+    for place in re.findall(r"\]\(([^)\s]+)\)", without_fences(page)):
+        path, _, heading = place.partition("#")
+        if "://" in place:
+            continue
+        there = Path(os.path.normpath(Path(page).parent / path)).as_posix() if path else page
+        if not (ROOT / there).exists() or (heading and heading not in anchors(there)):
+            wrong.append(place)
+    assert wrong == []
+
+
+def test_every_page_is_linked_to() -> None:
+    linked = {
+        Path(os.path.normpath(Path(page).parent / place.partition("#")[0])).as_posix()
+        for page in PAGES
+        for place in re.findall(r"\]\(([^)\s]+)\)", PAGES[page])
+    }
+    assert set(PAGES) - linked - {"README.md"} == set()
+
+
+def test_pictures_are_shown_described_and_small() -> None:
+    shown = re.findall(r"!\[([^\]]*)\]\((?:[./\w]*/)?pictures/(\w+\.png)\)", ANYWHERE)
     pictures = sorted((ROOT / ".github" / "pictures").glob("*.png"))
-    assert [f".github/pictures/{path.name}" for path in pictures] == sorted(inside)
+    assert {path.name for path in pictures} == {name for _, name in shown}
+    assert [name for described, name in shown if len(described) < 20] == []
     assert [path.name for path in pictures if path.stat().st_size > 60_000] == []
 
 
 def test_files_named_in_the_text_exist() -> None:
-    named = re.findall(r"`((?:automarine_cli|sample_runs|tests)/[\w./-]+)`", README)
+    named = re.findall(r"`((?:automarine_cli|sample_runs|tests)/[\w./-]+)`", ANYWHERE)
     assert named and [name for name in named if not (ROOT / name).exists()] == []
 
 
 def test_columns_are_those_that_are_read() -> None:
-    logs = README.partition("\n## Logs\n")[2].partition("\n## ")[0]
-    cells = re.findall(r"^\|[^|]*\|(.*)\|$", logs, flags=re.MULTILINE)
+    cells = re.findall(r"^\|[^|]*\|(.*)\|$", PAGES[".github/pages/logs.md"], flags=re.MULTILINE)
     listed = {name for cell in cells for name in re.findall(r"`(\w+)`", cell)}
     assert listed == set(CANONICAL)
 
