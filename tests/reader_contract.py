@@ -1,17 +1,25 @@
-"""What every log format must do, one judge for all: a new format is judged by adding one writer here."""
+"""What every log format must do, one judge for all: a new format is judged by adding one writer here.
+
+Formats of tables are judged by what a table holds; those of vehicles' recordings, with streams on their own clocks,
+by a dive of which everything is known.
+"""
 
 import gzip
 import io
+import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pytest
+from vehicle_logs import Dive, dataflash, dive, telemetry
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs import LogFile, LogTable, read_log
+from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, read_log
 from automarine_cli.logs.formats import formats
 
 Columns = dict[str, list[float] | list[str]]
@@ -38,6 +46,43 @@ WRITERS: dict[str, Callable[[Columns], bytes]] = {
     ".tsv.gz": _packed("\t"),
     ".parquet": _parquet,
 }
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """How one kind of recording is made of a dive: `write(dive, without)`, the library that reads it (`extra` brings
+    it), what its columns are called, where its clock begins [s], which of its streams hold what, and what is lost
+    in it.
+    """
+
+    write: Callable[..., bytes]
+    library: str
+    extra: str
+    columns: ColumnMap
+    heading: str
+    commands: str
+    starts: float = 0.0
+    turned: float = 0.0  # degrees by which its heading counts from elsewhere
+    step_deg: float = 1e-4  # of the heading
+    clock: float = 1e-6  # s
+    modes: tuple[str, ...] = ("MANUAL", "ALT_HOLD")
+    cut_is_sound: bool = True  # whether the first part of a file is a log
+
+
+def pwm(port: str, stbd: str, **more: str) -> ColumnMap:
+    """Commands in microseconds about 1500 as -1 to 1; `more` are other columns by their canonical names."""
+    rules = {"n_port": ColumnRule(port, scale=0.0025, offset=-3.75)}
+    rules |= {"n_stbd": ColumnRule(stbd, scale=0.0025, offset=-3.75)}
+    return ColumnMap(rules | {name: ColumnRule(source) for name, source in more.items()})
+
+
+RECORDERS = {
+    ".bin": Recorder(dataflash, "pymavlink", "ardupilot", pwm("RCOU.C1", "RCOU.C2"), "ATT", "RCOU", step_deg=0.005),
+    ".tlog": Recorder(
+        telemetry, "pymavlink", "ardupilot", pwm("SERVO_OUTPUT_RAW.servo1_raw", "SERVO_OUTPUT_RAW.servo2_raw"),
+        "ATTITUDE", "SERVO_OUTPUT_RAW", starts=1.7e9, clock=2e-3,
+    ),
+}  # fmt: skip
 SUFFIXES = sorted(suffix for form in formats() for suffix in form.suffixes)
 
 YAW: Columns = {
@@ -94,3 +139,66 @@ def judge_bad_files(folder: Path, suffix: str) -> None:
     for name, content in bad.items():
         sentence = refusal(log(folder, content, f"{name}{suffix}"))
         assert sentence.startswith(f"{name}{suffix}") and sentence.isprintable(), sentence
+
+
+def recorded(folder: Path, suffix: str, content: bytes, *, named: bool = True) -> LogFile:
+    """A recording of these bytes; the test is skipped where its library is not installed."""
+    pytest.importorskip(RECORDERS[suffix].library)
+    return log(folder, content, f"dive{suffix}", named=named)
+
+
+def judge_recording(folder: Path, suffix: str, mirrored: bool) -> None:
+    """Every stream comes back on the heading's clock: motion as it was, commands held, their age told."""
+    made, told = dive(mirrored), RECORDERS[suffix]
+    pytest.importorskip(told.library)
+    table = read_log(recorded(folder, suffix, told.write(made)), told.columns)
+    np.testing.assert_allclose(table.columns["time"] - told.starts, made.time, atol=told.clock)
+    error = np.rad2deg(table.columns["heading"]) - made.heading - told.turned
+    assert np.abs((error + 180) % 360 - 180).max() <= 1.01 * told.step_deg
+    rate = np.rad2deg(table.columns["yaw_rate"])
+    steady = np.abs(np.convolve(made.rate, [1, -2, 1], "same")) == 0  # not where it jumps between two samples
+    np.testing.assert_allclose(rate[1:-1][steady[1:-1]], made.rate[1:-1][steady[1:-1]], atol=1e-3)
+    for name, sent in zip(("n_port", "n_stbd"), made.commands_at(made.time)):
+        np.testing.assert_allclose(table.columns[name] / 0.0025 + 1500, sent, atol=1e-3)
+    volts = np.searchsorted(made.voltage_time, made.time, side="right") - 1
+    np.testing.assert_allclose(table.columns["voltage"], made.voltage[volts], atol=2e-3)
+    judge_states(table, made, told)
+    oldest = (
+        made.time - made.command_time[np.searchsorted(made.command_time, made.time, side="right") - 1]
+    ).max()
+    age = re.search(
+        rf"{re.escape(told.commands)} \S+ s old in the median, (\S+) s at most", " ".join(table.notes)
+    )
+    assert age is not None and float(age[1]) == pytest.approx(oldest, rel=0.1, abs=0.01), table.notes
+
+
+def judge_states(table: LogTable, made: Dive, told: Recorder) -> None:
+    """Mode and arming, each from when it changed (a telemetry link tells it twice a second)."""
+    for name, words, changes in (
+        ("mode", told.modes, [since for since, _ in made.modes]),
+        ("armed", ("disarmed", "armed", "disarmed"), [since for since, _ in made.arming]),
+    ):
+        found = table.states[name]
+        for word, since, until in zip(words, changes, [*changes[1:], np.inf]):
+            inside = (made.time > since + 0.55) & (made.time < until - 0.01)
+            assert {found.names[code] for code in found.code[inside]} == {word}
+
+
+def judge_cut_recording(folder: Path, suffix: str) -> None:
+    """Cut at any byte it is read as far as it goes, or refused in one line."""
+    told = RECORDERS[suffix]
+    pytest.importorskip(told.library)
+    whole = told.write(dive())
+    full = read_log(recorded(folder, suffix, whole), told.columns)
+    lengths = set()
+    for size in np.linspace(1, len(whole) - 1, 60).astype(int):
+        file = recorded(folder, suffix, whole[:size])
+        try:
+            table = read_log(file, told.columns)
+        except LogError as error:
+            assert str(error).startswith(file.name) and str(error).isprintable(), error
+            continue
+        lengths.add(len(table))
+        np.testing.assert_allclose(table.columns["heading"], full.columns["heading"][: len(table)])
+        assert len(table) <= len(full)
+    assert (len(lengths) > 20) == told.cut_is_sound

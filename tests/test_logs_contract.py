@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from reader_contract import SUFFIXES, WRITERS, YAW, judge_bad_files, judge_good_file, log, refusal
+from reader_contract import RECORDERS, SUFFIXES, WRITERS, YAW, judge_bad_files, judge_good_file, log, refusal
 
 from automarine_cli.errors import AutomarineError
 from automarine_cli.logs import LogFile, read_log, require_yaw
@@ -24,20 +24,22 @@ def test_formats_are_found_by_themselves() -> None:
 
 
 def test_each_format_has_a_writer_to_be_judged_with() -> None:
-    assert set(SUFFIXES) == set(WRITERS), "add a writer for the new format to tests/reader_contract.py"
+    assert set(SUFFIXES) == {*WRITERS, *RECORDERS}, (
+        "add a writer for the new format to tests/reader_contract.py"
+    )
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", WRITERS)
 def test_good_file(tmp_path: Path, suffix: str) -> None:
     judge_good_file(tmp_path, suffix)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", WRITERS)
 def test_bad_files(tmp_path: Path, suffix: str) -> None:
     judge_bad_files(tmp_path, suffix)
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", WRITERS)
 def test_damaged_bytes_give_an_answer_or_one_clear_line(tmp_path: Path, suffix: str) -> None:
     good, rng = WRITERS[suffix](YAW), random.Random(suffix)
     outcomes = set()
@@ -101,7 +103,7 @@ def test_what_is_no_regular_file_does_not_hang(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may read everything")
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", WRITERS)
 def test_a_file_that_may_not_be_read(tmp_path: Path, suffix: str) -> None:
     file = log(tmp_path, WRITERS[suffix](YAW), f"secret{suffix}")
     file.path.chmod(0)

@@ -7,6 +7,7 @@ import pytest
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs import LogFile, find_logs
+from automarine_cli.logs.formats import suffixes
 
 
 @pytest.fixture
@@ -91,7 +92,7 @@ def test_odd_names_are_shown_on_one_line(tmp_path: Path, name: str, shown: str) 
 
 def test_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").touch()
-    endings = ".csv, .csv.gz, .parquet, .tsv, .tsv.gz"
+    endings = ", ".join(sorted(suffixes()))
     sentences = {
         "notes.txt": f"'notes.txt': not a log by its name; expected one that ends in {endings}",
         "no.csv": "no.csv': no such file or directory; check the spelling and the folder you are in",
@@ -104,3 +105,11 @@ def test_refused(tmp_path: Path) -> None:
         assert str(refused.value).endswith(sentence)
     with pytest.raises(LogError, match="no logs given"):
         find_logs([])
+
+
+def test_a_folder_s_files_with_a_shared_ending_are_logs_only_if_they_begin_as_one(tmp_path: Path) -> None:
+    (tmp_path / "firmware.bin").write_bytes(b"\x7fELF")
+    (tmp_path / "dive.bin").write_bytes(b"\xa3\x95\x80")
+    (tmp_path / "empty.bin").touch()
+    assert names(find_logs([tmp_path])) == [f"{tmp_path.name}/dive.bin", f"{tmp_path.name}/empty.bin"]
+    assert names(find_logs([tmp_path / "firmware.bin"])) == ["firmware.bin"]

@@ -68,7 +68,8 @@ _ALL = (
     ("force_lbf", "force", "lbf"),
 )
 CANONICAL: Mapping[str, Canonical] = {name: Canonical(name, *rest) for name, *rest in _ALL}
-RUN = "run"
+RUN, MODE, ARMED = "run", "mode", "armed"
+LABELS = (RUN, MODE, ARMED)  # columns of words, not of numbers
 
 # Words by which people call a quantity; only for suggestions, nothing is ever read by them.
 _WORDS = {

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import CANONICAL, RUN
+from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN
 from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.words import listed, printable, quoted
 
@@ -34,6 +34,10 @@ class ColumnMap:
     columns: Mapping[str, ColumnRule] = field(default_factory=dict)
     defaults: Mapping[str, float | str] = field(default_factory=dict)
     source: str = ""
+
+    def source_of(self, name: str) -> str:
+        """The column of the file that a canonical name stands for."""
+        return self.columns[name].source if name in self.columns else name
 
 
 def given_columns(columns: "str | Path | ColumnMap | None") -> ColumnMap:
@@ -81,9 +85,9 @@ def _table(table: object, key: str, name: str) -> dict[str, object]:
 
 def _rule(name: str, key: str, value: object) -> ColumnRule:
     where = f"{name}: columns.{printable(key)}"
-    if key not in CANONICAL and key != RUN:
+    if key not in CANONICAL and key not in LABELS:
         raise LogError(
-            f"{where} is no column that automarine knows; known are {', '.join([*CANONICAL, RUN])}"
+            f"{where} is no column that automarine knows; known are {', '.join([*CANONICAL, *LABELS])}"
         )
     if isinstance(value, str):
         value = {"from": value}
@@ -101,8 +105,9 @@ def _rule(name: str, key: str, value: object) -> ColumnRule:
     if not isinstance(source, str) or not source.strip():
         found = "missing" if source is None else _kind(source)
         raise LogError(f"{where}.from is {found}; expected the name of a column in quotes")
-    if key == RUN and len(value) > 1:
-        raise LogError(f"{where} names runs; unit, sign, scale and offset do not apply")
+    if key in LABELS and len(value) > 1:
+        what = "names runs" if key == RUN else "is a state"
+        raise LogError(f"{where} {what}; unit, sign, scale and offset do not apply")
     sign = value.get("sign", 1)
     if isinstance(sign, bool) or sign not in (1, -1):
         raise LogError(f"{where}.sign is {_kind(sign)}; expected 1 or -1")

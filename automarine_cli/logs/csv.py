@@ -17,6 +17,8 @@ import pyarrow.csv as arrow_csv
 from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
+from automarine_cli.logs.canonical import RUN
+from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.csv_head import Head, read_head
 from automarine_cli.logs.formats import Format, RawLog, most_unpacked, too_well_packed
 from automarine_cli.logs.text import MISSING, numbers
@@ -38,8 +40,9 @@ _CONTROL = bytes(c for c in range(32) if c not in b"\t\n\v\f\r")
 _BINARY = (4096, 0.02)  # bytes looked at, and the share of control characters from which it is no text
 
 
-def read(path: Path, name: str, text: frozenset[str] = frozenset()) -> RawLog:
+def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     """Read a CSV file. Raises LogError with the row for anything that is not a table of cells."""
+    text = frozenset({columns.source_of(RUN)})  # 01 is not 1
     data, plain = _prepared(_content(path, name), name)
     head = read_head(data, name, text)
     body = pa.py_buffer(data).slice(head.body)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.formats import suffix_of, suffixes
+from automarine_cli.logs.formats import format_of, suffix_of, suffixes
 from automarine_cli.pipeline.words import printable, quoted
 
 
@@ -78,10 +78,20 @@ def _inside(folder: Path, prefix: str | None = None) -> Iterator[LogFile]:
     for here, folders, files in os.walk(folder, onerror=_refuse_closed):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         for name in sorted(files):
-            if suffix_of(name) is not None and not name.startswith("."):
-                path = Path(here, name)
+            path = Path(here, name)
+            if not name.startswith(".") and _begins_as_a_log(path):
                 inner = path.relative_to(folder).as_posix()
                 yield LogFile(path, printable(f"{prefix}/{inner}" if prefix else inner), named=False)
+
+
+def _begins_as_a_log(path: Path) -> bool:
+    """Whether a file has the ending of a log and, where others use that too, also a log's first bytes."""
+    form = format_of(path.name)
+    if form is None or not form.begins or not path.is_file() or not os.access(path, os.R_OK):
+        return form is not None
+    with path.open("rb") as file:
+        first = file.read(max(map(len, form.begins)))
+    return not first or first.startswith(form.begins)
 
 
 def _refuse_closed(problem: OSError) -> NoReturn:

@@ -1,14 +1,15 @@
 """The registry of log formats: every module of this folder that defines `FORMAT` is one.
 
-To add a format, write one file here with a function `read(path, name, text) -> RawLog` and
-`FORMAT = Format("what people call it", (".suffix",), read)`; nothing else is needed.
-`tests/reader_contract.py` picks it up.
+To add a format, write one file here with a function `read(path, name, columns) -> RawLog` and
+`FORMAT = Format("what people call it", (".suffix",), read)`; nothing else is needed. A file of several streams,
+each on its own clock, becomes one table by `streams.on_one_clock`; a library that not everybody has is imported
+within `read`, by `optional.needed`. `tests/reader_contract.py` picks the format up.
 """
 
 import importlib
 import pkgutil
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
@@ -17,6 +18,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 import automarine_cli.logs as folder
+from automarine_cli.logs.columns import ColumnMap
 
 MOST_COLUMNS = 30_000
 MOST_UNPACKED, MOST_TIMES = 64 << 20, 100  # bytes; times the file
@@ -28,24 +30,32 @@ class RawLog:
     messages.
 
     An array is float64 (null where a value is missing), timestamp, or binary text for whatever is not a
-    number. `decimal` is the character between whole and fraction in the text columns.
+    number. `decimal` is the character between whole and fraction in the text columns. `also` holds other names of
+    columns (name -> column), `notes` what a person should know, `holds` the messages or topics of the file.
     """
 
     names: tuple[str, ...]
     arrays: tuple[pa.ChunkedArray, ...]
     rows: NDArray[np.int64]
     decimal: str = "."
+    also: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    holds: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Format:
-    """One log format: `read(path, name, text)` takes the name to use in messages and the columns to leave as
-    text (run names: 01 is not 1), and raises LogError.
+    """One log format: `read(path, name, columns)` takes the name to use in messages and what the user says of the
+    columns, and raises LogError.
+
+    Where other programs use the suffixes too, `begins` are the bytes of which a file begins with one: a file found
+    in a folder that begins otherwise is no log.
     """
 
     name: str
     suffixes: tuple[str, ...]
-    read: Callable[[Path, str, frozenset[str]], RawLog]
+    read: Callable[[Path, str, ColumnMap], RawLog]
+    begins: tuple[bytes, ...] = ()
 
 
 def most_unpacked(path: Path) -> int:

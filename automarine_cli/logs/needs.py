@@ -63,10 +63,15 @@ def _sentence(table: LogTable, lacking: Sequence[str]) -> str:
         hint = f'If it has another name, write a line such as {names_of(lacking[0])[0]} = "NAME"'
     unmet = [note for note in table.notes if any(f" for {n};" in note for q in lacking for n in names_of(q))]
     return (
-        f"{table.source}: no {what}; found the columns {listed(table.names)}; expected {expected}. "
+        f"{table.source}: no {what}; found the columns {listed(table.names)}{_held(table)}; expected {expected}. "
         + "".join(f"{note[0].upper()}{note[1:]}. " for note in unmet)
         + f"{hint} under [columns] in a file and give it with --columns FILE.toml"
     )
+
+
+def _held(table: LogTable) -> str:
+    """What else the file holds, of which a column map can name the fields."""
+    return f" in a file that holds {listed(table.holds)}" if table.holds else ""
 
 
 def _expected(quantity: str) -> str:

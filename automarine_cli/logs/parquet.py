@@ -9,6 +9,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from automarine_cli.errors import LogError
+from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import (
     MOST_COLUMNS,
     Format,
@@ -23,7 +24,7 @@ _MAGIC = b"PAR1"
 _CELL = 8  # bytes of a number once read
 
 
-def read(path: Path, name: str, text: frozenset[str] = frozenset()) -> RawLog:
+def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     """Read a Parquet file. Raises LogError for anything that pyarrow cannot read."""
     _refuse_foreign(path, name)
     try:

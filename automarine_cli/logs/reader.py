@@ -2,23 +2,19 @@
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
-from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import CANONICAL, RUN, TIMESTAMP, Canonical
+from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN, TIMESTAMP, Canonical
 from automarine_cli.logs.columns import ColumnMap, ColumnRule
 from automarine_cli.logs.find import LogFile
 from automarine_cli.logs.formats import RawLog, format_of, suffixes
+from automarine_cli.logs.labels import run_names, states
 from automarine_cli.logs.table import Floats, LogTable
-from automarine_cli.logs.text import decoded, first_not_a_number, first_not_a_timestamp, seconds_of_timestamps
+from automarine_cli.logs.text import first_not_a_number, first_not_a_timestamp, seconds_of_timestamps
 from automarine_cli.pipeline.words import listed, printable, quoted
-
-LONGEST_RUN_NAME = 100  # characters; every row of a log carries the name of its run
 
 
 @dataclass(frozen=True)
@@ -37,31 +33,32 @@ def read_log(file: LogFile, columns: ColumnMap | None = None) -> LogTable:
     command cannot do without are asked for afterwards, with `require`.
     """
     columns = ColumnMap() if columns is None else columns
-    raw = _read_raw(file, frozenset({_run_source(columns)}))
+    raw = _read_raw(file, columns)
     _check_names(raw, file.name)
     uses, notes = _assigned(raw, columns, file.name)
-    run_index = _run_column(raw, columns)
-    used = {use.index for use in uses} | ({run_index} if run_index is not None else set())
+    runs = run_names(raw, columns, file.name)
+    used = {raw.names[use.index] for use in uses} | ({columns.source_of(RUN)} if runs else set())
     extras: dict[str, Floats] = {}
-    for i, (name, array) in enumerate(zip(raw.names, raw.arrays)):
-        if i not in used and name and pa.types.is_floating(array.type):
+    for name, array in zip(raw.names, raw.arrays):
+        if name and name not in used and pa.types.is_floating(array.type):
             extras[printable(name)] = _finite_or_nan(array.to_numpy(), name, notes)
-    run_names, run_code = ((), None) if run_index is None else _run_names(raw, run_index, file.name)
     moment = next((use.canonical.unit for use in uses if use.canonical.quantity == "moment"), None)
     return LogTable(
         source=file.name,
         columns={use.canonical.quantity: _values(raw, use, file.name) for use in uses},
         rows=raw.rows,
-        run_names=run_names,
-        run_code=run_code,
+        run_names=runs.names if runs else (),
+        run_code=runs.code if runs else None,
         moment_unit=moment,
         extras=extras,
         names=raw.names,
-        notes=tuple(notes),
+        notes=(*raw.notes, *notes),
+        states=states(raw, columns),
+        holds=raw.holds,
     )
 
 
-def _read_raw(file: LogFile, text: frozenset[str]) -> RawLog:
+def _read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
     name, path = file.name, file.path
     form = format_of(path.name)
     if form is None:
@@ -80,7 +77,7 @@ def _read_raw(file: LogFile, text: frozenset[str]) -> RawLog:
             raise LogError(f"{name}: the file is empty; expected a {form.name} file with a header and rows")
         with path.open("rb"):  # a file that may not be read is told from one that is not sound
             pass
-        raw = form.read(path, name, text)
+        raw = form.read(path, name, columns)
     except OSError as error:
         raise LogError(
             f"{name}: cannot be opened ({error.strerror or error}); check that it exists and "
@@ -106,11 +103,12 @@ def _check_names(raw: RawLog, source: str) -> None:
 
 def _assigned(raw: RawLog, columns: ColumnMap, source: str) -> tuple[list[_Use], list[str]]:
     """Which column serves which quantity; rules of the map come before names of the file."""
-    places = {name: i for i, name in enumerate(raw.names) if name}
+    own = {name: i for i, name in enumerate(raw.names) if name}
+    places = {name: own[column] for name, column in raw.also.items()} | own
     mapped: dict[str, list[_Use]] = {}
     notes: list[str] = []
     for name, rule in columns.columns.items():
-        if name == RUN:
+        if name in LABELS:
             continue
         canonical = CANONICAL[name]
         if rule.source in places:
@@ -198,50 +196,3 @@ def _finite_or_nan(values: Floats, name: str, notes: list[str]) -> Floats:
         )
         return np.where(infinite, np.nan, values)
     return values
-
-
-def _run_source(columns: ColumnMap) -> str:
-    return columns.columns[RUN].source if RUN in columns.columns else RUN
-
-
-def _run_column(raw: RawLog, columns: ColumnMap) -> int | None:
-    wanted = _run_source(columns)
-    return raw.names.index(wanted) if wanted in raw.names else None
-
-
-def _run_names(raw: RawLog, index: int, source: str) -> tuple[tuple[str, ...], NDArray[np.int64]]:
-    """The names of the runs in the order in which they begin, and for each row which it is, shape (N,)."""
-    array = raw.arrays[index]
-    if array.null_count:
-        row = int(np.flatnonzero(pc.is_null(array).to_numpy())[0])
-        raise LogError(
-            f"{source}, row {raw.rows[row]}, column {printable(raw.names[index])}: no run named; "
-            "expected the name or number of the run in every row"
-        )
-    encoded = array if pa.types.is_dictionary(array.type) else pc.dictionary_encode(array)
-    coded: Any = encoded.unify_dictionaries().combine_chunks()
-    coded = coded if isinstance(coded, pa.Array) else coded.chunk(0)
-    names = [_run_name(value) for value in coded.dictionary.to_pylist()]
-    if (long := next((i for i, name in enumerate(names) if len(name) > LONGEST_RUN_NAME), None)) is not None:
-        row = int(np.flatnonzero(coded.indices.to_numpy() == long)[0])
-        raise LogError(
-            f"{source}, row {raw.rows[row]}, column {printable(raw.names[index])}: found {quoted(names[long])} of "
-            f"{len(names[long])} characters, expected the name of a run of at most {LONGEST_RUN_NAME}. "
-            "Shorten it, or check which column names the runs"
-        )
-    found = coded.indices.to_numpy()
-    first = dict.fromkeys(names[i] for i in _in_order(found))  # 7 and 7.0 are one run
-    places = {name: i for i, name in enumerate(first)}
-    return tuple(places), np.array([places.get(name, 0) for name in names], dtype=np.int64)[found]
-
-
-def _in_order(code: NDArray[np.int64]) -> list[int]:
-    """The codes in the order in which they first appear."""
-    begins = np.concatenate([[True], code[1:] != code[:-1]])
-    return list(dict.fromkeys(code[begins].tolist()))
-
-
-def _run_name(value: object) -> str:
-    if isinstance(value, float) and value.is_integer():
-        return str(int(value))
-    return printable(decoded(value) if isinstance(value, bytes) else str(value))

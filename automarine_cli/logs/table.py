@@ -10,6 +10,15 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
+class Labels:
+    """A column of words: the `names` in the order in which they first appear, and `code`, shape (N,), which of them
+    each row has (-1: none)."""
+
+    names: tuple[str, ...]
+    code: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
 class LogTable:
     """One log file, read: canonical columns in SI units, each of shape (N,).
 
@@ -20,6 +29,7 @@ class LogTable:
     A missing value is NaN. `rows` are 1-based line numbers in the file (Parquet: row numbers), for messages.
     `names` are all column names of the file, `notes` what a person should know about the reading. In a file of several
     runs `run_names` are theirs in the order in which they begin, and `run_code` says for each row which it is.
+    `states` are the vehicle's mode and arming where the file tells them, `holds` the messages or topics of the file.
     """
 
     source: str
@@ -31,6 +41,8 @@ class LogTable:
     extras: Mapping[str, Floats] = field(default_factory=dict)
     names: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    states: Mapping[str, Labels] = field(default_factory=dict)
+    holds: tuple[str, ...] = ()
 
     @property
     def run(self) -> NDArray[np.str_] | None:

@@ -1,0 +1,173 @@
+"""ArduPilot dataflash logs (ArduSub, Rover): heading of ATT, yaw rate of RATE or IMU, RCOU, BAT, MODE, arming.
+
+A log is a row of messages, each 0xA3 0x95 and its type; FMT messages say how the others are laid out. All messages
+of one type are unpacked at once. Source: ArduPilot, libraries/AP_Logger/LogStructure.h.
+"""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.errors import LogError
+from automarine_cli.logs.ardupilot import arming, mode_names
+from automarine_cli.logs.columns import ColumnMap
+from automarine_cli.logs.formats import Format, RawLog
+from automarine_cli.logs.optional import needed, unsound_is_refused
+from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
+from automarine_cli.logs.table import Floats
+
+HEAD = b"\xa3\x95"
+FMT, FMT_LENGTH = 0x80, 89
+LAYOUT = np.dtype(
+    [("head", "V3"), ("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")]
+)
+SECONDS = {"TimeUS": 1e6, "TimeMS": 1e3}  # counts a second
+ARMING, DISARMED = (10, 11, 15), 11  # events
+INSTANCE = ("I", "Instance", "Inst")  # the field that tells several sensors of one kind apart
+TAKEN = {"ATT": {"Yaw": "heading_deg"}, "RATE": {"Y": "yaw_rate_deg_s"}, "BAT": {"Volt": "voltage_V"}}
+INSTEAD = {"RATE": ("IMU", {"GyrZ": "yaw_rate_rad_s"}), "BAT": ("CURR", {"Volt": "voltage_V"})}
+"""Messages of which fields are taken under canonical names, and what serves where they are not."""
+VEHICLES = {"ArduSub": 12, "ArduRover": 10, "ArduCopter": 2, "ArduPlane": 1, "Blimp": 7}  # MAV_TYPE
+Message = Mapping[str, NDArray[Any]]
+
+
+def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
+    """Read a dataflash log. Raises LogError for what is none, and where it holds no heading."""
+    library = needed("pymavlink.DFReader", "ardupilot", name, "ArduPilot logs")
+    with unsound_is_refused(name, "dataflash"):
+        messages, lost = _messages(path.read_bytes(), library.FORMAT_TO_STRUCT)
+        if not messages:
+            raise LogError(f"{name}: found no ArduPilot dataflash messages, expected some by the name")
+        notes = (f"{lost} bytes that are no messages were passed over",) if lost else ()
+        return on_one_clock(_recording(messages, columns, notes), columns, name)
+
+
+FORMAT = Format("ArduPilot dataflash", (".bin",), read, begins=(HEAD,))
+
+
+def _messages(
+    data: bytes, characters: Mapping[str, tuple[str, float | None, type]]
+) -> tuple[dict[str, Message], int]:
+    """Fields of every message with a clock, by name, in file order; and how many bytes are no messages.
+
+    Several sensors of one kind become messages of their own: BAT, then BAT[1].
+    """
+    layouts, places, lost = _indexed(data, characters)
+    whole = np.frombuffer(data, dtype=np.uint8)
+    found: dict[str, Message] = {}
+    for kind, (name, layout, factors) in layouts.items():
+        if kind == FMT or not places[kind]:
+            continue
+        rows = whole[np.array(places[kind])[:, None] + np.arange(layout.itemsize)]
+        table = np.ascontiguousarray(rows).view(layout)[:, 0]
+        fields = {key: _field(table[key], factor) for key, factor in factors.items()}
+        one_of = next((key for key in INSTANCE if key in fields), None)
+        if one_of is None:
+            found[name] = fields
+            continue
+        for number in np.unique(fields[one_of]):
+            same = fields[one_of] == number
+            known = f"{name}[{number:g}]" if number else name
+            found[known] = {key: values[same] for key, values in fields.items() if key != one_of}
+    return found, lost
+
+
+def _indexed(
+    data: bytes, characters: Mapping[str, tuple[str, float | None, type]]
+) -> tuple[dict[int, tuple[str, np.dtype[Any], dict[str, float | None]]], dict[int, list[int]], int]:
+    """Layouts by type, where the messages of each begin, and how many bytes are none."""
+    layouts: dict[int, tuple[str, np.dtype[Any], dict[str, float | None]]] = {FMT: ("FMT", LAYOUT, {})}
+    places: dict[int, list[int]] = {FMT: []}
+    lengths, at, end, lost = {FMT: FMT_LENGTH}, 0, len(data), 0
+    while at + 3 <= end:
+        length = lengths.get(data[at + 2]) if data[at] == 0xA3 and data[at + 1] == 0x95 else None
+        if length is None or at + length > end:
+            further = data.find(HEAD, at + 1)
+            further = end if further < 0 else further
+            lost += further - at if length is None else 0  # a message cut off by the end is no damage
+            at = further
+            continue
+        kind = data[at + 2]
+        if kind == FMT:
+            new = np.frombuffer(data, LAYOUT, 1, at)[0]
+            layout = _layout(new, characters)
+            if layout is not None and int(new["type"]) != FMT and int(new["type"]) not in lengths:
+                lengths[int(new["type"])] = int(new["length"])
+                layouts[int(new["type"])] = layout
+                places[int(new["type"])] = []
+        places[kind].append(at)
+        at += length
+    return layouts, places, lost
+
+
+def _layout(
+    new: Any, characters: Mapping[str, tuple[str, float | None, type]]
+) -> tuple[str, np.dtype[Any], dict[str, float | None]] | None:
+    """Name, bytes and factors of the messages that a FMT message tells of; None where it makes no sense."""
+    name, form = new["name"].decode("latin-1"), new["format"].decode("latin-1")
+    keys = [key for key in new["columns"].decode("latin-1").split(",") if key]
+    known = all(character in characters for character in form)
+    if not known or len(keys) != len(form) or len(set(keys)) < len(keys) or not re.fullmatch(r"\w+", name):
+        return None
+    kinds = [characters[character] for character in form]
+    parts = [("head", "V3")] + [
+        (key, f"S{kind[0][:-1]}" if kind[0].endswith("s") else f"<{np.dtype(kind[0]).str[1:]}")
+        for key, kind in zip(keys, kinds)
+    ]
+    layout = np.dtype(parts)
+    return (
+        (name, layout, {k: kind[1] for k, kind in zip(keys, kinds)})
+        if layout.itemsize == new["length"]
+        else None
+    )
+
+
+def _field(values: NDArray[Any], factor: float | None) -> NDArray[Any]:
+    """float64, exact to the hundredth where the file counts hundredths; or words."""
+    if values.dtype.kind == "S":
+        return np.char.decode(values, "latin-1")
+    plain = values.astype(np.float64)
+    return plain if factor is None else plain / round(1 / factor)
+
+
+def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple[str, ...]) -> Recording:
+    own = dict(TAKEN)
+    for name, (other, instead) in INSTEAD.items():
+        if name not in messages:
+            own[other] = instead
+    streams = _states(messages)
+    for name, message in messages.items():
+        time = _clock(message)
+        fields = {key: values for key, values in message.items() if key not in SECONDS}
+        if time is not None:
+            stream = taken(name, time, fields, own.get(name, {}), columns, keep=name == "RCOU")
+            streams += [] if stream is None else [stream]
+    holds = tuple(f"{name} ({len(next(iter(fields.values())))})" for name, fields in messages.items())
+    return Recording(streams, "messages", holds, notes)
+
+
+def _clock(fields: Message) -> Floats | None:
+    """Seconds since the vehicle started, shape (N,), or None for a message without a stamp."""
+    return next((fields[key] / rate for key, rate in SECONDS.items() if key in fields), None)
+
+
+def _states(messages: Mapping[str, Message]) -> list[Stream]:
+    """The flight mode, and whether the vehicle is armed: by ARM, in older logs by the events 10, 11 and 15."""
+    said = " ".join(messages.get("MSG", {}).get("Message", ())[:50])
+    vehicle = next((number for word, number in VEHICLES.items() if word in said), VEHICLES["ArduSub"])
+    mode, arm, event = (messages.get(name, {}) for name in ("MODE", "ARM", "EV"))
+    told = []
+    if "Mode" in mode:
+        told.append((mode, {"mode": mode_names(mode["Mode"], vehicle)}))
+    if "ArmState" in arm:
+        told.append((arm, {"armed": arming(arm["ArmState"] > 0)}))
+    elif "Id" in event:
+        arms = np.isin(event["Id"], ARMING)
+        event = {key: values[arms] for key, values in event.items()}
+        told.append((event, {"armed": arming(event["Id"] != DISARMED)}))
+    clocked = ((_clock(fields), state) for fields, state in told)
+    return [Stream("MODE", time, state, lasting=True) for time, state in clocked if time is not None]

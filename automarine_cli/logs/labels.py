@@ -1,0 +1,80 @@
+"""Columns of words: the runs of a file of many, and the vehicle's mode and arming."""
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from automarine_cli.errors import LogError
+from automarine_cli.logs.canonical import ARMED, MODE, RUN
+from automarine_cli.logs.columns import ColumnMap
+from automarine_cli.logs.formats import RawLog
+from automarine_cli.logs.table import Labels
+from automarine_cli.logs.text import decoded
+from automarine_cli.pipeline.words import printable, quoted
+
+LONGEST_RUN_NAME = 100  # characters; every row of a log carries the name of its run
+
+
+def run_names(raw: RawLog, columns: ColumnMap, source: str) -> Labels | None:
+    """The names of the runs in the order in which they begin, and for each row which it is; None without a column
+    of them. Raises LogError with the row for a run without a name, or with one that is too long.
+    """
+    index = _place(raw, columns, RUN)
+    if index is None:
+        return None
+    array, column = raw.arrays[index], printable(raw.names[index])
+    if array.null_count:
+        row = int(np.flatnonzero(pc.is_null(array).to_numpy())[0])
+        raise LogError(
+            f"{source}, row {raw.rows[row]}, column {column}: no run named; "
+            "expected the name or number of the run in every row"
+        )
+    found = _labels(array)
+    for i, name in enumerate(found.names):
+        if len(name) > LONGEST_RUN_NAME:
+            row = int(np.flatnonzero(found.code == i)[0])
+            raise LogError(
+                f"{source}, row {raw.rows[row]}, column {column}: found {quoted(name)} of "
+                f"{len(name)} characters, expected the name of a run of at most {LONGEST_RUN_NAME}. "
+                "Shorten it, or check which column names the runs"
+            )
+    return found
+
+
+def states(raw: RawLog, columns: ColumnMap) -> dict[str, Labels]:
+    """Mode and arming, whichever the file tells."""
+    places = {name: _place(raw, columns, name) for name in (MODE, ARMED)}
+    return {name: _labels(raw.arrays[place]) for name, place in places.items() if place is not None}
+
+
+def _place(raw: RawLog, columns: ColumnMap, name: str) -> int | None:
+    wanted = columns.source_of(name)
+    wanted = raw.also.get(wanted, wanted)
+    return raw.names.index(wanted) if wanted in raw.names else None
+
+
+def _labels(array: pa.ChunkedArray) -> Labels:
+    encoded = array if pa.types.is_dictionary(array.type) else pc.dictionary_encode(array)
+    coded: Any = encoded.unify_dictionaries().combine_chunks()
+    coded = coded if isinstance(coded, pa.Array) else coded.chunk(0)
+    names = [_name(value) for value in coded.dictionary.to_pylist()]
+    found = pc.fill_null(coded.indices, -1).to_numpy()
+    first = dict.fromkeys(names[i] for i in _in_order(found) if i >= 0)  # 7 and 7.0 are one name
+    places = {name: i for i, name in enumerate(first)}
+    known = np.array([*(places.get(name, 0) for name in names), -1], dtype=np.int64)
+    return Labels(tuple(places), known[found])
+
+
+def _in_order(code: NDArray[np.int64]) -> list[int]:
+    """The codes in the order in which they first appear."""
+    begins = np.concatenate([[True], code[1:] != code[:-1]])
+    return list(dict.fromkeys(code[begins].tolist()))
+
+
+def _name(value: object) -> str:
+    if isinstance(value, float) and value.is_integer():
+        return str(int(value))
+    return printable(decoded(value) if isinstance(value, bytes) else str(value))

@@ -1,0 +1,151 @@
+"""Streams of messages, each on its own clock, become one table on the clock of the heading.
+
+A command is held until the next one, never interpolated, and so is every other value but yaw rate and speeds; how old
+the last known values are is told.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from automarine_cli.errors import LogError
+from automarine_cli.logs.canonical import CANONICAL, names_of
+from automarine_cli.logs.columns import ColumnMap
+from automarine_cli.logs.formats import RawLog
+from automarine_cli.logs.table import Floats
+from automarine_cli.pipeline.words import listed, printable
+
+
+@dataclass(frozen=True)
+class Stream:
+    """The messages of one kind in a file: `time` [s] and the columns, each of shape (N,), of numbers or of words.
+
+    A column of a canonical name is in its unit, and `also` says what the file calls it; a `lasting` stream tells
+    changes of a state, whose age means nothing.
+    """
+
+    name: str
+    time: Floats
+    columns: Mapping[str, NDArray[Any]]
+    also: Mapping[str, str] = field(default_factory=dict)
+    lasting: bool = False
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a format finds in a file: its streams, what it calls them (`kind`: messages, topics), all that the file
+    holds, and notes.
+    """
+
+    streams: Sequence[Stream]
+    kind: str
+    holds: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+
+def taken(
+    name: str,
+    time: Floats,
+    fields: Mapping[str, NDArray[Any]],
+    own: Mapping[str, str],
+    columns: ColumnMap,
+    keep: bool = False,
+) -> Stream | None:
+    """The stream of those fields of a message that serve: `own` under its canonical names (field -> name), and as
+    NAME.FIELD what the column map names, or with `keep` all; None where there is nothing.
+    """
+    asked = {rule.source for rule in columns.columns.values()}
+    used = {own[key]: values for key, values in fields.items() if key in own}
+    for key, values in fields.items():
+        if key not in own and (f"{name}.{key}" in asked or keep):
+            used[f"{name}.{key}"] = values
+    also = {f"{name}.{key}": canonical for key, canonical in own.items() if key in fields}
+    return Stream(name, time, used, also) if used else None
+
+
+def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
+    """All streams on the clock of the one that holds the heading (in a thruster test: the force).
+
+    Rows count the messages of that stream. Raises LogError that lists what the file holds where there is neither.
+    """
+    streams = [stream for stream in found.streams if len(stream.time)]
+    also = {name: column for stream in reversed(streams) for name, column in stream.also.items()}
+    master = _master(streams, also, columns)
+    if master is None:
+        there = (
+            f"found the {found.kind} {listed(found.holds)}" if found.holds else f"it holds no {found.kind}"
+        )
+        raise LogError(
+            f"{source}: no heading in it; {there}. If one of them holds the heading, name its field with a line such "
+            'as heading_deg = "NAME.FIELD" under [columns] in a file and give it with --columns FILE.toml'
+        )
+    names: dict[str, pa.ChunkedArray] = {"time_s": _array(master.time)}
+    ages = []
+    for stream in [master, *(one for one in streams if one is not master)]:
+        held = _held(stream, master)
+        for name, values in stream.columns.items():
+            names.setdefault(name, _brought(stream, name, values, master, held))
+        if stream is not master and not stream.lasting:
+            ages.append(_age(stream, master, held))
+    told = (f"on the clock of {printable(master.name)}, last values held: {'; '.join(ages)}",) if ages else ()
+    return RawLog(
+        tuple(names), tuple(names.values()), np.arange(1, len(master.time) + 1),
+        also=also, notes=(*found.notes, *told), holds=found.holds,
+    )  # fmt: skip
+
+
+def _master(streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnMap) -> Stream | None:
+    for quantity in ("heading", "force"):
+        mapped = [columns.columns[name].source for name in names_of(quantity) if name in columns.columns]
+        for name in [*(also.get(one, one) for one in mapped), *names_of(quantity)]:
+            for stream in streams:
+                if name in stream.columns:
+                    return stream
+    return None
+
+
+def _held(stream: Stream, master: Stream) -> NDArray[np.int64]:
+    """For each row the last message of the stream until then, -1 before the first; shape (N,)."""
+    if stream is master:
+        return np.arange(len(master.time))
+    order = np.argsort(stream.time, kind="stable")
+    place = np.searchsorted(stream.time[order], master.time, side="right") - 1
+    return np.where(place >= 0, order[place], -1)
+
+
+def _brought(
+    stream: Stream, name: str, values: NDArray[Any], master: Stream, held: NDArray[np.int64]
+) -> pa.ChunkedArray:
+    if values.dtype.kind == "f":
+        if _moves(name) and stream is not master and np.all(np.diff(stream.time) >= 0):
+            return _array(np.interp(master.time, stream.time, values, left=np.nan, right=np.nan))
+        return _array(np.where(held >= 0, values[held], np.nan))
+    words, code = np.unique(values.astype(str), return_inverse=True)
+    rows = pa.array(np.maximum(code[held], 0), mask=held < 0)
+    return pa.chunked_array([pa.array([word.encode() for word in words]).take(rows)])
+
+
+def _array(values: Floats) -> pa.ChunkedArray:
+    return pa.chunked_array([pa.array(values, pa.float64())])
+
+
+def _age(stream: Stream, master: Stream, held: NDArray[np.int64]) -> str:
+    """`RCOU 0.01 s old in the median, 0.1 s at most`."""
+    name, known = printable(stream.name), held >= 0
+    if all(map(_moves, stream.columns)):
+        return f"{name} interpolated"
+    if not known.any():
+        return f"{name} begins only after the last row"
+    age = master.time[known] - stream.time[held[known]]
+    late = len(held) - int(np.count_nonzero(known))
+    first = f", none in the first {late} rows" if late else ""
+    return f"{name} {np.median(age):.2g} s old in the median, {age.max():.2g} s at most{first}"
+
+
+def _moves(name: str) -> bool:
+    """Whether a column holds motion, which goes on between two messages."""
+    return name in CANONICAL and CANONICAL[name].quantity in ("yaw_rate", "surge", "sway")

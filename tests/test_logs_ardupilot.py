@@ -1,0 +1,93 @@
+"""ArduPilot's two kinds of logs: what stands in for what, damage that is told, and the vehicle's own clock."""
+
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reader_contract import log
+from vehicle_logs import dataflash, dive, telemetry
+
+from automarine_cli.logs import ColumnMap, ColumnRule, LogTable, read_log
+
+pytest.importorskip("pymavlink", reason="the extra automarine[ardupilot] is not installed")
+
+
+def flash(folder: Path, content: bytes, **columns: str) -> LogTable:
+    """A dataflash log of these bytes, read with columns by these names."""
+    return read_log(
+        log(folder, content, "dive.bin"),
+        ColumnMap({name: ColumnRule(source) for name, source in columns.items()}),
+    )
+
+
+def test_pymavlink_reads_the_same_headings(tmp_path: Path) -> None:
+    from pymavlink.DFReader import DFReader_binary
+
+    table = flash(tmp_path, dataflash(dive()))
+    theirs = DFReader_binary(str(tmp_path / "dive.bin"))
+    yaw = [theirs.recv_match(type="ATT").Yaw for _ in range(len(table))]
+    theirs.close()
+    np.testing.assert_allclose(np.rad2deg(table.columns["heading"]), yaw, atol=1e-9)
+
+
+def test_the_gyro_stands_in_for_rate_and_events_for_arm(tmp_path: Path) -> None:
+    table = flash(tmp_path, dataflash(dive(), without=("RATE", "ARM")))
+    usual = flash(tmp_path, dataflash(dive()))
+    np.testing.assert_allclose(table.columns["yaw_rate"], usual.columns["yaw_rate"], atol=1e-6)
+    np.testing.assert_array_equal(table.states["armed"].code, usual.states["armed"].code)
+    assert "IMU[1] (200)" in table.holds and "IMU[1].GyrZ" not in table.names
+
+
+def test_any_field_can_be_named(tmp_path: Path) -> None:
+    content = dataflash(dive(), without=("EV",))
+    table = flash(
+        tmp_path, content, voltage_V="BAT[1].Volt", heading_deg="ATT.Yaw", yaw_rate_rad_s="IMU.GyrZ"
+    )
+    assert set(table.columns["voltage"][1:]) == {5.0}
+    np.testing.assert_array_equal(table.columns["heading"], flash(tmp_path, content).columns["heading"])
+    made = dive().rate
+    np.testing.assert_allclose(np.rad2deg(table.columns["yaw_rate"])[60:140], made[60:140], atol=1e-5)
+
+
+def test_bytes_that_are_no_messages_are_counted(tmp_path: Path) -> None:
+    good = dataflash(dive())
+    table = flash(tmp_path, good[:2000] + b"\x07" * 17 + good[2000:])
+    assert any("bytes that are no messages were passed over" in note for note in table.notes)
+    assert len(table) >= 199
+
+
+def test_a_damaged_packet_is_passed_over_and_told(tmp_path: Path) -> None:
+    good = bytearray(telemetry(dive()))
+    at = good.find(struct.pack("<I", 8000), 2000)  # the stamp of an attitude
+    good[at + 12] ^= 0x55
+    table = read_log(log(tmp_path, bytes(good), "dive.tlog"))
+    assert len(table) == 199 and "1 packets with a wrong checksum were passed over" in table.notes
+
+
+def test_the_vehicle_s_clock_serves_not_the_link_s(tmp_path: Path) -> None:
+    late = read_log(log(tmp_path, telemetry(dive(), delay=0.3), "dive.tlog"))
+    steps = np.diff(late.columns["time"])
+    np.testing.assert_allclose(steps, 0.1, atol=1e-5)
+
+
+def test_a_vehicle_that_starts_anew_in_one_log_goes_on_in_time(tmp_path: Path) -> None:
+    twice = telemetry(dive()) + telemetry(dive(), start=1.7e9 + 60)
+    table = read_log(log(tmp_path, twice, "dive.tlog"))
+    assert len(table) == 400
+    np.testing.assert_allclose(table.columns["time"][200:] - table.columns["time"][:200], 60, atol=2e-3)
+
+
+def test_a_counter_of_microseconds_that_is_full_begins_anew(tmp_path: Path) -> None:
+    """SERVO_OUTPUT_RAW counts in 32 bits, for 71.6 minutes."""
+    first = dive()
+    since = 2**32 / 1e6 - 10
+    later = replace(
+        first, time=first.time + since, command_time=first.command_time + since,
+        voltage_time=first.voltage_time + since,
+        modes=tuple((t + since, mode) for t, mode in first.modes),
+        arming=tuple((t + since, armed) for t, armed in first.arming),
+    )  # fmt: skip
+    table = read_log(log(tmp_path, telemetry(later), "dive.tlog"))
+    np.testing.assert_allclose(table.extras["SERVO_OUTPUT_RAW.servo1_raw"], first.commands_at(first.time)[0])

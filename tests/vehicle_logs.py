@@ -1,0 +1,146 @@
+"""Logs of vehicles as their own software writes them, made of one known truth: the writers of the format tests."""
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Dive:
+    """What a vehicle does: heading at 10 Hz turning clockwise through north, commands at 4 Hz, voltage at 2 Hz.
+
+    `time` [s], `heading` [deg, unwrapped], `rate` [deg/s]; commands are PWM [us] of two thrusters. Modes and arming
+    are (time, state).
+    """
+
+    time: Floats
+    heading: Floats
+    rate: Floats
+    command_time: Floats
+    port: Floats
+    stbd: Floats
+    voltage_time: Floats
+    voltage: Floats
+    modes: tuple[tuple[float, int], ...] = ((0.5, 19), (12.0, 2))
+    arming: tuple[tuple[float, bool], ...] = ((0.5, False), (2.0, True), (18.0, False))
+
+    def commands_at(self, time: Floats) -> tuple[Floats, Floats]:
+        """What the two commands are at the given times: the last one sent."""
+        place = np.searchsorted(self.command_time, time, side="right") - 1
+        return self.port[place], self.stbd[place]
+
+
+def dive(mirrored: bool = False) -> Dive:
+    """Twenty seconds: rest, a turn to the right from 350 degrees on, rest (mirrored: to the left)."""
+    sign = -1.0 if mirrored else 1.0
+    time = 1.0 + np.arange(200) / 10
+    rate = np.where((time > 4.96) & (time < 14.96), 15.0, 0.0)
+    heading = 350.0 + np.cumsum(rate) / 10
+    commands = 0.92 + np.arange(82) / 4
+    on = np.where((commands > 4.8) & (commands < 14.8), 100.0, 0.0)
+    voltage = 0.73 + np.arange(42) / 2
+    return Dive(
+        time, 350 + sign * (heading - 350), sign * rate, commands, 1500 + sign * on, 1500 - sign * on,
+        voltage, 16.0 - 0.01 * np.arange(42),
+    )  # fmt: skip
+
+
+FORMATS = {  # name: type, characters, columns
+    "FMT": (128, "BBnNZ", "Type,Length,Name,Format,Columns"),
+    "ATT": (10, "QccccCCCC", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,ErrRP,ErrYaw"),
+    "RATE": (11, "Qfff", "TimeUS,YDes,Y,YOut"),
+    "RCOU": (12, "QHHH", "TimeUS,C1,C2,C3"),
+    "BAT": (13, "QBff", "TimeUS,Instance,Volt,Curr"),
+    "MODE": (14, "QMBB", "TimeUS,Mode,ModeNum,Rsn"),
+    "ARM": (15, "QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method"),
+    "MSG": (16, "QZ", "TimeUS,Message"),
+    "EV": (17, "QB", "TimeUS,Id"),
+    "IMU": (18, "QBfff", "TimeUS,I,GyrX,GyrY,GyrZ"),
+}
+CODES = {
+    "Q": "Q",
+    "c": "h",
+    "C": "H",
+    "f": "f",
+    "H": "H",
+    "B": "B",
+    "M": "b",
+    "I": "I",
+    "Z": "64s",
+    "n": "4s",
+    "N": "16s",
+}
+
+
+def dataflash(dive: Dive, without: tuple[str, ...] = ("EV", "IMU")) -> bytes:
+    """An ArduSub dataflash log (.bin): its FMT messages, then everything in the order of time."""
+    out = bytearray()
+    for name, (kind, form, columns) in FORMATS.items():
+        if name not in without:
+            length = 3 + struct.calcsize("<" + "".join(CODES[c] for c in form))
+            out += _message("FMT", kind, length, name.encode(), form.encode(), columns.encode())
+    rows: list[tuple[float, str, tuple[object, ...]]] = [(0.1, "MSG", (b"ArduSub V4.1.0 (4ad3a7de)",))]
+    for t, psi, rate in zip(dive.time, dive.heading, dive.rate):
+        rows.append((t, "ATT", (0, 0, 0, 0, 0, round(psi % 360 * 100) % 36000, 0, 0)))
+        rows.append((t - 0.02, "RATE", (0.0, rate, 0.0)))
+        rows += [(t - 0.02, "IMU", (i, 0.0, 0.0, np.deg2rad(rate) + i)) for i in (0, 1)]
+    for t, port, stbd in zip(dive.command_time, dive.port, dive.stbd):
+        rows.append((t, "RCOU", (int(port), int(stbd), 1500)))
+    for t, volt in zip(dive.voltage_time, dive.voltage):
+        rows += [(t, "BAT", (0, volt, 3.0)), (t, "BAT", (1, 5.0, 0.1))]
+    rows += [(t, "MODE", (mode, mode, 1)) for t, mode in dive.modes]
+    rows += [(t, "ARM", (int(armed), 0, 0, 0)) for t, armed in dive.arming]
+    rows += [(t, "EV", (10 if armed else 11,)) for t, armed in dive.arming]
+    for t, name, values in sorted(rows, key=lambda row: row[0]):
+        if name not in without:
+            out += _message(name, round(t * 1e6), *values)
+    return bytes(out)
+
+
+def _message(name: str, *values: object) -> bytes:
+    kind, form, _ = FORMATS[name]
+    return b"\xa3\x95" + bytes([kind]) + struct.pack("<" + "".join(CODES[c] for c in form), *values)
+
+
+def telemetry(dive: Dive, without: tuple[str, ...] = (), start: float = 1.7e9, delay: float = 0.05) -> bytes:
+    """The telemetry log (.tlog) that a ground station keeps of it, by pymavlink; packets come up to `delay` s late.
+
+    The ground station itself and a second vehicle talk in between.
+    """
+    from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+    vehicle, station, other = (
+        mavlink.MAVLink(None, srcSystem=system, srcComponent=1) for system in (1, 255, 2)
+    )
+    rows: list[tuple[float, object, object]] = []
+    for t, psi, rate in zip(dive.time, dive.heading, dive.rate):
+        yaw = np.deg2rad((psi + 180) % 360 - 180)
+        attitude = mavlink.MAVLink_attitude_message(round(t * 1e3), 0, 0, yaw, 0, 0, np.deg2rad(rate))
+        rows.append((t, vehicle, attitude))
+        if round(t * 10) % 5 == 0:
+            rows.append((t, other, mavlink.MAVLink_attitude_message(round(t * 1e3), 0, 0, 1.0, 0, 0, 0)))
+    for t, port, stbd in zip(dive.command_time, dive.port, dive.stbd):
+        servos = (int(port), int(stbd), 1500, *[0] * 5)
+        rows.append(
+            (t, vehicle, mavlink.MAVLink_servo_output_raw_message(round(t * 1e6) % 2**32, 0, *servos))
+        )
+    for t, volt in zip(dive.voltage_time, dive.voltage):
+        status = mavlink.MAVLink_sys_status_message(0, 0, 0, 0, round(volt * 1e3), -1, -1, 0, 0, 0, 0, 0, 0)
+        rows.append((t, vehicle, status))
+    for t in np.arange(dive.modes[0][0], dive.time[-1], 0.5):
+        mode = [mode for since, mode in dive.modes if since <= t][-1]
+        armed = [armed for since, armed in dive.arming if since <= t][-1]
+        rows.append((t, vehicle, mavlink.MAVLink_heartbeat_message(12, 3, 128 * armed, mode, 4, 3)))
+        rows.append((t, station, mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)))
+    late = np.random.default_rng(1).uniform(0, delay, len(rows))
+    late[:3] = 0
+    out = bytearray()
+    for (t, sender, message), wait in zip(sorted(rows, key=lambda row: row[0]), late):
+        if message.get_type() not in without:  # type: ignore[attr-defined]
+            received = round((start + t + wait) * 1e6)
+            out += struct.pack(">Q", received) + message.pack(sender)  # type: ignore[attr-defined]
+    return bytes(out)
