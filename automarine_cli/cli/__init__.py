@@ -106,7 +106,7 @@ def _forget_stdout() -> None:
 def automarine() -> None:
     """From pool logs of an ROV or AUV to its thruster map and yaw model, and to why they disagree.
 
-    A LOG is a file (.csv, .csv.gz, .parquet, or a vehicle's own log), a directory (searched recursively) or a quoted glob.
+    A LOG is a file (.csv, .csv.gz, .parquet or a vehicle's own), a directory (searched recursively) or a quoted glob.
 
     \b
     Example:
