@@ -12,7 +12,7 @@ import pytest
 from reader_contract import RECORDERS, SUFFIXES, WRITERS, YAW, judge_bad_files, judge_good_file, log, refusal
 
 from automarine_cli.errors import AutomarineError
-from automarine_cli.logs import LogFile, read_log, require_yaw
+from automarine_cli.logs import LogFile, read_log, require_motion
 from automarine_cli.logs.formats import format_of, formats, stem_of
 
 
@@ -54,7 +54,7 @@ def test_damaged_bytes_give_an_answer_or_one_clear_line(tmp_path: Path, suffix: 
                     [b"", b'"', b"\n", b"\xff,", b"1e999"]
                 )
         try:
-            require_yaw(read_log(log(tmp_path, bytes(content), f"damaged{suffix}")))
+            require_motion(read_log(log(tmp_path, bytes(content), f"damaged{suffix}")))
             outcomes.add("read")
         except AutomarineError as error:
             assert str(error).isprintable() and str(error).startswith("damaged")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from reader_contract import log, refusal
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, read_log, require, require_yaw
+from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, read_log, require, require_motion
 
 # The same two samples, 0 s at 1.5 degrees and 0.1 s at 2 degrees, with moments 0 and 1.
 TWO_SAMPLES = {
@@ -208,7 +208,7 @@ def test_refused_with_this_sentence(tmp_path: Path, content: bytes, sentence: st
 def test_what_a_yaw_log_lacks_is_said_at_once(tmp_path: Path) -> None:
     table = read_log(log(tmp_path, b"t,Heading_deg,depth\n0,1,2\n"))
     with pytest.raises(LogError) as refused:
-        require_yaw(table)
+        require_motion(table)
     assert str(refused.value) == (
         "log.csv: no time, heading and yaw moment; found the columns t, Heading_deg, depth; expected "
         "time_s or "

@@ -2,7 +2,7 @@
 
 from automarine_cli.logs.columns import ColumnMap, ColumnRule, column_rules, given_columns, read_column_map
 from automarine_cli.logs.find import LogFile, find_logs
-from automarine_cli.logs.needs import is_thruster_test, require, require_thruster, require_yaw
+from automarine_cli.logs.needs import is_thruster_test, require, require_motion, require_thruster
 from automarine_cli.logs.reader import read_log
 from automarine_cli.logs.table import LogTable
 
@@ -18,6 +18,6 @@ __all__ = [
     "read_column_map",
     "read_log",
     "require",
+    "require_motion",
     "require_thruster",
-    "require_yaw",
 ]

@@ -7,24 +7,33 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import islice
 
+from automarine_cli.axes import AXES, YAW, Axis
+
 DEGREE = math.pi / 180
 STANDARD_GRAVITY = 9.80665  # m/s², exact by definition: 1 kgf in newtons
 POUND_FORCE = 4.4482216152605  # N, exact by definition
 
+NORMALISED = "nu"  # the unit of a normalised moment or force
 TIMESTAMP = "timestamp"  # the unit of a column of calendar times
 
+FORCES = {"N": 1.0, "kgf": STANDARD_GRAVITY, "gf": STANDARD_GRAVITY / 1000, "lbf": POUND_FORCE}
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, TIMESTAMP: 1.0},
     "heading": {"deg": DEGREE, "rad": 1.0},
     "yaw_rate": {"deg/s": DEGREE, "rad/s": 1.0},
     "moment": {"nu": 1.0, "N m": 1.0, "Nm": 1.0},
     "voltage": {"V": 1.0, "mV": 1e-3},
-    "surge": {"m/s": 1.0, "cm/s": 0.01, "kn": 1852 / 3600},
-    "sway": {"m/s": 1.0, "cm/s": 0.01, "kn": 1852 / 3600},
-    "force": {"N": 1.0, "kgf": STANDARD_GRAVITY, "gf": STANDARD_GRAVITY / 1000, "lbf": POUND_FORCE},
+    **{name: {"m/s": 1.0, "cm/s": 0.01, "kn": 1852 / 3600} for name in ("surge", "sway", "heave")},
+    **{name: {"m": 1.0, "cm": 0.01, "mm": 1e-3, "ft": 0.3048} for name in ("distance", "depth")},
+    **dict.fromkeys(("force", "force_X", "force_Z"), FORCES),
 }
 MOST_LOOKED_AT, LONGEST_GUESSED = 1000, 60  # columns, and characters of a name, in which one may be guessed
-COMMANDS = ("n", "n_port", "n_stbd")  # a control signal keeps the file's own unit, whatever it is called
+COMMANDS = (
+    "n",
+    "n_port",
+    "n_stbd",
+    "n_vert",
+)  # a control signal keeps the file's own unit, whatever it is called
 
 
 @dataclass(frozen=True)
@@ -37,12 +46,15 @@ class Canonical:
 
     def factor(self, unit: str | None = None) -> float:
         """What a value is multiplied by to be in SI units (a control signal: 1)."""
-        return 1.0 if self.quantity in COMMANDS else UNITS[self.quantity][self.unit if unit is None else unit]
+        unitless = self.quantity in COMMANDS or self.unit == NORMALISED
+        return 1.0 if unitless else UNITS[self.quantity][self.unit if unit is None else unit]
 
     def units(self) -> tuple[str, ...]:
         """Units that a column map may give to this column; empty: any word."""
-        if self.quantity == "moment":  # the normalised moment and newton metres have no factor between them
-            return ("nu",) if self.unit == "nu" else ("N m", "Nm")
+        if self.unit == NORMALISED:  # normalised moments and forces have no factor to newtons
+            return (NORMALISED,)
+        if self.quantity == "moment":
+            return ("N m", "Nm")
         return tuple(UNITS.get(self.quantity, ()))
 
 
@@ -55,13 +67,21 @@ _ALL = (
     ("heading_rad", "heading", "rad"),
     ("yaw_rate_deg_s", "yaw_rate", "deg/s"),
     ("yaw_rate_rad_s", "yaw_rate", "rad/s"),
-    ("tau", "moment", "nu"),
+    ("tau", "moment", NORMALISED),
     ("tau_Nm", "moment", "N m"),
     ("n_port", "n_port", ""),
     ("n_stbd", "n_stbd", ""),
     ("voltage_V", "voltage", "V"),
     ("surge_m_s", "surge", "m/s"),
     ("sway_m_s", "sway", "m/s"),
+    ("heave_m_s", "heave", "m/s"),
+    ("distance_m", "distance", "m"),
+    ("depth_m", "depth", "m"),
+    ("force_X_N", "force_X", "N"),
+    ("X", "force_X", NORMALISED),
+    ("force_Z_N", "force_Z", "N"),
+    ("Z", "force_Z", NORMALISED),
+    ("n_vert", "n_vert", ""),
     ("n", "n", ""),
     ("force_N", "force", "N"),
     ("force_kgf", "force", "kgf"),
@@ -71,11 +91,33 @@ CANONICAL: Mapping[str, Canonical] = {name: Canonical(name, *rest) for name, *re
 RUN, MODE, ARMED = "run", "mode", "armed"
 LABELS = (RUN, MODE, ARMED)  # columns of words, not of numbers
 
+
+def foreign(axis: Axis) -> frozenset[str]:
+    """Quantities of the other motions, which a log of this one may hold under names that mean something else there."""
+    own = {axis.position, axis.command, *axis.thrusters}
+    others = {name for one in AXES.values() for name in (one.position, one.command, *one.thrusters)}
+    return frozenset(others - own) | {"heave"} - {axis.rate}
+
+
+def motion_of(names: Iterable[str], mapped: Iterable[str]) -> Axis:
+    """The motion that a log is of, by its column names and the canonical names mapped to; yaw where it may be that."""
+    held = {CANONICAL[name].quantity for name in (*names, *mapped) if name in CANONICAL}
+    for axis in AXES.values():
+        if axis.position in held and (axis.command in held or held >= set(axis.thrusters)):
+            return axis
+    return next((axis for axis in AXES.values() if {axis.position, axis.command} & held), YAW)
+
+
 # Words by which people call a quantity; only for suggestions, nothing is ever read by them.
 _WORDS = {
     "time": ("t", "time", "timestamp", "seconds", "secs", "clock", "stamp", "times", "millis", "times_s"),
     "heading": ("heading", "yaw", "psi", "hdg", "compass", "head", "azimuth", "course", "yaw_deg", "yaw_rad"),
     "moment": ("tau", "moment", "torque", "nm", "rudder", "rudder_deg", "yaw_moment", "tau_nm", "mz"),
+    "distance": ("distance", "dist", "x", "position", "range", "travel", "surge_position", "pos_x"),
+    "depth": ("depth", "z", "pressure_depth", "depth_sensor", "pos_z"),
+    "force_X": ("force_x", "surge_force", "thrust_x", "fx", "tau_x", "x_force"),
+    "force_Z": ("force_z", "heave_force", "thrust_z", "fz", "tau_z", "z_force"),
+    "n_vert": ("n_vert", "vertical", "vert", "vert_cmd", "cmd_vert", "n_vertical"),
     "n": ("n", "cmd", "command", "rpm", "pwm", "n_rev_s", "effort", "control", "throttle", "thruster_input"),
     "n_port": ("n_port", "port", "port_cmd", "left", "n_left", "cmd_port"),
     "n_stbd": ("n_stbd", "stbd", "starboard", "stbd_cmd", "right", "n_right", "cmd_stbd"),

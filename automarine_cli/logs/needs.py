@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from automarine_cli.axes import AXES
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, likely_canonical, likely_column, names_of
 from automarine_cli.logs.table import LogTable
@@ -9,7 +10,10 @@ from automarine_cli.pipeline.words import listed, printable, quoted
 
 _WORDS = {
     "moment": "yaw moment",
+    "force_X": "surge force",
+    "force_Z": "heave force",
     "n": "control signal",
+    "n_vert": "vertical thruster command",
     "n_port": "port thruster command",
     "n_stbd": "starboard thruster command",
 }
@@ -25,15 +29,16 @@ def require(table: LogTable, quantities: Sequence[str]) -> None:
         raise LogError(_sentence(table, lacking))
 
 
-def require_yaw(table: LogTable) -> None:
-    """Refuse a table that is no yaw log: time, heading, and a moment or both thruster commands."""
-    commands = [quantity for quantity in ("n_port", "n_stbd") if quantity in table.columns]
-    if "moment" in table.columns or len(commands) == 2:
-        require(table, ("time", "heading"))
+def require_motion(table: LogTable) -> None:
+    """Refuse a table that is no log of its motion: time, position, and a moment or force or every thruster command."""
+    axis = table.axis
+    commands = [quantity for quantity in axis.thrusters if quantity in table.columns]
+    if axis.command in table.columns or len(commands) == len(axis.thrusters):
+        require(table, ("time", axis.position))
     elif commands:
-        require(table, ("time", "heading", "n_port", "n_stbd"))
+        require(table, ("time", axis.position, *axis.thrusters))
     else:
-        require(table, ("time", "heading", "moment"))
+        require(table, ("time", axis.position, axis.command))
 
 
 def require_thruster(table: LogTable) -> None:
@@ -42,8 +47,8 @@ def require_thruster(table: LogTable) -> None:
 
 
 def is_thruster_test(table: LogTable) -> bool:
-    """Whether the table is, or seems meant as, a thruster test rather than a yaw log."""
-    if "heading" in table.columns:
+    """Whether the table is, or seems meant as, a thruster test rather than a log of a motion."""
+    if table.axis.position in table.columns:
         return False
     return "force" in table.columns or (
         _guess(table, "force") is not None and _guess(table, "heading") is None
@@ -76,7 +81,8 @@ def _held(table: LogTable) -> str:
 
 def _expected(quantity: str) -> str:
     names = " or ".join(names_of(quantity))
-    return names + " or both n_port and n_stbd" if quantity == "moment" else names
+    thrusters = next((axis.thrusters for axis in AXES.values() if axis.command == quantity), ())
+    return f"{names} or {'both ' * (len(thrusters) > 1)}{' and '.join(thrusters)}" if thrusters else names
 
 
 def _guess(table: LogTable, quantity: str) -> str | None:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN, TIMESTAMP, Canonical
+from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN, TIMESTAMP, Canonical, foreign, motion_of
 from automarine_cli.logs.columns import ColumnMap, ColumnRule
 from automarine_cli.logs.find import LogFile
 from automarine_cli.logs.formats import RawLog, format_of, suffixes
@@ -26,8 +27,8 @@ class _Use:
     rule: ColumnRule
 
 
-def read_log(file: LogFile, columns: ColumnMap | None = None) -> LogTable:
-    """Read one log.
+def read_log(file: LogFile, columns: ColumnMap | None = None, axis: Axis | None = YAW) -> LogTable:
+    """Read one log of a motion; None: of the motion that its columns show.
 
     Raises LogError with file, row, column, what was found, what was expected and what to do. Columns that a
     command cannot do without are asked for afterwards, with `require`.
@@ -35,14 +36,17 @@ def read_log(file: LogFile, columns: ColumnMap | None = None) -> LogTable:
     columns = ColumnMap() if columns is None else columns
     raw = _read_raw(file, columns)
     _check_names(raw, file.name)
-    uses, notes = _assigned(raw, columns, file.name)
+    if axis is None:
+        mapped = (name for name, rule in columns.columns.items() if rule.source in raw.names)
+        axis = motion_of((*raw.names, *raw.also), mapped)
+    uses, notes = _assigned(raw, columns, file.name, axis)
     runs = run_names(raw, columns, file.name)
     used = {raw.names[use.index] for use in uses} | ({columns.source_of(RUN)} if runs else set())
     extras: dict[str, Floats] = {}
     for name, array in zip(raw.names, raw.arrays):
         if name and name not in used and pa.types.is_floating(array.type):
             extras[printable(name)] = _finite_or_nan(array.to_numpy(), name, notes)
-    moment = next((use.canonical.unit for use in uses if use.canonical.quantity == "moment"), None)
+    moment = next((use.canonical.unit for use in uses if use.canonical.quantity == axis.command), None)
     return LogTable(
         source=file.name,
         columns={use.canonical.quantity: _values(raw, use, file.name) for use in uses},
@@ -55,6 +59,7 @@ def read_log(file: LogFile, columns: ColumnMap | None = None) -> LogTable:
         notes=(*raw.notes, *notes),
         states=states(raw, columns),
         holds=raw.holds,
+        axis=axis,
     )
 
 
@@ -101,8 +106,9 @@ def _check_names(raw: RawLog, source: str) -> None:
         )
 
 
-def _assigned(raw: RawLog, columns: ColumnMap, source: str) -> tuple[list[_Use], list[str]]:
+def _assigned(raw: RawLog, columns: ColumnMap, source: str, axis: Axis) -> tuple[list[_Use], list[str]]:
     """Which column serves which quantity; rules of the map come before names of the file."""
+    others = foreign(axis)
     own = {name: i for i, name in enumerate(raw.names) if name}
     places = {name: own[column] for name, column in raw.also.items()} | own
     mapped: dict[str, list[_Use]] = {}
@@ -122,6 +128,7 @@ def _assigned(raw: RawLog, columns: ColumnMap, source: str) -> tuple[list[_Use],
         # a column `time` of plain numbers has no unit: it is not taken as the clock
         if (
             name in places
+            and canonical.quantity not in others
             and canonical.quantity not in mapped
             and not (name == "time" and _floats(raw, places[name]))
         ):

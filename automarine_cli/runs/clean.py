@@ -12,7 +12,7 @@ from automarine_cli.logs import LogTable
 from automarine_cli.runs.jumps import find_jumps
 from automarine_cli.runs.noise import median
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.sense import LARGEST_HEADING, clock_trouble, command_trouble, heading_trouble, stuck
+from automarine_cli.runs.sense import LARGEST_HEADING, clock_trouble, command_trouble, position_trouble, stuck
 from automarine_cli.runs.unwrap import find_glitches, unwrap, wrapped
 
 Floats = NDArray[np.float64]
@@ -34,18 +34,19 @@ def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tupl
     Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
     """
     columns = {key: values[chosen] for key, values in {**table.extras, **table.columns}.items()}
+    axis = table.axis
     rows, counts = table.rows[chosen], dict.fromkeys(COUNTS, 0)
     counts["rows"] = len(rows)
-    commands = ("moment",) if "moment" in table.columns else ("n_port", "n_stbd")
+    commands = (axis.command,) if axis.command in table.columns else axis.thrusters
     missing = np.isnan(columns["time"])
-    for key in ("heading", *commands):
+    for key in (axis.position, *commands):
         missing |= np.isnan(columns[key])
     counts["missing"] = int(np.count_nonzero(missing))
     if counts["missing"]:
         columns, rows = _only(columns, ~missing), rows[~missing]
         if not len(rows):
             raise NotUsable(
-                f"no row has time, heading and command ({counts['missing']} rows lack one); check the columns"
+                f"no row has time, {axis.position} and command ({counts['missing']} rows lack one); check the columns"
             )
     fresh = _rising(columns["time"], rows, table.source, name)
     if len(rows) > 1 and not fresh[1:].any():
@@ -53,32 +54,37 @@ def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tupl
     counts["duplicates"] = len(fresh) - int(np.count_nonzero(fresh))
     columns = _only(columns, fresh)
     _refuse(clock_trouble(columns["time"]))
-    _refuse(heading_trouble(columns["time"], columns["heading"]))
+    _refuse(position_trouble(columns["time"], columns[axis.position], axis))
     for key in commands:
-        _refuse(command_trouble(columns[key], "moment" if key == "moment" else "thruster command"))
-    glitch = find_glitches(columns["time"], columns["heading"])
-    glitch |= np.abs(columns["heading"]) > LARGEST_HEADING  # what some compasses say instead of nothing
+        _refuse(
+            command_trouble(columns[key], axis.say("moment") if key == axis.command else "thruster command")
+        )
+    glitch = find_glitches(columns["time"], columns[axis.position], axis.turn)
+    glitch |= np.abs(columns[axis.position]) > LARGEST_HEADING  # what some compasses say instead of nothing
     counts["glitches"] = int(np.count_nonzero(glitch))
     if counts["glitches"]:
         columns = _only(columns, ~glitch)
         _refuse(clock_trouble(columns["time"]))
     run = _run(table, columns, name, counts)
-    _refuse(stuck(run.heading, _any_command(run)))
+    _refuse(stuck(run.heading, _any_command(run), axis))
     return _bridged(run)
 
 
 def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapping[str, int]) -> Run:
-    extras = {key: values for key, values in columns.items() if key not in ("time", "heading", "moment")}
+    axis = table.axis
+    own = ("time", axis.position, axis.command)
+    extras = {key: values for key, values in columns.items() if key not in own}
     return Run(
         name=name,
         source=table.source,
         time=columns["time"],
-        heading=columns["heading"],
-        moment=columns.get("moment"),
+        heading=columns[axis.position],
+        moment=columns.get(axis.command),
         moment_unit=table.moment_unit or "",
         extras=extras,
         counts=counts,
         notes=table.notes + _coarse_clock(counts),
+        axis=axis,
     )
 
 
@@ -120,23 +126,26 @@ def _any_command(run: Run) -> Floats:
     """Something that is not zero while any thruster works, shape (N,)."""
     if run.moment is not None:
         return run.moment
-    return np.abs(run.extras["n_port"]) + np.abs(run.extras["n_stbd"])
+    return np.asarray(sum(np.abs(run.extras[name]) for name in run.axis.thrusters))
 
 
 def _bridged(run: Run) -> tuple[Run, ...]:
     """Unwrap the heading; gaps that can be bridged are flagged, at the others and at jumps the run is split."""
     steps = np.diff(run.time)
     gaps = np.flatnonzero(steps > GAP_IN_PERIODS * median(steps))
-    jumps = np.setdiff1d(find_jumps(run.time, run.heading), gaps)
-    sizes = np.rad2deg(np.abs(wrapped(np.diff(run.heading)[jumps])))
-    result = unwrap(run.time, run.heading, gaps)
+    axis = run.axis
+    jumps = np.setdiff1d(find_jumps(run.time, run.heading, axis.turn), gaps)
+    sizes = axis.shown(np.abs(wrapped(np.diff(run.heading)[jumps], axis.turn)))
+    result = unwrap(run.time, run.heading, gaps, axis.turn)
     run = replace(run, heading=result.heading)
     widest = f"{steps[gaps].max():.3g} s" if gaps.size else ""
     notes = run.notes
     if jumps.size:
         notes += (
-            f"split at {_counted(len(jumps), 'jump')} of up to {sizes.max():.0f} degrees from one sample to the next, "
-            "which no vehicle makes: samples are missing there, or the compass slipped",
+            axis.say(
+                f"split at {_counted(len(jumps), 'jump')} of up to {sizes.max():.0f} degrees from one sample to the "
+                "next, which no vehicle makes: samples are missing there, or the compass slipped"
+            ),
         )
     if result.broken_after:
         notes += (
@@ -163,7 +172,7 @@ def too_short(part: Run) -> str | None:
     length = float(part.time[-1] - part.time[0])
     if not part.counts["jumps"] or length >= SHORTEST_PART:
         return None
-    return (
+    return part.axis.say(
         f"only {length:.2g} s are left beside a jump of the heading; at least {SHORTEST_PART:g} s are needed"
     )
 

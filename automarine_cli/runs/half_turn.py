@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.axes import Axis
 from automarine_cli.runs.noise import slope
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.sense import longest_repeat
@@ -24,15 +25,40 @@ Floats = NDArray[np.float64]
 HALF_TURN = "half a turn"
 MOMENT_ENDS = "the moment changed"
 LOG_ENDS = "the log ended"
+WAY, WINDOW = "the way allowed", "the window"
 
 FEWEST_SAMPLES = 8
 MOST_REST = 200
 """Samples of rest before a step that are used; more would say little of the start heading and much of slow drifts."""
 MARGIN_IN_SIGMA = 3.0
-LEAST_TURN = np.deg2rad(60)  # a step that ends before this has shown no steady rate
-NO_TURN = np.deg2rad(5)
 STILL_CHANGING = 0.1  # of the last third's rate
 SURE = 4.0  # standard errors
+
+
+@dataclass(frozen=True)
+class Trim:
+    """How far a step is followed [rad or m]: `reach` from its start (None: as its motion has it, half a turn in yaw),
+    and only while the position is between `low` and `high`.
+    """
+
+    reach: float | None = None
+    low: float = -math.inf
+    high: float = math.inf
+
+    def beyond(self, position: Floats, zero: float, noise: float, axis: Axis) -> NDArray[np.bool_]:
+        """Which samples, (N,), are no longer followed; the ends of a window are as sure as the noise lets them be."""
+        far = np.abs(position - zero) > (axis.trim if self.reach is None else self.reach)
+        if math.isinf(self.low) and math.isinf(self.high):
+            return np.asarray(far)
+        margin = MARGIN_IN_SIGMA * noise
+        return np.asarray(far | (position < self.low - margin) | (position > self.high + margin))
+
+    def ended(self, axis: Axis) -> str:
+        """What ended a step that was cut, in words."""
+        return HALF_TURN if axis.wraps else WAY if self.reach is not None else WINDOW
+
+
+UNTRIMMED = Trim()
 
 
 @dataclass(frozen=True)
@@ -70,13 +96,14 @@ class HalfTurn:
         return self.step.run.name
 
 
-def half_turn(run: Run, step: Step) -> HalfTurn:
+def half_turn(run: Run, step: Step, trim: Trim = UNTRIMMED) -> HalfTurn:
     """Trim a step to |psi - psi0| <= pi and judge it. Trimming what was trimmed changes nothing."""
     noise = run.noise
     zero = start_heading(step)
-    stop, crossed = _end(run.heading[step.segment] - zero, noise)
+    position = run.heading[step.segment]
+    stop, crossed = _end(position - zero, trim.beyond(position, zero, noise, run.axis), noise)
     kept = slice(step.first, step.first + stop)
-    cut_by = HALF_TURN if crossed else LOG_ENDS if step.ends_log else MOMENT_ENDS
+    cut_by = trim.ended(run.axis) if crossed else LOG_ENDS if step.ends_log else MOMENT_ENDS
     time, heading = run.time[kept], run.heading[kept]
     steady = _is_steady(time, heading, noise)
     turned = _last_heading(time, heading) - zero
@@ -93,16 +120,18 @@ def half_turn(run: Run, step: Step) -> HalfTurn:
         turned=turned,
         noise=noise,
         steady=steady,
-        why=_why_not(step, heading, turned, noise, cut_by, steady),
+        why=_why_not(step, heading, turned, noise, cut_by, steady, crossed),
     )
 
 
-def half_turns(runs: Iterable[Run]) -> tuple[tuple[HalfTurn, ...], tuple[SetAside, ...]]:
+def half_turns(
+    runs: Iterable[Run], trim: Trim = UNTRIMMED
+) -> tuple[tuple[HalfTurn, ...], tuple[SetAside, ...]]:
     """The first half-turn of every run that serves, and the runs set aside with their reasons."""
     good: list[HalfTurn] = []
     aside: list[SetAside] = []
     for run in runs:
-        turn, why = first_half_turn(run)
+        turn, why = first_half_turn(run, trim)
         if turn is not None:
             good.append(turn)
         else:
@@ -110,15 +139,15 @@ def half_turns(runs: Iterable[Run]) -> tuple[tuple[HalfTurn, ...], tuple[SetAsid
     return tuple(good), tuple(aside)
 
 
-def first_half_turn(run: Run) -> tuple[HalfTurn | None, str]:
+def first_half_turn(run: Run, trim: Trim = UNTRIMMED) -> tuple[HalfTurn | None, str]:
     """Of a run with several steps the first that serves; if none does, None and the first one's reason."""
     why = ""
     for step in find_steps(run):
-        turn = half_turn(run, step)
+        turn = half_turn(run, step, trim)
         if turn.serves:
             return turn, ""
         why = why or turn.why
-    return None, why or NO_STEP
+    return None, why or run.axis.say(NO_STEP)
 
 
 @dataclass(frozen=True)
@@ -137,9 +166,9 @@ class Trimmed:
         return Trimmed(run, turn, self.why)
 
 
-def trimmed(run: Run) -> Trimmed:
+def trimmed(run: Run, trim: Trim = UNTRIMMED) -> Trimmed:
     """Keep of a run what a fit to half-turns needs. Raises RunError where the run has no moment."""
-    turn, why = first_half_turn(run)
+    turn, why = first_half_turn(run, trim)
     if turn is None:
         return Trimmed(_copied(run, 0, 0), None, why)
     step, kept = turn.step, turn.kept
@@ -172,9 +201,8 @@ NO_STEP = (
 )
 
 
-def _end(turned: Floats, noise: float) -> tuple[int, bool]:
-    """Number of samples kept, and whether half a turn ended them."""
-    beyond = np.abs(turned) > np.pi
+def _end(turned: Floats, beyond: NDArray[np.bool_], noise: float) -> tuple[int, bool]:
+    """Number of samples kept, and whether half a turn (or what else limits the motion) ended them."""
     if not beyond.any():
         return len(turned), False
     crossing = int(np.argmax(beyond))
@@ -206,9 +234,19 @@ def _is_steady(time: Floats, heading: Floats, noise: float) -> bool:
     )
 
 
-def _why_not(step: Step, heading: Floats, turned: float, noise: float, cut_by: str, steady: bool) -> str:
+def _why_not(
+    step: Step, heading: Floats, turned: float, noise: float, cut_by: str, steady: bool, crossed: bool
+) -> str:
     """The sentence for which a half-turn is set aside, or nothing."""
-    whole = round(abs(float(np.rad2deg(turned))))
+    return step.run.axis.say(_why_not_yaw(step, heading, turned, noise, cut_by, steady, crossed))
+
+
+def _why_not_yaw(
+    step: Step, heading: Floats, turned: float, noise: float, cut_by: str, steady: bool, crossed: bool
+) -> str:
+    """The same in the words of yaw."""
+    axis = step.run.axis
+    whole = round(abs(float(axis.shown(turned))))
     degrees = f"{whole} degree{'s' * (whole != 1)}"
     at = f"the step of {step.moment:.4g} {step.run.moment_unit}".rstrip()
     repeats, _ = longest_repeat(heading, np.ones(len(heading), dtype=bool))
@@ -222,23 +260,28 @@ def _why_not(step: Step, heading: Floats, turned: float, noise: float, cut_by: s
             f"too short: {at} has {len(heading)} samples ({cut_by}); at least {FEWEST_SAMPLES} are needed. "
             "Log faster or hold the moment longer"
         )
-    if abs(turned) < max(NO_TURN, 5 * noise):
+    if abs(turned) < max(axis.still, 5 * noise):
         return (
-            f"never moved: {degrees} turned in {at}. Use a larger moment, and check thrusters and tether; "
-            "if the heading column is in radians, name it heading_rad"
+            f"never moved: {degrees} turned in {at}. Use a larger moment, and check thrusters and tether"
+            + ("; if the heading column is in radians, name it heading_rad" if axis.wraps else "")
         )
     if not step.from_rest:
         return (
-            f"not from rest: {at} begins at {np.rad2deg(step.start_rate):.3g} degrees/s. "
-            "Let the vehicle come to rest at zero moment before each step"
+            f"not from rest: {at} begins at {axis.shown(step.start_rate):.3g} degrees/s. "
+            f"Let the vehicle come to rest{' at zero moment' * (not axis.constant)} before each step"
         )
-    if turned * step.moment < 0:
+    if turned * step.moment < 0 and not axis.constant:
+        counts = "counter-clockwise" if axis.wraps else "the other way"
         return (
             f"units look wrong: {at} turned the vehicle {degrees} against it. If the heading counts "
-            "counter-clockwise, map it with sign = -1 in the --columns file"
+            f"{counts}, map it with sign = -1 in the --columns file"
         )
-    if cut_by != HALF_TURN and (abs(turned) < LEAST_TURN or not steady):
+    if not crossed and (abs(turned) < axis.least or not steady):
+        if not axis.wraps and steady:
+            return f"ended too soon: {cut_by} after {degrees} of {at}. Hold each moment for longer"
         rate = "its rate was still changing" if not steady else "half a turn was not near"
         ended = "moment changed before steady" if cut_by == MOMENT_ENDS else "ended before steady"
-        return f"{ended}: {cut_by} after {degrees} of {at}, and {rate}. Hold each moment for half a turn"
+        return f"{ended}: {cut_by} after {degrees} of {at}, and {rate}. " + (
+            "Hold each moment for half a turn" if axis.wraps else "Hold each moment for longer"
+        )
     return ""

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.runs.unwrap import wrapped
+from automarine_cli.runs.unwrap import TURN, wrapped
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -18,7 +18,7 @@ FASTEST_SWING = 60.0
 0.2 kg m²."""
 
 
-def find_jumps(time: Floats, heading: Floats) -> Indices:
+def find_jumps(time: Floats, heading: Floats, turn: float = TURN) -> Indices:
     """After which samples, of a heading (N,) [rad] without spikes, a jump follows that stays.
 
     A jump is a step that is several times faster than every step beside it, on both sides, and that a vehicle would
@@ -26,7 +26,7 @@ def find_jumps(time: Floats, heading: Floats) -> Indices:
     square of the span). A compass that had stopped catches up over the span since its last change. What comes back
     is no jump, nor is a turn, whose rate has to grow and to fall.
     """
-    steps, spans = wrapped(np.diff(heading)), np.diff(time)
+    steps, spans = wrapped(np.diff(heading), turn), np.diff(time)
     speeds = np.abs(steps) / spans
     found = []
     for i in np.flatnonzero((np.abs(steps) > LEAST_JUMP) & (4.0 * speeds > FASTEST_SWING * spans)):

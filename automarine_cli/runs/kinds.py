@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from automarine_cli.runs.half_turn import NO_TURN
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import find_steps, segments
 
@@ -28,14 +27,12 @@ class RunKind:
 
 
 def kind_of(run: Run) -> RunKind:
-    """The kind of one run. Thruster commands without a moment count as their difference, port less starboard."""
-    driven = run
-    if run.moment is None:
-        driven = run.with_moment(run.extras["n_port"] - run.extras["n_stbd"], "n_port - n_stbd")
+    """The kind of one run. Thruster commands without a moment count as they add up."""
+    driven = run.as_commanded()
     levels = {moment for _, _, moment in segments(driven.command) if moment != 0}
     steps = [step for step in find_steps(driven) if step.from_rest]
     angles = [(step.moment, driven.heading[step.stop - 1] - driven.heading[step.first]) for step in steps]
-    turned = [float(moment * angle) for moment, angle in angles if abs(angle) > NO_TURN]
+    turned = [float(moment * angle) for moment, angle in angles if abs(angle) > run.axis.still]
     return RunKind(
         name=run.name,
         kind=("idle", "step")[len(levels)] if len(levels) < 2 else "manoeuvre",

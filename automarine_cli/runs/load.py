@@ -12,13 +12,15 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.errors import FitError, LogError, RunError
-from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_yaw
+from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_motion
+from automarine_cli.logs.canonical import names_of
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.clean import NotUsable, clean, too_short
-from automarine_cli.runs.half_turn import HalfTurn, Trimmed, trimmed
+from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, Trimmed, trimmed
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.sense import clock_trouble
 
@@ -42,17 +44,18 @@ def load_runs(
     logs: Sequence[str | Path],
     columns: ColumnMap | None = None,
     *,
+    axis: Axis = YAW,
     strict: bool = False,
     progress: Progress = silent,
     jobs: int = 1,
 ) -> Campaign:
-    """Read and clean the yaw logs meant by files, directories and globs, on `jobs` processes.
+    """Read and clean the logs of a motion meant by files, directories and globs, on `jobs` processes.
 
     Raises LogError or RunError for a log named on the command line that cannot be read right, for anything
     that would be set aside if `strict`, and if no run is left.
     """
     files = find_logs(logs)
-    runs, aside = _gathered(partial(read_runs, columns=columns), files, strict, progress, jobs)
+    runs, aside = _gathered(partial(read_runs, columns=columns, axis=axis), files, strict, progress, jobs)
     return Campaign(_one_unit(named_apart(runs)), aside, tuple(filter(has_bytes, files)))
 
 
@@ -74,15 +77,18 @@ def load_half_turns(
     columns: ColumnMap | None = None,
     drive: Callable[[Run], Run] | None = None,
     *,
+    axis: Axis = YAW,
+    trim: Trim = UNTRIMMED,
     strict: bool = False,
     progress: Progress = silent,
     jobs: int = 1,
 ) -> HalfTurnCampaign:
     """As `load_runs`, but of each run only its half-turn is kept, trimmed where it is read: what a campaign takes in
-    memory does not grow with the length of its logs. `drive` gives runs of thruster commands their moment.
+    memory does not grow with the length of its logs. `drive` gives runs of thruster commands their moment, `trim` is
+    how far a step is followed.
     """
     files = find_logs(logs)
-    read = partial(_read_trimmed, columns=columns, drive=drive)
+    read = partial(_read_trimmed, columns=columns, drive=drive, axis=axis, trim=trim)
     found, aside = _gathered(read, files, strict, progress, jobs)
     runs = _one_unit(named_apart([one.run for one in found]))
     named = [one.of(run) for one, run in zip(found, runs)]
@@ -118,10 +124,10 @@ def _gathered(
 
 
 def _read_trimmed(
-    file: LogFile, columns: ColumnMap | None, drive: Callable[[Run], Run] | None
+    file: LogFile, columns: ColumnMap | None, drive: Callable[[Run], Run] | None, axis: Axis, trim: Trim
 ) -> tuple[list[Trimmed], list[SetAside]]:
-    runs, aside = read_runs(file, columns)
-    return [trimmed(run if drive is None else drive(run)) for run in runs], aside
+    runs, aside = read_runs(file, columns, axis)
+    return [trimmed(run if drive is None else drive(run), trim) for run in runs], aside
 
 
 def has_bytes(file: LogFile) -> bool:
@@ -156,12 +162,14 @@ def told_beside(aside: Sequence[SetAside]) -> Iterator[None]:
         ) from None
 
 
-def read_runs(file: LogFile, columns: ColumnMap | None = None) -> tuple[list[Run], list[SetAside]]:
-    """The runs of one log, and those set aside. Raises LogError or RunError if the log was named and is
-    unreadable.
+def read_runs(
+    file: LogFile, columns: ColumnMap | None = None, axis: Axis | None = YAW
+) -> tuple[list[Run], list[SetAside]]:
+    """The runs of one log of a motion (None: whichever its columns show), and those set aside. Raises LogError or
+    RunError if the log was named and is unreadable.
     """
     try:
-        table = read_log(file, columns)
+        table = read_log(file, columns, axis)
     except LogError as error:
         if file.named:
             raise
@@ -177,7 +185,7 @@ def unreadable(file: LogFile, error: Exception) -> SetAside:
 def runs_of_table(table: LogTable, file: LogFile) -> tuple[list[Run], list[SetAside]]:
     """The runs of a table already read, and those set aside. Raises LogError or RunError as `read_runs`."""
     try:
-        require_yaw(table)
+        require_motion(table)
     except LogError as error:
         if file.named:
             raise
@@ -259,8 +267,8 @@ def _one_unit(runs: Sequence[Run]) -> tuple[Run, ...]:
     if len(units) > 1:
         first, second = list(units.values())[:2]
         raise RunError(
-            f"{first.source} gives its moment in {first.moment_unit}, {second.source} in "
+            f"{first.source} gives its {first.axis.say('moment')} in {first.moment_unit}, {second.source} in "
             f"{second.moment_unit}; expected one unit in a campaign. Analyse them apart, or map both "
-            "columns to tau or to tau_Nm with --columns"
+            f"columns to {' or to '.join(names_of(first.axis.command))} with --columns"
         )
     return tuple(runs)

@@ -7,7 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.errors import RunError
+from automarine_cli.logs.canonical import names_of
 from automarine_cli.runs.noise import heading_noise, median
 
 Floats = NDArray[np.float64]
@@ -30,6 +32,7 @@ class Run:
     the commanded yaw moment, held until the next sample, or None where the log has thruster commands instead.
     `extras` holds every other numeric column (`yaw_rate` [rad/s], `n_port`, `n_stbd`, `voltage` [V], `surge`,
     `sway` [m/s], ...). `counts` says what cleaning did (name -> number), `notes` what a person should know.
+    In a run of another motion (`axis`) `heading` is the position [m] and `moment` the force.
     """
 
     name: str
@@ -41,6 +44,7 @@ class Run:
     extras: Mapping[str, Floats] = field(default_factory=dict)
     counts: Mapping[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    axis: Axis = YAW
 
     def __post_init__(self) -> None:
         for name, column in {"time": self.time, "heading": self.heading, **self.extras}.items():
@@ -61,10 +65,11 @@ class Run:
     def command(self) -> Floats:
         """Commanded yaw moment [`moment_unit`], shape (N,). Raises RunError where the log has none."""
         if self.moment is None:
+            axis, names = self.axis, ", ".join(names_of(self.axis.command))
             raise RunError(
-                f"{self.source}, run {self.name!r}: no yaw moment (tau, tau_Nm) in the log; "
-                "give --thrusters MAP.json and --arm METRES for n_port and n_stbd, "
-                "or name the moment's column with --columns"
+                f"{self.source}, run {self.name!r}: no {axis.say('yaw moment')} ({names}) in the log; "
+                f"give --thrusters MAP.json{' and --arm METRES' * axis.levered} for {' and '.join(axis.thrusters)}, "
+                f"or name the {axis.say('moment')}'s column with --columns"
             )
         return self.moment
 
@@ -77,6 +82,15 @@ class Run:
     def noise(self) -> float:
         """Standard deviation [rad] of the white noise on the heading, see `heading_noise`."""
         return heading_noise(self.time, self.heading)
+
+    def as_commanded(self) -> "Run":
+        """The run with what is logged of its commands for a moment: thruster commands added up if there is no other."""
+        if self.moment is not None:
+            return self
+        signs = [" - " if side < 0 else " + " for side in self.axis.sides]
+        names = "".join(sign + name for sign, name in zip(signs, self.axis.thrusters)).removeprefix(" + ")
+        total = sum(side * self.extras[name] for side, name in zip(self.axis.sides, self.axis.thrusters))
+        return self.with_moment(np.asarray(total), names)
 
     def with_moment(self, moment: Floats, unit: str) -> "Run":
         """The same run driven by another moment (thruster commands through a map)."""

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.runs.noise import median
 
 Floats = NDArray[np.float64]
@@ -11,6 +12,7 @@ SLOWEST = 5.0  # s between samples; nobody logs a yaw test more slowly
 FASTEST = 2e-4  # s between samples
 LARGEST_MOMENT = 1e12  # of either unit; beyond it arithmetic overflows
 LARGEST_HEADING = 1000 * 2 * np.pi
+FARTHEST = 500.0  # m; no test that this is for goes as far
 FASTEST_TURN = 8 * np.pi  # rad/s; four turns a second
 RADIANS_AS_DEGREES = 2 * np.pi * np.pi / 180  # a whole turn in radians, read as degrees
 DEGREES_AS_RADIANS = 360.0
@@ -40,6 +42,20 @@ def clock_trouble(time: Floats) -> str | None:
             "or say so with --columns"
         )
     return None
+
+
+def position_trouble(time: Floats, position: Floats, axis: Axis) -> str | None:
+    """Why a position as logged, shape (N,), cannot be one of this motion, or None."""
+    if axis.wraps:
+        return heading_trouble(time, position)
+    largest = median(np.abs(position - position[0]))
+    if largest <= FARTHEST:
+        return None
+    name = axis.position
+    return (
+        f"units look wrong: a {name} of {largest:.3g} m. If it is in millimetres, say so with --columns, such as "
+        f'{name}_m = {{ from = "{name}", unit = "mm" }}'
+    )
 
 
 def heading_trouble(time: Floats, heading: Floats) -> str | None:
@@ -83,15 +99,16 @@ def _wraps_at(turn: float, span: float, jumps: Floats) -> bool:
     return bool(span <= 1.001 * turn and jumps.max() > 0.75 * turn and median(jumps) < 0.05 * turn)
 
 
-def stuck(heading: Floats, command: Floats) -> str | None:
+def stuck(heading: Floats, command: Floats, axis: Axis = YAW) -> str | None:
     """Why a heading that repeats one value while a moment acts does not serve, or None."""
     acting = command != 0
     if not acting.any():
         return None
     longest, at = longest_repeat(heading, acting)
     if longest >= max(20, acting.sum() / 2):
-        return (
-            f"compass stuck: {longest} samples of exactly {np.rad2deg(at) % 360:.6g} degrees while a moment "
+        where = axis.shown(at) % 360 if axis.wraps else axis.shown(at)
+        return axis.say(
+            f"compass stuck: {longest} samples of exactly {where:.6g} degrees while a moment "
             "acts. Check the compass and its cable, or whether the vehicle was held"
         )
     return None

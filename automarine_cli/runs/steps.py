@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.axes import YAW
 from automarine_cli.runs.noise import slope
 from automarine_cli.runs.run import Run
 
@@ -14,7 +15,6 @@ SAME_MOMENT = 1e-6  # of the run's largest moment: moments closer than this are 
 FEWEST_SAMPLES = 5  # a shorter stretch of one moment is part of a changing command
 FEWEST_AT_REST = 2
 SHORT_REST = 10
-START_ANGLE = np.deg2rad(10)  # turned angle up to which the start is a parabola in time
 SLOW = 0.1  # of the mean rate of the step: a slower start counts as standing still
 SURE = 4.0  # standard errors
 
@@ -86,12 +86,10 @@ def _step(run: Run, first: int, stop: int) -> Step:
     sigma = run.noise
     pace = _mean_rate(run, first, stop)
     rest = None if begins else _rest_before(run, first, sigma, pace)
-    rate, doubt = start_motion(run.time[first:stop], run.heading[first:stop], sigma)
+    rate, doubt = start_motion(run.time[first:stop], run.heading[first:stop], sigma, run.axis.start)
     slow = abs(rate) <= SLOW * abs(pace) + SURE * doubt
     only = begins or first < SHORT_REST  # too little before the step to tell: its own start decides
-    notes = (
-        "the log begins with the moment already on: its switch is taken within the sample period before",
-    )
+    note = "the log begins with the moment already on: its switch is taken within the sample period before"
     return Step(
         run=run,
         first=first,
@@ -105,21 +103,25 @@ def _step(run: Run, first: int, stop: int) -> Step:
         start_rate=0.0 if rest is not None else rate,
         begins_log=begins,
         ends_log=ends,
-        notes=notes if begins else (),
+        notes=(run.axis.say(note),) if begins else (),
     )
 
 
 def _mean_rate(run: Run, first: int, stop: int) -> float:
     """Mean yaw rate of the step [rad/s], over its first half-turn at most."""
     turned = run.heading[first:stop] - run.heading[first]
-    last = int(np.argmax(np.abs(turned) > np.pi)) or stop - first - 1
+    last = int(np.argmax(np.abs(turned) > run.axis.trim)) or stop - first - 1
     return float(turned[last] / (run.time[first + last] - run.time[first]))
 
 
 def _rest_before(run: Run, first: int, sigma: float, pace: float) -> slice | None:
-    """The longest stretch of zero moment right before the step over which the heading shows no slope."""
+    """The longest stretch of zero moment right before the step over which the heading shows no slope.
+
+    Where a constant force acts, of any one command: that may be the one that balances it.
+    """
     least = SAME_MOMENT * float(np.abs(run.command).max())
-    acting = np.flatnonzero(np.abs(run.command[:first]) > least)
+    idle = run.command[first - 1] if run.axis.constant else 0.0
+    acting = np.flatnonzero(np.abs(run.command[:first] - idle) > least)
     start = int(acting[-1]) + 1 if acting.size else 0
     length = first - start
     while length >= FEWEST_AT_REST:
@@ -133,27 +135,37 @@ def _rest_before(run: Run, first: int, sigma: float, pace: float) -> slice | Non
     return None
 
 
-def start_motion(time: Floats, heading: Floats, sigma: float) -> tuple[float, float]:
+def released(run: Run) -> int:
+    """The first sample of a new command where the vehicle stands still from the start of the run until then, else 0."""
+    changes = segments(run.command)[1:2]
+    if not changes:
+        return 0
+    first, stop, _ = changes[0]
+    rest = _rest_before(run, first, run.noise, _mean_rate(run, first, stop)) if first else None
+    return first if rest is not None and rest.start <= 2 else 0
+
+
+def start_motion(
+    time: Floats, heading: Floats, sigma: float, angle: float = YAW.start
+) -> tuple[float, float]:
     """Yaw rate at the first sample [rad/s] and its standard error, from a parabola through the start of a
     step.
 
-    The start is what turned less than 10 degrees (at least 6 samples, all if fewer). `sigma` [rad] is the
+    The start is what turned less than `angle` (at least 6 samples, all if fewer). `sigma` [rad] is the
     noise.
     """
-    count = start_length(heading)
+    count = start_length(heading, angle)
     coefficients, root = _parabola(time[:count], heading[:count])
-    if abs(heading[count - 1] - heading[0]) > 2 * START_ANGLE:  # a slow logger sees more than a parabola
+    if abs(heading[count - 1] - heading[0]) > 2 * angle:  # a slow logger sees more than a parabola
         powers = np.vander(time[:count] - time[0], len(coefficients), increasing=True)
         left = heading[:count] - powers @ coefficients
         sigma = max(sigma, float(np.sqrt(left @ left / max(count - 3, 1))))
     return float(coefficients[1]), sigma * float(np.sqrt((root @ root.T)[1, 1]))
 
 
-def start_length(heading: Floats) -> int:
-    """How many samples belong to the start of a step: those before the heading has turned 10 degrees for
-    good.
-    """
-    moved = np.abs(heading - heading[0]) > START_ANGLE
+def start_length(heading: Floats, angle: float = YAW.start) -> int:
+    """How many samples belong to the start of a step: those before the heading has turned `angle` for good."""
+    moved = np.abs(heading - heading[0]) > angle
     both = moved[:-1] & moved[1:]  # two in a row: a single sample may be noise
     count = int(np.argmax(both)) if both.any() else len(heading)
     return min(max(count, 6), len(heading))
@@ -169,7 +181,7 @@ def start_heading(step: Step) -> float:
     if step.start_heading is not None:
         return step.start_heading
     heading = step.run.heading[step.segment]
-    count = start_length(heading)
+    count = start_length(heading, step.run.axis.start)
     time = step.run.time[step.first : step.first + count] - step.switch_mid
     if step.from_rest:
         design = np.column_stack([np.ones(count), time**2])

@@ -20,12 +20,12 @@ LARGE_STEP = 0.35  # rad; three times a rate of this and the like of it are less
 END_SPIKE = np.deg2rad(20)  # at the ends there is only one side to compare with
 
 
-def wrapped(angle: Floats) -> Floats:
-    """The same angle within (-pi, pi]."""
-    return np.pi - np.mod(np.pi - angle, TURN)
+def wrapped(angle: Floats, turn: float = TURN) -> Floats:
+    """The same angle within (-pi, pi]; as it is if the position never comes back to itself (`turn` is infinite)."""
+    return np.pi - np.mod(np.pi - angle, TURN) if turn < np.inf else angle
 
 
-def find_glitches(time: Floats, heading: Floats) -> NDArray[np.bool_]:
+def find_glitches(time: Floats, heading: Floats, turn: float = TURN) -> NDArray[np.bool_]:
     """Which samples, shape (N,), are spikes of one or two samples: far off both neighbours, which agree.
 
     A spike stands out against the local rate by eight robust standard deviations and six degrees, and by half
@@ -37,8 +37,8 @@ def find_glitches(time: Floats, heading: Floats) -> NDArray[np.bool_]:
     bad = np.zeros(count, dtype=bool)
     if count < LOCAL:
         return bad
-    steps, spans = wrapped(np.diff(heading)), np.diff(time)
-    if not (_suspects(steps, spans, LONGEST_SPIKE, LEAST_SPIKE).size or _jumps_at_ends(heading)):
+    steps, spans = wrapped(np.diff(heading), turn), np.diff(time)
+    if not (_suspects(steps, spans, LONGEST_SPIKE, LEAST_SPIKE).size or _jumps_at_ends(heading, turn)):
         return bad  # nearly all logs
     rates = steps / spans
     bend = steps - spans * median_filter(rates, size=LOCAL, mode="nearest")
@@ -49,16 +49,18 @@ def find_glitches(time: Floats, heading: Floats) -> NDArray[np.bool_]:
             continue
         after = before + width + 1
         rate = _median_beside(rates, before, after)
-        across = np.abs(_off(time, heading, rate, before, after))
-        off = np.abs(_off(time, heading, rate, before, before + 1))
+        across = np.abs(_off(time, heading, rate, before, after, turn))
+        off = np.abs(_off(time, heading, rate, before, before + 1, turn))
         for k in range(2, width + 1):
-            off = np.maximum(off, np.abs(_off(time, heading, rate, before, before + k)))
+            off = np.maximum(off, np.abs(_off(time, heading, rate, before, before + k, turn)))
         around = _median_beside(np.abs(steps), before, after)
         spike = (off > threshold) & (across < threshold) & (off > 3 * across) & (off > 1.5 * around)
         spike &= ~np.any([bad[before + k] for k in range(width + 2)], axis=0)
         for k in range(1, width + 1):
             bad[before[spike] + k] = True
-    return bad | _ends(time, heading, max(threshold, END_SPIKE)) if _jumps_at_ends(heading) else bad
+    if not _jumps_at_ends(heading, turn):
+        return bad
+    return bad | _ends(time, heading, max(threshold, END_SPIKE), turn)
 
 
 def _suspects(steps: Floats, spans: Floats, width: int, threshold: float) -> Indices:
@@ -95,30 +97,34 @@ def _median_beside(steps: Floats, before: Indices, after: Indices) -> Floats:
     return np.asarray((ordered[2] + ordered[3]) / 2)
 
 
-def _off(time: Floats, heading: Floats, rate: Floats, here: Indices, there: Indices) -> Floats:
+def _off(
+    time: Floats, heading: Floats, rate: Floats, here: Indices, there: Indices, turn: float = TURN
+) -> Floats:
     """How far `heading[there]` is from `heading[here]` carried on at `rate`, modulo a turn."""
-    return wrapped(heading[there] - heading[here] - rate * (time[there] - time[here]))
+    return wrapped(heading[there] - heading[here] - rate * (time[there] - time[here]), turn)
 
 
-def _jumps_at_ends(heading: Floats) -> bool:
+def _jumps_at_ends(heading: Floats, turn: float = TURN) -> bool:
     """Whether any of the first or last steps is large enough for a spike there."""
     near = LONGEST_SPIKE + 1
     steps = np.concatenate([np.diff(heading[:near]), np.diff(heading[-near:])])
-    return bool(np.abs(wrapped(steps)).max() > 0.99 * END_SPIKE)
+    return bool(np.abs(wrapped(steps, turn)).max() > 0.99 * END_SPIKE)
 
 
-def _ends(time: Floats, heading: Floats, threshold: float) -> NDArray[np.bool_]:
+def _ends(time: Floats, heading: Floats, threshold: float, turn: float = TURN) -> NDArray[np.bool_]:
     """Spikes at the very first and last samples: far off what the next samples, which agree, lead to."""
     count = len(time)
     bad = np.zeros(count, dtype=bool)
     for order in (np.arange(count), np.arange(count)[::-1]):
         for width in range(1, LONGEST_SPIKE + 1):
             inner = order[width : width + 6]
-            steps = wrapped(np.diff(heading[inner]))
+            steps = wrapped(np.diff(heading[inner]), turn)
             rate = np.array(np.median(steps / np.diff(time[inner])))
-            jump = abs(float(wrapped(heading[inner[0]] - heading[order[width - 1]])))
-            agree = np.abs(_off(time, heading, rate, inner[:-1], inner[1:])) < threshold / 4
-            far = np.abs(_off(time, heading, rate, np.repeat(inner[0], width), order[:width])) > threshold
+            jump = abs(float(wrapped(heading[inner[0]] - heading[order[width - 1]], turn)))
+            agree = np.abs(_off(time, heading, rate, inner[:-1], inner[1:], turn)) < threshold / 4
+            far = (
+                np.abs(_off(time, heading, rate, np.repeat(inner[0], width), order[:width], turn)) > threshold
+            )
             # a vehicle at rest that starts to turn is far off as well, but it begins with a small step
             if agree.all() and far.all() and jump > max(threshold, 2 * float(np.median(np.abs(steps)))):
                 bad[order[:width]] = True
@@ -136,13 +142,15 @@ class Unwrapped:
     broken_after: tuple[int, ...]
 
 
-def unwrap(time: Floats, heading: Floats, gaps: Indices) -> Unwrapped:
-    """Unwrap a heading; `gaps` are the samples after which the log has a hole.
+def unwrap(time: Floats, heading: Floats, gaps: Indices, turn: float = TURN) -> Unwrapped:
+    """Unwrap a heading; `gaps` are the samples after which the log has a hole. What never wraps is whole as it is.
 
     Between samples the shortest way is taken. Across a hole the rates on both sides say how far the vehicle
     turned; if they leave it open by more than a quarter of a turn, the run breaks there. A log that counts
     turns itself (more than a turn wide, without jumps) is taken as it is.
     """
+    if turn == np.inf:
+        return Unwrapped(heading.copy(), ())
     raw = np.diff(heading)
     inside = np.ones(len(raw), dtype=bool)
     inside[gaps] = False
