@@ -11,7 +11,7 @@ from reader_contract import RECORDERS, Recorder, judge_cut_recording, judge_reco
 from vehicle_logs import Dive, dive
 
 from automarine_cli.errors import AutomarineError, LogError
-from automarine_cli.logs import LogFile, read_log, require_yaw
+from automarine_cli.logs import LogFile, read_log, require_motion
 from automarine_cli.runs.load import load_runs, read_runs
 
 EVERY = pytest.mark.parametrize("suffix", RECORDERS)
@@ -59,7 +59,7 @@ def test_a_recording_without_a_heading_says_what_it_holds(tmp_path: Path, suffix
 def test_a_recording_without_commands_says_what_it_holds(tmp_path: Path, suffix: str) -> None:
     content, told = made(suffix, without=(RECORDERS[suffix].commands,))
     with pytest.raises(LogError, match="no yaw moment") as refused:
-        require_yaw(read_log(recorded(tmp_path, suffix, content), told.columns))
+        require_motion(read_log(recorded(tmp_path, suffix, content), told.columns))
     assert told.heading in str(refused.value)
 
 
@@ -150,7 +150,7 @@ def test_torn_recordings_give_an_answer_or_one_clear_line(tmp_path: Path, suffix
                 [b"", b"\xff", b"\0", bytes([rng.randrange(256)])]
             )
         try:
-            require_yaw(read_log(recorded(tmp_path, suffix, bytes(torn)), told.columns))
+            require_motion(read_log(recorded(tmp_path, suffix, bytes(torn)), told.columns))
             outcomes.add("read")
         except AutomarineError as error:
             assert str(error).isprintable() and str(error).startswith(f"dive{suffix}"), error
