@@ -15,12 +15,14 @@ if TYPE_CHECKING:
         fit_thrusters,
         fit_yaw,
         simulate,
+        slice_log,
         validate,
     )
 
 __version__ = "0.1.0"
 __all__ = [
-    "__version__", "check", "compare", "diagnose", "effects", "fit_thrusters", "fit_yaw", "simulate", "validate",
+    "__version__", "check", "compare", "diagnose", "effects", "fit_thrusters", "fit_yaw", "simulate", "slice_log",
+    "validate",
 ]  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from automarine_cli.workflows import diagnose as _diagnose
 from automarine_cli.workflows import fit_thrusters as _fit_thrusters
 from automarine_cli.workflows import fit_yaw as _fit_yaw
 from automarine_cli.workflows import simulate as _simulate
+from automarine_cli.workflows import slice as _slice
 from automarine_cli.workflows import validate as _validate
 from automarine_cli.workflows.diagnose import YawDiagnosis
 
@@ -73,4 +74,5 @@ fit_yaw = at_a_prompt(_fit_yaw.fit_yaw, "logs")
 validate = at_a_prompt(_validate.validate, "logs")
 diagnose = at_a_prompt(_diagnose.diagnose_any, "logs")
 simulate = at_a_prompt(_simulate.simulate, "specification")
+slice_log = at_a_prompt(_slice.slice_log, "logs")
 compare = at_a_prompt(_compare.compare, "results")

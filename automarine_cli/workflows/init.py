@@ -21,6 +21,7 @@ from automarine_cli.workflows.campaign_text import campaign_text
 
 SCHEMA = "automarine/init/1"
 NAME = "campaign.toml"
+MAKE_LOGS = ("simulate", "slice")
 
 
 @dataclass(frozen=True)
@@ -104,10 +105,10 @@ def init(
 
 
 def _is_result(path: Path, folder: Path) -> bool:
-    """Whether a table lies in a folder of results: of any command but the one that makes logs."""
+    """Whether a table lies in a folder of results: of any command but those that make logs."""
     above = [one for one in path.parents if one == folder or folder in one.parents]
     found = (manifest_of(one) for one in above if (one / MANIFEST).is_file())
-    return any(manifest is not None and manifest.command != "simulate" for manifest in found)
+    return any(manifest is not None and manifest.command not in MAKE_LOGS for manifest in found)
 
 
 def _entries(look: Look, files: Sequence[LogFile], target: Path) -> dict[str, list[str]]:

@@ -24,6 +24,7 @@ from automarine_cli.workflows.fit_thrusters import fit_thrusters
 from automarine_cli.workflows.fit_yaw import fit_yaw
 from automarine_cli.workflows.run import run_campaign
 from automarine_cli.workflows.simulate import simulate
+from automarine_cli.workflows.slice import slice_log
 from automarine_cli.workflows.validate import validate
 
 SCHEMA = "automarine/rerun/1"
@@ -34,6 +35,7 @@ COMMANDS: Mapping[str, Callable[..., object]] = {
     "validate": validate,
     "diagnose": diagnose,
     "simulate": simulate,
+    "slice": slice_log,
     "compare": compare,
     "run": run_campaign,
 }

@@ -31,6 +31,7 @@ from automarine_cli.workflows.check import Check
 from automarine_cli.workflows.compare import ResultComparison
 from automarine_cli.workflows.diagnose import YawDiagnosis
 from automarine_cli.workflows.simulate import Simulation
+from automarine_cli.workflows.slice import Slices
 from automarine_cli.workflows.validate import Validation
 
 Row = dict[str, object]
@@ -202,7 +203,7 @@ def _thruster_diagnosis_figures(result: ThrusterDiagnosis) -> Figures:
     }
 
 
-# check, simulate, compare
+# check, simulate, slice, compare
 
 
 def _check_lines(result: Check) -> Iterator[str]:
@@ -227,6 +228,15 @@ def _simulation_rows(result: Simulation) -> Iterator[Row]:
     yield from content["made"]
 
 
+def _slices_lines(result: Slices) -> Iterator[str]:
+    cuts = _counted(len(result.cuts), "run")
+    yield f"{_counted(len(result.sources), 'log')} cut by {result.by} into {cuts}; {len(result.set_aside)} set aside"
+
+
+def _slices_rows(result: Slices) -> Iterator[Row]:
+    yield from result.to_json()["slices"]
+
+
 def _comparison_rows(result: ResultComparison) -> Iterator[Row]:
     for one in result.differences:
         row: Row = {"parameter": one.parameter, "of": one.of, "less": one.base} | _numbers(one.difference)
@@ -247,6 +257,7 @@ VIEWS: Mapping[type, View] = {
     ),
     Check: View(_check_lines, _check_rows, Check.tables, lambda result: {}),
     Simulation: View(_simulation_lines, _simulation_rows, Simulation.tables, lambda result: {}),
+    Slices: View(_slices_lines, _slices_rows, Slices.tables, lambda result: {}),
     ResultComparison: View(
         lambda result: iter([compare_tables.summary(result.differences), *(f"  {s}" for s in result.sentences()[1:])]),
         _comparison_rows, ResultComparison.tables,

@@ -1,0 +1,59 @@
+"""`automarine slice`: options in, one workflow call, tables out."""
+
+from pathlib import Path
+
+import click
+
+from automarine_cli.cli import options
+
+
+@click.command("slice", short_help="Cut one long log into runs.")
+@options.logs_argument
+@click.option(
+    "--by", type=click.Choice(["mode", "arm", "moment"]), required=True,
+    help="Cut where a flight mode, an arming state, or a constant command begins and ends.",
+)  # fmt: skip
+@options.columns_option
+@click.option("--keep", multiple=True, metavar="MODE", help="Keep only this flight mode; may be given again.")
+@click.option(
+    "--lead", type=click.FloatRange(min=0), default=2.0, show_default=True, metavar="S",
+    help="Seconds of the rest before a constant command that come along.",
+)  # fmt: skip
+@click.option(
+    "--shortest", type=click.FloatRange(min=0), default=1.0, show_default=True, metavar="S",
+    help="Seconds that a run lasts at least.",
+)  # fmt: skip
+@click.option(
+    "--format", "form", type=click.Choice(["csv", "csv.gz", "parquet"]), default="csv", show_default=True,
+    help="What the runs are written as.",
+)  # fmt: skip
+@options.out_option
+@options.overwrite_option
+@options.strict_option
+@options.jobs_option
+@options.json_option
+@options.verbosity
+def slice_(
+    logs: tuple[str, ...], by: str, columns: Path | None, keep: tuple[str, ...], lead: float, shortest: float,
+    form: str, out: Path | None, overwrite: bool, strict: bool, jobs: int, as_json: bool,
+) -> object:  # fmt: skip
+    """Cut one long log into runs: a log of each, which names the file and the interval that it comes from.
+
+    A vehicle logs a whole day in one file. Cut it by the flight mode, by arming, or where a constant command begins
+    and ends; then check, fit and validate with DIR/runs. Mode and arming are known in ArduPilot and PX4 logs, else
+    from the columns mode and armed.
+
+    \b
+    Example:
+      automarine slice sample_runs/validation/there_and_back.csv --by moment -o out/slices
+    """
+    if keep and by != "mode":
+        raise click.UsageError("--keep MODE goes with --by mode.")
+    from automarine_cli.workflows import slice as workflow
+
+    result = workflow.slice_log(
+        logs, by=by, columns=columns, keep=keep, lead=lead, shortest=shortest, form=form, out=out,  # type: ignore[arg-type]
+        overwrite=overwrite, strict=strict, jobs=jobs, progress=options.terminal_progress(),
+    )  # fmt: skip
+    options.echo_result(result, as_json=as_json, out=out, tables=result.tables(), files=workflow.FILES)
+    return result

@@ -1,0 +1,54 @@
+"""Rows of a log, written as a log of its own that is read without a column map."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN
+from automarine_cli.logs.table import Floats, LogTable
+
+WRITTEN = (
+    "time_s", "heading_deg", "tau", "tau_Nm", "n_port", "n_stbd", "yaw_rate_deg_s", "voltage_V",
+    "surge_m_s", "sway_m_s", "n", "force_N",
+)  # fmt: skip
+DECIMALS = 9  # of degrees: the way to radians and back leaves rounding behind
+
+
+def columns_of(table: LogTable, first: int, stop: int) -> dict[str, Floats | list[str]]:
+    """Rows `first` to `stop - 1` under the canonical names, then every other column, then mode and arming.
+
+    A column that would have a canonical name, but was not read as that, is left out: it would be taken for it.
+    """
+    rows = slice(first, stop)
+    found: dict[str, Floats | list[str]] = {}
+    for name in WRITTEN:
+        canonical = CANONICAL[name]
+        if canonical.quantity not in table.columns:
+            continue
+        if canonical.quantity == "moment" and canonical.unit != table.moment_unit:
+            continue
+        values = table.columns[canonical.quantity][rows]
+        found[name] = np.round(values / canonical.factor(), DECIMALS) if "_deg" in name else values
+    for name, values in table.extras.items():
+        if name not in CANONICAL and name not in LABELS:
+            found[name] = values[rows]
+    for name, labels in table.states.items():
+        words = [*labels.names, ""]
+        found[name] = [words[code] for code in labels.code[rows]]
+    return {name: values for name, values in found.items() if name != RUN}
+
+
+def csv_text(columns: dict[str, Floats | list[str]], comment: str) -> str:
+    """The columns as CSV behind a line of comment: every digit that a number has, a missing one empty."""
+    names = ",".join(_quoted(name) for name in columns)
+    rows = zip(*([_quoted(v) for v in c] if isinstance(c, list) else _cells(c) for c in columns.values()))
+    return "\n".join([f"# {comment}", names, *map(",".join, rows), ""])
+
+
+def _cells(values: Floats) -> Sequence[str]:
+    return ["" if value != value else repr(value).removesuffix(".0") for value in values.tolist()]
+
+
+def _quoted(text: str) -> str:
+    special = any(character in text for character in ',"\n\r;\t') or text[:1] in ("#", " ")
+    return '"' + text.replace('"', '""') + '"' if special else text

@@ -1,0 +1,137 @@
+"""Where one long log falls into runs: where a mode, an arming state or a constant command begins and ends."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.errors import LogError
+from automarine_cli.logs import LogTable, require
+from automarine_cli.logs.canonical import ARMED, MODE
+from automarine_cli.pipeline.words import listed
+from automarine_cli.runs.sense import FEWEST_SAMPLES
+from automarine_cli.runs.steps import SAME_MOMENT
+
+By = Literal["mode", "arm", "moment"]
+Floats = NDArray[np.float64]
+UNKNOWN, AT_REST = "?", "no command acts"
+DISARMED = ("disarmed", "0", "false", "no", "off", "")
+
+
+@dataclass(frozen=True)
+class Slice:
+    """Rows `first` to `stop - 1` of a table, of one run and with a clock that never steps back; `state` is the mode,
+    "armed", or the constant command by its columns' names.
+    """
+
+    first: int
+    stop: int
+    state: str
+
+
+@dataclass(frozen=True)
+class Passed:
+    """Rows that became no run, and why."""
+
+    first: int
+    stop: int
+    why: str
+
+
+def find_slices(
+    table: LogTable, by: By, keep: tuple[str, ...] = (), lead: float = 2.0, shortest: float = 1.0
+) -> tuple[list[Slice], list[Passed]]:
+    """The runs of a table in the order of its rows, and the rows between them.
+
+    `keep` are the modes to keep (all if empty), `lead` [s] how much of the rest before a constant command comes
+    along, `shortest` [s] the shortest run. Raises LogError where the log does not tell what it is to be cut by.
+    """
+    require(table, ("time",))
+    time = table.columns["time"]
+    found: list[Slice] = []
+    passed: list[Passed] = []
+    wanted = {word.lower() for word in keep}
+    for first, stop, state, follows in _stretches(table, by):
+        why = _why_not(by, state, wanted, time[first:stop], shortest)
+        before = passed[-1] if passed and follows and passed[-1].stop == first else None
+        if why is not None:
+            passed.append(
+                Passed(first if before is None or before.why != why else passed.pop().first, stop, why)
+            )
+            continue
+        start = first
+        if before is not None and before.why == AT_REST:
+            passed.pop()
+            start = before.first + int(np.searchsorted(time[before.first : first], time[first] - lead))
+            passed += [Passed(before.first, start, AT_REST)] * (start > before.first)
+        found.append(Slice(start, stop, state))
+    return found, passed
+
+
+def _why_not(by: By, state: str, wanted: set[str], time: Floats, shortest: float) -> str | None:
+    if state == "":
+        return {"mode": "no mode known yet", "arm": "not armed", "moment": AT_REST}[by]
+    if state == UNKNOWN:
+        return "no command known yet"
+    if wanted and state.lower() not in wanted:
+        return f"mode {state} is not asked for"
+    length = float(time[-1] - time[0])
+    if length < shortest or len(time) < FEWEST_SAMPLES:
+        return f"shorter than {shortest:g} s, or fewer than {FEWEST_SAMPLES} samples"
+    return None
+
+
+def _stretches(table: LogTable, by: By) -> Iterator[tuple[int, int, str, bool]]:
+    """First row, last row and one, and state of every stretch of one state; whether it goes on from the one before."""
+    names, code = _commands(table) if by == "moment" else _states(table, MODE if by == "mode" else ARMED)
+    anew = np.diff(table.columns["time"]) < 0
+    if table.run_code is not None:
+        anew |= np.diff(table.run_code) != 0
+    edges = [0, *(np.flatnonzero(anew | (np.diff(code) != 0)) + 1).tolist(), len(code)]
+    for first, stop in pairwise(edges):
+        yield first, stop, names[int(code[first])], first > 0 and not anew[first - 1]
+
+
+def _states(table: LogTable, name: str) -> tuple[list[str], NDArray[np.int64]]:
+    """Words and the word of each row; "" where nothing is known or the vehicle is not armed."""
+    if name not in table.states:
+        what = "flight mode" if name == MODE else "arming state"
+        raise LogError(
+            f"{table.source}: no {what}; found the columns {listed(table.names)}; expected a column {name}. If it has "
+            f'another name, write a line such as {name} = "NAME" under [columns] in a file and give it with '
+            "--columns FILE.toml"
+        )
+    labels = table.states[name]
+    words = [*labels.names, ""]
+    if name == ARMED:
+        words = ["" if word.lower() in DISARMED else "armed" for word in words]
+    order = list(dict.fromkeys(words))
+    return order, np.array([order.index(word) for word in words])[labels.code]
+
+
+def _commands(table: LogTable) -> tuple[list[str], NDArray[np.int64]]:
+    """Words for every stretch of constant commands, held where a row has none, and the stretch of each row."""
+    names = ("moment",) if "moment" in table.columns else ("n_port", "n_stbd")
+    require(table, ("moment",) if not {*names} & set(table.columns) else names)
+    held = np.array([_held(table.columns[name]) for name in names])
+    known = ~np.isnan(held).any(axis=0)
+    least = SAME_MOMENT * np.nanmax(np.abs(held), axis=1, initial=0.0)[:, None]
+    changes = (np.abs(np.diff(held)) > least).any(axis=0) | (known[1:] != known[:-1])
+    code = np.concatenate([[0], np.cumsum(changes)])
+    firsts = np.concatenate([[0], np.flatnonzero(changes) + 1])
+    words = []
+    for first in firsts:
+        values = held[:, first]
+        acts = (np.abs(values) > least[:, 0]).any()
+        said = "_".join(f"{value:+.4g}" for value in values + 0.0)
+        words.append(UNKNOWN if not known[first] else said if acts else "")
+    return words, code
+
+
+def _held(values: Floats) -> Floats:
+    """The last known value of each row, shape (N,); NaN before the first."""
+    last = np.maximum.accumulate(np.where(np.isnan(values), 0, np.arange(len(values))))
+    return values[last]

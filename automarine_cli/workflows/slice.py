@@ -1,0 +1,218 @@
+"""`slice`: one long log is cut into runs, each a log of its own that names its source and interval."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any, Literal
+
+from automarine_cli.errors import LogError, RunError
+from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, given_columns, read_log
+from automarine_cli.logs.formats import stem_of
+from automarine_cli.logs.written import columns_of, csv_text
+from automarine_cli.pipeline.manifest import Input, given_as
+from automarine_cli.pipeline.outputs import file_stems, result_folder
+from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.words import printable
+from automarine_cli.report.tables import Table, number
+from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, unreadable
+from automarine_cli.runs.run import SetAside
+from automarine_cli.runs.slices import By, find_slices
+from automarine_cli.simulation.log_files import gzip_bytes
+from automarine_cli.simulation.parquet_bytes import parquet_bytes
+
+SCHEMA = "automarine/slices/1"
+FILES = ("slices.json", "slices.md", "runs/")
+FOLDER = "runs"
+MOST_TOLD = 20  # intervals between the runs that a table lists
+Form = Literal["csv", "csv.gz", "parquet"]
+
+
+@dataclass(frozen=True)
+class Cut:
+    """One run: its name and state, the log it comes from, its rows there (the last included) and its interval."""
+
+    run: str
+    state: str
+    source: str
+    source_run: str | None
+    rows: tuple[int, int]
+    samples: int
+    from_s: float
+    to_s: float
+
+
+@dataclass(frozen=True)
+class Between:
+    """An interval of a log that became no run, and why."""
+
+    source: str
+    from_s: float
+    to_s: float
+    why: str
+
+
+@dataclass(frozen=True)
+class Source:
+    """One log that was cut: its runs and what they hold, what is between them, and notes of the reading."""
+
+    file: str
+    cuts: tuple[Cut, ...]
+    contents: tuple[bytes, ...]
+    between: tuple[Between, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, repr=False)
+class Slices(Shown):
+    """What `slice` made of the logs, in their order."""
+
+    by: str
+    form: Form
+    sources: tuple[Source, ...]
+    set_aside: tuple[SetAside, ...]
+
+    @property
+    def cuts(self) -> tuple[Cut, ...]:
+        """All runs, in the order of the logs and of time."""
+        return tuple(cut for source in self.sources for cut in source.cuts)
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The file of each run in the folder of results."""
+        return tuple(f"{FOLDER}/{stem}.{self.form}" for stem in file_stems([cut.run for cut in self.cuts]))
+
+    def to_json(self) -> dict[str, Any]:
+        """The result: schema automarine/slices/1."""
+        return {
+            "schema": SCHEMA,
+            "by": self.by,
+            "slices": [{"file": file, **asdict(cut)} for file, cut in zip(self.files, self.cuts)],
+            "left_out": [asdict(one) for source in self.sources for one in source.between],
+            "sources": [{"file": source.file, "notes": list(source.notes)} for source in self.sources],
+            "runs": {"used": len(self.cuts), "set_aside": [asdict(one) for one in self.set_aside]},
+        }
+
+    def tables(self) -> tuple[Table, ...]:
+        """One line a run, and what became none."""
+        rows = tuple(
+            (cut.run, cut.state, cut.source, f"{cut.rows[0]} to {cut.rows[1]}", _seconds(cut.from_s),
+             _seconds(cut.to_s), number(cut.to_s - cut.from_s, 3))
+            for cut in self.cuts
+        )  # fmt: skip
+        lost = [one for source in self.sources for one in source.between]
+        notes = [f"{source.file}: {note}" for source in self.sources for note in source.notes]
+        told = (f"{one.source}, {_seconds(one.from_s)} to {_seconds(one.to_s)} s: {one.why}" for one in lost)
+        notes += [*islice(told, MOST_TOLD), *[f"and {len(lost) - MOST_TOLD} more"] * (len(lost) > MOST_TOLD)]
+        header = ("run", self.by, "log", "rows", "from s", "to s", "lasts s")
+        return (Table("Runs", header, rows, notes=tuple(notes)),)
+
+
+def slice_log(
+    logs: Sequence[str | Path],
+    *,
+    by: By,
+    columns: ColumnMap | Path | None = None,
+    keep: tuple[str, ...] = (),
+    lead: float = 2.0,
+    shortest: float = 1.0,
+    form: Form = "csv",
+    out: Path | None = None,
+    overwrite: bool = False,
+    strict: bool = False,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> Slices:
+    """Cut each log into runs where the mode, the arming state or a constant command (`by`) begins and ends.
+
+    `keep`, `lead` and `shortest` as in `find_slices`. Writes a log of each run in the format `form` and a list of
+    them if `out` is given. Raises LogError for a log that does not tell what it is to be cut by, RunError where
+    nothing is left, OutputError.
+    """
+    names = given_columns(columns)
+    files = find_logs(logs)
+    cut = partial(_cut, columns=names, by=by, keep=tuple(keep), lead=lead, shortest=shortest, form=form)
+    if out is None:
+        return _sliced(files, cut, by, form, strict, jobs, progress)
+    inputs = [Input(file.name, file.path) for file in files if has_bytes(file)] + given_as(columns=columns)
+    options = {
+        "by": by, "columns": columns, "keep": list(keep), "lead": lead, "shortest": shortest, "form": form,
+        "strict": strict,
+    }  # fmt: skip
+    with result_folder(
+        out, command="slice", options=options, inputs=inputs, seed=None, overwrite=overwrite
+    ) as folder:
+        result = _sliced(files, cut, by, form, strict, jobs, progress)
+        for file, content in zip(result.files, (one for source in result.sources for one in source.contents)):
+            folder.write(file, content)
+        folder.write_json("slices.json", result.to_json())
+        folder.write("slices.md", "\n".join(table.to_markdown() for table in result.tables()))
+    return result
+
+
+def _sliced(
+    files: Sequence[LogFile], cut: Any, by: By, form: Form, strict: bool, jobs: int, progress: Progress
+) -> Slices:
+    found = ordered_map(cut, files, jobs, progress=progress, stage="cutting logs")
+    aside = [one for one in found if isinstance(one, SetAside)]
+    if strict and aside:
+        raise refused_by_strict(aside[0])
+    sources = tuple(one for one in found if isinstance(one, Source))
+    if not sources:
+        raise none_left(len(files), aside)
+    if not any(source.cuts for source in sources):
+        why = list(dict.fromkeys(one.why for source in sources for one in source.between))
+        raise RunError(
+            f"{sources[0].file}: no run in it, cut by {by}: {'; '.join(why[:5]) or 'no rows'}. "
+            "Cut by something else, or take runs that are shorter"
+        )
+    return Slices(by, form, sources, tuple(aside))
+
+
+def _cut(
+    file: LogFile, columns: ColumnMap, by: By, keep: tuple[str, ...], lead: float, shortest: float, form: Form
+) -> Source | SetAside:
+    """The runs of one log as files, or why it was set aside."""
+    try:
+        table = read_log(file, columns)
+        found, passed = find_slices(table, by, keep, lead, shortest)
+    except LogError as error:
+        if file.named:
+            raise
+        return unreadable(file, error)
+    time, digits = table.columns["time"], len(str(len(found)))
+    cuts, contents = [], []
+    for number_, one in enumerate(found, 1):
+        run = None if table.run_code is None else table.run_names[table.run_code[one.first]]
+        stem = stem_of(file.name.rpartition("/")[2])
+        name = "_".join(part for part in (stem, run, f"{number_:0{digits}d}", one.state) if part)
+        rows = int(table.rows[one.first]), int(table.rows[one.stop - 1])
+        ends = float(time[one.first]), float(time[one.stop - 1])
+        cut = Cut(printable(name), one.state, file.name, run, rows, one.stop - one.first, *ends)
+        cuts.append(cut)
+        contents.append(_content(table, one.first, one.stop, form, _comment(cut, by)))
+    between = tuple(
+        Between(file.name, float(time[one.first]), float(time[one.stop - 1]), one.why) for one in passed
+    )
+    return Source(file.name, tuple(cuts), tuple(contents), between, table.notes)
+
+
+def _comment(cut: Cut, by: By) -> str:
+    rows = f"rows {cut.rows[0]} to {cut.rows[1]}"
+    return f"{cut.source}, {rows}, {_seconds(cut.from_s)} to {_seconds(cut.to_s)} s, cut by {by}: {cut.state}"
+
+
+def _content(table: LogTable, first: int, stop: int, form: Form, comment: str) -> bytes:
+    columns = columns_of(table, first, stop)
+    if form == "parquet":
+        return parquet_bytes(columns, {"comment": comment}, "automarine")
+    text = csv_text(columns, comment).encode()
+    return text if form == "csv" else gzip_bytes(text)
+
+
+def _seconds(value: float) -> str:
+    """A stamp to the millisecond, without needless zeros."""
+    return f"{value:.3f}".rstrip("0").rstrip(".")
