@@ -233,13 +233,20 @@ def test_strict_refuses_with_every_command(
 
 
 def test_nothing_left_says_why(run: Command, broken: Path, tmp_path: Path) -> None:
-    for file in sorted(REFUSED)[:7]:
+    different = sorted({why: file for file, why in sorted(REFUSED.items(), reverse=True)}.values())[:7]
+    for file in different:
         shutil.copy(broken / file, tmp_path / file)
     reasons = "; ".join(
-        named(f"{tmp_path.name}/{file}", REFUSED[file]).replace(", row", ": row")
-        for file in sorted(REFUSED)[:5]
+        named(f"{tmp_path.name}/{file}", REFUSED[file]).replace(", row", ": row") for file in different[:3]
     )
-    is_refusal(run("fit-yaw", tmp_path), f"no run is left of 7 logs: {reasons}; and 2 more")
+    is_refusal(run("fit-yaw", tmp_path), f"no run is left of 7 logs: {reasons}; and 4 more")
+
+
+def test_what_is_wrong_with_many_is_said_once(run: Command, broken: Path, tmp_path: Path) -> None:
+    for name in ("a", "b", "c"):
+        shutil.copy(broken / "header_only.csv", tmp_path / f"{name}.csv")
+    why = named(f"{tmp_path.name}/a.csv and 2 more", REFUSED["header_only.csv"])
+    is_refusal(run("fit-yaw", tmp_path), f"no run is left of 3 logs: {why}")
 
 
 def test_too_few_left_says_what_was_set_aside(

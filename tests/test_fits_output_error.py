@@ -280,12 +280,16 @@ def test_whole_runs_have_no_velocity_error_and_say_why() -> None:
     assert isinstance(models, dict)
     for model in models.values():
         assert model["velocity_error"] is None and model["sse"] is None
-        assert "of 4 runs hold a constant moment from rest through a half-turn" in model["why"]
+        assert "as asked (--fit-to whole-runs)" in model["why"]
 
 
 def test_runs_that_move_are_fitted_whole_without_being_told() -> None:
     runs, _, _ = moving(2)
-    assert identify(runs).seed_method is None
+    fit = identify(runs)
+    assert fit.seed_method is None
+    assert fit.why_no_seed_method.startswith(
+        "0 of 2 runs hold a constant moment from rest through a half-turn, "
+    )
 
 
 def test_mirrored_whole_runs_give_the_same_parameters() -> None:

@@ -40,6 +40,16 @@ def anchors(page: str) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
+def pictures_of(page: str) -> list[tuple[str, str]]:
+    """What is said of each picture of a page, and its path from the root."""
+    marked = re.findall(r"!\[([^\]]*)\]\(([^)]+\.png)\)", PAGES[page])
+    marked += [
+        (said, place) for place, said in re.findall(r'<img src="([^"]+)"[^>]* alt="([^"]*)"', PAGES[page])
+    ]
+    assert PAGES[page].count("<img ") == len(marked) - PAGES[page].count("![")
+    return [(said, Path(os.path.normpath(Path(page).parent / place)).as_posix()) for said, place in marked]
+
+
 def floor_plan() -> set[str]:
     """Paths of the files and folders named in the floor plan, folders with a slash at their end."""
     (plan,) = (text for text in fences(".github/pages/developers.md") if text.startswith("automarine_cli/\n"))
@@ -119,9 +129,14 @@ def commands() -> dict[str, click.Command]:
     return {name: automarine.get_command(ctx, name) for name in automarine.list_commands(ctx)}  # type: ignore[misc]
 
 
-def test_every_command_stands_in_the_table() -> None:
-    listed = re.findall(r"^\| `automarine ([\w-]+)", README, flags=re.MULTILINE)
+def test_every_command_stands_in_the_table_with_its_page() -> None:
+    table = README.partition("\n## Commands\n")[2].partition("\n## ")[0]
+    listed = re.findall(r"^\| \[?`([\w-]+)`", table, flags=re.MULTILINE)
     assert sorted(listed) == sorted(commands())
+    linked = re.findall(r"^\| \[`([\w-]+)`\]\(\.github/commands/([\w-]+)\.md\)", table, flags=re.MULTILINE)
+    assert [name for name, page in linked if name != page] == []
+    pages = {page.rpartition("/")[2].removesuffix(".md") for page in PAGES if "/commands/" in page}
+    assert {name for name, _ in linked} == pages
 
 
 def test_make_targets_exist() -> None:
@@ -154,7 +169,9 @@ def test_every_page_is_linked_to() -> None:
 
 
 def test_pictures_are_shown_described_and_small() -> None:
-    shown = re.findall(r"!\[([^\]]*)\]\((?:[./\w]*/)?pictures/(\w+\.png)\)", ANYWHERE)
+    shown = [(said, place) for page in PAGES for said, place in pictures_of(page)]
+    assert [place for _, place in shown if not place.startswith(".github/pictures/")] == []
+    shown = [(said, Path(place).name) for said, place in shown]
     pictures = sorted((ROOT / ".github" / "pictures").glob("*.png"))
     assert {path.name for path in pictures} == {name for _, name in shown}
     assert [name for described, name in shown if len(described) < 20] == []

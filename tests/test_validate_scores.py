@@ -20,6 +20,7 @@ from automarine_cli.comparison.validation import Comparison, compare
 from automarine_cli.effects import Effect, Parameter, Place
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.report.validation_tables import overall_table
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
@@ -89,6 +90,23 @@ def test_two_equal_models_differ_by_chance_only(stored: StoredModels) -> None:
     found = compare(replace(stored, models=models), noisy(4))
     assert found.best == "3"  # the simpler of two that score the same
     assert "which may be chance" in found.because
+
+
+def test_one_model_alone_is_not_called_the_best(stored: StoredModels) -> None:
+    found = compare(replace(stored, models={"3": TRUE}), noisy(3))
+    assert (found.best, found.because) == ("3", "Model 3 is the only one.")
+
+
+def test_what_begins_anew_at_a_restart_is_said(stored: StoredModels) -> None:
+    swirling = replace(
+        stored,
+        models={"3": TRUE.with_effect("water-swirl", (0.1, 10.0))},
+        effects=("bias-moment", "water-swirl"),
+    )
+    notes = overall_table(compare(swirling, noisy(3))).notes
+    (told,) = (note for note in notes if "anew" in note)
+    assert told.startswith("At a restart water-swirl begins anew") and "free run" in told
+    assert not any("anew" in note for note in overall_table(compare(stored, noisy(3))).notes)
 
 
 def test_mirrored_runs_score_the_same(stored: StoredModels) -> None:

@@ -34,7 +34,7 @@ def pool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-WHOLE = "out/one (validate): 2 of 2 files as written, 3 of 3 inputs found as recorded\n\n"
+WHOLE = "out/one (validate): 2 of 2 files as written, 3 of 3 inputs found as recorded\n"
 
 
 def test_whole_results_are_status_0(pool: Path, run: Run) -> None:

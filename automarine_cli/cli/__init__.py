@@ -5,6 +5,7 @@ Nothing in this folder imports numpy at module level; a command's body imports i
 """
 
 import contextlib
+import difflib
 import errno
 import os
 import re
@@ -15,7 +16,7 @@ from pathlib import Path
 import click
 
 from automarine_cli.cli.options import verbosity
-from automarine_cli.cli.terminal import Refusal, versions
+from automarine_cli.cli.terminal import Refusal, WrongUsage, versions
 from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline import interrupts
 
@@ -57,6 +58,8 @@ class CommandFolder(click.Group):
         """Run the command; 1 for what is refused, 130 for an interrupt, never a traceback without -vv."""
         try:
             return super().invoke(ctx)
+        except click.UsageError as slip:
+            raise WrongUsage.of(slip) from slip
         except (click.ClickException, click.exceptions.Exit):
             raise
         except (KeyboardInterrupt, click.Abort):
@@ -67,6 +70,25 @@ class CommandFolder(click.Group):
                 interrupts.tell()
                 ctx.exit(interrupts.INTERRUPTED)
             raise self._refusal(ctx, problem) from problem
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """The options of the group itself."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.exceptions.NoArgsIsHelpError:
+            raise
+        except click.UsageError as slip:
+            raise WrongUsage.of(slip) from slip
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command that is named; for a name that is none, the nearest one is offered."""
+        near = difflib.get_close_matches(args[0], names := self.list_commands(ctx), 1)
+        if args[0] not in names and not args[0].startswith("-"):
+            meant = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(names)}"
+            ctx.fail(f"No such command {args[0]!r}; {meant}")
+        return super().resolve_command(ctx, args)
 
     def _refusal(self, ctx: click.Context, problem: Exception) -> click.ClickException:
         """One sentence for what a command raised."""

@@ -134,9 +134,12 @@ def echo_set_aside(set_aside: Iterable[Any]) -> None:
     shown = runs if verbosity_level() > 0 else runs[:SHOWN]
     head = f"Set aside: {len(runs)} run{'s' if len(runs) > 1 else ''}"
     click.echo(coloured(head, sys.stderr, "yellow"), err=True)
+    width = width_of(sys.stderr)
     for run in shown:
         name = run["file"] if run["run"] in ("", run["file"]) else f"{run['file']}, run {run['run']}"
-        click.echo(f"  {name}: {run['why']}", err=True)
+        click.echo(
+            "  " + folded(f"{name}: {run['why']}", width and width - 2).replace("\n", "\n  "), err=True
+        )
     if len(shown) < len(runs):
         click.echo(f"  and {len(runs) - len(shown)} more (-v lists all)", err=True)
 
@@ -171,7 +174,10 @@ def echo_result(
             click.echo(folded(table, width))
         else:
             click.echo(painted(table.to_text(width).rstrip("\n"), sys.stdout))
-        if not (isinstance(table, str) and i + 1 < len(tables) and isinstance(tables[i + 1], str)):
+        last = i + 1 == len(tables) and out is None and keep_hint is None
+        if not last and not (
+            isinstance(table, str) and i + 1 < len(tables) and isinstance(tables[i + 1], str)
+        ):
             click.echo()  # sentences stand together, everything else apart
     if out is not None:
         listed = f": {', '.join(files)}" if files else ""

@@ -34,8 +34,9 @@ def run(
 ) -> object:  # fmt: skip
     """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report.
 
-    Each step has a folder of its own in DIR. A step whose inputs, settings and versions are those of the result
-    that is there is kept; of every other it is said why it runs. `automarine init` writes a campaign file.
+    Each step has a folder of its own in DIR. A step is kept if its result is there and neither its inputs nor its
+    settings nor versions have changed; for every other step the reason is told. `automarine init` writes a
+    campaign file.
 
     With --from instead, a recorded result is made again from its manifest: inputs are found by name and content
     under --inputs (by default here), and exit status 0 says that every file has the bytes recorded.

@@ -49,5 +49,5 @@ def simulate(
         jobs=jobs,
         progress=options.terminal_progress(),
     )
-    options.echo_result(result, as_json=as_json, out=out, tables=result.tables(), files=(workflow.TRUTH,))
+    options.echo_result(result, as_json=as_json, out=out, tables=result.tables(), files=result.files())
     return result

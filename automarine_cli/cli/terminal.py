@@ -54,6 +54,33 @@ class Refusal(click.ClickException):
         click.echo(f"{head} {self.format_message()}", file=file, err=file is None)
 
 
+class WrongUsage(click.UsageError):
+    """A slip in the command line: what it is, how the command is used, an example, where the options are."""
+
+    @classmethod
+    def of(cls, error: click.UsageError) -> "WrongUsage":
+        """The same slip, to be told in our way."""
+        return error if isinstance(error, cls) else cls(error.format_message(), error.ctx)
+
+    def show(self, file: IO[Any] | None = None) -> None:
+        """Print it on standard error."""
+        lines = [f"{coloured('Error:', sys.stderr, 'red', bold=True)} {self.format_message()}"]
+        if self.ctx is not None:
+            path = self.ctx.command_path
+            lines.append(self.ctx.get_usage())
+            own = [line for line in examples(self.ctx.command) if line.startswith(path)]
+            lines += [f"Example: {line}" for line in own[:1]]
+            lines.append(f"All options: {path} --help")
+        click.echo("\n".join(lines), file=file, err=file is None)
+
+
+def examples(command: click.Command) -> list[str]:
+    """The lines of a help text that may be copied."""
+    tail = (command.help or "").partition("Example:")[2]
+    lines = [line.strip() for line in tail.splitlines()]
+    return [line for line in lines if line.startswith("automarine ")]
+
+
 def versions(ctx: click.Context, param: click.Parameter, asked: bool) -> None:
     """Print the versions of automarine and of every library below it, none of which is imported for that."""
     if not asked or ctx.resilient_parsing:

@@ -19,9 +19,9 @@ from automarine_cli.cli import options
 def verify(ctx: click.Context, folders: tuple[Path, ...], inputs: tuple[Path, ...], as_json: bool) -> object:
     """Recompute the hashes that each manifest.json in DIR recorded, and say what changed.
 
-    Told are results that changed, are missing or were added, and inputs that changed since they were read.
-    Inputs are looked for by name under the folders given with --inputs, where they must all be; without it here
-    and beside DIR, and those not found are told only. Exit status 0 if nothing changed, else 1.
+    It names results that changed, are missing or were added, and inputs that changed since they were read.
+    Inputs are looked for by name in the folders given with --inputs, where all of them must be; without --inputs
+    here and beside DIR, and those not found are only counted. Exit status 0 if nothing changed, else 1.
 
     \b
     Example:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from automarine_cli import effects
 from automarine_cli.comparison.residuals import FreeRun, free_runs
 from automarine_cli.comparison.restart import Restarts, find_restarts, restarted_errors
 from automarine_cli.comparison.scores import (
@@ -39,7 +40,8 @@ class Comparison:
     """What was measured against what each model says, R runs; `floors` [deg] are theirs, `floor` that of all.
 
     `best` is the number of the model with the smallest free-run heading error over all runs, None where every
-    model diverged; `because` is the sentence that says so.
+    model diverged; `because` is the sentence that says so. `afresh` are the effects with a state of their own,
+    which a restart cannot know.
     """
 
     runs: tuple[Run, ...]
@@ -49,6 +51,7 @@ class Comparison:
     floor: float
     best: str | None
     because: str
+    afresh: tuple[str, ...]
 
 
 def compare(
@@ -76,7 +79,8 @@ def compare(
     }
     floors = tuple(noise_floor(run) for run in runs)
     because = _because(best, leads, models)
-    return Comparison(tuple(runs), tuple(restarts), models, floors, pooled_floor(runs), best, because)
+    afresh = tuple(name for name in stored.effects if effects.get(name).states)
+    return Comparison(tuple(runs), tuple(restarts), models, floors, pooled_floor(runs), best, because, afresh)
 
 
 def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str, Scored]) -> str:
@@ -97,6 +101,8 @@ def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str
         if m.diverged
     ]
     tail = f": {'; '.join(told)}" if told else ""
+    if len(models) == 1:
+        return f"Model {best} is the only one{tail}."
     return f"Model {best} has the smallest free-run heading error over all runs{tail}."
 
 

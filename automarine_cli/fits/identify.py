@@ -66,7 +66,7 @@ def identify_turns(
         )
     if fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs):
         return _fit_steps(turns, set_aside, known, each)
-    return _fit_whole(tuple(whole()), turns, set_aside, each)
+    return _fit_whole(tuple(whole()), turns, fit_to, each)
 
 
 def _counted(number: int, noun: str) -> str:
@@ -123,9 +123,7 @@ def _fit_model(
     return fit_half_turns(data, number, (inertia, k_r if number == "1" else 0.02 * k_r, k_rr), unit, known)
 
 
-def _fit_whole(
-    runs: tuple[Run, ...], turns: Sequence[HalfTurn], set_aside: Sequence[SetAside], each: Map
-) -> YawFit:
+def _fit_whole(runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, each: Map) -> YawFit:
     serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in runs]
     moving = tuple(run for run, good in zip(runs, serves) if good)
     short = tuple(
@@ -139,9 +137,11 @@ def _fit_whole(
     at_rest = np.array([starts_at_rest(run) for run in moving])
     fits = dict(zip("123", each(partial(_fit_whole_model, runs=moving, at_rest=at_rest), ("1", "2", "3"))))
     why = (
-        f"{len(turns)} of {len(runs)} runs hold a constant moment from rest through a half-turn, too few "
-        "for steady rates and "
-        "velocity errors; the whole runs were fitted by output error"
+        "The whole runs were fitted by output error, as asked (--fit-to whole-runs); steady rates and velocity "
+        "errors are of half-turns only"
+        if fit_to == "whole-runs"
+        else f"{len(turns)} of {len(runs)} runs hold a constant moment from rest through a half-turn, too few "
+        "for steady rates and velocity errors; the whole runs were fitted by output error"
     )
     preference = prefer(fits)
     unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))

@@ -106,6 +106,13 @@ def _notes(comparison: Comparison) -> list[str]:
         else "Measured yaw rate from the logs.",
         f"Noise floor of the heading, measured apart from any model: {number(comparison.floor, 3)} deg.",
     ]
+    if comparison.afresh:
+        begins = "begin" if len(comparison.afresh) > 1 else "begins"
+        notes.insert(
+            2,
+            f"At a restart {' and '.join(comparison.afresh)} {begins} anew, which in the water nothing does: "
+            "judge by the free run.",
+        )
     if len(comparison.runs) >= 3:
         notes.append("In brackets: 95 % intervals, runs resampled.")
     return notes

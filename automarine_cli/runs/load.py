@@ -26,7 +26,7 @@ from automarine_cli.runs.sense import clock_trouble
 
 Kept = TypeVar("Kept")
 
-MOST_REASONS = 5  # reasons shown when nothing is left
+MOST_REASONS = 3  # reasons shown when nothing is left
 NAMED_APART = "another run of this campaign has the same name; the file's name was put in front"
 
 
@@ -142,8 +142,15 @@ def refused_by_strict(first: SetAside) -> RunError:
 
 def none_left(files: int, aside: Sequence[SetAside]) -> RunError:
     """The refusal of a campaign of which nothing is left, with the first reasons."""
-    reasons = "; ".join(f"{s.file}: {s.why}" for s in aside[:MOST_REASONS])
-    more = f"; and {len(aside) - MOST_REASONS} more" if len(aside) > MOST_REASONS else ""
+    why: dict[str, list[str]] = {}
+    for one in aside:
+        why.setdefault(one.why, []).append(one.file)
+    told = list(why.items())[:MOST_REASONS]
+    reasons = "; ".join(
+        f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: {said}" for said, names in told
+    )
+    left = len(aside) - sum(len(names) for _, names in told)
+    more = f"; and {left} more" if left else ""
     return RunError(f"no run is left of {files} log{'s' * (files != 1)}: {reasons}{more}")
 
 

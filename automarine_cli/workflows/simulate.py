@@ -49,6 +49,13 @@ class Simulation(Shown):
             "made": [_truth_of(run, number) for number, run in enumerate(self.runs, 1)],
         }
 
+    def files(self) -> tuple[str, ...]:
+        """What is written: the folders of logs, then the truth."""
+        folders = {run.plan.group.folder for run in self.runs}
+        if self.specification.bollard is not None:
+            folders.add(self.specification.bollard.folder)
+        return (*(f"{folder}/" for folder in sorted(folders) if folder), TRUTH)
+
     def tables(self) -> tuple[Table, ...]:
         """How many runs, files and samples each folder holds."""
         groups: dict[tuple[str, str], list[SimulatedRun]] = {}

@@ -1,4 +1,4 @@
-"""`make pictures`: the figures of the README, made by the tool from sample_runs, small enough for a page.
+"""`make pictures`: the figures of the README and its pages, made by the tool from sample_runs, small enough for a page.
 
 Usage: python tests/benchmarks/pictures.py [FOLDER]
 """
@@ -16,12 +16,14 @@ from automarine_cli.report.figures.style import house_style
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.figures.yaw import drag_figure, inertia_figure
+from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
 from automarine_cli.workflows.fit_yaw import fit_yaw
 from automarine_cli.workflows.validate import validate
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 SAMPLES = ROOT / "sample_runs"
+HIDDEN = SAMPLES / "hidden_one"
 FOLDER = ROOT / ".github" / "pictures"
 DPI = 120
 COLOURS = 128
@@ -32,15 +34,37 @@ def pictures() -> Iterator[tuple[str, Figure]]:
     """Name and figure of each picture."""
     yield "thrusters", thruster_figure(fit_thrusters([SAMPLES / "thrusters"], thrusters_per_test=2))
     with TemporaryDirectory() as folder:
-        out = Path(folder) / "yaw"
-        fit = fit_yaw([SAMPLES / "steps"], out=out)
-        assert fit.seed_method is not None
-        yield "drag", drag_figure(fit, fit.seed_method)
-        yield "inertia", inertia_figure(fit, fit.seed_method)
-        found = validate([SAMPLES / "validation"], model=out / "yaw_model.json").comparison
-    place = [run.name for run in found.runs].index(VALIDATED)
-    free = {number: scored.free[place] for number, scored in found.models.items()}
-    yield "validation", validation_figure(free, found.floors[place])
+        yield from of_a_fit(Path(folder))
+        yield from of_what_is_hidden(Path(folder))
+
+
+def of_a_fit(folder: Path) -> Iterator[tuple[str, Figure]]:
+    """The campaign in which nothing is hidden: drag, inertia, one validation run."""
+    out = folder / "yaw"
+    fit = fit_yaw([SAMPLES / "steps"], out=out)
+    assert fit.seed_method is not None
+    yield "drag", drag_figure(fit, fit.seed_method)
+    yield "inertia", inertia_figure(fit, fit.seed_method)
+    yield "validation", one_run(SAMPLES / "validation" / f"{VALIDATED}.csv", out / "yaw_model.json")
+
+
+def of_what_is_hidden(folder: Path) -> Iterator[tuple[str, Figure]]:
+    """The campaign with a hidden effect: a run before, where the gap is, why, and after."""
+    fitted, found = folder / "hidden", folder / "diagnosis"
+    log = HIDDEN / f"{VALIDATED}.csv"
+    fit_yaw([HIDDEN], fit_to="whole-runs", out=fitted)
+    yield "before", one_run(log, fitted / "yaw_model.json")
+    result = diagnose([HIDDEN], model=fitted / "yaw_model.json", out=found)
+    for name in ("where", "why", "before-after"):
+        yield name.replace("-", "_"), result.plot(name)
+    yield "after", one_run(log, found / "extended_model.json")
+
+
+def one_run(log: Path, model: Path) -> Figure:
+    """A log and what the models of a file make of its commands."""
+    found = validate([log], model=model).comparison
+    free = {number: scored.free[0] for number, scored in found.models.items()}
+    return validation_figure(free, found.floors[0])
 
 
 @house_style
