@@ -118,7 +118,7 @@ def test_named_alone_no_run_is_left(
 
 
 def test_a_directory_with_a_logs_name(run: Command, broken: Path) -> None:
-    endings = ".csv, .csv.gz, .parquet, .tsv, .tsv.gz"
+    endings = ".bin, .csv, .csv.gz, .parquet, .tlog, .tsv, .tsv.gz"
     path = broken / "directory.csv"
     is_refusal(
         run("check", path), f"'{path}': no logs in this directory; expected files that end in {endings}"
