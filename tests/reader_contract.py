@@ -9,6 +9,7 @@ import io
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from vehicle_bags import bag
 from vehicle_logs import Dive, dataflash, dive, telemetry
 
 from automarine_cli.errors import LogError
@@ -59,8 +61,8 @@ class Recorder:
     library: str
     extra: str
     columns: ColumnMap
-    heading: str
-    commands: str
+    heading: tuple[str, ...]
+    commands: tuple[str, ...]
     starts: float = 0.0
     turned: float = 0.0  # degrees by which its heading counts from elsewhere
     step_deg: float = 1e-4  # of the heading
@@ -77,11 +79,21 @@ def pwm(port: str, stbd: str, **more: str) -> ColumnMap:
 
 
 RECORDERS = {
-    ".bin": Recorder(dataflash, "pymavlink", "ardupilot", pwm("RCOU.C1", "RCOU.C2"), "ATT", "RCOU", step_deg=0.005),
+    ".bin": Recorder(
+        dataflash, "pymavlink", "ardupilot", pwm("RCOU.C1", "RCOU.C2"), ("ATT",), ("RCOU",), step_deg=0.005
+    ),
     ".tlog": Recorder(
         telemetry, "pymavlink", "ardupilot", pwm("SERVO_OUTPUT_RAW.servo1_raw", "SERVO_OUTPUT_RAW.servo2_raw"),
-        "ATTITUDE", "SERVO_OUTPUT_RAW", starts=1.7e9, clock=2e-3,
+        ("ATTITUDE",), ("SERVO_OUTPUT_RAW",), starts=1.7e9, clock=2e-3,
     ),
+    **{
+        suffix: Recorder(
+            partial(bag, suffix), "rosbags", "ros", pwm("/thruster/port.data", "/thrusters.data[1]"),
+            ("/imu/data", "/odom"), ("/thrusters", "/thruster/port"), starts=1.7e9,
+            cut_is_sound=False,
+        )
+        for suffix in (".bag", ".db3", ".mcap")
+    },
 }  # fmt: skip
 SUFFIXES = sorted(suffix for form in formats() for suffix in form.suffixes)
 
@@ -167,7 +179,7 @@ def judge_recording(folder: Path, suffix: str, mirrored: bool) -> None:
         made.time - made.command_time[np.searchsorted(made.command_time, made.time, side="right") - 1]
     ).max()
     age = re.search(
-        rf"{re.escape(told.commands)} \S+ s old in the median, (\S+) s at most", " ".join(table.notes)
+        rf"{re.escape(told.commands[0])} \S+ s old in the median, (\S+) s at most", " ".join(table.notes)
     )
     assert age is not None and float(age[1]) == pytest.approx(oldest, rel=0.1, abs=0.01), table.notes
 

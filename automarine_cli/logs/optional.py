@@ -21,7 +21,7 @@ def needed(module: str, extra: str, source: str, what: str) -> ModuleType:
 
 
 @contextlib.contextmanager
-def unsound_is_refused(source: str, what: str) -> Iterator[None]:
+def unsound_is_refused(source: str, what: str, mend: str = "copy the file again") -> Iterator[None]:
     """Whatever a library raises or prints over a damaged file becomes one LogError. An interrupt stays one."""
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
@@ -31,4 +31,4 @@ def unsound_is_refused(source: str, what: str) -> Iterator[None]:
     except Exception as problem:
         if isinstance(problem, OSError) and problem.errno is not None:
             raise
-        raise LogError(f"{source}: the {what} data is damaged inside; copy the file again") from None
+        raise LogError(f"{source}: the {what} data is damaged inside; {mend}") from None

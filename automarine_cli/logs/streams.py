@@ -55,10 +55,17 @@ def taken(
     columns: ColumnMap,
     keep: bool = False,
 ) -> Stream | None:
-    """The stream of those fields of a message that serve: `own` under its canonical names (field -> name), and as
-    NAME.FIELD what the column map names, or with `keep` all; None where there is nothing.
+    """The stream of those fields of a message that serve: `own` under its canonical names (field -> name) unless the
+    column map takes that quantity from elsewhere, and as NAME.FIELD what it names, or with `keep` all. None where
+    there is nothing.
     """
     asked = {rule.source for rule in columns.columns.values()}
+    mapped = {CANONICAL[key].quantity for key in columns.columns if key in CANONICAL}
+    own = {
+        key: canonical
+        for key, canonical in own.items()
+        if CANONICAL[canonical].quantity not in mapped or f"{name}.{key}" in asked
+    }
     used = {own[key]: values for key, values in fields.items() if key in own}
     for key, values in fields.items():
         if key not in own and (f"{name}.{key}" in asked or keep):
@@ -122,7 +129,7 @@ def _brought(
 ) -> pa.ChunkedArray:
     if values.dtype.kind == "f":
         if _moves(name) and stream is not master and np.all(np.diff(stream.time) >= 0):
-            return _array(np.interp(master.time, stream.time, values, left=np.nan, right=np.nan))
+            return _array(np.interp(master.time, stream.time, values, left=np.nan))
         return _array(np.where(held >= 0, values[held], np.nan))
     words, code = np.unique(values.astype(str), return_inverse=True)
     rows = pa.array(np.maximum(code[held], 0), mask=held < 0)
@@ -136,14 +143,13 @@ def _array(values: Floats) -> pa.ChunkedArray:
 def _age(stream: Stream, master: Stream, held: NDArray[np.int64]) -> str:
     """`RCOU 0.01 s old in the median, 0.1 s at most`."""
     name, known = printable(stream.name), held >= 0
-    if all(map(_moves, stream.columns)):
-        return f"{name} interpolated"
     if not known.any():
         return f"{name} begins only after the last row"
     age = master.time[known] - stream.time[held[known]]
     late = len(held) - int(np.count_nonzero(known))
     first = f", none in the first {late} rows" if late else ""
-    return f"{name} {np.median(age):.2g} s old in the median, {age.max():.2g} s at most{first}"
+    how = ", interpolated" if all(map(_moves, stream.columns)) else ""
+    return f"{name} {np.median(age):.2g} s old in the median, {age.max():.2g} s at most{first}{how}"
 
 
 def _moves(name: str) -> bool:

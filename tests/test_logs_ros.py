@@ -1,0 +1,100 @@
+"""ROS bags: signs turned and told, stamps or the recorder's clock, any field of any type, several topics that turn."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reader_contract import log
+from vehicle_bags import bag
+from vehicle_logs import dive
+
+from automarine_cli.errors import LogError
+from automarine_cli.logs import ColumnMap, ColumnRule, LogTable, read_log
+
+pytest.importorskip("rosbags", reason="the extra automarine[ros] is not installed")
+EVERY = pytest.mark.parametrize("suffix", [".bag", ".db3", ".mcap"])
+
+
+def read(folder: Path, suffix: str, content: bytes, **columns: ColumnRule) -> LogTable:
+    """A bag of these bytes, read with these columns."""
+    return read_log(log(folder, content, f"dive{suffix}"), ColumnMap(columns))
+
+
+@EVERY
+def test_signs_are_turned_and_told(tmp_path: Path, suffix: str) -> None:
+    table = read(tmp_path, suffix, bag(suffix, dive()))
+    assert table.notes[0] == (
+        "heading of /imu/data, not of /odom, turned from ROS's east, north, up and forward, left, up to clockwise "
+        "from north"
+    )
+    np.testing.assert_allclose(table.columns["surge"], 0.5)
+    np.testing.assert_allclose(table.columns["sway"], 0.25)  # 0.25 m/s to the right, which is -y in ROS
+    turning = table.columns["yaw_rate"] > 0.1
+    assert turning.sum() == 100 and np.all(np.diff(np.unwrap(table.columns["heading"]))[turning[1:]] > 0)
+
+
+@EVERY
+def test_topics_without_stamps_are_at_the_time_of_recording(tmp_path: Path, suffix: str) -> None:
+    notes = read(tmp_path, suffix, bag(suffix, dive())).notes
+    assert "without stamps of their own, at the time of recording: /thruster/port, /thrusters" in notes
+
+
+@EVERY
+def test_a_recorder_s_clock_that_is_another_is_moved_and_told(tmp_path: Path, suffix: str) -> None:
+    table = read(tmp_path, suffix, bag(suffix, dive(), skew=-3600.0))
+    np.testing.assert_allclose(table.extras["/thruster/port.data"], dive().commands_at(dive().time)[0])
+    np.testing.assert_allclose(table.columns["time"], dive().time + 1.7e9, atol=1e-6)
+    assert any("+3599.996 s from the recorder's clock" in note for note in table.notes)
+
+
+@EVERY
+def test_another_topic_may_be_the_heading(tmp_path: Path, suffix: str) -> None:
+    content = bag(suffix, dive())
+    table = read(tmp_path, suffix, content, heading_rad=ColumnRule("/odom.heading", sign=-1))
+    assert len(table) == 200 and "/odom" in table.notes[-1]
+    np.testing.assert_allclose(np.sin(table.columns["heading"] + np.deg2rad(dive().heading)), 0, atol=1e-12)
+    np.testing.assert_allclose(table.columns["time"], dive().time + 1.7e9 - 0.03, atol=1e-6)
+    without = read(tmp_path, suffix, bag(suffix, dive(), without=("/imu/data",)))
+    assert without.notes[0].startswith("heading of /odom, turned")
+
+
+@EVERY
+def test_any_field_of_any_type_can_be_named(tmp_path: Path, suffix: str) -> None:
+    rules = {
+        "voltage_V": ColumnRule("/mavros/state.system_status"), "n_port": ColumnRule("/imu/data.linear_acceleration.z"),
+        "mode": ColumnRule("/mavros/state.mode"), "n_stbd": ColumnRule("/thrusters.data[9]"),
+    }  # fmt: skip
+    table = read(tmp_path, suffix, bag(suffix, dive()), **rules)
+    assert set(table.columns["voltage"]) == {0.0}
+    np.testing.assert_allclose(table.columns["n_port"], 9.8)
+    assert table.states["mode"].names == ("MANUAL", "ALT_HOLD") and "n_stbd" not in table.columns
+    assert any("'/thrusters.data[9]' for n_stbd; the file has no such column" in note for note in table.notes)
+
+
+@EVERY
+def test_a_bag_of_other_topics_says_which(tmp_path: Path, suffix: str) -> None:
+    content = bag(suffix, replace(dive(), modes=(), arming=()), without=("/imu/data", "/odom"))
+    with pytest.raises(LogError) as refused:
+        read(tmp_path, suffix, content)
+    assert "found the topics " in str(refused.value)
+    for topic in ("/thruster/port (std_msgs/Float64)", "/battery (sensor_msgs/BatteryState)"):
+        assert topic in str(refused.value)
+
+
+def test_an_imu_without_orientation_is_no_heading(tmp_path: Path) -> None:
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types, nine = store.types, np.array([-1.0, *[0.0] * 8])
+    with Writer(tmp_path / "gyro.bag") as writer:
+        link = writer.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
+        for i in range(20):
+            header = types["std_msgs/msg/Header"](i, types["builtin_interfaces/msg/Time"](0, 0), "")
+            vector = types["geometry_msgs/msg/Vector3"](0.0, 0.0, 1.0)
+            still = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+            imu = types["sensor_msgs/msg/Imu"](header, still, nine, vector, nine, vector, nine)
+            writer.write(link, i * 10**8, store.serialize_ros1(imu, imu.__msgtype__))
+    with pytest.raises(LogError, match=r"no heading in it; found the topics /imu \(sensor_msgs/Imu\)"):
+        read(tmp_path, ".bag", (tmp_path / "gyro.bag").read_bytes())
