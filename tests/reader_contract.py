@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 import pytest
 from vehicle_bags import bag
 from vehicle_logs import Dive, dataflash, dive, telemetry
+from vehicle_ulog import ulog
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, read_log
@@ -85,6 +86,11 @@ RECORDERS = {
     ".tlog": Recorder(
         telemetry, "pymavlink", "ardupilot", pwm("SERVO_OUTPUT_RAW.servo1_raw", "SERVO_OUTPUT_RAW.servo2_raw"),
         ("ATTITUDE",), ("SERVO_OUTPUT_RAW",), starts=1.7e9, clock=2e-3,
+    ),
+    ".ulg": Recorder(
+        ulog, "pyulog", "px4", ColumnMap({
+            "n_port": ColumnRule("actuator_motors.control[0]"), "n_stbd": ColumnRule("actuator_motors.control[1]"),
+        }), ("vehicle_attitude",), ("actuator_motors", "actuator_outputs"), modes=("MANUAL", "ALTCTL"),
     ),
     **{
         suffix: Recorder(

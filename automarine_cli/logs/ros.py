@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
 from automarine_cli.logs.optional import needed, unsound_is_refused
+from automarine_cli.logs.quaternion import yaw_of
 from automarine_cli.logs.ros_fields import Getter, getters
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
 from automarine_cli.logs.table import Floats
@@ -159,11 +160,10 @@ def _motion(topic: Topic) -> Fields:
     quaternion, angular, linear = POSES[topic.kind]
     x, y, z, w = (topic.fields[f"{quaternion}.{axis}"] for axis in "xyzw")
     found = {}
-    length = x**2 + y**2 + z**2 + w**2
-    good = (length > 0.5) & (topic.fields.get(NOT_MEASURED, np.zeros(len(x))) != -1)
-    if good.any():
-        yaw = np.arctan2(2 * (w * z + x * y), w**2 + x**2 - y**2 - z**2)
-        found["heading"] = np.where(good, (np.pi / 2 - yaw) % (2 * np.pi), np.nan)
+    yaw = yaw_of(w, x, y, z)
+    yaw[topic.fields.get(NOT_MEASURED, np.zeros(len(yaw))) == -1] = np.nan
+    if not np.isnan(yaw).all():
+        found["heading"] = (np.pi / 2 - yaw) % (2 * np.pi)
     if angular:
         found["yaw_rate"] = -topic.fields[f"{angular}.z"]
     if linear:

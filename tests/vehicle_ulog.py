@@ -1,0 +1,62 @@
+"""The dive of `vehicle_logs` as a PX4 log, written by the file format's own description."""
+
+import struct
+
+import numpy as np
+from vehicle_logs import Dive
+
+TOPICS = {  # name: message id, fields, struct
+    "vehicle_attitude": (0, "uint64_t timestamp;uint64_t timestamp_sample;float[4] q;", "QQ4f"),
+    "vehicle_angular_velocity": (1, "uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;", "QQ3f"),
+    "actuator_motors": (2, "uint64_t timestamp;float[12] control;", "Q12f"),
+    "battery_status": (3, "uint64_t timestamp;float voltage_v;", "Qf"),
+    "vehicle_status": (4, "uint64_t timestamp;uint8_t nav_state;uint8_t arming_state;", "QBB"),
+    "actuator_outputs": (5, "uint64_t timestamp;uint32_t noutputs;float[4] output;", "QI4f"),
+}
+STATES = {19: 0, 2: 1}  # ArduSub's MANUAL and ALT_HOLD -> PX4's MANUAL and ALTCTL
+
+
+def ulog(
+    dive: Dive,
+    without: tuple[str, ...] = (),
+    dropouts: tuple[tuple[float, int], ...] = (),
+    delay: float = 0.003,
+) -> bytes:
+    """A PX4 log (.ulg); motors as -1 to 1 about 1500 us, NaN while disarmed. Drop-outs are (time, milliseconds).
+
+    What a sensor says is told `delay` s after it was read.
+    """
+    out = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0) + _message("B", bytes(40)))
+    named = {name: about for name, about in TOPICS.items() if name not in without}
+    for name, (_, fields, _) in named.items():
+        out += _message("F", f"{name}:{fields}".encode())
+    for name, (number, _, _) in named.items():
+        out += _message("A", struct.pack("<BH", 0, number) + name.encode())
+    rows: list[tuple[float, str, tuple[object, ...]]] = []
+    for t, psi, rate in zip(dive.time, dive.heading, dive.rate):
+        half = np.deg2rad(psi) / 2
+        read = round(t * 1e6)
+        rows.append((t + delay, "vehicle_attitude", (read, np.cos(half), 0.0, 0.0, np.sin(half))))
+        rows.append((t + delay, "vehicle_angular_velocity", (read, 0.0, 0.0, np.deg2rad(rate))))
+    for t, port, stbd in zip(dive.command_time, dive.port, dive.stbd):
+        sent = ((port - 1500) / 400, (stbd - 1500) / 400)
+        stopped = [command if command else np.nan for command in sent]
+        rows.append((t, "actuator_motors", (*stopped, *[np.nan] * 10)))
+        rows.append((t, "actuator_outputs", (2, port, stbd, 0.0, 0.0)))
+    rows += [(t, "battery_status", (volt,)) for t, volt in zip(dive.voltage_time, dive.voltage)]
+    for t in np.arange(dive.modes[0][0], dive.time[-1], 0.5) if dive.modes else ():
+        mode = [mode for since, mode in dive.modes if since <= t][-1]
+        armed = [armed for since, armed in dive.arming if since <= t][-1]
+        rows.append((t, "vehicle_status", (STATES[mode], 2 if armed else 1)))
+    rows += [(t, "dropout", (length,)) for t, length in dropouts]
+    for t, name, values in sorted(rows, key=lambda row: row[0]):
+        if name == "dropout":
+            out += _message("O", struct.pack("<H", *values))
+        elif name not in without:
+            number, _, form = TOPICS[name]
+            out += _message("D", struct.pack(f"<H{form}", number, round(t * 1e6), *values))
+    return bytes(out)
+
+
+def _message(kind: str, content: bytes) -> bytes:
+    return struct.pack("<HB", len(content), ord(kind)) + content
