@@ -12,6 +12,7 @@ if TYPE_CHECKING:
         check,
         compare,
         diagnose,
+        export,
         fit_thrusters,
         fit_yaw,
         simulate,
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 __all__ = [
-    "__version__", "check", "compare", "diagnose", "effects", "fit_thrusters", "fit_yaw", "simulate", "slice_log",
-    "validate",
+    "__version__", "check", "compare", "diagnose", "effects", "export", "fit_thrusters", "fit_yaw", "simulate",
+    "slice_log", "validate",
 ]  # fmt: skip
 
 

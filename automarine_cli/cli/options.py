@@ -10,6 +10,7 @@ import click
 from automarine_cli.cli.echo import echo_result, echo_set_aside, terminal_progress, verbosity_level
 
 __all__ = [
+    "FILE",
     "arm_option",
     "cluster_option",
     "columns_option",
@@ -32,7 +33,7 @@ __all__ = [
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
 def _count_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> None:
@@ -69,7 +70,7 @@ logs_argument = click.argument(
 """`logs`: strings as given; `logs.find_logs` makes files of them."""
 
 columns_option = click.option(
-    "--columns", type=_FILE, metavar="FILE.toml", help="Map the logs' column names, units and signs."
+    "--columns", type=FILE, metavar="FILE.toml", help="Map the logs' column names, units and signs."
 )
 """`columns`: Path or None."""
 
@@ -121,7 +122,7 @@ strict_option = click.option(
 
 model_option = click.option(
     "--model",
-    type=_FILE,
+    type=FILE,
     required=True,
     metavar="FILE",
     help="A yaw_model.json of a fit (for diagnose also a thrusters.json).",
@@ -129,7 +130,7 @@ model_option = click.option(
 """`model`: Path."""
 
 thrusters_option = click.option(
-    "--thrusters", type=_FILE, metavar="FILE", help="A thrusters.json: makes the moment of n_port and n_stbd."
+    "--thrusters", type=FILE, metavar="FILE", help="A thrusters.json: makes the moment of n_port and n_stbd."
 )
 """`thrusters`: Path or None."""
 

@@ -13,7 +13,8 @@ from automarine_cli.fits.output_error import (
     OutputErrorFit,
     Preference,
 )
-from automarine_cli.fits.step_response import StepData
+from automarine_cli.fits.step_response import NAMES, StepData
+from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.fits.velocity_error import VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import Caution
 from automarine_cli.pipeline.shown import Shown
@@ -62,6 +63,13 @@ class YawFit(Shown):
         """Number of runs fitted."""
         return len(self.turns) or len(self.runs)
 
+    @property
+    def moments(self) -> tuple[float, ...]:
+        """Every moment that was fitted, with its sign."""
+        if self.turns:
+            return tuple(turn.moment for turn in self.turns)
+        return tuple(float(end) for run in self.runs for end in (run.command.min(), run.command.max()))
+
     def to_json(self) -> dict[str, object]:
         """The result file: schema automarine/yaw-model/1."""
         fit, turn = self.preferred, self.inertial_turn_angle
@@ -73,6 +81,7 @@ class YawFit(Shown):
             "preferred": self.preference.number,
             "preferred_because": self.preference.because,
             "inertial_turn_angle_rad": None if turn is None else turn.to_json(),
+            "valid_range": valid_range(self.moments, fit.model),
             "effects": [],
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
@@ -95,6 +104,7 @@ class YawFit(Shown):
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
             "heading_noise_deg": float(np.degrees(fit.noise)),
+            "covariance": covariance_json(NAMES[number], fit.mixed.theta, fit.mixed.positive, fit.covariance),
             "converged": fit.mixed.converged,
         }
         seed = self.seed_method

@@ -23,7 +23,14 @@ LATEST_SWITCH = 0.5  # of a sample interval: beyond it another sample would show
 _READ = ("schema", "models", "preferred", "moment_unit", "switch_offset", "effects")
 _TOP = (
     *_READ,
-    *("fitted_to", "preferred_because", "inertial_turn_angle_rad", "gain_scatter", "heading_noise_deg"),
+    *(
+        "fitted_to",
+        "preferred_because",
+        "inertial_turn_angle_rad",
+        "gain_scatter",
+        "heading_noise_deg",
+        "valid_range",
+    ),
     *("warnings", "runs", "parent", "notes"),
 )
 _MODEL = (

@@ -17,6 +17,7 @@ from automarine_cli.pipeline.outputs import json_text
 from automarine_cli.workflows import check as _check
 from automarine_cli.workflows import compare as _compare
 from automarine_cli.workflows import diagnose as _diagnose
+from automarine_cli.workflows import export as _export
 from automarine_cli.workflows import fit_thrusters as _fit_thrusters
 from automarine_cli.workflows import fit_yaw as _fit_yaw
 from automarine_cli.workflows import simulate as _simulate
@@ -76,3 +77,4 @@ diagnose = at_a_prompt(_diagnose.diagnose_any, "logs")
 simulate = at_a_prompt(_simulate.simulate, "specification")
 slice_log = at_a_prompt(_slice.slice_log, "logs")
 compare = at_a_prompt(_compare.compare, "results")
+export = at_a_prompt(_export.export, "model")

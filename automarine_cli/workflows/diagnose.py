@@ -15,6 +15,7 @@ from automarine_cli.diagnosis.verdict import NamedEffect, base_estimates, gap_js
 from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import SettingError
 from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.pipeline.manifest import Input, given_as
@@ -100,9 +101,11 @@ def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha2
     """A yaw-model file of one model with its effects, and the hash of the file that it grew from."""
     base = base_estimates(study, trial)
     drag = {name: base[name].to_json() for name in ("k_rr", "k_r", "I_r") if name in base}
-    angle = None
+    angle, covariance, fit = None, study.covariance(trial.model, trial.fit), trial.fit
+    told = drag | {
+        "covariance": covariance_json(trial.model.parameter_names, fit.theta, fit.positive, covariance)
+    }
     if "k_rr" in base and base["k_rr"].value > 0:
-        covariance = study.covariance(trial.model, trial.fit)
         spread = float(np.sqrt(max(covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1], 0.0)))
         angle = Estimate.from_log(
             base["I_r"].value / base["k_rr"].value, spread, len(study.runs) - 1, "rad"
@@ -113,10 +116,13 @@ def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha2
         "schema": "automarine/yaw-model/1",
         "moment_unit": stored.moment_unit,
         "fitted_to": "whole runs",
-        "models": {stored.preferred: {**drag, "output_error": drag, "velocity_error": None, "sse": None}},
+        "models": {stored.preferred: {**drag, "output_error": told, "velocity_error": None, "sse": None}},
         "preferred": stored.preferred,
         "preferred_because": f"Model {stored.preferred} was the base of the diagnosis.",
         "inertial_turn_angle_rad": angle,
+        "valid_range": valid_range(
+            (end for run in study.runs for end in (run.command.min(), run.command.max())), trial.model
+        ),
         "effects": [
             {
                 "name": name,

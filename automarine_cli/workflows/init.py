@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from automarine_cli.errors import LogError, OutputError
+from automarine_cli.errors import LogError
 from automarine_cli.logs import LogFile, find_logs
-from automarine_cli.pipeline import staging
 from automarine_cli.pipeline.manifest import MANIFEST
+from automarine_cli.pipeline.one_file import refuse_existing, write_whole
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.reuse import manifest_of
 from automarine_cli.report.tables import Table
@@ -85,22 +85,15 @@ def init(
     Raises LogError where there are no logs, and OutputError for a file that is there already unless `overwrite`.
     """
     target = folder / NAME if out is None else out
-    if write and target.exists() and not overwrite:
-        raise OutputError(
-            f"{target} is there already; give --overwrite to replace it, or another name with -o"
-        )
+    if write:
+        refuse_existing(target, overwrite=overwrite)
     files = [file for file in find_logs([folder]) if not _is_result(file.path, folder)]
     if not files:
         raise LogError(f"{folder}: the only logs here are in folders of results; give a folder of logs")
     look = look_at(folder, files, jobs, progress)
     text = campaign_text(look, _entries(look, files, target))
     if write:
-        with staging.one_sentence(target.parent):
-            target.parent.mkdir(parents=True, exist_ok=True)
-            new = target.with_name(f".{target.name}.automarine-new")
-            new.unlink(missing_ok=True)
-            staging.write(new, text.encode("utf-8"), through=True)
-            new.replace(target)
+        write_whole(target, text)
     return Started(look, text, tuple(open_questions(tomllib.loads(text))))
 
 

@@ -1,0 +1,35 @@
+"""Simulators and papers that a model can be written for: every module here with a `TARGET` is one.
+
+`get(name)` finds a target, `names()` lists them; the recipe for the next one is in `base`.
+"""
+
+import difflib
+import importlib
+import pkgutil
+from functools import cache
+
+from automarine_cli.errors import SettingError
+from automarine_cli.exports.base import Target
+
+__all__ = ["Target", "get", "names"]
+
+
+@cache
+def _targets() -> dict[str, Target]:
+    modules = sorted(module.name for module in pkgutil.iter_modules(__path__))
+    loaded = (importlib.import_module(f"{__name__}.{name}") for name in modules)
+    return {module.TARGET.name: module.TARGET for module in loaded if hasattr(module, "TARGET")}
+
+
+def names() -> tuple[str, ...]:
+    """Names of all targets, sorted."""
+    return tuple(sorted(_targets()))
+
+
+def get(name: str) -> Target:
+    """The target of that name; raises SettingError with the names that there are."""
+    if name not in _targets():
+        near = difflib.get_close_matches(name.lower(), names(), n=1, cutoff=0.5)
+        meant = f". Did you mean {near[0]}?" if near else ""
+        raise SettingError(f"--to {name}: no such target; known are {', '.join(names())}{meant}")
+    return _targets()[name]

@@ -1,0 +1,205 @@
+"""What a target of an export is, and the recipe for the next one.
+
+Ours: I_r r' = tau - k_r r - k_rr |r| r with both coefficients positive, I_r the sum of rigid and added inertia.
+
+Recipe: one file in this folder with `TARGET = Target(...)` and a function that makes a `Written` of a `YawSubject`
+(or of a `MapSubject`, for a target that takes a thruster map). The module's docstring gives the simulator's own
+equation with the page that documents it; `carries` names the effects that this equation has a term for. What a
+model has beyond them is listed, and refused unless the user allows a part: the target sees only what it carries.
+The folder is the registry, and `tests/test_export_contract.py` picks the new file up.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from automarine_cli import __version__
+from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.models.yaw_model import YawModel
+
+FRAMES = {
+    "NED": "NED world, body x ahead, y starboard, z down: yaw from north, positive clockwise seen from above",
+    "ENU": "ENU world, body x ahead, y port, z up: yaw from east, positive anticlockwise seen from above",
+}
+DRAG = ("linear-drag", "quadratic-drag")
+YAW_MODEL, THRUSTER_MAP = "yaw model", "thruster map"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The user's numbers; each target says in `uses` which of them mean something to it.
+
+    `rigid_inertia` is the vehicle's own part of I_r, in the file's unit; `newton_metres_per_nu` the size of the
+    logs' normalised moment unit; `mesh_torque` [N m] Stonefish's yaw drag of the mesh at 1 rad/s with a quadratic
+    and with a viscous coefficient of 1; `n_max` the largest control signal; `lag` [s] a propeller's time constant.
+    """
+
+    rigid_inertia: float | None = None
+    newton_metres_per_nu: float | None = None
+    mesh_torque: tuple[float, float] | None = None
+    symmetrise: bool = False
+    n_max: float | None = None
+    lag: float | None = None
+    allow_partial: bool = False
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Names of the settings that the user gave."""
+        return tuple(name for name, value in vars(self).items() if value is not None and value is not False)
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """An effect that the file does not have, and why."""
+
+    name: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The file that a model came from: its name, its hash, and which of its models was taken."""
+
+    file: str
+    sha256: str
+    number: str = ""
+
+    def __str__(self) -> str:
+        which = f", model {self.number}" if self.number else ""
+        return f"{self.file}{which} (sha256 {self.sha256[:16]})"
+
+
+@dataclass(frozen=True)
+class YawSubject:
+    """A yaw model to be written: already in the file's frame and moment unit, with what the target carries alone.
+
+    `data` is the model file's content, for a card; `logs` are name and hash of the logs it was fitted to, None
+    where that is not known.
+    """
+
+    origin: Origin
+    model: YawModel
+    frame: str
+    form: str
+    settings: Settings
+    left_out: tuple[LeftOut, ...] = ()
+    data: Mapping[str, Any] | None = None
+    logs: tuple[tuple[str, str], ...] | None = None
+
+    @property
+    def values(self) -> dict[str, tuple[float, ...]]:
+        """Values of each term by its effect's name."""
+        return {term.name: term.values for term in self.model.terms}
+
+    def value(self, effect: str) -> float:
+        """The first value of an effect, zero where the model has it not."""
+        return self.values.get(effect, (0.0,))[0]
+
+    @property
+    def inertias(self) -> tuple[float, float]:
+        """Rigid and added inertia; without `rigid_inertia` the total and nothing."""
+        rigid = self.settings.rigid_inertia
+        return (self.model.inertia, 0.0) if rigid is None else (rigid, self.model.inertia - rigid)
+
+    @property
+    def unit(self) -> str:
+        """Unit of inertia, in plain letters."""
+        return f"{self.model.moment_unit} s^2"
+
+    def about_inertia(self) -> str:
+        """The sentence on how the inertia is told."""
+        rigid, added = self.inertias
+        if self.settings.rigid_inertia is None:
+            return (
+                f"Inertia: I_r = {number(rigid)} {self.unit} is the identified total of rigid and added inertia and "
+                "stands in one place, as rigid; no added inertia beside it."
+            )
+        return (
+            f"Inertia: I_r = {number(self.model.inertia)} {self.unit} = {number(rigid)} rigid (given) + "
+            f"{number(added)} added."
+        )
+
+
+@dataclass(frozen=True)
+class MapSubject:
+    """A thruster map to be written; `full_scale` [N] is the largest thrust that was measured, None if not told."""
+
+    origin: Origin
+    map: ThrusterMap
+    frame: str
+    form: str
+    settings: Settings
+    full_scale: float | None = None
+
+
+@dataclass(frozen=True)
+class Written:
+    """The text of a file, and what its reader must be told."""
+
+    text: str
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Target:
+    """One simulator or paper.
+
+    `forms` by name with the ending of the file, the first for who asks for none; `frames` likewise. `carries` the
+    effects it has terms for, `carries_with` the same where that hangs on the settings, `varying` whether also when
+    they differ from run to run; `why` not, by effect, and `instead` the option that helps. `si` whether moments must
+    be newton metres; `uses` the settings that mean something.
+    """
+
+    name: str
+    says: str
+    source: str
+    forms: Mapping[str, str]
+    write: Callable[[Any], Written]
+    frames: tuple[str, ...] = ("NED", "ENU")
+    carries: frozenset[str] = frozenset(DRAG)
+    si: bool = True
+    uses: frozenset[str] = frozenset()
+    takes: str = YAW_MODEL
+    carries_with: Callable[[Settings], frozenset[str]] | None = None
+    instead: str = ""
+    why: Mapping[str, str] = field(default_factory=dict)
+    varying: bool = False
+
+
+def number(value: float) -> str:
+    """A number in a file: eight digits, far below any standard error."""
+    return f"{value + 0.0:.8g}"  # no minus zero
+
+
+def row(values: Iterable[float], between: str = " ") -> str:
+    """Numbers in one line."""
+    return between.join(number(value) for value in values)
+
+
+def at_axis(value: float, axis: int, size: int = 6, rest: float = 0.0) -> list[float]:
+    """`size` numbers of which only the one at `axis` is known."""
+    return [value if i == axis else rest for i in range(size)]
+
+
+def head(subject: YawSubject | MapSubject, equation: str, notes: Iterable[str]) -> list[str]:
+    """What every file begins with: where it came from, equation, frame, units, notes; letters of ASCII only."""
+    lines = [
+        f"Written by automarine {__version__} from {subject.origin}.",
+        f"Equation: {equation}",
+        f"Frame: {FRAMES[subject.frame]}.",
+    ]
+    if isinstance(subject, YawSubject):
+        lines.append(f"Units: moment {subject.model.moment_unit}, rate rad/s, inertia {subject.unit}.")
+        lines += [f"Left out: {one.name}: {one.why}." for one in subject.left_out]
+    return [line.encode("ascii", "backslashreplace").decode("ascii") for line in (*lines, *notes)]
+
+
+def commented(lines: Iterable[str], sign: str) -> str:
+    """Lines of comment in a language whose comments end with the line."""
+    return "".join(f"{sign} {line}\n" for line in lines)
+
+
+def xml_comment(lines: Iterable[str], indent: str = "") -> str:
+    """One XML comment; two hyphens, which would end it, are set apart."""
+    inside = "".join(f"{indent}  {line.replace('--', '- -')}\n" for line in lines)
+    return f"{indent}<!--\n{inside}{indent}-->\n"

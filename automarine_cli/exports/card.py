@@ -1,0 +1,164 @@
+"""A model card: what the model is, how well its numbers are known, where it holds and what it was made from.
+
+After Mitchell et al. (2019), Model cards for model reporting, doi 10.1145/3287560.3287596, for a model of motion.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from automarine_cli import __version__, effects
+from automarine_cli.effects.base import Parameter
+from automarine_cli.exports.base import FRAMES, Target, Written, YawSubject
+from automarine_cli.exports.frames import in_enu
+from automarine_cli.exports.units import in_newton_metres
+from automarine_cli.models.yaw_model import Term, YawModel
+from automarine_cli.report.tables import MISSING, Table, number
+
+BASE = {"k_r": "linear-drag", "k_rr": "quadratic-drag"}
+HEADER = ("parameter", "meaning", "value", "standard error", "95 % interval", "unit")
+SIGNS = (
+    "Signs: I_r r' = tau + the moments of the effects; drag coefficients are positive and act against the rate. "
+    "I_r is the sum of rigid and added inertia."
+)
+NO_RANGE = "The file does not tell which moments were fitted; fit again with this version of automarine."
+NO_LOGS = "Not known: there is no manifest.json beside the model file that is of this file."
+
+
+def write(subject: YawSubject) -> Written:
+    """The card in Markdown."""
+    data = subject.data or {}
+    entry = _mapping(_mapping(data.get("models")).get(subject.origin.number))
+    parts = [
+        f"# Yaw model of {subject.origin.file}\n",
+        f"Model {subject.origin.number}, written by automarine {__version__} from {subject.origin.file}, SHA-256 "
+        f"{subject.origin.sha256}.\n",
+        f"- Moment unit: {subject.model.moment_unit}\n- Frame: {FRAMES[subject.frame]}\n- {SIGNS}\n",
+        "## Parameters\n",
+        Table("", HEADER, tuple(_rows(subject, entry, data))).to_markdown(),
+        "## Covariance\n",
+        _covariance(subject, entry),
+        "## Valid range\n",
+        _range(subject, data),
+        "## Effects\n",
+        _effects(subject),
+        "## Data\n",
+        _logs(subject),
+    ]
+    warnings = data.get("warnings")
+    if isinstance(warnings, list) and warnings:
+        parts += ["## Warnings\n", "".join(f"- {one}\n" for one in warnings)]
+    return Written("\n".join(parts))
+
+
+def _rows(
+    subject: YawSubject, entry: Mapping[str, Any], data: Mapping[str, Any]
+) -> Iterator[tuple[str, ...]]:
+    """One row a parameter; uncertainties turn with the frame and the unit as the values do."""
+    inertia = _told(entry.get("I_r"))
+    factor = subject.settings.newton_metres_per_nu or 1.0
+    yield _row(
+        "I_r", "inertia, rigid and added", [x * factor for x in inertia], f"{subject.model.moment_unit} s²"
+    )
+    added = data.get("effects")
+    found = {_mapping(one).get("name"): _mapping(one) for one in added} if isinstance(added, list) else {}
+    for term in subject.model.terms:
+        parameters = effects.get(term.name).parameters
+        base = {name: entry.get(name) for name, effect in BASE.items() if effect == term.name}
+        given = base if any(base.values()) else _mapping(found.get(term.name, {}).get("parameters"))
+        columns = [_told(given.get(p.name), value) for p, value in zip(parameters, term.values)]
+        told = [_turned(subject, term, [column[i] for column in columns]) for i in range(4)]
+        for i, p in enumerate(parameters):
+            value = term.values[i]
+            spread, ends = abs(told[1][i]), sorted((told[2][i], told[3][i]))
+            yield _row(f"{term.name} {p.name}", _meaning(p, value), [value, spread, *ends], _unit(subject, p))
+
+
+def _turned(subject: YawSubject, term: Term, column: list[float]) -> tuple[float, ...]:
+    """Numbers of the file as the subject's unit and frame have them."""
+    model = YawModel(1.0, (Term(term.name, tuple(column)),))
+    if subject.settings.newton_metres_per_nu is not None:
+        model = in_newton_metres(model, subject.settings.newton_metres_per_nu)
+    return (in_enu(model) if subject.frame == "ENU" else model).terms[0].values
+
+
+def _told(estimate: object, value: float = 0.0) -> list[float]:
+    """Value, standard error and both ends of an estimate; NaN for what the file does not tell."""
+    nothing = float("nan")
+    if not isinstance(estimate, Mapping):
+        known = float(estimate) if isinstance(estimate, int | float) else value
+        return [known, nothing, nothing, nothing]
+    ends = estimate.get("ci95")
+    low, high = ends if isinstance(ends, list) and len(ends) == 2 else (nothing, nothing)
+    return [
+        float(x) if isinstance(x, int | float) else nothing
+        for x in (estimate.get("value"), estimate.get("stderr"), low, high)
+    ]
+
+
+def _row(name: str, meaning: str, told: list[float], unit: str) -> tuple[str, ...]:
+    value, spread, low, high = told
+    ends = MISSING if low != low or high != high else f"{number(low)} to {number(high)}"
+    return (name, meaning, number(value, 5), number(spread, 2), ends, unit)
+
+
+def _meaning(parameter: Parameter, value: float) -> str:
+    return f"{parameter.meaning}: {parameter.choices[int(value)]}" if parameter.choices else parameter.meaning
+
+
+def _unit(subject: YawSubject, parameter: Parameter) -> str:
+    return parameter.unit_for(subject.model.moment_unit)
+
+
+def _covariance(subject: YawSubject, entry: Mapping[str, Any]) -> str:
+    """The matrix of the file, in its own frame and unit, with the run as the unit of the data."""
+    told = _mapping(_mapping(entry.get("output_error")).get("covariance"))
+    names, matrix = told.get("parameters"), told.get("matrix")
+    if not (isinstance(names, list) and isinstance(matrix, list) and len(matrix) == len(names)):
+        return "The file does not tell it; fit again with this version of automarine.\n"
+    rows = tuple((str(name), *(number(x) for x in line)) for name, line in zip(names, matrix))
+    note = "As in the file: its own unit of moment, in NED; in the products of the parameters' units."
+    return Table("", ("", *map(str, names)), rows, notes=(note,)).to_markdown()
+
+
+def _range(subject: YawSubject, data: Mapping[str, Any]) -> str:
+    told = _mapping(data.get("valid_range"))
+    moments, rates = told.get("moment"), told.get("yaw_rate_rad_s")
+    if not isinstance(moments, list):
+        return f"{NO_RANGE}\n"
+    factor = subject.settings.newton_metres_per_nu or 1.0
+    sign = -1.0 if subject.frame == "ENU" else 1.0
+    low, high = sorted(sign * factor * x for x in moments)
+    lines = [f"- moment: {number(low)} to {number(high)} {subject.model.moment_unit}"]
+    if isinstance(rates, list):
+        low, high = sorted(sign * x for x in rates)
+        lines.append(f"- yaw rate: {number(low)} to {number(high)} rad/s, the steady rates of these moments")
+    return "\n".join(lines) + "\n\nBeyond it the model was never compared with a vehicle.\n"
+
+
+def _effects(subject: YawSubject) -> str:
+    lines = [f"- {one.name}: {one.equation}. {one.says}" for one in map(effects.get, subject.values)]
+    lines += [f"- left out: {one.name}: {one.why}" for one in subject.left_out]
+    return "\n".join(lines) + "\n"
+
+
+def _logs(subject: YawSubject) -> str:
+    if subject.logs is None:
+        return f"{NO_LOGS}\n"
+    return Table("", ("log", "SHA-256"), subject.logs).to_markdown()
+
+
+def _mapping(value: object) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+TARGET = Target(
+    name="card",
+    says="a model card: parameters, intervals, covariance, signs, range, data",
+    source="Mitchell et al. (2019), doi 10.1145/3287560.3287596",
+    forms={"markdown": ".md"},
+    carries=frozenset(effects.names()),
+    varying=True,
+    si=False,
+    uses=frozenset({"newton_metres_per_nu"}),
+    write=write,
+)

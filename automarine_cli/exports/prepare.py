@@ -1,0 +1,111 @@
+"""A stored model made fit for a target: its unit of moment, and only the effects that the target has terms for."""
+
+from dataclasses import replace
+
+from automarine_cli import effects
+from automarine_cli import exports as targets
+from automarine_cli.errors import SettingError
+from automarine_cli.exports.base import DRAG, LeftOut, Origin, Settings, Target
+from automarine_cli.exports.units import in_newton_metres
+from automarine_cli.models.yaw_model import Term, YawModel
+from automarine_cli.pipeline.words import listed
+
+WHY = {
+    "sensor": "it acts on the reading, not on the vehicle",
+    "actuator": "it acts in the thrusters, before the moment",
+    "moment": "the target's equation has no such term",
+    "water": "the target's water has no state of its own",
+}
+
+
+def in_unit(target: Target, model: YawModel, settings: Settings, origin: Origin) -> YawModel:
+    """The model in the target's unit of moment. Raises SettingError where its size is not told, or told twice."""
+    factor = settings.newton_metres_per_nu
+    if model.moment_unit == "N m" and factor is not None:
+        raise SettingError(
+            f"{origin.file} is in newton metres already; --newton-metres-per-nu is for moments in nu"
+        )
+    if model.moment_unit == "nu" and target.si and factor is None:
+        raise SettingError(
+            f"{origin.file}: its moments are normalised (nu) and {target.name} needs newton metres; give "
+            "--newton-metres-per-nu with the moment [N m] that one nu stands for, as a bollard test and the "
+            "thrusters' arm tell it"
+        )
+    return model if factor is None else in_newton_metres(model, factor)
+
+
+def split(
+    target: Target, model: YawModel, settings: Settings
+) -> tuple[tuple[Term, ...], tuple[LeftOut, ...]]:
+    """Terms that the target carries, and the others; an effect that is switched off is nobody's loss."""
+    live = [term for term in _merged(model.terms) if _matters(term)]
+    kept = tuple(term for term in live if not _why_not(target, term, settings))
+    lost = (term for term in live if term not in kept)
+    return kept, tuple(LeftOut(term.name, _why_not(target, term, settings)) for term in lost)
+
+
+def _why_not(target: Target, term: Term, settings: Settings) -> str:
+    """Why the target cannot carry a term; empty where it can."""
+    effect = effects.get(term.name)
+    carried = target.carries_with(settings) if target.carries_with else target.carries
+    if effect.varies(term.values) and not target.varying:
+        return "it differs from run to run"
+    if term.name in carried:
+        return ""
+    if term.name in target.why:
+        return target.why[term.name]
+    return f"it needs the logged {listed(effect.needs)}" if effect.needs else WHY[effect.place.value]
+
+
+def _merged(terms: tuple[Term, ...]) -> tuple[Term, ...]:
+    """Drag that a model has twice, once of its own and once found by a diagnosis, as one term."""
+    found: dict[str, Term] = {}
+    for term in terms:
+        twin = found.get(term.name) if term.name in DRAG else None
+        key = f"{term.name} {len(found)}" if term.name in found and twin is None else term.name
+        found[key] = term if twin is None else replace(twin, values=(twin.values[0] + term.values[0],))
+    return tuple(found.values())
+
+
+def _matters(term: Term) -> bool:
+    effect = effects.get(term.name)
+    return any(value != off for value, off, shape in zip(term.values, effect.off, effect.shapes) if not shape)
+
+
+def cannot(target: Target, left_out: tuple[LeftOut, ...], origin: Origin) -> str:
+    """The sentence for effects that the target has no term for."""
+    told = "; ".join(f"{one.name} ({one.why})" for one in left_out)
+    python = targets.get("python").carries
+    hint = ", or take --to python, which has them" if all(one.name in python for one in left_out) else ""
+    return (
+        f"{origin.file}: {target.name} cannot represent {told}; give {target.instead or ''}--allow-partial to write "
+        f"the file without{hint}"
+    )
+
+
+def refuse_inertia(rigid: float | None, model: YawModel, origin: Origin) -> None:
+    """Raise SettingError for a rigid inertia that is no part of the total."""
+    if rigid is not None and not 0.0 < rigid <= model.inertia:
+        raise SettingError(
+            f"--rigid-inertia: found {rigid:g}, expected more than 0 and no more than {model.inertia:.6g} "
+            f"{model.moment_unit} s², the total of rigid and added inertia in {origin.file}; check unit and axis"
+        )
+
+
+def refuse_driving(model: YawModel, target: Target, origin: Origin) -> None:
+    """Raise SettingError for a linear drag that is none: model 2 may have one of the wrong sign."""
+    k_r, _ = model.drag()
+    if k_r < 0:
+        raise SettingError(
+            f"{origin.file}, model {origin.number}: k_r = {k_r:.4g} {model.moment_unit} s would drive the vehicle at "
+            f"small rates, and {target.name} would not come to rest; take a model without it with --number 1 or 3"
+        )
+
+
+def refuse_unused(target: Target, settings: Settings) -> None:
+    """Raise SettingError for a setting that the target does not use."""
+    for name in settings.given:
+        if name not in target.uses and name != "allow_partial":
+            users = [one for one in targets.names() if name in targets.get(one).uses]
+            option = f"--{name.replace('_', '-')}"
+            raise SettingError(f"{option} means nothing to {target.name}; it is for {listed(users)}")

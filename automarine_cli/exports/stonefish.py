@@ -1,0 +1,68 @@
+"""Stonefish: what of its geometry's hydrodynamics can be set for one axis, and a warning for the rest.
+
+Stonefish sums drag over the faces of the mesh and multiplies the sums by coefficients along the body's axes: the torque
+about z is -quadratic_drag_z Q |r| r - viscous_drag_z V r, where Q and V [N m at 1 rad/s] are the mesh's own. They are
+not known here: let the vehicle turn at 1 rad/s with quadratic_drag="1 1 1" viscous_drag="0 0 0", read the torque, then
+the other way about, and give both with --mesh-torque. Sources: stonefish.readthedocs.io, "Theory" (drag, added mass)
+and "Dynamic bodies" (physics modes, <inertia>); attributes viscous_drag and quadratic_drag of <hydrodynamics> in
+Library/src/core/ScenarioParser.cpp and SolidEntity::CorrectHydrodynamicForces. Releases differ in the power with which
+the form drag grows, so Q holds at the rate at which it was read.
+
+Added inertia cannot be set: it is approximated from the geometry where physics="submerged", and is nothing where
+physics="floating", which is why the total stands in one place there.
+"""
+
+from automarine_cli.exports.base import DRAG, Settings, Target, Written, YawSubject, head, number, xml_comment
+
+EQUATION = "I r' = tau - quadratic_drag_z Q |r| r - viscous_drag_z V r"
+HEAVE = (
+    "Warning: the z entries of quadratic_drag and viscous_drag scale the drag in heave as well; check heave after "
+    "setting them."
+)
+DRAG_UNSET = "Warning: no drag is set; it needs --mesh-torque."
+ADDED = (
+    'Warning: added inertia cannot be set in Stonefish; the total stands in <inertia> and physics is "floating", '
+    "which adds none of its own in any direction."
+)
+OTHERS = "The x and y entries of inertia and drag are placeholders: put your own."
+
+
+def carries_with(settings: Settings) -> frozenset[str]:
+    """Drag can be told only against the mesh's own."""
+    return frozenset() if settings.mesh_torque is None else frozenset(DRAG)
+
+
+def write(subject: YawSubject) -> Written:
+    """The elements that belong into the body's definition."""
+    total = number(subject.model.inertia)
+    notes: tuple[str, ...]
+    drag, notes = "", (ADDED, DRAG_UNSET, OTHERS)
+    if subject.settings.mesh_torque is not None:
+        quadratic, viscous = subject.settings.mesh_torque
+        form = number(subject.value("quadratic-drag") / quadratic)
+        friction = number(subject.value("linear-drag") / viscous)
+        drag = f'  <hydrodynamics viscous_drag="1 1 {friction}" quadratic_drag="1 1 {form}"/>\n'
+        told = f"Mesh: Q = {number(quadratic)} N m, V = {number(viscous)} N m at 1 rad/s (given)."
+        notes = (ADDED, HEAVE, told, OTHERS)
+    return Written(
+        f"""<?xml version="1.0"?>
+{xml_comment(head(subject, EQUATION, notes))}<base_link name="base_link" physics="floating">
+  <inertia xyz="{total} {total} {total}"/>
+{drag}</base_link>
+""",
+        notes,
+    )
+
+
+TARGET = Target(
+    name="stonefish",
+    says="Stonefish: inertia, and drag coefficients where the mesh's own drag is given",
+    source="stonefish.readthedocs.io, Dynamic bodies",
+    forms={"body": ".scn"},
+    frames=("NED",),
+    uses=frozenset({"newton_metres_per_nu", "mesh_torque"}),
+    write=write,
+    carries_with=carries_with,
+    instead="--mesh-torque for the drag of the mesh, or ",
+    why=dict.fromkeys(DRAG, "its coefficient counts against the drag of your mesh"),
+)

@@ -1,0 +1,232 @@
+"""`export`: a model written for a simulator or a paper; what the target cannot represent is listed, and refused."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from automarine_cli import exports as targets
+from automarine_cli.errors import ModelError, SettingError
+from automarine_cli.exports.base import (
+    THRUSTER_MAP,
+    LeftOut,
+    MapSubject,
+    Origin,
+    Settings,
+    Target,
+    Written,
+    YawSubject,
+)
+from automarine_cli.exports.frames import in_enu
+from automarine_cli.exports.prepare import (
+    cannot,
+    in_unit,
+    refuse_driving,
+    refuse_inertia,
+    refuse_unused,
+    split,
+)
+from automarine_cli.models.store import yaw_models_from_json
+from automarine_cli.models.thruster_map import SCHEMA as MAP_SCHEMA
+from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.pipeline.manifest import sha256
+from automarine_cli.pipeline.one_file import refuse_existing, write_whole
+from automarine_cli.pipeline.plain_data import read_plain
+from automarine_cli.pipeline.reuse import manifest_of
+from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.report.tables import Table
+
+SCHEMA = "automarine/export/1"
+
+
+@dataclass(frozen=True)
+class Exported:
+    """The file's text, with what it holds, what it leaves out, and what its reader must be told."""
+
+    target: str
+    form: str
+    frame: str
+    origin: Origin
+    moment_unit: str | None
+    carried: tuple[str, ...]
+    left_out: tuple[LeftOut, ...]
+    written: Written
+
+    @property
+    def text(self) -> str:
+        """The file's content."""
+        return self.written.text
+
+    def to_json(self) -> dict[str, Any]:
+        """Schema automarine/export/1."""
+        return {
+            "schema": SCHEMA,
+            "target": self.target,
+            "form": self.form,
+            "frame": self.frame,
+            "moment_unit": self.moment_unit,
+            "source": {
+                "file": self.origin.file,
+                "sha256": self.origin.sha256,
+                "model": self.origin.number or None,
+            },
+            "carried": list(self.carried),
+            "left_out": [vars(one) for one in self.left_out],
+            "notes": list(self.written.notes),
+            "text": self.text,
+        }
+
+    def tables(self) -> tuple[Table | str, ...]:
+        """What is in the file, what is not, and the notes."""
+        held = f"{self.target}, form {self.form}, frame {self.frame}: {listed(self.carried)}."
+        return (held, *(f"Left out: {one.name}: {one.why}." for one in self.left_out), *self.written.notes)
+
+
+@dataclass(frozen=True)
+class Targets:
+    """All targets, for the list."""
+
+    targets: tuple[Target, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Schema automarine/export-targets/1."""
+        return {
+            "schema": "automarine/export-targets/1",
+            "targets": [
+                {
+                    "name": one.name,
+                    "says": one.says,
+                    "takes": one.takes,
+                    "forms": dict(one.forms),
+                    "frames": list(one.frames),
+                    "effects": sorted(one.carries),
+                    "newton_metres": one.si,
+                    "source": one.source,
+                }
+                for one in self.targets
+            ],
+        }
+
+    def tables(self) -> tuple[Table, ...]:
+        """One row a target."""
+        rows = tuple(
+            (one.name, one.says, ", ".join(one.forms), ", ".join(one.frames)) for one in self.targets
+        )
+        note = "The first form and the first frame are taken where none is asked for; --json tells the effects of each."
+        return (Table("Targets", ("target", "writes", "forms", "frames"), rows, notes=(note,)),)
+
+
+def export_targets() -> Targets:
+    """Every target there is."""
+    return Targets(tuple(targets.get(name) for name in targets.names()))
+
+
+def export(
+    model: Path,
+    *,
+    to: str,
+    form: str | None = None,
+    number: str | None = None,
+    frame: str | None = None,
+    rigid_inertia: float | None = None,
+    newton_metres_per_nu: float | None = None,
+    mesh_torque: tuple[float, float] | None = None,
+    symmetrise: bool = False,
+    n_max: float | None = None,
+    lag: float | None = None,
+    allow_partial: bool = False,
+    out: Path | None = None,
+    overwrite: bool = False,
+) -> Exported:
+    """Write the model in a file `model` for the target `to`, into `out` if that is given.
+
+    The settings are those of `exports.base.Settings`; `number` is which of the file's yaw models (by default the
+    preferred one), `frame` ENU or NED (by default the target's own). Raises ModelError, SettingError or OutputError,
+    for an effect too that the target cannot represent, unless `allow_partial`.
+    """
+    target = targets.get(to)
+    settings = Settings(
+        rigid_inertia, newton_metres_per_nu, mesh_torque, symmetrise, n_max, lag, allow_partial
+    )
+    refuse_unused(target, settings)
+    asked = _one_of(target.forms, form or _form_by_ending(target, out), f"--form of {target.name}")
+    seen = _one_of(target.frames, (frame or target.frames[0]).upper(), f"--frame of {target.name}")
+    if out is not None:
+        refuse_existing(out, overwrite=overwrite)
+    data = read_plain(model, "JSON", ModelError)
+    origin = Origin(printable(model.name), sha256(model))
+    if target.takes == THRUSTER_MAP:
+        result = _of_map(target, data, origin, asked, seen, settings)
+    else:
+        result = _of_yaw(target, data, origin, number, asked, seen, settings, _logs_of(model, origin))
+    if out is not None:
+        write_whole(out, result.text)
+    return result
+
+
+def _of_map(
+    target: Target, data: Mapping[str, Any], origin: Origin, form: str, frame: str, settings: Settings
+) -> Exported:
+    if data.get("schema") != MAP_SCHEMA and "models" in data:
+        raise SettingError(
+            f"{origin.file} is a yaw model; --to {target.name} takes the thrusters.json of a fit"
+        )
+    found = ThrusterMap.from_json(data, origin.file)
+    scale = data.get("full_scale_N")
+    full_scale = float(scale) if isinstance(scale, int | float) and not isinstance(scale, bool) else None
+    subject = MapSubject(origin, found, frame, form, settings, full_scale)
+    return Exported(target.name, form, frame, origin, None, ("thruster map",), (), target.write(subject))
+
+
+def _of_yaw(
+    target: Target,
+    data: Mapping[str, Any],
+    origin: Origin,
+    number: str | None,
+    form: str,
+    frame: str,
+    settings: Settings,
+    logs: tuple[tuple[str, str], ...] | None,
+) -> Exported:
+    if data.get("schema") == MAP_SCHEMA:
+        raise SettingError(f"{origin.file} is a thruster map; --to {target.name} takes a yaw model, as --to thrusters "
+                           "takes a map")  # fmt: skip
+    stored = yaw_models_from_json(data, origin.file)
+    which = _one_of(stored.models, number or stored.preferred, "--number")
+    origin = replace(origin, number=which)
+    model = in_unit(target, stored.models[which], settings, origin)
+    model = in_enu(model) if frame == "ENU" else model
+    kept, left_out = split(target, model, settings)
+    if left_out and not settings.allow_partial:
+        raise SettingError(cannot(target, left_out, origin))
+    part = replace(model, terms=kept)
+    refuse_inertia(settings.rigid_inertia, part, origin)
+    if target.si:
+        refuse_driving(part, target, origin)
+    subject = YawSubject(origin, part, frame, form, settings, left_out, data, logs)
+    carried = ("inertia", *(term.name for term in kept))
+    return Exported(
+        target.name, form, frame, origin, part.moment_unit, carried, left_out, target.write(subject)
+    )
+
+
+def _form_by_ending(target: Target, out: Path | None) -> str:
+    """The first form whose files end as `out` does, else the first of all."""
+    ending = "" if out is None else out.suffix.lower()
+    return next((form for form, its in target.forms.items() if its == ending), next(iter(target.forms)))
+
+
+def _one_of(known: Any, asked: str, what: str) -> str:
+    if asked not in known:
+        raise SettingError(f"{what}: found {asked}, expected {' or '.join(known)}")
+    return asked
+
+
+def _logs_of(model: Path, origin: Origin) -> tuple[tuple[str, str], ...] | None:
+    """Names and hashes of the logs that the model was fitted to, from the manifest beside it; None if it is not its."""
+    manifest = manifest_of(model.parent)
+    if manifest is None or not any(one.sha256 == origin.sha256 for one in manifest.outputs):
+        return None
+    return tuple(
+        (one.file, one.sha256 or "unreadable") for one in manifest.inputs if one.role in ("log", "hold_out")
+    )

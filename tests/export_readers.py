@@ -1,0 +1,292 @@
+"""Reads exported files back without the library and integrates each target's documented equation.
+
+One reader a target and form: text -> `slope(rate, moment)`, the yaw acceleration in the target's own frame, written
+from the target's documentation and not from our exporter.
+"""
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Slope = Callable[[float, float], float]
+
+MESH_TORQUE = (2.5, 0.4)  # N m at 1 rad/s: the yaw drag that Stonefish would find on the vehicle's mesh
+
+
+def number_in(root: ET.Element, path: str, missing: float | None = None) -> float:
+    """The number in the element at `path`."""
+    text = root.findtext(path)
+    if text is None:
+        assert missing is not None, f"no {path}"
+        return missing
+    return float(text)
+
+
+def gz_sim(text: str) -> Slope:
+    """Hydrodynamics system: torque nR r + nRabsR |r| r + nRR r^2 + nDotR r', beside the engine's fluid added mass."""
+    root = ET.fromstring(text)
+    plugin = root.find(".//plugin[@name='gz::sim::systems::Hydrodynamics']")
+    assert plugin is not None and plugin.get("filename") == "gz-sim-hydrodynamics-system"
+    link = root.find(f".//link[@name='{plugin.findtext('link_name')}']")
+    assert link is not None
+    own = {i: number_in(link, f"inertial/inertia/i{i}{i}") for i in "xyz"}
+    assert (
+        own["z"] <= own["x"] + own["y"] and number_in(link, "inertial/mass") > 0
+    )  # or libsdformat refuses it
+    fluid = number_in(link, "inertial/fluid_added_mass/rr", 0.0)
+    switched_off = plugin.findtext("disable_added_mass") == "true"
+    derivative = 0.0 if switched_off else number_in(plugin, "nDotR", 0.0)
+    assert fluid == 0.0 or switched_off, "added inertia in two places"
+    linear, absolute, square = (number_in(plugin, tag, 0.0) for tag in ("nR", "nRabsR", "nRR"))
+    inertia = own["z"] + fluid - derivative
+    return lambda r, tau: (tau + linear * r + absolute * abs(r) * r + square * r * r) / inertia
+
+
+def uuv_urdf(text: str) -> Slope:
+    """HMFossen: D = -linear - quadratic |r|, torque -D r - Ma r'."""
+    root = ET.fromstring(text)
+    model = root.find(".//hydrodynamic_model")
+    assert model is not None and model.findtext("type") == "fossen"
+    mass = np.array(str(model.findtext("added_mass")).split(), float)
+    linear = np.array(str(model.findtext("linear_damping")).split(), float)
+    quadratic = np.array(str(model.findtext("quadratic_damping")).split(), float)
+    assert mass.shape == (36,) and linear.shape == quadratic.shape == (6,)
+    own = root.find("link/inertial/inertia")
+    assert own is not None
+    return fossen(float(own.attrib["izz"]), mass.reshape(6, 6), linear, quadratic)
+
+
+def fossen(izz: float, mass: Floats, linear: Floats, quadratic: Floats) -> Slope:
+    """The Fossen model about z alone; nothing else may be coupled to it."""
+    assert np.count_nonzero(mass) <= 1 and not linear[:5].any() and not quadratic[:5].any()
+    damping = lambda r: -linear[5] - quadratic[5] * abs(r)  # noqa: E731
+    return lambda r, tau: (tau - damping(r) * r) / (izz + mass[5, 5])
+
+
+def yaml_of(text: str) -> dict[str, object]:
+    """The YAML that these files use: keys, numbers, lists in one line, lists of lists, one level of keys."""
+    found: dict[str, object] = {}
+    last = ""
+    for line in text.splitlines():
+        line = line.partition("#")[0].rstrip()
+        if not line:
+            continue
+        row = re.fullmatch(r"- \[(.*)\]", line)
+        if row:
+            matrix = found.setdefault(last, [])
+            if matrix is None:
+                matrix = found[last] = []
+            assert isinstance(matrix, list)
+            matrix.append([float(x) for x in row[1].split(",")])
+            continue
+        key, _, value = line.strip().partition(": ")
+        if line.startswith("  "):
+            if found[last] is None:
+                found[last] = {}
+            inner = found[last]
+            assert isinstance(inner, dict)
+            inner[key] = float(value)
+        elif value.startswith("["):
+            found[key] = [float(x) for x in value.strip("[]").split(",")]
+        elif not value:
+            last = key.rstrip(":")
+            found[last] = None
+        else:
+            found[key] = value == "true" if value in ("true", "false") else float(value)
+    return found
+
+
+def uuv_controller(text: str) -> Slope:
+    """Vehicle of uuv_control_interfaces: D = -linear_damping - quad_damping |r|, (M + Ma) r' = tau - D r."""
+    data = yaml_of(text)
+    inertial, mass = data["inertial"], np.array(data["Ma"])
+    assert isinstance(inertial, dict) and set(inertial) == {"ixx", "iyy", "izz", "ixy", "ixz", "iyz"}
+    linear, quadratic = (np.array(data[key], float) for key in ("linear_damping", "quad_damping"))
+    assert mass.shape == (6, 6) and linear.shape == quadratic.shape == (6,)
+    return fossen(inertial["izz"], mass, linear, quadratic)
+
+
+def labust(text: str) -> Slope:
+    """RBModel, uncoupled: (Io + Ma) r' = tau - (Dlin + Dquad |r|) r."""
+    data = yaml_of(text)
+    io, ma, linear, quadratic = (
+        np.array(data[key], float)
+        for key in ("inertia_matrix", "added_mass", "linear_damping", "quadratic_damping")
+    )
+    assert io.shape == (3,) and ma.shape == linear.shape == quadratic.shape == (6,)
+    assert np.all(io > 0) and data["coupled"] is False
+    return lambda r, tau: (tau - (linear[5] + quadratic[5] * abs(r)) * r) / (io[2] + ma[5])
+
+
+def constants_of(text: str) -> dict[str, float]:
+    """`name = number` in each line of Python or MATLAB that is no comment."""
+    lines = (re.split("[#%;]", line)[0] for line in text.splitlines())
+    return {k.strip(): float(v) for k, _, v in (line.partition("=") for line in lines) if v.strip()}
+
+
+def mss(text: str) -> Slope:
+    """(I_z - N_rdot) r' = tau + N_r r + N_rr |r| r + N_rrr r^3 + N_r2 r^2 + N_0."""
+    c = {"N_rrr": 0.0, "N_r2": 0.0, "N_0": 0.0} | constants_of(text)
+    assert c["N_r"] <= 0 and c["N_rr"] <= 0 and c["N_rdot"] <= 0 < c["I_z"]
+
+    def slope(r: float, tau: float) -> float:
+        drag = c["N_r"] * r + c["N_rr"] * abs(r) * r + c["N_rrr"] * r**3 + c["N_r2"] * r * r
+        return (tau + drag + c["N_0"]) / (c["I_z"] - c["N_rdot"])
+
+    return slope
+
+
+def stonefish(text: str) -> Slope:
+    """The mesh's own drag times the z coefficients; physics "floating" adds no inertia."""
+    root = ET.fromstring(text)
+    own, drag = root.find("inertia"), root.find("hydrodynamics")
+    assert root.get("physics") == "floating" and own is not None
+    inertia = [float(x) for x in own.attrib["xyz"].split()]
+    form = friction = 0.0
+    if drag is not None:
+        quadratic, viscous = (
+            [float(x) for x in drag.attrib[k].split()] for k in ("quadratic_drag", "viscous_drag")
+        )
+        assert len(quadratic) == len(viscous) == 3 and min(*quadratic, *viscous) >= 0  # or they are ignored
+        form, friction = quadratic[2] * MESH_TORQUE[0], viscous[2] * MESH_TORQUE[1]
+    return lambda r, tau: (tau - form * abs(r) * r - friction * r) / inertia[2]
+
+
+READERS: dict[tuple[str, str], Callable[[str], Slope]] = {
+    ("gz-sim", "fluid-added-mass"): gz_sim,
+    ("gz-sim", "added-mass-derivative"): gz_sim,
+    ("uuv", "urdf"): uuv_urdf,
+    ("uuv", "controller"): uuv_controller,
+    ("labust", "model"): labust,
+    ("mss", "python"): mss,
+    ("mss", "matlab"): mss,
+    ("stonefish", "body"): stonefish,
+}
+
+
+def rk4(
+    slope: Slope, moment: float, rate0: float, seconds: float, step: float = 0.005
+) -> tuple[Floats, Floats]:
+    """Times and yaw rates under a constant moment, by classical Runge-Kutta."""
+    rates = [rate0]
+    for _ in range(round(seconds / step)):
+        r = rates[-1]
+        a = slope(r, moment)
+        b = slope(r + step / 2 * a, moment)
+        c = slope(r + step / 2 * b, moment)
+        rates.append(r + step / 6 * (a + 2 * b + 2 * c + slope(r + step * c, moment)))
+    return step * np.arange(len(rates)), np.array(rates)
+
+
+def rise_time(time: Floats, rate: Floats) -> float:
+    """When the rate has come 1 - 1/e of its way to the end, between samples."""
+    share = (rate - rate[0]) / (rate[-1] - rate[0])
+    return float(np.interp(1.0 - np.exp(-1.0), share, time))
+
+
+def fall_time(time: Floats, rate: Floats) -> float:
+    """When the rate has fallen to 1/e of its start, between samples."""
+    return float(np.interp(-np.exp(-1.0), -rate / rate[0], time))
+
+
+# Thrusters: control signal -> thrust, from each file
+
+
+def constants_law(text: str) -> Callable[[Floats], Floats]:
+    """Otter: k_pos n |n| ahead, k_neg n |n| astern, n within its limits."""
+    c = constants_of(text)
+    assert c["n_min"] < 0 < c["n_max"]
+
+    def law(n: Floats) -> Floats:
+        n = np.clip(n, c["n_min"], c["n_max"])
+        return np.where(n > 0, c["k_pos"], c["k_neg"]) * n * np.abs(n)
+
+    return law
+
+
+def dead_band_law(reverse: float, forward: float, lower: float, upper: float) -> Callable[[Floats], Floats]:
+    """Bessa's law of uuv_simulator and Stonefish's dead band: limits count against n |n|."""
+    assert lower <= 0 <= upper and min(reverse, forward) >= 0
+
+    def law(n: Floats) -> Floats:
+        vv = n * np.abs(n)
+        return np.where(vv < lower, reverse * (vv - lower), np.where(vv > upper, forward * (vv - upper), 0.0))
+
+    return law
+
+
+def stonefish_law(text: str) -> Callable[[Floats], Floats]:
+    """Setpoints limited on both sides alike, then the thrust model."""
+    root = ET.fromstring(text)
+    specs, model = root.find("specs"), root.find("thrust_model")
+    assert specs is not None and model is not None and root.find("rotor_dynamics") is not None
+    most, kind = float(specs.attrib["max_setpoint"]), model.attrib["type"]
+    if kind == "deadband":
+        coeff, band = (model.find(tag) for tag in ("thrust_coeff", "deadband"))
+        assert coeff is not None and band is not None
+        inner = dead_band_law(*(float(x) for x in (
+            coeff.attrib["reverse"], coeff.attrib["forward"], band.attrib["lower"], band.attrib["upper"])))  # fmt: skip
+    else:
+        assert kind == "linear_interpolation"
+        n, f = ([float(x) for x in model.find(tag).attrib["value"].split()] for tag in ("input", "output"))  # type: ignore[union-attr]
+        inner = table_law(np.array(n), np.array(f))
+    return lambda n: inner(np.clip(n, -most, most))
+
+
+def table_law(n: Floats, force: Floats) -> Callable[[Floats], Floats]:
+    """Straight lines between points in order, the last value beyond them."""
+    assert len(n) == len(force) and np.all(np.diff(n) > 0)
+    return lambda x: np.interp(x, n, force)
+
+
+def uuv_law(text: str) -> Callable[[Floats], Floats]:
+    """Command clamped, then the conversion."""
+    plugin = ET.fromstring(text).find(".//plugin")
+    assert plugin is not None and plugin.findtext("dynamics/type") in ("ZeroOrder", "FirstOrder")
+    low, high = number_in(plugin, "clampMin"), number_in(plugin, "clampMax")
+    if plugin.findtext("conversion/type") == "Bessa":
+        names = ("rotorConstantL", "rotorConstantR", "deltaL", "deltaR")
+        inner = dead_band_law(*(number_in(plugin, f"conversion/{name}") for name in names))
+    else:
+        assert plugin.findtext("conversion/type") == "LinearInterp"
+        tags = ("inputValues", "outputValues")
+        inner = table_law(*(np.array(str(plugin.findtext(f"conversion/{t}")).split(), float) for t in tags))
+    return lambda n: inner(np.clip(n, low, high))
+
+
+def gz_law(text: str) -> Callable[[Floats], Floats]:
+    """Thruster system with use_angvel_cmd: thrust = coefficient density diameter^4 |w| w."""
+    plugin = ET.fromstring(text).find(".//plugin[@name='gz::sim::systems::Thruster']")
+    assert (
+        plugin is not None and plugin.findtext("use_angvel_cmd") == "true" and plugin.findtext("joint_name")
+    )
+    c, rho, d, low, high = (
+        number_in(plugin, tag)
+        for tag in (
+            "thrust_coefficient",
+            "fluid_density",
+            "propeller_diameter",
+            "min_thrust_cmd",
+            "max_thrust_cmd",
+        )
+    )
+
+    def law(n: Floats) -> Floats:
+        w = np.clip(n, low, high)
+        return c * d**4 * np.abs(w) * w * rho
+
+    return law
+
+
+LAWS: dict[str, Callable[[str], Callable[[Floats], Floats]]] = {
+    "constants": constants_law,
+    "stonefish-deadband": stonefish_law,
+    "stonefish-table": stonefish_law,
+    "uuv-bessa": uuv_law,
+    "uuv-table": uuv_law,
+    "gz-thruster": gz_law,
+}
