@@ -308,38 +308,99 @@ def test_a_browser_shows_it_without_a_word_to_anybody(tab: tuple[Tab, Path], wid
     assert (paper < 100 and ink > 600) if dark else (paper > 700 and ink < 150)
 
 
+class FirstFigure:
+    """The first figure of the page in the middle of the window, and where its values stand on the screen."""
+
+    def __init__(self, shown: Tab) -> None:
+        figure = "document.querySelector('figure svg')"
+        shown.value(f"{figure}.scrollIntoView({{block: 'center', behavior: 'instant'}})")
+        self.shown = shown
+        self.box = shown.value(
+            f"(({{left, top, width, height}}) => [left, top, width, height])({figure}.getBoundingClientRect())"
+        )
+        self.panel = shown.value(f"JSON.parse({figure}.dataset.panels)[0]")
+        self.size = [float(x) for x in shown.value(f"{figure}.getAttribute('viewBox')").split()[2:]]
+
+    def place(self, x: float, y: float) -> tuple[float, float]:
+        """Where a value stands on the screen."""
+        left, top, right, bottom = self.panel["box"]
+        (x0, x1), (y0, y1) = self.panel["x"], self.panel["y"]
+        across, down = (
+            left + (x - x0) / (x1 - x0) * (right - left),
+            bottom - (y - y0) / (y1 - y0) * (bottom - top),
+        )
+        return self.box[0] + across / self.size[0] * self.box[2], self.box[1] + down / self.size[
+            1
+        ] * self.box[3]
+
+    def said(self) -> list[float]:
+        """The values that are shown beside the pointer; none where nothing is shown."""
+        text = self.shown.value(
+            "[...document.querySelectorAll('.says')].find(e => !e.hidden)?.textContent ?? ''"
+        )
+        lines = text.split("\n") if text else []
+        assert [line.rpartition(": ")[0] for line in lines] in ([], self.panel["says"])
+        return [float(line.rpartition(": ")[2].replace("−", "-")) for line in lines]
+
+    def ticks(self) -> list[str]:
+        """The ticks that a zoom has drawn."""
+        return self.shown.value("[...document.querySelectorAll('.zoomed text')].map(e => e.textContent)")
+
+
 def test_a_pointer_finds_values_and_draws_closer(tab: tuple[Tab, Path]) -> None:
     shown, path = tab
     shown.open(path)
-    figure = "document.querySelector('figure svg')"
-    shown.value(f"{figure}.scrollIntoView({{block: 'center', behavior: 'instant'}})")
-    box = shown.value(
-        f"(({{left, top, width, height}}) => [left, top, width, height])({figure}.getBoundingClientRect())"
-    )
-    panel = shown.value("JSON.parse(document.querySelector('figure svg').dataset.panels)[0]")
-    wide, high = shown.value("document.querySelector('figure svg').getAttribute('viewBox')").split()[2:]
-
-    def place(x: float, y: float) -> tuple[float, float]:
-        """Where a value stands on the screen."""
-        left, top, right, bottom = panel["box"]
-        across = left + (x - panel["x"][0]) / (panel["x"][1] - panel["x"][0]) * (right - left)
-        down = bottom - (y - panel["y"][0]) / (panel["y"][1] - panel["y"][0]) * (bottom - top)
-        return box[0] + across / float(wide) * box[2], box[1] + down / float(high) * box[3]
-
-    shown.mouse("mouseMoved", *place(-40.0, 4.0))
-    said = shown.value("[...document.querySelectorAll('.says')].find(e => !e.hidden).textContent").split("\n")
-    assert [line.rpartition(": ")[0] for line in said] == panel["says"]
-    found = [float(line.rpartition(": ")[2].replace("−", "-")) for line in said]
-    assert found == pytest.approx([-40.0, 4.0], abs=0.5)
-
-    start, end = place(18.0, 1.0), place(102.0, 1.0)
+    figure = FirstFigure(shown)
+    shown.mouse("mouseMoved", *figure.place(-40.0, 4.0))
+    assert figure.said() == pytest.approx([-40.0, 4.0], abs=0.5)
+    start, end = figure.place(18.0, 1.0), figure.place(102.0, 1.0)
     shown.mouse("mousePressed", *start, button="left", buttons=1, clickCount=1)
     shown.mouse("mouseMoved", *end, button="left", buttons=1)
     shown.mouse("mouseReleased", *end, button="left", clickCount=1)
-    ticks = shown.value("[...document.querySelectorAll('.zoomed text')].map(e => e.textContent)")
-    assert ticks == ["20", "40", "60", "80", "100"]
+    assert figure.ticks() == ["20", "40", "60", "80", "100"]
     shown.value("[...document.querySelectorAll('figcaption button')].find(e => !e.hidden).click()")
-    assert shown.value("document.querySelectorAll('.zoomed').length") == 0 and shown.problems == []
+    assert figure.ticks() == [] and shown.problems == []
+    assert "point for values" in shown.value("document.querySelector('.hint').textContent")
+
+
+@pytest.mark.parametrize("width", [820, 390])
+def test_a_finger_finds_values_and_draws_closer_and_a_swipe_scrolls(
+    tab: tuple[Tab, Path], width: int
+) -> None:
+    shown, path = tab
+    shown.open(path, width=width, height=800, touch=True)
+    figure = FirstFigure(shown)
+    assert "tap for values" in shown.value("document.querySelector('.hint').textContent")
+
+    def tap(x: float, y: float) -> None:
+        shown.finger("touchStart", (x, y))
+        shown.finger("touchEnd")
+
+    tap(*figure.place(-40.0, 4.0))
+    assert figure.said() == pytest.approx([-40.0, 4.0], abs=1.0)  # and it stays when the finger is gone
+    assert (
+        shown.value(
+            "[...document.querySelectorAll('.says')].find(e => !e.hidden).getBoundingClientRect().left"
+        )
+        >= 0
+    )
+
+    across = "document.querySelector('figure').scrollLeft"
+    scrolled, aside = shown.value("scrollY"), shown.value(across)
+    shown.swipe(figure.place(-110.0, 1.0), figure.place(-26.0, 1.0), hold_s=0.6)
+    assert figure.ticks() == ["−100", "−80", "−60", "−40"]
+    # the page stays under a finger that has been held
+    assert (shown.value("scrollY"), shown.value(across)) == (scrolled, aside)
+    for _ in range(2):
+        tap(*figure.place(0.0, 4.0))
+    assert figure.ticks() == []
+
+    before = figure.place(0.0, 1.0)
+    shown.swipe(before, (before[0] + 3, before[1] - 200))
+    assert figure.ticks() == []
+    assert shown.value("new Promise(done => setTimeout(() => done(scrollY), 300))") > scrolled + 100
+    tap(width / 2, 5.0)  # anywhere else takes the values away
+    assert figure.said() == [] and shown.problems == []
 
 
 def test_tables_are_copied_with_the_names_that_they_show(tab: tuple[Tab, Path]) -> None:

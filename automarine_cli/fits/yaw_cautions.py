@@ -50,7 +50,8 @@ def fit_cautions(fits: Mapping[str, OutputErrorFit]) -> list[Caution]:
                 Caution(
                     number,
                     EVERY,
-                    f"Model {number} had not converged after {fit.mixed.iterations} iterations; its numbers are rough.",
+                    f"Model {number} had not converged after {fit.mixed.iterations} iterations; its numbers are rough: "
+                    "do not use them, or add runs.",
                     grave=True,
                 )
             )

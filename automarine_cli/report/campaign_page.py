@@ -69,10 +69,12 @@ def _yaw(steps: Steps) -> list[str]:
         blocks.append(
             f"The inertial turn angle I_r/k_r|r| is {escape(turn)} rad, whatever the unit of the moment."
         )
-    blocks += [
+    tables = [
         re.sub(r"\A\*\*(.*)\*\*", r"### \1", step.text(f"{table}.md")) for table in ("table1", "table2")
     ]
-    blocks += [_bullets([escape(f"Warning: {line}") for line in step.at("warnings")])]
+    noted = "\n".join(tables)
+    warnings = [escape(str(line)) for line in step.at("warnings")]
+    blocks += [*tables, _bullets([f"Warning: {line}" for line in warnings if line not in noted])]
     figures = [picture(step, stem) for stem in ("drag", "inertia", "half_turns", "collapse", "whole_runs")]
     return [*blocks, "### Figures of the fit", *figures]
 

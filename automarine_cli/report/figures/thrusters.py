@@ -35,7 +35,8 @@ def thruster_figure(result: ThrusterFit) -> Figure:
     rest.set_ylabel("Measured − fitted [N]")
     rest.set_xlabel(f"Control signal n [{result.analysis.n_unit or 'unit as logged'}]")
     legend(thrust, loc="upper left")
-    legend(rest, loc="best", ncols=2)
+    if len(rest.get_legend_handles_labels()[0]) > 1:
+        legend(rest, loc="best", ncols=2)
     return figure
 
 

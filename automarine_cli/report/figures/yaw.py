@@ -168,7 +168,7 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
         bottom.plot(scaled, np.degrees(turned - curve), "o", **look)
         longest = max(longest, float(scaled.max(initial=0.0)))
     grid = np.linspace(0.0, longest, 400)
-    name = r"$(I_r/k_{r|r|})\,\ln\cosh\,(s\sqrt{k_{r|r|}}/I_r)$"
+    name = r"$(I_r/k_{r|r|})\,\ln\cosh\,(s\,k_{r|r|}^{1/2}/I_r)$"
     top.plot(
         grid,
         np.degrees(response(grid, 1.0, inertia, 0.0, k_rr)[0]),

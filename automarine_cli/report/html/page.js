@@ -1,8 +1,9 @@
 'use strict';
-// Values under the pointer, zoom by dragging, tables to the clipboard. Everything is read from the figures themselves:
+// Values under the pointer, zoom by dragging, tables to the clipboard. A finger taps for values and holds before it
+// drags, because a swipe scrolls; two fingers are left to the browser, which enlarges the page. Everything is read from the figures themselves:
 // data-panels of an SVG says where each panel lies and what it measures, and the groups bear the panels' names.
 (() => {
-  const SVG = 'http://www.w3.org/2000/svg', NEAR = 14, SMALLEST = 6;
+  const SVG = 'http://www.w3.org/2000/svg', NEAR = 14, SMALLEST = 6, HOLD_MS = 350, STILL = 10;
   const make = (tag, className, text) => Object.assign(document.createElement(tag), { className, textContent: text });
   const shown = (x, span) => {
     const digits = Math.max(0, Math.min(12, 3 - Math.floor(Math.log10(span || 1))));
@@ -104,7 +105,7 @@
     const first = svg.querySelector('[id$="figure_1"]');
     if (!first || !told.length) return;
     const prefix = first.id.slice(0, -'figure_1'.length);
-    let panels = null, drag = null, frame = null;
+    let panels = null, drag = null, frame = null, finger = null, tapped = null;
     const all = () => panels || (panels = told.map((t) => new Panel(svg, { ...t, says_: t.says, says: undefined }, prefix))
       .map((p) => (delete p.says, p)).filter((p) => p.group));
     const tip = figure.appendChild(make('div', 'says', ''));
@@ -126,18 +127,30 @@
       spot.setAttribute('r', panel.found ? 3.5 : 0);
       if (panel.found) ['cx', 'cy'].forEach((key, i) => spot.setAttribute(key, panel.found[i]));
       const box = figure.getBoundingClientRect(), x = e.clientX - box.left, y = e.clientY - box.top;
-      tip.style.left = `${figure.scrollLeft + (x > box.width / 2 ? x - tip.offsetWidth - 12 : x + 14)}px`;
+      const beside = x > box.width / 2 ? x - tip.offsetWidth - 12 : x + 14;
+      tip.style.left = `${figure.scrollLeft + Math.max(0, Math.min(beside, box.width - tip.offsetWidth))}px`;
       tip.style.top = `${Math.max(0, y - tip.offsetHeight - 10)}px`;
     };
+    const hide = () => { tip.hidden = true; spot.setAttribute('r', 0); };
+    const letGo = () => { if (finger) clearTimeout(finger.timer); finger = null; };
     svg.addEventListener('pointerdown', (e) => {
       const at = place(e), panel = all().find((p) => p.zooms && p.holds(at));
-      if (!panel || e.button || e.pointerType === 'touch') return;
-      drag = { panel, at };
+      if (e.button) return;
+      if (e.pointerType !== 'touch') {
+        if (panel) begin(e, panel, at);
+        return;
+      }
+      if (finger || drag) return letGo();
+      const timer = setTimeout(() => { if (panel) { begin(e, panel, at); tell(e); } }, HOLD_MS);
+      finger = { timer, x: e.clientX, y: e.clientY };
+    });
+    const begin = (e, panel, at) => {
+      drag = { panel, at, pointer: e.pointerId };
       frame = svg.appendChild(document.createElementNS(SVG, 'rect'));
       frame.setAttribute('style', 'fill:#0072b2;fill-opacity:.15;stroke:#0072b2;stroke-width:.6');
       svg.setPointerCapture(e.pointerId);
       e.preventDefault();
-    });
+    };
     const span = (e) => {
       const at = place(e), [l, t, r, b] = drag.panel.box, inside = (v, lo, hi) => Math.min(hi, Math.max(lo, v));
       const x = [drag.at[0], inside(at[0], l, r)].sort((p, q) => p - q);
@@ -145,15 +158,26 @@
       const flat = y[1] - y[0] < SMALLEST * 2, thin = x[1] - x[0] < SMALLEST * 2;
       return { x: thin && !flat ? [l, r] : x, y: flat ? [t, b] : y, click: flat && thin, flat, thin };
     };
+    const moved = (e) => finger && Math.hypot(e.clientX - finger.x, e.clientY - finger.y) > STILL;
     svg.addEventListener('pointermove', (e) => {
+      if (e.pointerType === 'touch' && !drag) {
+        if (moved(e)) letGo();
+        return;
+      }
       tell(e);
-      if (!drag) return;
+      if (!drag || e.pointerId !== drag.pointer) return;
       const { x, y } = span(e);
       for (const [key, v] of [['x', x[0]], ['y', y[0]], ['width', x[1] - x[0]], ['height', y[1] - y[0]]])
         frame.setAttribute(key, v);
     });
     const end = (e) => {
-      if (!drag) return;
+      const still = finger && !moved(e);
+      letGo();
+      if (!drag) {
+        if (e.pointerType === 'touch' && e.type === 'pointerup' && still) tap(e);
+        return;
+      }
+      if (e.pointerType === 'touch') hide();
       const { panel } = drag, { x, y, click, flat, thin } = span(e);
       frame.remove();
       drag = null;
@@ -167,15 +191,26 @@
       }
       whole.hidden = false;
     };
+    const tap = (e) => {
+      const again = tapped && e.timeStamp - tapped.time < HOLD_MS && Math.hypot(e.clientX - tapped.x, e.clientY - tapped.y) < 24;
+      tapped = { time: e.timeStamp, x: e.clientX, y: e.clientY };
+      if (again) reset();
+      else tell(e);
+    };
     svg.addEventListener('pointerup', end);
     svg.addEventListener('pointercancel', end);
-    svg.addEventListener('pointerleave', () => { tip.hidden = true; spot.setAttribute('r', 0); });
+    svg.addEventListener('pointerleave', (e) => { if (e.pointerType !== 'touch') hide(); });
+    svg.addEventListener('touchmove', (e) => { if (drag) e.preventDefault(); }, { passive: false });
+    svg.addEventListener('contextmenu', (e) => { if (finger || drag) e.preventDefault(); });
+    document.addEventListener('pointerdown', (e) => { if (!svg.contains(e.target)) hide(); });
     svg.addEventListener('dblclick', reset);
     whole.addEventListener('click', reset);
   });
 
   const head = document.querySelector('h2');
-  if (head) head.before(make('p', 'hint', 'In the figures: point for values, drag for a closer look, double-click for the whole.'));
+  const how = matchMedia('(pointer: coarse)').matches ? 'tap for values, hold and drag for a closer look, double-tap'
+    : 'point for values, drag for a closer look, double-click';
+  if (head) head.before(make('p', 'hint', `In the figures: ${how} for the whole.`));
 
   // k with its index below is copied as k_r
   const text = (cell) => {
