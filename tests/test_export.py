@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,7 @@ def exported(path: Path, target: str, form: str, **settings: Any) -> Exported:
     return export(path, to=target, form=form, **settings)
 
 
+@cache
 def ours(moment: float, rate0: float, seconds: float, number: str = "2") -> tuple[Any, Any]:
     """Times and rates of our own simulation."""
     model = YawModel.base(number, I_R, list(DRAGS[number].values()), "N m")
@@ -175,8 +177,8 @@ def test_an_effect_without_a_term_is_refused_and_left_out_where_that_is_allowed(
         export(path, to="gz-sim")
     assert str(problem.value) == (
         "yaw_model.json: gz-sim cannot represent bias-moment (the target's equation has no such term); thruster-lag "
-        "(it acts in the thrusters, before the moment); give --allow-partial to write the file without, or take "
-        "--to python, which has them"
+        "(it acts in the thrusters; --to thrusters has --lag for it); give --allow-partial to write the file without, "
+        "or take --to python, which has them"
     )
     partly = export(path, to="gz-sim", allow_partial=True)
     assert [one.name for one in partly.left_out] == ["bias-moment", "thruster-lag"]

@@ -92,11 +92,9 @@ def test_units_and_frame_turn_values_and_intervals(tmp_path: Path) -> None:
         "models": {"3": model},
         "preferred": "3",
     }
-    path.write_text(
-        json.dumps(
-            content | {"effects": effects, "valid_range": {"moment": [-0.5, 1.0], "yaw_rate_rad_s": None}}
-        )
-    )
+    content |= {"effects": effects, "valid_range": {"moment": [-0.5, 1.0], "yaw_rate_rad_s": None}}
+    content["parent"] = {"file": "yaw_model.json", "sha256": "ab" * 32}
+    path.write_text(json.dumps(content))
     text = export(path, to="card", frame="ENU", newton_metres_per_nu=2.0).text
     lines = (line.strip("|").split("|") for line in text.splitlines() if line.startswith("| "))
     rows = {name.strip(): [cell.strip() for cell in cells] for name, *cells in lines}
@@ -106,4 +104,5 @@ def test_units_and_frame_turn_values_and_intervals(tmp_path: Path) -> None:
     assert rows["compass-deviation C"][1:4] == ["-0.050000", "0.0040", "-0.05800 to -0.04200"]
     assert rows["compass-deviation D"][1:4] == ["-0.020000", "–", "–"]
     assert "moment: -2.000 to 1.000 N m" in text
+    assert f"Grew from yaw_model.json, SHA-256 {'ab' * 32}." in text
     assert "there is no manifest.json beside the model file" in text and "fit again with this version" in text

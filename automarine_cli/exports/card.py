@@ -42,7 +42,7 @@ def write(subject: YawSubject) -> Written:
         "## Effects\n",
         _effects(subject),
         "## Data\n",
-        _logs(subject),
+        _logs(subject, data),
     ]
     warnings = data.get("warnings")
     if isinstance(warnings, list) and warnings:
@@ -141,10 +141,13 @@ def _effects(subject: YawSubject) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _logs(subject: YawSubject) -> str:
+def _logs(subject: YawSubject, data: Mapping[str, Any]) -> str:
+    """Hashes of the logs, and of the model that this one grew from."""
+    parent = _mapping(data.get("parent"))
+    grew = f"Grew from {parent.get('file')}, SHA-256 {parent.get('sha256')}.\n\n" if parent else ""
     if subject.logs is None:
-        return f"{NO_LOGS}\n"
-    return Table("", ("log", "SHA-256"), subject.logs).to_markdown()
+        return f"{grew}{NO_LOGS}\n"
+    return grew + Table("", ("log", "SHA-256"), subject.logs).to_markdown()
 
 
 def _mapping(value: object) -> Mapping[str, Any]:

@@ -3,8 +3,9 @@
 The system adds to the link the torque nR r + nRabsR |r| r + nRR r^2 + nDotR r' (Fossen's derivatives: damping and
 added inertia are negative); `<fluid_added_mass><rr>` adds a positive inertia inside the physics engine instead, and
 then the system's own must be off. Sources: gazebosim.org/api/sim/9, class Hydrodynamics ("System Parameters") and
-src/systems/hydrodynamics/Hydrodynamics.cc; sdformat.org, element inertial/fluid_added_mass. `<nRabsR>` is what
-gz-sim has read since its pull request 1888 (2023); before, `<nRR>` meant that.
+src/systems/hydrodynamics/Hydrodynamics.cc; sdformat.org, element inertial/fluid_added_mass (since SDF 1.10); gz-sim's
+tutorial on migrating added mass to that tag, which is why it is the first form. `<nRabsR>` is what gz-sim has read
+since its pull request 1888 (2023); before, `<nRR>` meant that.
 
 The system makes nDotR r' from the last step's acceleration, so r' grows without bound where the added inertia is not
 below the rigid one: r_k+1 - r_k = -(added/rigid) (r_k - r_k-1).

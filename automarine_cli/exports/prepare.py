@@ -10,6 +10,7 @@ from automarine_cli.exports.units import in_newton_metres
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.words import listed
 
+WHY_NAMED = {"thruster-lag": "it acts in the thrusters; --to thrusters has --lag for it"}
 WHY = {
     "sensor": "it acts on the reading, not on the vehicle",
     "actuator": "it acts in the thrusters, before the moment",
@@ -52,8 +53,9 @@ def _why_not(target: Target, term: Term, settings: Settings) -> str:
         return "it differs from run to run"
     if term.name in carried:
         return ""
-    if term.name in target.why:
-        return target.why[term.name]
+    named = WHY_NAMED | dict(target.why)
+    if term.name in named:
+        return named[term.name]
     return f"it needs the logged {listed(effect.needs)}" if effect.needs else WHY[effect.place.value]
 
 

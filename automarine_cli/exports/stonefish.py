@@ -5,8 +5,9 @@ about z is -quadratic_drag_z Q |r| r - viscous_drag_z V r, where Q and V [N m at
 not known here: let the vehicle turn at 1 rad/s with quadratic_drag="1 1 1" viscous_drag="0 0 0", read the torque, then
 the other way about, and give both with --mesh-torque. Sources: stonefish.readthedocs.io, "Theory" (drag, added mass)
 and "Dynamic bodies" (physics modes, <inertia>); attributes viscous_drag and quadratic_drag of <hydrodynamics> in
-Library/src/core/ScenarioParser.cpp and SolidEntity::CorrectHydrodynamicForces. Releases differ in the power with which
-the form drag grows, so Q holds at the rate at which it was read.
+Library/src/core/ScenarioParser.cpp and SolidEntity::CorrectHydrodynamicForces. The form drag is documented as
+quadratic; a user of a release of 2024 or later has measured the cube of the speed, where Q holds at the rate at which
+it was read.
 
 Added inertia cannot be set: it is approximated from the geometry where physics="submerged", and is nothing where
 physics="floating", which is why the total stands in one place there.
@@ -23,6 +24,10 @@ DRAG_UNSET = "Warning: no drag is set; it needs --mesh-torque."
 ADDED = (
     'Warning: added inertia cannot be set in Stonefish; the total stands in <inertia> and physics is "floating", '
     "which adds none of its own in any direction."
+)
+POWER = (
+    "Check with your release that the form drag grows with the square of the rate; where it does not, Q holds at the "
+    "rate at which it was read."
 )
 OTHERS = "The x and y entries of inertia and drag are placeholders: put your own."
 
@@ -43,7 +48,7 @@ def write(subject: YawSubject) -> Written:
         friction = number(subject.value("linear-drag") / viscous)
         drag = f'  <hydrodynamics viscous_drag="1 1 {friction}" quadratic_drag="1 1 {form}"/>\n'
         told = f"Mesh: Q = {number(quadratic)} N m, V = {number(viscous)} N m at 1 rad/s (given)."
-        notes = (ADDED, HEAVE, told, OTHERS)
+        notes = (ADDED, HEAVE, told, POWER, OTHERS)
     return Written(
         f"""<?xml version="1.0"?>
 {xml_comment(head(subject, EQUATION, notes))}<base_link name="base_link" physics="floating">

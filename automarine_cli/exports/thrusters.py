@@ -48,6 +48,7 @@ TABLES = {
 """The form that follows any map, for those that do not."""
 DENSITY, DIAMETER = 1000.0, 0.1  # of Gazebo's law; only their product with the coefficient counts
 AHEAD = "Thrust is positive ahead, in both frames alike."
+NAMES = "Names of links, joints and actuators are placeholders: merge with your model."
 
 
 def write(subject: MapSubject) -> Written:
@@ -59,6 +60,8 @@ def write(subject: MapSubject) -> Written:
         if curve is None:
             _refuse_unmeasured(subject, name)
             notes.append(f"Left out: {name} was never measured and gives nothing here.")
+    if subject.form != "constants":
+        notes.append(NAMES)
     if subject.form.endswith("table"):
         n, force = table(subject.map, n_max)
         return _text(subject, notes, {"n": row(n), "force": row(force)}, n_max)
