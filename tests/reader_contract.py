@@ -7,6 +7,7 @@ by a dive of which everything is known.
 import gzip
 import io
 import re
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -18,11 +19,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from vehicle_bags import bag
+from vehicle_can import COLUMNS, DBC, capture
 from vehicle_logs import Dive, dataflash, dive, telemetry
 from vehicle_ulog import ulog
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, read_log
+from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, column_rules, read_log
 from automarine_cli.logs.formats import formats
 
 Columns = dict[str, list[float] | list[str]]
@@ -79,6 +81,7 @@ def pwm(port: str, stbd: str, **more: str) -> ColumnMap:
     return ColumnMap(rules | {name: ColumnRule(source) for name, source in more.items()})
 
 
+CAN = ColumnMap(column_rules(tomllib.loads(COLUMNS), "columns.toml"), dbc=str(DBC))
 RECORDERS = {
     ".bin": Recorder(
         dataflash, "pymavlink", "ardupilot", pwm("RCOU.C1", "RCOU.C2"), ("ATT",), ("RCOU",), step_deg=0.005
@@ -92,6 +95,13 @@ RECORDERS = {
             "n_port": ColumnRule("actuator_motors.control[0]"), "n_stbd": ColumnRule("actuator_motors.control[1]"),
         }), ("vehicle_attitude",), ("actuator_motors", "actuator_outputs"), modes=("MANUAL", "ALTCTL"),
     ),
+    **{
+        suffix: Recorder(
+            partial(capture, suffix), "cantools", "can", CAN, ("Compass",), ("Thrusters",), step_deg=0.005,
+            starts=-0.5 if suffix in (".asc", ".blf") else 0.0,
+        )
+        for suffix in (".asc", ".blf", ".log", ".slcan")
+    },
     **{
         suffix: Recorder(
             partial(bag, suffix), "rosbags", "ros", pwm("/thruster/port.data", "/thrusters.data[1]"),

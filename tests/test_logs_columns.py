@@ -42,7 +42,7 @@ def test_the_contract_s_example(tmp_path: Path) -> None:
 
 REFUSED = {
     "": ': the column map is empty; write lines such as heading_deg = "yaw" under [columns]',
-    "time_s = 't'": ": unknown key 'time_s'; a column map holds [columns] and [defaults] only",
+    "time_s = 't'": ": unknown key 'time_s'; a column map holds [columns], [defaults] and [can] only",
     "columns = 3": ": columns is 3; expected a table, written [columns]",
     "[columns]\nyaw = 'a'": ": columns.yaw is no column that automarine knows; known are time_s, "
     "time_ms, time_us, "

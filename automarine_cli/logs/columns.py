@@ -29,11 +29,20 @@ class ColumnRule:
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """Canonical name -> rule, and defaults for settings. `ColumnMap()` takes every name as it stands."""
+    """Canonical name -> rule, defaults for settings, and the DBC that CAN captures are decoded with (a path, or "").
+
+    `ColumnMap()` takes every name as it stands.
+    """
 
     columns: Mapping[str, ColumnRule] = field(default_factory=dict)
     defaults: Mapping[str, float | str] = field(default_factory=dict)
     source: str = ""
+    dbc: str = ""
+
+    @property
+    def database(self) -> Path | None:
+        """The DBC's file, if one is named."""
+        return Path(self.dbc) if self.dbc else None
 
     def source_of(self, name: str) -> str:
         """The column of the file that a canonical name stands for."""
@@ -48,7 +57,7 @@ def given_columns(columns: "str | Path | ColumnMap | None") -> ColumnMap:
 
 
 def read_column_map(path: str | Path) -> ColumnMap:
-    """Read a column map (TOML with `[columns]` and `[defaults]`).
+    """Read a column map (TOML with `[columns]`, `[defaults]` and `[can]`).
 
     Raises LogError with the key's path for an unknown key, a wrong type or a unit that does not fit.
     """
@@ -56,12 +65,12 @@ def read_column_map(path: str | Path) -> ColumnMap:
     name = printable(path.name)
     data = read_plain(path, "TOML", LogError, most=LARGEST_MAP)
     for key in data:
-        if key not in ("columns", "defaults"):
+        if key not in ("columns", "defaults", "can"):
             raise LogError(
-                f"{name}: unknown key {quoted(key)}; a column map holds [columns] and [defaults] only"
+                f"{name}: unknown key {quoted(key)}; a column map holds [columns], [defaults] and [can] only"
             )
-    columns, defaults = (_table(data.get(key, {}), key, name) for key in ("columns", "defaults"))
-    if not columns and not defaults:
+    columns, defaults, can = (_table(data.get(key, {}), key, name) for key in ("columns", "defaults", "can"))
+    if not columns and not defaults and not can:
         raise LogError(
             f'{name}: the column map is empty; write lines such as heading_deg = "yaw" under [columns]'
         )
@@ -69,12 +78,27 @@ def read_column_map(path: str | Path) -> ColumnMap:
         columns=column_rules(columns, name),
         defaults={key: _default(name, key, value) for key, value in defaults.items()},
         source=name,
+        dbc=database(can, path),
     )
 
 
 def column_rules(columns: Mapping[str, object], name: str) -> dict[str, ColumnRule]:
     """The rules under `[columns]` of the file called `name`. Raises LogError with the key's path."""
     return {key: _rule(name, key, value) for key, value in columns.items()}
+
+
+def database(can: Mapping[str, object], path: Path) -> str:
+    """The DBC that `[can]` of the file at `path` names, "" for none. Raises LogError with the key's path."""
+    name = printable(path.name)
+    for key in can:
+        if key != "dbc":
+            raise LogError(
+                f"{name}: can.{printable(key)} is not known; [can] takes dbc, the file that describes the bus"
+            )
+    given = can.get("dbc", "")
+    if not isinstance(given, str) or (can and not given.strip()):
+        raise LogError(f"{name}: can.dbc is {_kind(given)}; expected the place of a DBC file in quotes")
+    return str(path.parent.resolve() / given) if given else ""
 
 
 def _table(table: object, key: str, name: str) -> dict[str, object]:

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs
+from automarine_cli.logs.columns import database
 from automarine_cli.pipeline.plain_data import everything, in_words
 from automarine_cli.pipeline.recipe import from_mapping, read_mapping
 from automarine_cli.pipeline.words import listed, printable
@@ -71,6 +72,7 @@ class CampaignFile:
     title: str = ""
     vehicle: Vehicle = Vehicle()
     columns: Mapping[str, Any] = field(default_factory=dict)
+    can: Mapping[str, Any] = field(default_factory=dict)
     thrusters: Thrusters = Thrusters()
     yaw: Yaw = Yaw()
     seed: int = 0
@@ -148,7 +150,7 @@ def read_campaign(path: Path) -> Campaign:
             "seen), or delete the line if it does not apply"
         )
     asked = from_mapping(CampaignFile, data, name)
-    return Campaign(path, asked, ColumnMap(column_rules(asked.columns, name)))
+    return Campaign(path, asked, ColumnMap(column_rules(asked.columns, name), dbc=database(asked.can, path)))
 
 
 def open_questions(data: object) -> list[str]:

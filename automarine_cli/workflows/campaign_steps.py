@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from automarine_cli.logs import LogFile
+from automarine_cli.logs import ColumnMap, LogFile
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.reuse import manifest_of, why_made_again
 from automarine_cli.runs.load import has_bytes
@@ -44,6 +44,8 @@ class Plan:
         inputs = [Input(file.name, file.path) for file in self.logs if has_bytes(file)]
         inputs += [Input(file.name, file.path, "hold_out") for file in held if has_bytes(file)]
         files = {key: value for key, value in self.settings.items() if isinstance(value, Path)}
+        if isinstance(columns := self.settings.get("columns"), ColumnMap) and columns.database is not None:
+            files["dbc"] = columns.database
         seed = self.settings.get("seed", defaults.get("seed"))
         return why_made_again(
             folder, command=command, options=options, seed=seed, inputs=inputs + given_as(**files)

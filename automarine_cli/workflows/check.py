@@ -83,7 +83,9 @@ def check(
     files = find_logs(logs)
     if out is None:
         return _look(files, names, strict, jobs, progress)
-    inputs = [Input(file.name, file.path) for file in files if has_bytes(file)] + given_as(columns=columns)
+    inputs = [Input(file.name, file.path) for file in files if has_bytes(file)] + given_as(
+        columns=columns, dbc=names.database
+    )
     options = {"columns": columns, "strict": strict}
     with result_folder(
         out, command="check", options=options, inputs=inputs, seed=None, overwrite=overwrite

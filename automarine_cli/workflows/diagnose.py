@@ -193,7 +193,7 @@ def diagnose(
         return work()
     inputs = [Input(file.name, file.path) for file in files]
     inputs += [Input(file.name, file.path, "hold_out") for file in more]
-    inputs += given_as(model=model, columns=columns, thrusters=thrusters)
+    inputs += given_as(model=model, columns=columns, dbc=names.database, thrusters=thrusters)
     options = {
         "model": model,
         "hold_out": [file.name for file in more],

@@ -82,7 +82,7 @@ def diagnose_thrusters(
         return judged()
     inputs = [Input(file.name, file.path) for file in loaded.inputs]
     inputs += [Input(file.name, file.path, "hold_out") for file in (held.inputs if held else ())]
-    inputs += given_as(model=model, columns=columns)
+    inputs += given_as(model=model, columns=columns, dbc=column_map.database)
     options = {
         "model": model.name,
         "hold_out": [file.name for file in held.inputs] if held else [],

@@ -55,7 +55,9 @@ def fit_thrusters(
     loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)
     if out is None:
         return _fit_loaded(loaded, column_map, thrusters_per_test, form, jobs, progress)
-    inputs = [Input(file.name, file.path) for file in loaded.inputs] + given_as(columns=columns)
+    inputs = [Input(file.name, file.path) for file in loaded.inputs] + given_as(
+        columns=columns, dbc=column_map.database
+    )
     options = {
         "thrusters_per_test": thrusters_per_test,
         "form": form,

@@ -66,7 +66,7 @@ def fit_yaw(
     if out is None:
         return work()
     inputs = [Input(file.name, file.path) for file in campaign.inputs]
-    inputs += given_as(columns=columns, thrusters=thrusters)
+    inputs += given_as(columns=columns, dbc=column_map.database, thrusters=thrusters)
     options = {
         "columns": columns,
         "thrusters": thrusters,

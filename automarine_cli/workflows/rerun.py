@@ -4,7 +4,7 @@ import inspect
 import tempfile
 import typing
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -178,7 +178,8 @@ def _file(key: str, value: object, roles: Mapping[str, list[Sought]], where: str
         return None
     if key == "columns" and isinstance(value, Mapping):
         columns: ColumnMap = converted(ColumnMap, value, where)
-        return columns
+        place = next((one.path for one in roles.get("dbc", ()) if one.path), None)
+        return replace(columns, dbc=str(place)) if place else columns
     if not roles.get(key):
         raise SettingError(f"{where}: no input was recorded as the {key}; it was no file, call Python again")
     return roles[key][0].path

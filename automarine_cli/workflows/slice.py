@@ -137,7 +137,9 @@ def slice_log(
     cut = partial(_cut, columns=names, by=by, keep=tuple(keep), lead=lead, shortest=shortest, form=form)
     if out is None:
         return _sliced(files, cut, by, form, strict, jobs, progress)
-    inputs = [Input(file.name, file.path) for file in files if has_bytes(file)] + given_as(columns=columns)
+    inputs = [Input(file.name, file.path) for file in files if has_bytes(file)] + given_as(
+        columns=columns, dbc=names.database
+    )
     options = {
         "by": by, "columns": columns, "keep": list(keep), "lead": lead, "shortest": shortest, "form": form,
         "strict": strict,

@@ -149,7 +149,7 @@ def validate(
         "strict": strict,
     }
     inputs = [Input(file.name, file.path) for file in campaign.inputs]
-    inputs += given_as(model=model, columns=columns, thrusters=thrusters)
+    inputs += given_as(model=model, columns=columns, dbc=names.database, thrusters=thrusters)
     with result_folder(
         out, command="validate", options=options, inputs=inputs, seed=seed, overwrite=overwrite
     ) as folder:

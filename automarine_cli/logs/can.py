@@ -1,0 +1,156 @@
+"""CAN captures, decoded with a DBC: ASC and BLF of Vector's tools, SLCAN of a serial converter (candump: `candump`).
+
+The column map names the DBC, relative to itself, and the signals as MESSAGE.SIGNAL:
+
+    [can]
+    dbc = "vehicle.dbc"
+    [columns]
+    heading_deg = "Compass.Heading"
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.errors import LogError
+from automarine_cli.logs.can_signals import Bits, bits_of, raw_of, values_of, words_of
+from automarine_cli.logs.canonical import LABELS
+from automarine_cli.logs.columns import ColumnMap
+from automarine_cli.logs.formats import Format, RawLog
+from automarine_cli.logs.optional import needed, unsound_is_refused
+from automarine_cli.logs.slcan import read_slcan
+from automarine_cli.logs.streams import Recording, Stream, on_one_clock
+from automarine_cli.logs.table import Floats
+from automarine_cli.pipeline.words import listed, printable
+
+Name = tuple[int, bool]  # identifier, and whether it is an extended one
+Captured = Mapping[Name, tuple[Floats, list[bytes]]]
+Reader = Callable[[Path, str], tuple[Captured, tuple[str, ...]]]
+
+
+def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
+    """Read an ASC, BLF or SLCAN capture. Raises LogError for what is none, and without a DBC."""
+    return decoded(path, name, columns, _slcan if path.suffix.lower() == ".slcan" else _vector)
+
+
+FORMAT = Format(
+    "CAN capture", (".asc", ".blf", ".slcan"), read, begins=(b"LOGG", b"date", b"Date", b"t", b"T", b"(")
+)
+
+
+def decoded(path: Path, name: str, columns: ColumnMap, reader: Reader) -> RawLog:
+    """The signals of a capture on the clock of the heading. Raises LogError as `read`."""
+    needed("can", "can", name, "CAN captures")
+    library = needed("cantools", "can", name, "DBC files")
+    with unsound_is_refused(name, "CAN"):
+        captured, notes = reader(path, name)
+    if not captured:
+        raise LogError(f"{name}: found no CAN frames, expected some by the name")
+    unknown = tuple(f"0x{number:x} ({len(frames)})" for (number, _), (_, frames) in sorted(captured.items()))
+    if columns.database is None:
+        raise LogError(
+            f"{name}: CAN frames are decoded with a DBC; found the identifiers {listed(unknown)}. Write the DBC and "
+            'the signals in a file, [can] with dbc = "vehicle.dbc" and [columns] with heading_deg = "MESSAGE.SIGNAL", '
+            "and give it with --columns FILE.toml"
+        )
+    messages = {(one.frame_id, one.is_extended_frame): one for one in _database(library, columns)}
+    streams: list[Stream] = []
+    for key, (time, frames) in captured.items():
+        if key in messages:
+            streams += _streams(messages[key], time, frames, columns)
+    known = [
+        f"{messages[key].name} ({len(frames)})" for key, (_, frames) in captured.items() if key in messages
+    ]
+    rest = [
+        f"0x{key[0]:x} ({len(frames)})"
+        for key, (_, frames) in sorted(captured.items())
+        if key not in messages
+    ]
+    return on_one_clock(Recording(streams, "CAN messages", (*known, *rest), notes), columns, name)
+
+
+def grouped(time: Floats, names: list[Name], frames: list[bytes]) -> Captured:
+    """Frames in the order of the file, by their identifiers."""
+    places: dict[Name, list[int]] = {}
+    for i, name in enumerate(names):
+        places.setdefault(name, []).append(i)
+    return {name: (time[at], [frames[i] for i in at]) for name, at in places.items()}
+
+
+def frames_of(messages: Any) -> tuple[Captured, bool]:
+    """The data frames that a reader of python-can gives, and whether it came to the end."""
+    time: list[float] = []
+    names: list[Name] = []
+    frames: list[bytes] = []
+    sound = True
+    try:
+        for one in messages:
+            if not (one.is_error_frame or one.is_remote_frame):
+                time.append(one.timestamp)
+                names.append((one.arbitration_id, one.is_extended_id))
+                frames.append(bytes(one.data))
+    except Exception:
+        sound = False
+    return grouped(np.array(time), names, frames), sound
+
+
+def _vector(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:
+    import can
+
+    if path.suffix.lower() == ".asc":
+        with path.open(encoding="latin-1") as text:
+            captured, sound = frames_of(can.ASCReader(text))
+    else:
+        with path.open("rb") as binary:
+            captured, sound = frames_of(can.BLFReader(binary))
+    return captured, () if sound else ("the capture is cut short or damaged: frames after that are not read",)
+
+
+def _slcan(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:
+    time, names, frames, bad = read_slcan(path.read_bytes(), name)
+    return grouped(time, names, frames), (f"{bad} lines that are no frames were passed over",) if bad else ()
+
+
+def _database(library: Any, columns: ColumnMap) -> list[Any]:
+    path = Path(columns.dbc)
+    name = printable(path.name)
+    try:
+        return list(library.database.load_file(path, database_format="dbc").messages)
+    except OSError as problem:
+        raise LogError(
+            f"{columns.source or 'the column map'}: can.dbc is {name}, which cannot be opened ({problem.strerror}); "
+            "give its place relative to this file"
+        ) from None
+    except Exception as problem:
+        said = printable(str(problem).partition("\n")[0])
+        raise LogError(f"{name}: is no DBC that can be read ({said}); export it again") from None
+
+
+def _streams(message: Any, time: Floats, frames: list[bytes], columns: ColumnMap) -> Iterator[Stream]:
+    """The signals of a message, if the column map names one of them: those of each multiplexer value on their own."""
+    asked = {rule.source for rule in columns.columns.values()}
+    if not any(f"{message.name}.{signal.name}" in asked for signal in message.signals):
+        return
+    good = np.array([len(frame) >= message.length for frame in frames])
+    if not good.any():
+        return
+    time, bits = time[good], bits_of([frame for frame, whole in zip(frames, good) if whole], message.length)
+    words = {columns.columns[label].source for label in LABELS if label in columns.columns}
+    by_name = {signal.name: signal for signal in message.signals}
+    groups: dict[tuple[str, tuple[int, ...]], dict[str, Any]] = {}
+    for signal in message.signals:
+        key = (signal.multiplexer_signal or "", tuple(signal.multiplexer_ids or ()))
+        groups.setdefault(key, {})[f"{message.name}.{signal.name}"] = signal
+    for (switch, ids), signals in groups.items():
+        chosen = np.isin(raw_of(bits, by_name[switch]), ids) if switch else np.ones(len(time), dtype=bool)
+        if chosen.any():
+            values = {name: _values(bits[chosen], one, name in words) for name, one in signals.items()}
+            which = f" ({switch} {listed(map(str, ids))})" if switch else ""
+            yield Stream(f"{message.name}{which}", time[chosen], values)
+
+
+def _values(bits: Bits, signal: Any, as_words: bool) -> NDArray[Any]:
+    return words_of(bits, signal) if as_words else values_of(bits, signal)
