@@ -11,14 +11,18 @@ import json
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 from broken_logs.make import csv_of, good_table, parquet_of
 from made_runs import INERTIA, K_RR
+from reader_contract import RECORDERS
+from vehicle_logs import dive
 
 from automarine_cli.errors import AutomarineError
-from automarine_cli.logs import LogFile, LogTable, read_column_map, read_log
+from automarine_cli.logs import ColumnMap, LogFile, LogTable, read_column_map, read_log
 from automarine_cli.logs.text import MISSING
 from automarine_cli.models.store import load_thruster_map, load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
@@ -232,6 +236,7 @@ class Kind:
     good: Callable[[], bytes]
     suffix: str
     judge: Callable[[Path], None]
+    cases: int = 100  # in the tests; the benchmark takes more
 
 
 KINDS = {
@@ -248,6 +253,26 @@ KINDS = {
     "column map": Kind(lambda: COLUMN_MAP, ".toml", judge_columns),
     "specification": Kind(lambda: SPECIFICATION, ".toml", judge_specification),
 }
+
+
+def _of_vehicles() -> dict[str, Kind]:
+    """Recordings of vehicles whose libraries are installed, read with the names that their columns have."""
+    found = {}
+    for suffix, told in RECORDERS.items():
+        if find_spec(told.library) is not None:
+            good = cache(partial(told.write, dive()))
+            found[f"recording {suffix}"] = Kind(
+                good, suffix, partial(judge_recording, columns=told.columns), 20
+            )
+    return found
+
+
+def judge_recording(path: Path, columns: ColumnMap) -> None:
+    """A recording as `check` looks at it."""
+    json_text(check([path], columns=columns).to_json())
+
+
+KINDS |= _of_vehicles()
 
 
 def outcome(kind: Kind, path: Path) -> str:

@@ -21,15 +21,13 @@ from automarine_cli.logs import LogFile, read_log
 from automarine_cli.pipeline.outputs import json_text
 from automarine_cli.workflows.check import check
 
-CASES = 100  # of each kind
-
 
 @pytest.mark.parametrize("name", KINDS)
 def test_torn_files(tmp_path: Path, name: str) -> None:
     kind = KINDS[name]
     path = tmp_path / f"torn{kind.suffix}"
     outcomes = []
-    for number in range(CASES):
+    for number in range(kind.cases):
         path.write_bytes(case(name, number, seed=0))
         outcomes.append(outcome(kind, path))
     assert set(outcomes) == {"read", "refused"}

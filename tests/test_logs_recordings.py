@@ -142,7 +142,7 @@ def recorded_without_library(folder: Path, suffix: str, content: bytes) -> LogFi
 def test_torn_recordings_give_an_answer_or_one_clear_line(tmp_path: Path, suffix: str) -> None:
     content, told = made(suffix)
     rng, outcomes = random.Random(suffix), set()
-    for _ in range(60):
+    for _ in range(20):
         torn = bytearray(content)
         for _ in range(rng.choice([1, 4, 40])):
             place = rng.randrange(len(torn))
