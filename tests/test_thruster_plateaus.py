@@ -86,7 +86,7 @@ def test_square_law_from_raw_series_in_units_of_its_standard_error() -> None:
         scores.append((value - A) / stderr)
     assert np.abs(scores).max() < 5.0
     # A square law rests on its few highest levels: t with so few degrees of freedom has long tails, of which the
-    # interval knows (its coverage is measured in benchmarks/coverage.py) and a standard error does not.
+    # interval knows (its coverage is measured in benchmarks/interval_coverage.py) and a standard error does not.
     assert np.median(np.abs(scores)) < 1.5
 
 

@@ -87,7 +87,7 @@ def _fit_steps(
     unit = turns[0].step.run.moment_unit
     data = half_turn_data(turns)
     zero = np.zeros(len(turns))
-    rough = fit_velocity_error(data, zero, moment_unit=unit)
+    rough = fit_velocity_error(data, zero, moment_unit=unit, models=("1", "3"))
     start = (_inertia_to_begin_with(rough), rough.drag["1"].drag[0], rough.drag["3"].drag[1])
     fits = dict(
         zip("123", each(partial(_fit_model, data=data, start=start, unit=unit, known=known), ("1", "2", "3")))

@@ -45,9 +45,8 @@ def left_out_changes(problem: Problem, fit: MixedFit) -> Floats:
     scale = linear_mixed.curvature_scale(whole)
     if np.linalg.eigvals(whole / np.outer(scale, scale)).real.min() <= LEAST_STIFFNESS:
         return fit.left_out - fit.phi
-    for i in range(runs):
-        rest = (whole - stiffness[i]) / np.outer(scale, scale)
-        moved[i, free] = -np.linalg.lstsq(rest, pull[i] / scale, rcond=1e-9)[0] / scale
+    rest = np.linalg.pinv((whole - stiffness) / np.outer(scale, scale), rcond=1e-9)
+    moved[:, free] = -(rest @ (pull / scale)[:, :, None])[:, :, 0] / scale
     return moved
 
 
@@ -113,5 +112,4 @@ def _pull_and_stiffness(
 def _about(problem: Problem, phi: Floats, b: Floats) -> Gram:
     """The problem linearised about (phi, b)."""
     fitted, by_phi, by_run = derivatives(problem, phi, b)
-    residual = np.where(problem.seen, problem.measured - fitted, 0.0)
-    return Gram.of(by_phi, by_run, residual, problem.seen.sum(axis=1), b)
+    return problem.gram(by_phi, by_run, fitted, b)

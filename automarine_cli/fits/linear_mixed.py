@@ -28,6 +28,8 @@ NO_MOTION = (
     "the runs show no motion that a model could be fitted to; look at the logs with `automarine check`"
 )
 SMALLEST_FACTOR = 1e-5
+FLAT = 1e-4
+"""Slope of the deviance that counts as none, by variances in units of their own standard errors."""
 
 
 @dataclass(frozen=True)
@@ -181,26 +183,33 @@ def deviance_and_slope(
 def choose_variances(gram: Gram, effects: RunEffects, start: Floats, *, restricted: bool = True) -> Floats:
     """Noise and factors, (log s, log factors), of largest likelihood within their limits."""
     factors = ((np.log(max(low, SMALLEST_FACTOR)), np.log(high)) for low, high in effects.limits)
-    limits = [(np.log(1e-9), np.log(1e3)), *factors]
+    limits = np.array([(np.log(1e-9), np.log(1e3)), *factors])
+    # of a logarithm of a standard deviation that n values show: 1/sqrt(2 n)
+    unit = 1.0 / np.sqrt(2.0 * np.append(gram.count.sum(), np.full(len(limits) - 1, len(gram.count))))
+
+    def scaled(x: Floats) -> tuple[float, Floats]:
+        value, slope = deviance_and_slope(gram, effects, unit * x, restricted=restricted)
+        return value, unit * slope
+
     best = optimize.minimize(
-        lambda v: deviance_and_slope(gram, effects, v, restricted=restricted), np.clip(start, *np.transpose(limits)),
-        jac=True, bounds=limits, method="L-BFGS-B", options={"ftol": 1e-11, "gtol": 1e-3},
+        scaled, np.clip(start, *limits.T) / unit, jac=True, bounds=limits / unit[:, None], method="L-BFGS-B",
+        options={"ftol": 1e-13, "gtol": FLAT},
     )  # fmt: skip
-    return np.asarray(best.x)
+    return np.clip(unit * best.x, *limits.T)
 
 
 def curvature_scale(hessian: Floats) -> Floats:
-    """Square roots of the diagonal, floored so that a direction without information does no harm."""
-    return np.asarray(np.sqrt(np.maximum(np.diagonal(hessian), 1e-24)))
+    """Square roots of the diagonal of H (..., p, p), floored so that a direction without information does no harm."""
+    return np.asarray(np.sqrt(np.maximum(np.diagonal(hessian, axis1=-2, axis2=-1), 1e-24)))
 
 
 def solve_scaled(hessian: Floats, gradient: Floats) -> Floats:
-    """Solve H x = h with the parameters scaled to unit curvature; a direction without information stays at
-    zero."""
+    """Solve H x = h, H (..., p, p) and h (..., p), with the parameters scaled to unit curvature; a direction without
+    information stays at zero."""
     scale = curvature_scale(hessian)
-    return np.asarray(
-        np.linalg.lstsq(hessian / np.outer(scale, scale), gradient / scale, rcond=1e-13)[0] / scale
-    )
+    unit = hessian / (scale[..., :, None] * scale[..., None, :])
+    inverse = np.linalg.pinv(unit, rcond=1e-13, hermitian=True)
+    return np.asarray((inverse @ (gradient / scale)[..., None])[..., 0] / scale)
 
 
 def covariance_of(hessian: Floats) -> Floats:

@@ -73,9 +73,9 @@ def fit_mixed(
             iterations=iterations, settled=settled,
         )  # fmt: skip
         return with_held(free, problem, held)
-    if problem.seen.sum() <= len(theta) + 1:
+    if problem.count.sum() <= len(theta) + 1:
         raise FitError(
-            f"{problem.seen.sum()} samples cannot carry {len(theta)} parameters; give more or longer runs"
+            f"{problem.count.sum()} samples cannot carry {len(theta)} parameters; give more or longer runs"
         )
     bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
     phi = np.clip(problem.search(theta), bounds[:, 0], bounds[:, 1])
@@ -141,8 +141,7 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
 def _linearise(problem: Problem, phi: Floats, b: Floats) -> _Point:
     """The problem about (phi, b) as inner products, and the headings there."""
     fitted, by_phi, by_run = derivatives(problem, phi, b)
-    residual = np.where(problem.seen, problem.measured - fitted, 0.0)
-    return _Point(phi, b, fitted, Gram.of(by_phi, by_run, residual, problem.seen.sum(axis=1), b))
+    return _Point(phi, b, fitted, problem.gram(by_phi, by_run, fitted, b))
 
 
 def _first(problem: Problem, phi: Floats, b: Floats) -> _Point:
@@ -154,7 +153,7 @@ def _first(problem: Problem, phi: Floats, b: Floats) -> _Point:
 def _penalised(problem: Problem, variances: Floats, point: _Point) -> float:
     """Sum of squares that phi and b minimise together at fixed variances."""
     scale = problem.effects.deviation(variances)
-    residual = np.where(problem.seen, problem.measured - point.fitted, 0.0)
+    residual = problem.residual(point.fitted)
     penalty = np.divide(point.b, scale, out=np.zeros_like(point.b), where=scale > 0) ** 2
     return float((residual**2).sum() / np.exp(2.0 * variances[0]) + penalty.sum())
 
@@ -232,9 +231,9 @@ def _report(
     covariance[grid] = linear_mixed.covariance_of(hessian[grid])
     push = weighted.gradient
     left_out = np.tile(phi, (len(problem.measured), 1))
-    for i in range(len(left_out) if len(left_out) > 1 else 0):
-        rest, pull = hessian - weighted.hessian[i], push.sum(axis=0) - push[i]
-        left_out[i, free] += linear_mixed.solve_scaled(rest[grid], pull[free])
+    if len(left_out) > 1:
+        rest, pull = (hessian - weighted.hessian)[:, free][:, :, free], push.sum(axis=0) - push
+        left_out[:, free] += linear_mixed.solve_scaled(rest, pull[:, free])
     inside = gram.keep(free)  # what a bound stopped may not be profiled out beyond it
     ml = linear_mixed.choose_variances(inside, problem.effects, variances, restricted=False)
     ml_deviance = linear_mixed.deviance(inside, problem.effects, ml, restricted=False)
@@ -247,7 +246,7 @@ def _report(
         noise=float(np.exp(variances[0])),
         factors=np.exp(variances[1:]),
         run_effects=point.b,
-        log_likelihood=-0.5 * (ml_deviance + int(problem.seen.sum()) * np.log(2 * np.pi)),
+        log_likelihood=-0.5 * (ml_deviance + int(problem.count.sum()) * np.log(2 * np.pi)),
         predictive=linear_mixed.predictive(gram, weighted, left_out - phi),
         fitted=point.fitted,
         at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)),

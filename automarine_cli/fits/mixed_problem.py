@@ -23,7 +23,9 @@ SMALLEST = 1e-9
 class Problem:
     """Measured headings (R, N) with their mask, the response, the run effects, and bounds of theta (p, 2).
 
-    `positive` (p,) marks the parameters that are searched, and whose intervals are formed, on the logarithm.
+    `positive` (p,) marks the parameters that are searched, and whose intervals are formed, on the logarithm. Where
+    runs were reduced (see nodes.py) `samples` (R,) is how many they had and `left` (R,) [rad²] the part of their sums
+    of squares that no parameters change.
     """
 
     response: Response
@@ -32,6 +34,22 @@ class Problem:
     effects: RunEffects
     bounds: Floats
     positive: NDArray[np.bool_]
+    samples: NDArray[np.int64] | None = None
+    left: Floats | None = None
+
+    @property
+    def count(self) -> NDArray[np.int64]:
+        """Samples of each run, (R,)."""
+        return self.seen.sum(axis=1) if self.samples is None else self.samples
+
+    def residual(self, fitted: Floats) -> Floats:
+        """What headings (R, N) leave of the measured ones, zero in the padding."""
+        return np.where(self.seen, self.measured - fitted, 0.0)
+
+    def gram(self, by_phi: Floats, by_run: Floats, fitted: Floats, b: Floats) -> Gram:
+        """Inner products of the problem linearised about headings `fitted` (R, N) at run effects `b` (R, q)."""
+        gram = Gram.of(by_phi, by_run, self.residual(fitted), self.count, b)
+        return gram if self.left is None else replace(gram, ww=gram.ww + self.left)
 
     def natural(self, phi: Floats) -> Floats:
         """theta (..., p) of the search's coordinates phi."""

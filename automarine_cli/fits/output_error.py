@@ -2,7 +2,8 @@
 evidence prefers."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from automarine_cli import effects
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.influence import covariance_of_changes, degrees_of_freedom, left_out_changes
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
+from automarine_cli.fits.nodes import COUNTS
 from automarine_cli.fits.step_response import NAMES, Known, StepData, instant, step_problem
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem, without_gain
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
@@ -62,10 +64,25 @@ def fit_half_turns(
     """Fit one model to half-turns; `start` is (I_r, k_r, k_rr) to begin from, wherever it came from."""
     inertia, k_r, k_rr = start
     values = {"1": (k_r,), "2": (k_rr, k_r), "3": (k_rr,)}[number]
-    problem = step_problem(data, number, known)
     begin = np.array([inertia, *values, 0.0])
-    mixed = fit_mixed(problem, begin, noise=0.02, factors=np.array([0.03, 0.5]))
+    problem, mixed = _fit_at_nodes(data, number, known, begin)
     return _outcome(number, problem, mixed, begin, moment_unit, of_half_turns=True)
+
+
+def _fit_at_nodes(data: StepData, number: str, known: Known, begin: Floats) -> tuple[Problem, MixedFit]:
+    """The fit to all samples, by as few nodes a run as show its answer exactly, or by the samples where none do."""
+    whole, theta = step_problem(data, number, known), begin
+    start: dict[str, Any] = {"noise": 0.02, "factors": np.array([0.03, 0.5])}
+    for count in COUNTS:
+        nodes = data.nodes(count)
+        if nodes is None:
+            break
+        problem = step_problem(data, number, known, nodes)
+        mixed = fit_mixed(problem, theta, **start)
+        if nodes.show(mixed.fitted, problem.count):
+            return problem, replace(mixed, fitted=whole.headings(mixed.phi, mixed.run_effects))
+        theta = mixed.theta
+    return whole, fit_mixed(whole, theta, **start)
 
 
 def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> OutputErrorFit:
@@ -137,7 +154,7 @@ def _outcome(
     of_half_turns: bool,
 ) -> OutputErrorFit:
     covariance = run_covariance(mixed, problem if of_half_turns else None)
-    alone = float(problem.seen.sum() - len(mixed.theta)) if len(problem.measured) == 1 else None
+    alone = float(problem.count.sum() - len(mixed.theta)) if len(problem.measured) == 1 else None
     axes = np.eye(len(mixed.theta))
     names = NAMES[number]
     estimates = {

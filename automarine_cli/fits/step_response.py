@@ -2,7 +2,7 @@
 run to run."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from scipy import special
 
 from automarine_cli.fits.linear_mixed import RunEffects
 from automarine_cli.fits.mixed_model import Problem
+from automarine_cli.fits.nodes import Nodes, nodes_of
 from automarine_cli.models.closed_form import response
 from automarine_cli.runs.half_turn import MOST_REST, HalfTurn
 
@@ -40,6 +41,13 @@ class StepData:
     seen: NDArray[np.bool_]
     moment: Floats
     interval: Floats
+    _nodes: dict[int, Nodes | None] = field(default_factory=dict, repr=False, compare=False)
+
+    def nodes(self, count: int) -> Nodes | None:
+        """The half-turns at `count` nodes each (see nodes.py), made once for all models."""
+        if count not in self._nodes:
+            self._nodes[count] = nodes_of(self.time, self.heading, self.seen, self.interval, count)
+        return self._nodes[count]
 
 
 @dataclass(frozen=True)
@@ -94,27 +102,29 @@ def step_data(
     )
 
 
-def step_problem(data: StepData, model: str, known: Known = Known()) -> Problem:
-    """Likelihood of the half-turns under model "1", "2" or "3".
+def step_problem(data: StepData, model: str, known: Known = Known(), nodes: Nodes | None = None) -> Problem:
+    """Likelihood of the half-turns under model "1", "2" or "3", by their samples or by the `nodes` made of them.
 
     theta is (I_r, drag in the order of BASE_TERMS, z): z places the instants of the steps in their sample intervals
     (see `instant`), the logger's convention, common to all runs. Run effects are start heading, log gain of the
     moment, and the run's own part of z; the last two scatter by an estimated factor, which for instants that are
     uniform over their intervals is one.
     """
-    time, moment, interval = data.time[None], data.moment[None, :, None], data.interval[None, :, None]
+    time = (data if nodes is None else nodes).time[None]
+    moment, interval = data.moment[None, :, None], data.interval[None, :, None]
 
     def headings(theta: Floats, b: Floats) -> Floats:
         columns = [theta[:, i, None, None] for i in range(theta.shape[1])]
         late = interval * instant(columns[-1] + b[:, :, 2, None])
         gained = moment * np.exp(b[:, :, 1, None])
-        return response(
+        found = response(
             time - late,
             gained,
             columns[0],
             **dict(zip(NAMES[model][1:], columns[1:])),
             heading0=b[:, :, 0, None],
         )[0]
+        return found if nodes is None else (nodes.carry @ found[..., None])[..., 0]
 
     ones = np.ones(len(data.moment))
     scale = np.stack(
@@ -133,4 +143,7 @@ def step_problem(data: StepData, model: str, known: Known = Known()) -> Problem:
     most = 0.0 if known.switch_instant else MOST_OFFSET
     bounds = np.array([(0.0, np.inf), *drags, (-most, most)])
     positive = np.array([True, *np.logical_not(signed), False])
-    return Problem(headings, data.heading, data.seen, effects, bounds, positive)
+    if nodes is None:
+        return Problem(headings, data.heading, data.seen, effects, bounds, positive)
+    count = data.seen.sum(axis=1)
+    return Problem(headings, nodes.heading, nodes.seen, effects, bounds, positive, count, nodes.left)

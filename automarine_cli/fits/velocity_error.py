@@ -8,7 +8,7 @@ still sees the transient: the tail starts at the earliest angle where the whole 
 noise-free answer, is off by less than `BIAS_LIMIT` in inertia and drag.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from automarine_cli.errors import FitError
 from automarine_cli.fits.drag import DragFit, fit_drag, regressors
 from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.linear_mixed import solve_scaled
 from automarine_cli.fits.step_response import StepData
 from automarine_cli.models.closed_form import inertia_from_velocity_error, response
 from automarine_cli.quantities import unit_of
@@ -67,9 +68,13 @@ class VelocityErrorFit:
 
 
 def fit_velocity_error(
-    data: StepData, start_heading: Floats, offset: float = 0.0, moment_unit: str = "nu"
+    data: StepData,
+    start_heading: Floats,
+    offset: float = 0.0,
+    moment_unit: str = "nu",
+    models: Sequence[str] = ("1", "2", "3", "3+c"),
 ) -> VelocityErrorFit:
-    """Run the paper's method on half-turns.
+    """Run the paper's method on half-turns, for some of the models of `drag.COLUMNS`.
 
     `start_heading` (R,) [rad] on the scale of `data.heading`; `offset` moves every instant of a step by that
     share of its switch interval (the logger's convention). Raises FitError where too few runs or samples are
@@ -91,7 +96,7 @@ def fit_velocity_error(
         used = _tail_mask(time, data, reference, tail_from)
     tails = tail_lines(time, data.heading, start_heading, used)
     drag, inertia = {}, {}
-    for model in ("1", "2", "3", "3+c"):
+    for model in models:
         if model in ("2", "3+c") and (len(data.moment) < 4 or len(np.unique(np.abs(data.moment))) < 2):
             continue
         fit = fit_drag(data.moment, tails.rate, model, moment_unit)
@@ -108,16 +113,19 @@ def tail_lines(time: Floats, heading: Floats, start_heading: Floats, used: Mask)
     time 0."""
     count = used.sum(axis=-1)
     if np.any(count < FEWEST_TAIL_SAMPLES):
-        raise FitError(
-            f"only {count.min()} samples in the steady tail of a half-turn where {FEWEST_TAIL_SAMPLES} are "
-            "needed; "
-            "log the heading faster, or drop the highest moments"
-        )
+        raise _too_few(int(count.min()))
     mean_t = np.sum(time * used, axis=-1) / count
     mean_h = np.sum(heading * used, axis=-1) / count
     spread = (time - mean_t[..., None]) * used
     rate = np.sum(spread * (heading - mean_h[..., None]), axis=-1) / np.sum(spread**2, axis=-1)
     return TailLines(rate, mean_h - rate * mean_t - start_heading, used)
+
+
+def _too_few(samples: int) -> FitError:
+    return FitError(
+        f"only {samples} samples in the steady tail of a half-turn where {FEWEST_TAIL_SAMPLES} are needed; "
+        "log the heading faster, or drop the highest moments"
+    )
 
 
 def _last_share(time: Floats, seen: Mask, share: float) -> Mask:
@@ -156,8 +164,9 @@ def _tail_mask(time: Floats, data: StepData, model: _Reference, start: float) ->
     """Samples past the turned angle `start` by the reference model, so that noise does not choose them; at
     least a few."""
     past = data.seen & (model.heading(time, data.moment) >= start)
-    last = np.where(data.seen, np.arange(time.shape[1]), -1).max(axis=1)
-    few = data.seen & (np.arange(time.shape[1]) > last[:, None] - FEWEST_TAIL_SAMPLES) & (time > 0)
+    few = (
+        data.seen & (np.arange(time.shape[1]) > _last(data.seen)[:, None] - FEWEST_TAIL_SAMPLES) & (time > 0)
+    )
     return past | few
 
 
@@ -168,13 +177,38 @@ def _noise_about_lines(time: Floats, heading: Floats, used: Mask) -> float:
     return float(np.sqrt(off @ off / max(used.sum() - 2 * len(time), 1)))
 
 
-def _error_of_mean(time: Floats, used: Mask, tails: TailLines, noise: float) -> float:
-    """Relative standard error of a mean over the velocity errors, for heading noise [rad]."""
-    count = used.sum(axis=1)
-    mean = np.sum(time * used, axis=1) / count
-    spread = np.sum(((time - mean[:, None]) * used) ** 2, axis=1)
-    variance = noise**2 * (1.0 / count + mean**2 / spread) / tails.error**2
-    return float(np.sqrt(variance.sum()) / len(time))
+@dataclass(frozen=True)
+class _Lines:
+    """Lines through the ends of R runs from A places each, all (R, A): rate [rad/s], intercept at time 0 [rad],
+    samples, their mean time [s] and their sum of squared times about it [s²]."""
+
+    rate: Floats
+    error: Floats
+    count: Floats
+    mean: Floats
+    spread: Floats
+
+
+def _lines_to_the_end(time: Floats, heading: Floats, seen: Mask, first: NDArray[np.int64]) -> _Lines:
+    """Least-squares lines from the samples `first` (R, A) of each run to its last, by sums from behind."""
+    runs = np.arange(len(time))[:, None]
+    last = _last(seen)[:, None]
+    t, h = (np.where(seen, x - np.take_along_axis(x, last, axis=1), 0.0) for x in (time, heading))
+    count, sum_t, sum_h, sum_tt, sum_th = (
+        np.cumsum(x[:, ::-1], axis=1)[:, ::-1][runs, first] for x in (seen * 1.0, t, h, t * t, t * h)
+    )
+    if np.any(count < FEWEST_TAIL_SAMPLES):
+        raise _too_few(int(count.min()))
+    spread = sum_tt - sum_t**2 / count
+    rate = (sum_th - sum_t * sum_h / count) / spread
+    mean = sum_t / count + np.take_along_axis(time, last, axis=1)
+    mean_h = sum_h / count + np.take_along_axis(heading, last, axis=1)
+    return _Lines(rate, mean_h - rate * mean, count, mean, spread)
+
+
+def _last(seen: Mask) -> NDArray[np.int64]:
+    """Index of the last sample of each run, (R,)."""
+    return np.asarray(seen.shape[1] - 1 - np.argmax(seen[:, ::-1], axis=1))
 
 
 def _choose_tail(
@@ -183,21 +217,24 @@ def _choose_tail(
     """Earliest tail start whose own bias is within the limit; where none is, the one of least error, bias and
     noise taken together (the least bias alone would always take the last few samples)."""
     exact = response(time, data.moment[:, None], model.inertia, model.k_r, model.k_rr)[0]
-    kind = "3" if model.k_rr > 0 else "1"
-    best, least = (ANGLES[0], (np.inf, np.inf)), np.inf
-    for start in ANGLES:
-        used = _tail_mask(time, data, model, start)
-        tails = tail_lines(time, exact, np.zeros(len(exact)), used)
-        drag = fit_drag(data.moment, tails.rate, kind).drag
-        inertia = np.mean(inertia_from_velocity_error(tails.error, data.moment, *drag))
-        bias = (float(inertia / model.inertia - 1.0), float(max(drag) / max(model.k_r, model.k_rr) - 1.0))
-        worst = max(abs(bias[0]), abs(bias[1]))
-        if worst <= AIM:
-            return start, bias
-        error = float(np.hypot(worst, _error_of_mean(time, used, tails, noise)))
-        if error < least:
-            best, least = (start, bias), error
-    return best
+    last, begun = _last(data.seen), np.argmax(data.seen & (time > 0), axis=1)
+    few = np.maximum(last - FEWEST_TAIL_SAMPLES + 1, begun)
+    # the reference turns one way: what is past an angle is what comes after the first sample past it
+    past = [np.searchsorted(np.abs(psi[: n + 1]), ANGLES) for psi, n in zip(exact, last)]
+    lines = _lines_to_the_end(time, exact, data.seen, np.minimum(past, few[:, None]))
+    linear, moment = model.k_rr == 0, data.moment[:, None]
+    x = lines.rate if linear else np.abs(lines.rate) * lines.rate
+    drag = (x * moment).sum(axis=0) / (x * x).sum(axis=0)
+    inertia = inertia_from_velocity_error(lines.error, moment, drag * linear, drag * (not linear)).mean(
+        axis=0
+    )
+    biases = np.stack([inertia / model.inertia - 1.0, drag / max(model.k_r, model.k_rr) - 1.0])
+    worst = np.abs(biases).max(axis=0)
+    # relative standard error of a mean over the velocity errors
+    variance = noise**2 * (1.0 / lines.count + lines.mean**2 / lines.spread) / lines.error**2
+    error = np.hypot(worst, np.sqrt(variance.sum(axis=0)) / len(time))
+    best = int(np.argmax(worst <= AIM) if np.any(worst <= AIM) else np.argmin(error))
+    return float(ANGLES[best]), (float(biases[0, best]), float(biases[1, best]))
 
 
 def _inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str) -> InertiaTable | None:
@@ -209,7 +246,7 @@ def _inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit:
     per_run = inertia_from_velocity_error(tails.error, moment, *drag.drag)
     levels = np.unique(moment)
     per_moment = {float(level): float(per_run[moment == level].mean()) for level in levels}
-    left_out = np.array([_inertia_without(i, moment, tails, drag.model) for i in range(len(moment))])
+    left_out = _inertia_without_each(moment, tails, drag.model)
     if not (np.all(np.isfinite(per_run)) and np.all(np.isfinite(left_out))):
         return None
     count = len(moment)
@@ -218,9 +255,19 @@ def _inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit:
     return InertiaTable(per_run, per_moment, overall)
 
 
-def _inertia_without(i: int, moment: Floats, tails: TailLines, model: str) -> float:
-    keep = np.arange(len(moment)) != i
-    x = regressors(tails.rate[keep], model)
-    values = np.linalg.lstsq(x, moment[keep], rcond=None)[0]
-    k_rr, k_r = {"1": (0.0, values[0]), "2": (values[0], values[-1]), "3": (values[0], 0.0)}[model]
-    return float(np.mean(inertia_from_velocity_error(tails.error[keep], moment[keep], k_r, k_rr)))
+def _inertia_without_each(moment: Floats, tails: TailLines, model: str) -> Floats:
+    """Mean inertia (R,) without each run in turn, drag refitted: from the normal equations less one row."""
+    x = regressors(tails.rate, model)
+    unit = np.abs(x).max(axis=0)
+    x = x / unit
+    values = solve_scaled(x.T @ x - x[:, :, None] * x[:, None, :], x.T @ moment - x * moment[:, None]) / unit
+    if model == "2":
+        means = [
+            np.delete(inertia_from_velocity_error(tails.error, moment, k_r, k_rr), i).mean()
+            for i, (k_rr, k_r) in enumerate(values)
+        ]
+        return np.array(means)
+    # equations 7 and 9: inertia goes with the square of k_r, or with k_rr
+    drag, power = ((1.0, 0.0), 2) if model == "1" else ((0.0, 1.0), 1)
+    each = inertia_from_velocity_error(tails.error, moment, *drag)
+    return np.asarray((each.sum() - each) / (len(each) - 1) * values[:, 0] ** power)

@@ -16,10 +16,10 @@ import time
 from pathlib import Path
 
 from cluster import cluster
-from coverage import coverage
 from coverage_effects import effect_coverage
 from coverage_thrusters import thruster_coverage
 from efficiency import efficiency
+from interval_coverage import coverage
 from reading import broken, memory, reading
 from speed import Result, fit, simulator, startup
 

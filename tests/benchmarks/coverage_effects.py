@@ -4,7 +4,7 @@ base model with it, as a diagnosis does once it has named it."""
 from typing import Any
 
 from campaigns import INERTIA, K_RR
-from coverage import HEADER, Outcome, Trial, failures, misses, summarise, summary_rows
+from interval_coverage import HEADER, Outcome, Trial, failures, misses, summarise, summary_rows
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.study import study_of

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from coverage import HEADER, Outcome, Trial, failures, misses, summarise, summary_rows
+from interval_coverage import HEADER, Outcome, Trial, failures, misses, summarise, summary_rows
 
 from automarine_cli.errors import AutomarineError
 from automarine_cli.pipeline.parallel import ordered_map

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -115,14 +114,7 @@ def _compiled(batch: Batch, theta: Floats, repeats: int) -> float | None:
     """Median seconds of the same steps in a compiled loop, sample by sample; None without numba."""
     if find_spec("numba") is None:
         return None
-    own = sys.modules.pop("coverage", None)  # numba would take our coverage.py for the package of that name
-    here = sys.path.copy()
-    sys.path[:] = [folder for folder in here if not Path(folder, "coverage_thrusters.py").exists()]
     from numba import njit
-
-    sys.path[:] = here
-    if own is not None:
-        sys.modules["coverage"] = own
 
     @njit
     def advance(theta: Floats, length: Floats, moment: Floats, heading: Floats) -> None:

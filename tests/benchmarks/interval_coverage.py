@@ -1,6 +1,6 @@
 """Coverage: how often 95 % intervals hold the truth, for both estimators of a yaw model.
 
-Usage: python tests/benchmarks/coverage.py [--effects | --thrusters] [--campaigns N] [--jobs N]
+Usage: python tests/benchmarks/interval_coverage.py [--effects | --thrusters] [--campaigns N] [--jobs N]
 """
 
 import os
