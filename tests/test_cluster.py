@@ -1,6 +1,7 @@
 """Work on a Dask cluster: a real scheduler, two workers, one of them killed in the middle; the same bytes."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,10 +12,12 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from small_campaign import make_small_campaign
 
 from automarine_cli.cli import automarine
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.workflows.campaigns import run_campaigns
 
 distributed = pytest.importorskip("distributed", reason="the extra automarine[cluster] is not installed")
 pytestmark = pytest.mark.filterwarnings("default")  # Dask's own warnings are none of ours
@@ -130,6 +133,32 @@ def test_diagnosis_on_a_cluster_is_the_same_bytes_even_if_a_worker_dies(
     assert cluster.workers[1].poll() == -signal.SIGKILL, "the diagnosis was over before the worker was killed"
     for file in sorted((tmp_path / "here").iterdir()):
         assert file.read_bytes() == (tmp_path / "there" / file.name).read_bytes(), file.name
+
+
+def test_campaigns_on_a_cluster_are_the_same_bytes_even_if_a_worker_dies(
+    cluster: Cluster, tmp_path: Path
+) -> None:
+    first = make_small_campaign(tmp_path / "season" / "day_0")
+    days = [first]
+    for number in range(1, 6):
+        folder = shutil.copytree(first.parent, tmp_path / "season" / f"day_{number}")
+        days.append(Path(folder) / "campaign.toml")
+    done = 0
+
+    def struck(stage: str, now: int, total: int) -> None:
+        nonlocal done
+        done = now
+        if now == 1:
+            cluster.workers[0].send_signal(signal.SIGKILL)
+
+    how = {"until": "fit-yaw"}
+    run_campaigns(days, out=tmp_path / "there", cluster=cluster.address, progress=struck, **how)
+    assert cluster.workers[0].wait(10) == -signal.SIGKILL
+    cluster.workers[0] = cluster.worker()
+    run_campaigns(days, out=tmp_path / "here", **how)
+    here, there = ({p.relative_to(f): p.read_bytes() for p in f.rglob("*") if p.is_file()}
+                   for f in (tmp_path / "here", tmp_path / "there"))  # fmt: skip
+    assert done == 6 and here == there
 
 
 def test_no_scheduler_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,12 +8,13 @@ import click
 from automarine_cli.cli import options
 from automarine_cli.cli.echo import CampaignTeller
 
+MOST_NAMED = 12  # campaigns whose folders are named at the end
 STEPS = ("check", "fit-thrusters", "fit-yaw", "validate", "diagnose", "report")
 
 
 @click.command("run", short_help="Every step of a campaign, and one report.")
 @click.argument(
-    "campaign", required=False, metavar="[CAMPAIGN.toml]", type=click.Path(exists=True, dir_okay=False, path_type=Path)
+    "campaigns", nargs=-1, metavar="[CAMPAIGN.toml]...", type=click.Path(exists=True, dir_okay=False, path_type=Path)
 )  # fmt: skip
 @click.option("--until", type=click.Choice(STEPS), help="Stop after this step.")
 @click.option("--force", is_flag=True, help="Run every step, also where nothing has changed.")
@@ -25,12 +26,13 @@ STEPS = ("check", "fit-thrusters", "fit-yaw", "validate", "diagnose", "report")
 @options.out_option
 @options.overwrite_option
 @options.jobs_option
+@options.cluster_option
 @options.json_option
 @options.verbosity
 @click.pass_context
 def run(
-    ctx: click.Context, campaign: Path | None, until: str | None, force: bool, recorded: Path | None,
-    inputs: tuple[Path, ...], out: Path | None, overwrite: bool, jobs: int, as_json: bool,
+    ctx: click.Context, campaigns: tuple[Path, ...], until: str | None, force: bool, recorded: Path | None,
+    inputs: tuple[Path, ...], out: Path | None, overwrite: bool, jobs: int, cluster: str | None, as_json: bool,
 ) -> object:  # fmt: skip
     """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report.
 
@@ -38,22 +40,27 @@ def run(
     settings nor versions have changed; for every other step the reason is told. `automarine init` writes a
     campaign file.
 
+    Several campaigns, a fleet or a season, have a folder each in DIR and an overview of all; --jobs N works on so many
+    at a time, --cluster ADDRESS sends them with their logs to the workers of a Dask scheduler. One that is refused
+    stops no other.
+
     With --from instead, a recorded result is made again from its manifest: inputs are found by name and content
     under --inputs (by default here), and exit status 0 says that every file has the bytes recorded.
 
     \b
     Example:
       automarine run sample_runs/pool_day.toml --until fit-yaw -o out/pool_day
+      automarine run season/*/campaign.toml -o out/season --jobs 2
       automarine run --from out/fit-yaw/manifest.json -o out/again
     """
-    if (campaign is None) == (recorded is None):
+    if (not campaigns) == (recorded is None):
         raise click.UsageError(
             "give a campaign file (automarine init writes one), or --from MANIFEST to repeat a result"
         )
     given: dict[str, Any] = {"out": out, "overwrite": overwrite, "jobs": jobs}
     if recorded is not None:
-        if force or until:
-            raise click.UsageError("--force and --until go with a campaign file, not with --from")
+        if force or until or cluster:
+            raise click.UsageError("--force, --until and --cluster go with a campaign file, not with --from")
         from automarine_cli.workflows.rerun import rerun
 
         again = rerun(recorded, inputs=inputs, progress=options.terminal_progress(), **given)
@@ -61,19 +68,39 @@ def run(
         if not again.same:
             ctx.exit(1)
         return again
-    assert campaign is not None
     if inputs:
         raise click.UsageError("--inputs goes with --from; a campaign file names its logs itself")
+    if len(campaigns) > 1 or cluster:
+        return _several(ctx, campaigns, as_json, force=force, until=until, cluster=cluster, **given)
     from automarine_cli.workflows.run import run_campaign
 
     teller = CampaignTeller()
     result = run_campaign(
-        campaign, force=force, until=until, progress=teller.progress, tell=teller.tell, **given
+        campaigns[0], force=force, until=until, progress=teller.progress, tell=teller.tell, **given
     )
     options.echo_result(result, as_json=as_json, out=out, tables=result.tables(), files=result.files)
     for one in result.refused:
         click.echo(f"Error: {one.step}: {one.why}", err=True)
     if result.refused:
         click.echo("Correct that and run the same command again: the steps that are done are kept.", err=True)
+        ctx.exit(1)
+    return result
+
+
+def _several(
+    ctx: click.Context, campaigns: tuple[Path, ...], as_json: bool, *, out: Path | None, **given: Any
+) -> object:
+    if out is None:
+        raise click.UsageError("several campaigns need a folder for their results; give one with -o DIR")
+    from automarine_cli.workflows.campaigns import run_campaigns
+
+    result = run_campaigns(campaigns, out=out, progress=options.terminal_progress(), **given)
+    files = ("campaigns.csv", "campaigns.json", *(f"{one.name}/" for one in result.outcomes[:MOST_NAMED]))
+    options.echo_result(result, as_json=as_json, out=out, tables=(result.table(),), files=files)
+    for one in result.refused:
+        for why in one.refused:
+            click.echo(f"Error: {one.name}: {why}", err=True)
+    if result.refused:
+        click.echo("Correct that and run the same command again: what is done is kept.", err=True)
         ctx.exit(1)
     return result

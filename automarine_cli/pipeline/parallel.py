@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from automarine_cli.errors import SettingError
@@ -49,8 +50,13 @@ def ordered_stream(
     cluster: str | None = None,
     progress: Progress = silent,
     stage: str = "",
+    prepare: Callable[[Item], Item] | None = None,
+    at_once: int | None = None,
 ) -> Iterator[Result]:
     """The results of `function` on each item, one by one in input order and the same for any `jobs`.
+
+    `prepare` is applied to an item in this process, just before it is handed out; `at_once` items go together (default:
+    by their number).
 
     With the address of a Dask scheduler as `cluster` its workers do the work, whatever `jobs`. Few results are held
     at a time: work that is far ahead of whoever takes the results waits. The first item (in input order) that raises
@@ -58,8 +64,26 @@ def ordered_stream(
     dies (usually for want of memory), or there is no cluster.
     """
     work = list(items)
-    found = _in_order(function, work, min(_checked(jobs), len(work)), cluster if work else None, stage)
+    handing = _Handing(prepare, at_once)
+    found = _in_order(
+        function, work, min(_checked(jobs), len(work)), cluster if work else None, stage, handing
+    )
     return counted(progress, stage, found, len(work))
+
+
+@dataclass(frozen=True)
+class _Handing:
+    """How items are handed out: what is done to each first, and how many go together."""
+
+    prepare: Callable[[Any], Any] | None = None
+    at_once: int | None = None
+
+    def chunks(self, work: list[Item], workers: int) -> Iterator[list[Item]]:
+        """The items in the chunks in which they are handed out, prepared as late as can be."""
+        size = self.at_once or min(LARGEST_CHUNK, max(1, len(work) // (workers * CHUNKS_PER_JOB)))
+        for start in range(0, len(work), size):
+            chunk = work[start : start + size]
+            yield chunk if self.prepare is None else [self.prepare(item) for item in chunk]
 
 
 @contextlib.contextmanager
@@ -74,7 +98,9 @@ def lasting_map(
 
         def each(function: Callable[[Any], Any], items: Sequence[Any], stage: str) -> list[Any]:
             work = list(items)
-            found = map(function, work) if executor is None else _through(executor, function, work, workers)
+            found: Iterable[Any] = map(function, work)
+            if executor is not None:
+                found = _through(executor, function, _Handing().chunks(work, workers), workers)
             return list(counted(progress, stage, found, len(work)))
 
         yield each
@@ -87,10 +113,19 @@ def _checked(jobs: int) -> int:
 
 
 def _in_order(
-    function: Callable[[Item], Result], work: list[Item], jobs: int, cluster: str | None, stage: str
+    function: Callable[[Item], Result],
+    work: list[Item],
+    jobs: int,
+    cluster: str | None,
+    stage: str,
+    handing: _Handing,
 ) -> Iterator[Result]:
     with _workers(jobs, cluster, stage) as (executor, workers):
-        yield from map(function, work) if executor is None else _through(executor, function, work, workers)
+        chunks = handing.chunks(work, workers)
+        if executor is None:
+            yield from (function(item) for chunk in chunks for item in chunk)
+        else:
+            yield from _through(executor, function, chunks, workers)
 
 
 @contextlib.contextmanager
@@ -173,11 +208,9 @@ def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
 
 
 def _through(
-    executor: Executor, function: Callable[[Item], Result], work: list[Item], workers: int
+    executor: Executor, function: Callable[[Item], Result], chunks: Iterator[list[Item]], workers: int
 ) -> Iterator[Result]:
     """Results in input order, a few chunks of items under way for each of `workers`."""
-    size = min(LARGEST_CHUNK, max(1, len(work) // (workers * CHUNKS_PER_JOB)))
-    chunks = (work[start : start + size] for start in range(0, len(work), size))
     under_way: deque[Future[tuple[list[Result], BaseException | None]]] = deque()
     while True:
         while len(under_way) < AHEAD * workers and (chunk := next(chunks, None)) is not None:

@@ -1,6 +1,6 @@
 """What `run` shows of a campaign: one line a step, and cautions that only the whole campaign gives."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,18 @@ def steps_table(rows: Sequence[tuple[str, str, str, str]]) -> Table:
         for name, did, why, says in rows
     )
     return Table("", ("step", "", "because", "result"), cells)
+
+
+SAID = ("fit-yaw", "validate", "diagnose")
+
+
+def campaigns_table(rows: Sequence[tuple[str, Mapping[str, str], Sequence[str]]]) -> Table:
+    """Of several campaigns: name, what the steps that matter most say, and what was refused."""
+    cells = tuple(
+        (name, *(says.get(step, "") or MISSING for step in SAID), "; ".join(refused) or MISSING)
+        for name, says, refused in rows
+    )
+    return Table("", ("campaign", *SAID, "refused"), cells)
 
 
 def outcome(step: str, folder: Path) -> str:

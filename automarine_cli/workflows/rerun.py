@@ -16,6 +16,7 @@ from automarine_cli.pipeline.outputs import UNRECORDED
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.recipe import converted
 from automarine_cli.pipeline.words import listed
+from automarine_cli.workflows.campaigns import run_campaigns
 from automarine_cli.workflows.check import check
 from automarine_cli.workflows.compare import compare
 from automarine_cli.workflows.diagnose import diagnose
@@ -38,6 +39,7 @@ COMMANDS: Mapping[str, Callable[..., object]] = {
     "slice": slice_log,
     "compare": compare,
     "run": run_campaign,
+    "campaigns": run_campaigns,
 }
 FILES = ("model", "thrusters", "columns")  # options that are files; logs, hold_out and specification are more
 
@@ -165,6 +167,8 @@ def _recipe(
     for key in ("specification", "campaign"):
         if key in known:
             settings[key] = _file(key, "", roles, f"{where}: inputs")
+    if "campaigns" in known:
+        settings["campaigns"] = [one.path for one in roles.get("campaign", ()) if one.path]
     if "results" in known:
         settings["results"] = [one.path.parent for one in roles.get("result", ()) if one.path]
     if "seed" in known and manifest.seed is not None:
