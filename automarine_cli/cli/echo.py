@@ -184,3 +184,12 @@ def echo_result(
         click.echo(folded(f"Results are in {out}{listed}", width))
     elif keep_hint is not None:
         click.echo(f"Nothing was written; {keep_hint} keeps the results.")
+
+
+def end_with(ctx: click.Context, refusals: list[str]) -> None:
+    """Status 1, and each refusal in a line of its own, if there are any."""
+    for refusal in refusals:
+        click.echo(f"Error: {refusal}", err=True)
+    if refusals:
+        click.echo("Correct that and run the same command again: what is done is kept.", err=True)
+        ctx.exit(1)

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from automarine_cli.cli import options
-from automarine_cli.cli.echo import CampaignTeller
+from automarine_cli.cli.echo import CampaignTeller, end_with
 
 MOST_NAMED = 12  # campaigns whose folders are named at the end
 STEPS = ("check", "fit-thrusters", "fit-yaw", "validate", "diagnose", "report")
@@ -40,9 +40,8 @@ def run(
     settings nor versions have changed; for every other step the reason is told. `automarine init` writes a
     campaign file.
 
-    Several campaigns, a fleet or a season, have a folder each in DIR and an overview of all; --jobs N works on so many
-    at a time, --cluster ADDRESS sends them with their logs to the workers of a Dask scheduler. One that is refused
-    stops no other.
+    Several campaigns, a fleet or a season, have a folder each in DIR and an overview of all; --jobs N does so many at
+    a time, --cluster ADDRESS sends them with their logs to a Dask scheduler. One that is refused stops no other.
 
     With --from instead, a recorded result is made again from its manifest: inputs are found by name and content
     under --inputs (by default here), and exit status 0 says that every file has the bytes recorded.
@@ -50,7 +49,6 @@ def run(
     \b
     Example:
       automarine run sample_runs/pool_day.toml --until fit-yaw -o out/pool_day
-      automarine run season/*/campaign.toml -o out/season --jobs 2
       automarine run --from out/fit-yaw/manifest.json -o out/again
     """
     if (not campaigns) == (recorded is None):
@@ -79,11 +77,7 @@ def run(
         campaigns[0], force=force, until=until, progress=teller.progress, tell=teller.tell, **given
     )
     options.echo_result(result, as_json=as_json, out=out, tables=result.tables(), files=result.files)
-    for one in result.refused:
-        click.echo(f"Error: {one.step}: {one.why}", err=True)
-    if result.refused:
-        click.echo("Correct that and run the same command again: the steps that are done are kept.", err=True)
-        ctx.exit(1)
+    end_with(ctx, [f"{one.step}: {one.why}" for one in result.refused])
     return result
 
 
@@ -97,10 +91,5 @@ def _several(
     result = run_campaigns(campaigns, out=out, progress=options.terminal_progress(), **given)
     files = ("campaigns.csv", "campaigns.json", *(f"{one.name}/" for one in result.outcomes[:MOST_NAMED]))
     options.echo_result(result, as_json=as_json, out=out, tables=(result.table(),), files=files)
-    for one in result.refused:
-        for why in one.refused:
-            click.echo(f"Error: {one.name}: {why}", err=True)
-    if result.refused:
-        click.echo("Correct that and run the same command again: what is done is kept.", err=True)
-        ctx.exit(1)
+    end_with(ctx, [f"{one.name}: {why}" for one in result.refused for why in one.refused])
     return result
