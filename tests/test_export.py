@@ -308,7 +308,7 @@ def test_a_file_that_is_there_stays_until_it_may_go(tmp_path: Path) -> None:
 
 
 def test_names_of_files_cannot_leave_their_comment(tmp_path: Path) -> None:
-    strange = model_file(tmp_path).rename(tmp_path / 'a--> """\n x é.json')
+    strange = model_file(tmp_path).rename(tmp_path / 'a--->--> """\n x é.json')
     for target in ("gz-sim", "uuv", "stonefish", "python", "mss", "labust"):
         for form in targets.get(target).forms:
             text = exported(strange, target, form).text

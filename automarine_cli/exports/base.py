@@ -6,14 +6,16 @@ Recipe: one file in this folder with `TARGET = Target(...)` and a function that 
 (or of a `MapSubject`, for a target that takes a thruster map). The module's docstring gives the simulator's own
 equation with the page that documents it; `carries` names the effects that this equation has a term for. What a
 model has beyond them is listed, and refused unless the user allows a part: the target sees only what it carries.
-The folder is the registry, and `tests/test_export_contract.py` picks the new file up.
+The folder is the registry; the tests ask for a reader of the new file in `tests/export_readers.py` and do the rest.
 """
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from automarine_cli import __version__
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.models.yaw_model import YawModel
 
@@ -23,6 +25,30 @@ FRAMES = {
 }
 DRAG = ("linear-drag", "quadratic-drag")
 YAW_MODEL, THRUSTER_MAP = "yaw model", "thruster map"
+
+
+@dataclass(frozen=True)
+class Names:
+    """What the field calls one motion: the letters of its force or moment and of its rate, its inertia, its place among
+    the six motions, in a number and a word, the unit of its rate."""
+
+    force: str
+    rate_letter: str
+    inertia: str
+    index: int
+    place: str
+    rate: str
+
+    def said(self, text: str) -> str:
+        """An equation of yaw with this motion's letter for the rate r, where it stands alone."""
+        return re.sub(r"(?<![A-Za-z_])r(?![A-Za-z_])", self.rate_letter, text)
+
+
+NAMES = {
+    "yaw": Names("N", "r", "I_r", 5, "last", "rad/s"),
+    "surge": Names("X", "u", "m_u", 0, "first", "m/s"),
+    "heave": Names("Z", "w", "m_w", 2, "third", "m/s"),
+}
 
 
 @dataclass(frozen=True)
@@ -71,10 +97,10 @@ class Origin:
 
 @dataclass(frozen=True)
 class YawSubject:
-    """A yaw model to be written: already in the file's frame and moment unit, with what the target carries alone.
+    """A model to be written: already in the file's frame and moment unit, with what the target carries alone.
 
-    `data` is the model file's content, for a card; `logs` are name and hash of the logs it was fitted to, None
-    where that is not known.
+    `axis` is its motion; `data` is the model file's content under yaw's keys, for a card; `logs` are name and hash of
+    the logs it was fitted to, None where that is not known.
     """
 
     origin: Origin
@@ -83,6 +109,7 @@ class YawSubject:
     form: str
     settings: Settings
     left_out: tuple[LeftOut, ...] = ()
+    axis: Axis = YAW
     data: Mapping[str, Any] | None = None
     logs: tuple[tuple[str, str], ...] | None = None
 
@@ -102,21 +129,31 @@ class YawSubject:
         return (self.model.inertia, 0.0) if rigid is None else (rigid, self.model.inertia - rigid)
 
     @property
+    def names(self) -> Names:
+        """What the field calls the motion."""
+        return NAMES[self.axis.name]
+
+    @property
     def unit(self) -> str:
         """Unit of inertia, in plain letters."""
-        return f"{self.model.moment_unit} s^2"
+        return plain(self.axis.unit_of("I_r", self.model.moment_unit))
 
     def about_inertia(self) -> str:
         """The sentence on how the inertia is told."""
         rigid, added = self.inertias
+        told = f"Inertia: {self.names.inertia} = {number(self.model.inertia)} {self.unit}"
         if self.settings.rigid_inertia is None:
             return (
-                f"Inertia: I_r = {number(rigid)} {self.unit} is the identified total of rigid and added inertia and "
-                "stands in one place, as rigid; no added inertia beside it."
+                f"{told} is the identified total of rigid and added inertia and stands in one place, as rigid; no "
+                "added inertia beside it."
             )
+        return f"{told} = {number(rigid)} rigid (given) + {number(added)} added."
+
+    def about_entries(self) -> str:
+        """The sentence on what was not identified, for vectors and matrices of all six motions."""
         return (
-            f"Inertia: I_r = {number(self.model.inertia)} {self.unit} = {number(rigid)} rigid (given) + "
-            f"{number(added)} added."
+            f"Only the entries of {self.axis.name} (the {self.names.place} ones) are identified: all others are "
+            "placeholders; merge with the values of your model."
         )
 
 
@@ -147,7 +184,7 @@ class Target:
     `forms` by name with the ending of the file, the first for who asks for none; `frames` likewise. `carries` the
     effects it has terms for, `carries_with` the same where that hangs on the settings, `varying` whether also when
     they differ from run to run; `why` not, by effect, and `instead` the option that helps. `si` whether moments must
-    be newton metres; `uses` the settings that mean something.
+    be newton metres; `uses` the settings that mean something; `axes` the motions whose models it takes.
     """
 
     name: str
@@ -164,6 +201,12 @@ class Target:
     instead: str = ""
     why: Mapping[str, str] = field(default_factory=dict)
     varying: bool = False
+    axes: tuple[str, ...] = ("yaw",)
+
+
+def plain(text: str) -> str:
+    """Powers in letters of ASCII."""
+    return text.replace("²", "^2").replace("³", "^3")
 
 
 def number(value: float) -> str:
@@ -176,9 +219,9 @@ def row(values: Iterable[float], between: str = " ") -> str:
     return between.join(number(value) for value in values)
 
 
-def at_axis(value: float, axis: int, size: int = 6, rest: float = 0.0) -> list[float]:
-    """`size` numbers of which only the one at `axis` is known."""
-    return [value if i == axis else rest for i in range(size)]
+def at_place(value: float, index: int) -> list[float]:
+    """Six numbers, of the six motions, of which only the one at `index` is known."""
+    return [value if i == index else 0.0 for i in range(6)]
 
 
 def head(subject: YawSubject | MapSubject, equation: str, notes: Iterable[str]) -> list[str]:
@@ -189,7 +232,8 @@ def head(subject: YawSubject | MapSubject, equation: str, notes: Iterable[str]) 
         f"Frame: {FRAMES[subject.frame]}.",
     ]
     if isinstance(subject, YawSubject):
-        lines.append(f"Units: moment {subject.model.moment_unit}, rate rad/s, inertia {subject.unit}.")
+        unit, rate = subject.model.moment_unit, subject.names.rate
+        lines.append(f"Units: {subject.axis.say('moment')} {unit}, rate {rate}, inertia {subject.unit}.")
         lines += [f"Left out: {one.name}: {one.why}." for one in subject.left_out]
     return [line.encode("ascii", "backslashreplace").decode("ascii") for line in (*lines, *notes)]
 
@@ -199,7 +243,7 @@ def commented(lines: Iterable[str], sign: str) -> str:
     return "".join(f"{sign} {line}\n" for line in lines)
 
 
-def xml_comment(lines: Iterable[str], indent: str = "") -> str:
+def xml_comment(lines: Iterable[str]) -> str:
     """One XML comment; two hyphens, which would end it, are set apart."""
-    inside = "".join(f"{indent}  {line.replace('--', '- -')}\n" for line in lines)
-    return f"{indent}<!--\n{inside}{indent}-->\n"
+    inside = "".join(f"  {re.sub('-(?=-)', '- ', line)}\n" for line in lines)
+    return f"<!--\n{inside}-->\n"

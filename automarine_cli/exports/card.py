@@ -8,18 +8,20 @@ from typing import Any
 
 from automarine_cli import __version__, effects
 from automarine_cli.effects.base import Parameter
-from automarine_cli.exports.base import FRAMES, Target, Written, YawSubject
+from automarine_cli.exports.base import FRAMES, NAMES, Target, Written, YawSubject
 from automarine_cli.exports.frames import in_enu
 from automarine_cli.exports.units import in_newton_metres
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.report.tables import MISSING, Table, number
 
-BASE = {"k_r": "linear-drag", "k_rr": "quadratic-drag"}
+BASE = {
+    "linear-drag": "k_r",
+    "quadratic-drag": "k_rr",
+    "bias-moment": "constant_force",
+    "drag-asymmetry": "half_difference",
+}
+"""Where a model's own terms stand in its entry of the file; the last two only in surge and heave."""
 HEADER = ("parameter", "meaning", "value", "standard error", "95 % interval", "unit")
-SIGNS = (
-    "Signs: I_r r' = tau + the moments of the effects; drag coefficients are positive and act against the rate. "
-    "I_r is the sum of rigid and added inertia."
-)
 NO_RANGE = "The file does not tell which moments were fitted; fit again with this version of automarine."
 NO_LOGS = "Not known: there is no manifest.json beside the model file that is of this file."
 
@@ -29,10 +31,11 @@ def write(subject: YawSubject) -> Written:
     data = subject.data or {}
     entry = _mapping(_mapping(data.get("models")).get(subject.origin.number))
     parts = [
-        f"# Yaw model of {subject.origin.file}\n",
+        f"# Model of {subject.axis.name}: {subject.origin.file}\n",
         f"Model {subject.origin.number}, written by automarine {__version__} from {subject.origin.file}, SHA-256 "
         f"{subject.origin.sha256}.\n",
-        f"- Moment unit: {subject.model.moment_unit}\n- Frame: {FRAMES[subject.frame]}\n- {SIGNS}\n",
+        f"- Unit of {subject.axis.say('moment')}: {subject.model.moment_unit}\n"
+        f"- Frame: {FRAMES[subject.frame]}\n- {_signs(subject)}\n",
         "## Parameters\n",
         Table("", HEADER, tuple(_rows(subject, entry, data))).to_markdown(),
         "## Covariance\n",
@@ -50,27 +53,35 @@ def write(subject: YawSubject) -> Written:
     return Written("\n".join(parts))
 
 
+def _signs(subject: YawSubject) -> str:
+    names, moments = subject.names, subject.axis.say("moments")
+    return names.said(
+        f"Signs: {names.inertia} r' = {names.force} + the {moments} of the effects; drag coefficients are positive and "
+        f"act against the rate r. {names.inertia} is the sum of rigid and added inertia."
+    )
+
+
 def _rows(
     subject: YawSubject, entry: Mapping[str, Any], data: Mapping[str, Any]
 ) -> Iterator[tuple[str, ...]]:
     """One row a parameter; uncertainties turn with the frame and the unit as the values do."""
-    inertia = _told(entry.get("I_r"))
-    factor = subject.settings.newton_metres_per_nu or 1.0
-    yield _row(
-        "I_r", "inertia, rigid and added", [x * factor for x in inertia], f"{subject.model.moment_unit} s²"
-    )
+    factor, axis = subject.settings.newton_metres_per_nu or 1.0, subject.axis
+    inertia = [x * factor for x in _told(entry.get("I_r"))]
+    unit = axis.unit_of("I_r", subject.model.moment_unit)
+    yield _row(subject.names.inertia, "rigid and added together", inertia, unit)
     added = data.get("effects")
     found = {_mapping(one).get("name"): _mapping(one) for one in added} if isinstance(added, list) else {}
     for term in subject.model.terms:
         parameters = effects.get(term.name).parameters
-        base = {name: entry.get(name) for name, effect in BASE.items() if effect == term.name}
-        given = base if any(base.values()) else _mapping(found.get(term.name, {}).get("parameters"))
+        base = entry.get(BASE.get(term.name, ""))
+        given = {parameters[0].name: base} if base else _mapping(found.get(term.name, {}).get("parameters"))
         columns = [_told(given.get(p.name), value) for p, value in zip(parameters, term.values)]
         told = [_turned(subject, term, [column[i] for column in columns]) for i in range(4)]
         for i, p in enumerate(parameters):
             value = term.values[i]
             spread, ends = abs(told[1][i]), sorted((told[2][i], told[3][i]))
-            yield _row(f"{term.name} {p.name}", _meaning(p, value), [value, spread, *ends], _unit(subject, p))
+            name = f"{term.name} {axis.key(p.name)}"
+            yield _row(name, _meaning(subject, p, value), [value, spread, *ends], _unit(subject, p))
 
 
 def _turned(subject: YawSubject, term: Term, column: list[float]) -> tuple[float, ...]:
@@ -78,7 +89,7 @@ def _turned(subject: YawSubject, term: Term, column: list[float]) -> tuple[float
     model = YawModel(1.0, (Term(term.name, tuple(column)),))
     if subject.settings.newton_metres_per_nu is not None:
         model = in_newton_metres(model, subject.settings.newton_metres_per_nu)
-    return (in_enu(model) if subject.frame == "ENU" else model).terms[0].values
+    return (in_enu(model, subject.axis) if subject.frame == "ENU" else model).terms[0].values
 
 
 def _told(estimate: object, value: float = 0.0) -> list[float]:
@@ -101,12 +112,13 @@ def _row(name: str, meaning: str, told: list[float], unit: str) -> tuple[str, ..
     return (name, meaning, number(value, 5), number(spread, 2), ends, unit)
 
 
-def _meaning(parameter: Parameter, value: float) -> str:
-    return f"{parameter.meaning}: {parameter.choices[int(value)]}" if parameter.choices else parameter.meaning
+def _meaning(subject: YawSubject, parameter: Parameter, value: float) -> str:
+    law = f": {parameter.choices[int(value)]}" if parameter.choices else ""
+    return subject.axis.say(parameter.meaning) + law
 
 
 def _unit(subject: YawSubject, parameter: Parameter) -> str:
-    return parameter.unit_for(subject.model.moment_unit)
+    return subject.axis.unit_in(parameter.unit, subject.model.moment_unit)
 
 
 def _covariance(subject: YawSubject, entry: Mapping[str, Any]) -> str:
@@ -126,12 +138,15 @@ def _range(subject: YawSubject, data: Mapping[str, Any]) -> str:
     if not isinstance(moments, list):
         return f"{NO_RANGE}\n"
     factor = subject.settings.newton_metres_per_nu or 1.0
-    sign = -1.0 if subject.frame == "ENU" else 1.0
+    sign = -1.0 if subject.frame == "ENU" and subject.axis.name != "surge" else 1.0
     low, high = sorted(sign * factor * x for x in moments)
-    lines = [f"- moment: {number(low)} to {number(high)} {subject.model.moment_unit}"]
+    moment = subject.axis.say("moment")
+    lines = [f"- {moment}: {number(low)} to {number(high)} {subject.model.moment_unit}"]
     if isinstance(rates, list):
         low, high = sorted(sign * x for x in rates)
-        lines.append(f"- yaw rate: {number(low)} to {number(high)} rad/s, the steady rates of these moments")
+        lines.append(
+            f"- rate: {number(low)} to {number(high)} {subject.names.rate}, steady under each {moment}"
+        )
     return "\n".join(lines) + "\n\nBeyond it the model was never compared with a vehicle.\n"
 
 
@@ -161,6 +176,7 @@ TARGET = Target(
     forms={"markdown": ".md"},
     carries=frozenset(effects.names()),
     varying=True,
+    axes=tuple(NAMES),
     si=False,
     uses=frozenset({"newton_metres_per_nu"}),
     write=write,

@@ -14,58 +14,59 @@ below the rigid one: r_k+1 - r_k = -(added/rigid) (r_k - r_k-1).
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import DRAG, Target, Written, YawSubject, head, number, xml_comment
 
-EQUATION = "izz r' + rr r' = tau + nR r + nRabsR |r| r + nRR r^2 + nDotR r'"
-OTHERS = (
-    "Mass, ixx and iyy are placeholders and no axis but yaw has drag here: merge with the values of your model. "
-    "Needs a gz-sim that reads nRabsR (since 2023) and, for fluid_added_mass, the DART engine."
-)
 FLUID, DERIVATIVE = "fluid-added-mass", "added-mass-derivative"
+TAGS = {"yaw": ("nR", "rr", "izz"), "surge": ("xU", "xx", "mass"), "heave": ("zW", "zz", "mass")}
+"""Of each motion the system's letters, the fluid's entry, and where the vehicle's own inertia stands."""
 
 
 def write(subject: YawSubject) -> Written:
     """The SDF text. Raises SettingError where the added inertia would make the simulation unstable."""
     rigid, added = subject.inertias
+    linear, entry, own = TAGS[subject.axis.name]
+    dot, rate = f"{linear[0]}Dot{linear[1]}", linear[1]
     if subject.form == DERIVATIVE and added >= rigid:
         raise SettingError(
-            f"gz-sim takes <nDotR> from the last step's acceleration, which grows without bound where the added "
+            f"gz-sim takes <{dot}> from the last step's acceleration, which grows without bound where the added "
             f"inertia ({number(added)}) is not below the rigid one ({number(rigid)}); give --form {FLUID}"
         )
-    fluid = ""
-    if added and subject.form == FLUID:
-        fluid = (
-            f"\n        <fluid_added_mass>\n          <rr>{number(added)}</rr>\n        </fluid_added_mass>"
-        )
     tags = {
-        "nR": -subject.value("linear-drag"),
-        "nRabsR": -subject.value("quadratic-drag"),
-        "nRR": -subject.value("drag-asymmetry"),
-        "nDotR": -added if subject.form == DERIVATIVE else 0.0,
+        linear: -subject.value("linear-drag"),
+        f"{linear}abs{rate}": -subject.value("quadratic-drag"),
+        f"{linear}{rate}": -subject.value("drag-asymmetry"),
+        dot: -added if subject.form == DERIVATIVE else 0.0,
     }
     shown = "".join(
         f"      <{tag}>{number(value)}</{tag}>\n"
-        for tag, value in tags.items()
-        if value or tag in ("nR", "nRabsR")
+        for i, (tag, value) in enumerate(tags.items())
+        if value or i < 2
     )
-    off = "false" if tags["nDotR"] else "true"
-    notes = (subject.about_inertia(), OTHERS)
-    inertia = number(rigid)
+    fluid = f"        <fluid_added_mass>\n          <{entry}>{number(added)}</{entry}>\n        </fluid_added_mass>\n"
+    notes = (
+        subject.about_inertia(),
+        f"No axis but {subject.axis.name} is identified: the other entries are placeholders; merge with the values of "
+        f"your model. Needs a gz-sim that reads {linear}abs{rate} (since 2023) and, for fluid_added_mass, the DART "
+        "engine.",
+    )
+    drag = f"{linear} r + {linear}abs{rate} |r| r + {linear}{rate} r^2 + {dot} r'"
+    equation = subject.names.said(f"({own} + {entry}) r' = {subject.names.force} + {drag}")
+    moment = number(rigid if own == "izz" else 1.0)
     return Written(
         f"""<?xml version="1.0"?>
-{xml_comment(head(subject, EQUATION, notes))}<sdf version="1.10">
+{xml_comment(head(subject, equation, notes))}<sdf version="1.10">
   <model name="vehicle">
     <link name="base_link">
       <inertial>
-        <mass>1</mass>
+        <mass>{number(rigid if own == "mass" else 1.0)}</mass>
         <inertia>
-          <ixx>{inertia}</ixx>
-          <iyy>{inertia}</iyy>
-          <izz>{inertia}</izz>
-        </inertia>{fluid}
-      </inertial>
+          <ixx>{moment}</ixx>
+          <iyy>{moment}</iyy>
+          <izz>{moment}</izz>
+        </inertia>
+{fluid if added and subject.form == FLUID else ""}      </inertial>
     </link>
     <plugin filename="gz-sim-hydrodynamics-system" name="gz::sim::systems::Hydrodynamics">
       <link_name>base_link</link_name>
-      <disable_added_mass>{off}</disable_added_mass>
+      <disable_added_mass>{"false" if tags[dot] else "true"}</disable_added_mass>
 {shown}    </plugin>
   </model>
 </sdf>
@@ -82,5 +83,6 @@ TARGET = Target(
     frames=("ENU", "NED"),
     carries=frozenset({*DRAG, "drag-asymmetry"}),
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
+    axes=tuple(TAGS),
     write=write,
 )

@@ -4,28 +4,35 @@ The uncoupled model steps (Io + Ma) r' = tau - (linear_damping + quadratic_dampi
 labust_sim/config/model_example.yaml and labust_sim/src/labust_sim/RBModel.cpp of that package.
 """
 
-from automarine_cli.exports.base import Target, Written, YawSubject, at_axis, commented, head, row
-
-YAW = 5
-EQUATION = "(inertia_matrix + added_mass) r' = tau - linear_damping r - quadratic_damping |r| r"
-OTHERS = (
-    "Only the yaw entries (the last ones) are identified: zeros and the two ones before the inertia are placeholders; "
-    "merge with the values of your model."
+from automarine_cli.exports.base import (
+    NAMES,
+    Target,
+    Written,
+    YawSubject,
+    at_place,
+    commented,
+    head,
+    number,
+    row,
 )
 
 
 def write(subject: YawSubject) -> Written:
     """The YAML text."""
-    notes = (subject.about_inertia(), OTHERS)
+    index, yaw = subject.names.index, subject.axis.name == "yaw"
+    notes = (subject.about_inertia(), subject.about_entries())
     rigid, added = subject.inertias
     linear, quadratic = subject.value("linear-drag"), subject.value("quadratic-drag")
-    text = f"""inertia_matrix: [{row([1.0, 1.0, rigid], ", ")}]
-added_mass: [{row(at_axis(added, YAW), ", ")}]
-linear_damping: [{row(at_axis(linear, YAW), ", ")}]
-quadratic_damping: [{row(at_axis(quadratic, YAW), ", ")}]
+    own = "inertia_matrix" if yaw else "mass"
+    equation = f"({own} + added_mass) r' = {subject.names.force} - linear_damping r - quadratic_damping |r| r"
+    first = f"inertia_matrix: [{row([1.0, 1.0, rigid], ', ')}]" if yaw else f"mass: {number(rigid)}"
+    text = f"""{first}
+added_mass: [{row(at_place(added, index), ", ")}]
+linear_damping: [{row(at_place(linear, index), ", ")}]
+quadratic_damping: [{row(at_place(quadratic, index), ", ")}]
 coupled: false
 """
-    return Written(commented(head(subject, EQUATION, notes), "#") + text, notes)
+    return Written(commented(head(subject, subject.names.said(equation), notes), "#") + text, notes)
 
 
 TARGET = Target(
@@ -35,5 +42,6 @@ TARGET = Target(
     forms={"model": ".yaml"},
     frames=("NED",),
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
+    axes=tuple(NAMES),
     write=write,
 )

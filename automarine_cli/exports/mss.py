@@ -5,38 +5,48 @@ damping and added inertia are negative. Sources: Fossen (2021), Handbook of Mari
 Control, sections 6.3 and 6.4; MSS, CRAFT/USV/models/otter.m (Nr, Nrdot); Norrbin (1971) for N_rrr.
 """
 
-from automarine_cli.exports.base import DRAG, Target, Written, YawSubject, commented, head, number
+from automarine_cli import effects
+from automarine_cli.exports.base import (
+    DRAG,
+    NAMES,
+    Target,
+    Written,
+    YawSubject,
+    commented,
+    head,
+    number,
+    plain,
+)
 
-EQUATION = "(I_z - N_rdot) r' = tau_N + N_r r + N_rr |r| r"
-MORE = {
-    "cubic-drag": ("N_rrr", " + N_rrr r^3"),
-    "drag-asymmetry": ("N_r2", " + N_r2 r^2"),
-}
-SIGNS = "Signs: hydrodynamic derivatives; damping N_r, N_rr and added inertia N_rdot are negative."
+MORE = ("cubic-drag", "drag-asymmetry", "bias-moment")
 
 
 def write(subject: YawSubject) -> Written:
     """The Python or MATLAB text."""
-    unit = subject.model.moment_unit
+    force, r = subject.names.force, subject.names.rate_letter
     rigid, added = subject.inertias
-    values = {
-        "I_z": (rigid, f"{unit} s^2, rigid inertia"),
-        "N_rdot": (-added, f"{unit} s^2, added inertia"),
-        "N_r": (-subject.value("linear-drag"), f"{unit} s, linear damping"),
-        "N_rr": (-subject.value("quadratic-drag"), f"{unit} s^2, damping with |r| r"),
+    own = "I_z" if subject.axis.name == "yaw" else "m"
+    terms = {
+        "linear-drag": (f"{force}_{r}", r, "linear damping"),
+        "quadratic-drag": (f"{force}_{r}{r}", f"|{r}| {r}", "quadratic damping"),
+        "cubic-drag": (f"{force}_{r}{r}{r}", f"{r}^3", "cubic damping"),
+        "drag-asymmetry": (f"{force}_{r}2", f"{r}^2", "asymmetric damping"),
+        "bias-moment": (f"{force}_0", "", "constant"),
     }
-    equation = EQUATION
-    for effect, (name, term) in MORE.items():
-        if effect in subject.values:
-            values[name] = (-subject.value(effect), f"{unit} s^{3 if name == 'N_rrr' else 2}, {effect}")
-            equation += term
-    if "bias-moment" in subject.values:
-        values["N_0"] = (subject.value("bias-moment"), f"{unit}, constant moment")
-        equation += " + N_0"
-    notes = (SIGNS, subject.about_inertia())
+    rows = [(own, rigid, subject.unit, "rigid"), (f"{force}_{r}dot", -added, subject.unit, "added")]
+    equation = f"({own} - {force}_{r}dot) {r}' = tau_{force}"
+    for effect, (name, factor, told) in terms.items():
+        if effect in DRAG or effect in subject.values:
+            value = subject.value(effect) if effect == "bias-moment" else -subject.value(effect)
+            unit = subject.axis.unit_in(effects.get(effect).parameters[0].unit, subject.model.moment_unit)
+            rows.append((name, value, plain(unit), told))
+            equation += f" + {name} {factor}".rstrip()
+    moment = subject.axis.say("moment")
+    signs = f"Signs: derivatives of the hydrodynamic {moment}; damping and added inertia are negative."
+    notes = (signs, subject.about_inertia())
     sign, end = ("%", ";") if subject.form == "matlab" else ("#", "")
     lines = "".join(
-        f"{name} = {number(value)}{end}  {sign} {told}\n" for name, (value, told) in values.items()
+        f"{name} = {number(value)}{end}  {sign} {unit}, {told}\n" for name, value, unit, told in rows
     )
     return Written(commented(head(subject, equation, notes), sign) + lines, notes)
 
@@ -47,8 +57,9 @@ TARGET = Target(
     source="github.com/cybergalactic/MSS",
     forms={"python": ".py", "matlab": ".m"},
     frames=("NED",),
-    carries=frozenset({*DRAG, *MORE, "bias-moment"}),
+    carries=frozenset({*DRAG, *MORE}),
     si=False,
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
+    axes=tuple(NAMES),
     write=write,
 )

@@ -1,9 +1,12 @@
 """A stored model made fit for a target: its unit of moment, and only the effects that the target has terms for."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from automarine_cli import effects
 from automarine_cli import exports as targets
+from automarine_cli.axes import AXES, YAW, Axis
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import DRAG, LeftOut, Origin, Settings, Target
 from automarine_cli.exports.units import in_newton_metres
@@ -19,20 +22,30 @@ WHY = {
 }
 
 
-def in_unit(target: Target, model: YawModel, settings: Settings, origin: Origin) -> YawModel:
+def in_unit(target: Target, model: YawModel, axis: Axis, settings: Settings, origin: Origin) -> YawModel:
     """The model in the target's unit of moment. Raises SettingError where its size is not told, or told twice."""
-    factor = settings.newton_metres_per_nu
-    if model.moment_unit == "N m" and factor is not None:
-        raise SettingError(
-            f"{origin.file} is in newton metres already; --newton-metres-per-nu is for moments in nu"
-        )
+    factor, unit = settings.newton_metres_per_nu, axis.units[1]
+    full = "newton metres" if axis.levered else "newtons"
+    if model.moment_unit == unit and factor is not None:
+        raise SettingError(f"{origin.file} is in {full} already; --newton-metres-per-nu is for the unit nu")
     if model.moment_unit == "nu" and target.si and factor is None:
         raise SettingError(
-            f"{origin.file}: its moments are normalised (nu) and {target.name} needs newton metres; give "
-            "--newton-metres-per-nu with the moment [N m] that one nu stands for, as a bollard test and the "
-            "thrusters' arm tell it"
+            f"{origin.file}: its {axis.say('moments')} are normalised (nu) and {target.name} needs {full}; give "
+            f"--newton-metres-per-nu with the {axis.say('moment')} [{unit}] that one nu stands for, as a bollard test "
+            f"{'and the thrusters' + chr(39) + ' arm tell' if axis.levered else 'tells'} it"
         )
-    return model if factor is None else in_newton_metres(model, factor)
+    return model if factor is None else in_newton_metres(model, factor, unit)
+
+
+def axis_of(target: Target, data: Mapping[str, Any], origin: Origin) -> Axis:
+    """The motion of a model file. Raises SettingError for one that the target does not take."""
+    schema = str(data.get("schema", ""))
+    axis = next((one for name, one in AXES.items() if schema.startswith(f"automarine/{name}-model/")), YAW)
+    if axis.name not in target.axes:
+        raise SettingError(
+            f"{origin.file} is a model of {axis.name}; --to {target.name} takes models of {listed(target.axes)}"
+        )
+    return axis
 
 
 def split(
@@ -85,8 +98,13 @@ def cannot(target: Target, left_out: tuple[LeftOut, ...], origin: Origin) -> str
     )
 
 
-def refuse_inertia(rigid: float | None, model: YawModel, origin: Origin) -> None:
-    """Raise SettingError for a rigid inertia that is no part of the total."""
+def refuse_inertia(target: Target, rigid: float | None, model: YawModel, axis: Axis, origin: Origin) -> None:
+    """Raise SettingError for a rigid inertia that is no part of the total, or for none where it is the mass."""
+    if rigid is None and target.si and not axis.levered:
+        raise SettingError(
+            f"{origin.file}: the identified mass, {model.inertia:.4g}, holds the water that moves along; as a "
+            "link's mass it would weigh on the vehicle: give the vehicle's own with --rigid-inertia"
+        )
     if rigid is not None and not 0.0 < rigid <= model.inertia:
         raise SettingError(
             f"--rigid-inertia: found {rigid:g}, expected more than 0 and no more than {model.inertia:.6g} "

@@ -6,7 +6,7 @@ the equation of each effect; `python_terms` has it as the file writes it.
 
 from automarine_cli import effects
 from automarine_cli.effects.base import Parameter
-from automarine_cli.exports.base import Target, Written, YawSubject, commented, head, number
+from automarine_cli.exports.base import Target, Written, YawSubject, commented, head, number, plain
 from automarine_cli.exports.python_terms import CUT, LINES, SWIRL, Lines
 from automarine_cli.models.yaw_model import Term
 
@@ -67,11 +67,7 @@ def simulate(time, tau, psi0=0.0, r0=0.0):
 def equation(subject: YawSubject) -> str:
     """The sum of moments in words of the effects."""
     moments = [effects.get(term.name) for term in subject.model.terms]
-    shown = [
-        one.equation.replace("r²", "r^2").replace("r³", "r^3")
-        for one in moments
-        if one.place.value == "moment"
-    ]
+    shown = [plain(one.equation) for one in moments if one.place.value == "moment"]
     return " ".join(["I_r r' = u", *shown])
 
 
@@ -115,11 +111,6 @@ def constant(term: Term, parameter: Parameter) -> str:
     """The constant's name: K_RR of the drags, THRUST_LOSS_B of others."""
     name = parameter.name if parameter.name.startswith("k_r") else f"{term.name}_{parameter.name}"
     return name.replace("-", "_").upper()
-
-
-def plain(text: str) -> str:
-    """Powers in letters of ASCII."""
-    return text.replace("²", "^2").replace("³", "^3")
 
 
 def indented(lines: list[str], by: int) -> str:

@@ -1,4 +1,4 @@
-"""A model told in newton metres, where the logs' moment was normalised."""
+"""A model told in newton metres, or newtons, where the logs' moment or force was normalised."""
 
 from dataclasses import replace
 
@@ -6,8 +6,9 @@ from automarine_cli import effects
 from automarine_cli.models.yaw_model import YawModel
 
 
-def in_newton_metres(model: YawModel, newton_metres_per_nu: float) -> YawModel:
-    """The same motion under moments in N m: inertia and drag times the factor, other effects by their units."""
+def in_newton_metres(model: YawModel, newton_metres_per_nu: float, unit: str = "N m") -> YawModel:
+    """The same motion under moments in N m (forces in N): inertia and drag times the factor, other effects by their
+    units."""
     terms = tuple(
         replace(
             term,
@@ -18,4 +19,4 @@ def in_newton_metres(model: YawModel, newton_metres_per_nu: float) -> YawModel:
         )
         for term in model.terms
     )
-    return YawModel(model.inertia * newton_metres_per_nu, terms, "N m")
+    return YawModel(model.inertia * newton_metres_per_nu, terms, unit)

@@ -7,10 +7,11 @@ quad_damping |r| r (uuv_control_interfaces/vehicle.py, which turns Gazebo's rate
 """
 
 from automarine_cli.exports.base import (
+    NAMES,
     Target,
     Written,
     YawSubject,
-    at_axis,
+    at_place,
     commented,
     head,
     number,
@@ -18,32 +19,29 @@ from automarine_cli.exports.base import (
     xml_comment,
 )
 
-YAW = 5
-EQUATION = "(izz + Ma) r' = tau + linear_damping r + quadratic_damping |r| r"
-OTHERS = (
-    "Only the yaw entries (the last ones) are identified: zeros, mass 1, ixx and iyy are placeholders; merge with the "
-    "values of your model."
-)
-
 
 def write(subject: YawSubject) -> Written:
     """The URDF or the YAML text."""
-    notes = (subject.about_inertia(), OTHERS)
+    index, yaw = subject.names.index, subject.axis.name == "yaw"
+    notes = (subject.about_inertia(), subject.about_entries())
     rigid, added = subject.inertias
-    linear = at_axis(-subject.value("linear-drag"), YAW)
-    quadratic = at_axis(-subject.value("quadratic-drag"), YAW)
-    mass = [at_axis(added if line == YAW else 0.0, YAW) for line in range(6)]
-    lines = head(subject, EQUATION, notes)
+    linear = at_place(-subject.value("linear-drag"), index)
+    quadratic = at_place(-subject.value("quadratic-drag"), index)
+    matrix = [at_place(added if line == index else 0.0, index) for line in range(6)]
+    own = "izz" if yaw else "mass"
+    equation = f"({own} + Ma) r' = {subject.names.force} + linear_damping r + quadratic_damping |r| r"
+    lines = head(subject, subject.names.said(equation), notes)
+    inertia, mass = number(rigid if yaw else 1.0), number(1.0 if yaw else rigid)
     if subject.form == "controller":
-        return Written(commented(lines, "#") + _yaml(rigid, linear, quadratic, mass), notes)
-    matrix = "\n".join(f"            {row(line)}" for line in mass)
-    inertia = number(rigid)
+        head_of = "" if yaw else f"mass: {mass}\n"
+        return Written(commented(lines, "#") + head_of + _yaml(inertia, linear, quadratic, matrix), notes)
+    entries = "\n".join(f"            {row(line)}" for line in matrix)
     return Written(
         f"""<?xml version="1.0"?>
 {xml_comment(lines)}<robot name="vehicle">
   <link name="base_link">
     <inertial>
-      <mass value="1"/>
+      <mass value="{mass}"/>
       <inertia ixx="{inertia}" ixy="0" ixz="0" iyy="{inertia}" iyz="0" izz="{inertia}"/>
     </inertial>
   </link>
@@ -53,7 +51,7 @@ def write(subject: YawSubject) -> Written:
         <hydrodynamic_model>
           <type>fossen</type>
           <added_mass>
-{matrix}
+{entries}
           </added_mass>
           <linear_damping>{row(linear)}</linear_damping>
           <quadratic_damping>{row(quadratic)}</quadratic_damping>
@@ -67,9 +65,8 @@ def write(subject: YawSubject) -> Written:
     )
 
 
-def _yaml(rigid: float, linear: list[float], quadratic: list[float], mass: list[list[float]]) -> str:
-    matrix = "".join(f"- [{row(line, ', ')}]\n" for line in mass)
-    own = number(rigid)
+def _yaml(own: str, linear: list[float], quadratic: list[float], matrix: list[list[float]]) -> str:
+    entries = "".join(f"- [{row(line, ', ')}]\n" for line in matrix)
     return f"""inertial:
   ixx: {own}
   iyy: {own}
@@ -78,7 +75,7 @@ def _yaml(rigid: float, linear: list[float], quadratic: list[float], mass: list[
   ixz: 0
   iyz: 0
 Ma:
-{matrix}linear_damping: [{row(linear, ", ")}]
+{entries}linear_damping: [{row(linear, ", ")}]
 quad_damping: [{row(quadratic, ", ")}]
 """
 
@@ -90,5 +87,6 @@ TARGET = Target(
     forms={"urdf": ".urdf", "controller": ".yaml"},
     frames=("ENU", "NED"),
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
+    axes=tuple(NAMES),
     write=write,
 )

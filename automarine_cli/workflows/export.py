@@ -19,6 +19,7 @@ from automarine_cli.exports.base import (
 )
 from automarine_cli.exports.frames import in_enu
 from automarine_cli.exports.prepare import (
+    axis_of,
     cannot,
     in_unit,
     refuse_driving,
@@ -191,19 +192,20 @@ def _of_yaw(
     if data.get("schema") == MAP_SCHEMA:
         raise SettingError(f"{origin.file} is a thruster map; --to {target.name} takes a yaw model, as --to thrusters "
                            "takes a map")  # fmt: skip
+    axis = axis_of(target, data, origin)
     stored = yaw_models_from_json(data, origin.file)
     which = _one_of(stored.models, number or stored.preferred, "--number")
     origin = replace(origin, number=which)
-    model = in_unit(target, stored.models[which], settings, origin)
-    model = in_enu(model) if frame == "ENU" else model
+    model = in_unit(target, stored.models[which], axis, settings, origin)
+    model = in_enu(model, axis) if frame == "ENU" else model
     kept, left_out = split(target, model, settings)
     if left_out and not settings.allow_partial:
         raise SettingError(cannot(target, left_out, origin))
     part = replace(model, terms=kept)
-    refuse_inertia(settings.rigid_inertia, part, origin)
+    refuse_inertia(target, settings.rigid_inertia, part, axis, origin)
     if target.si:
         refuse_driving(part, target, origin)
-    subject = YawSubject(origin, part, frame, form, settings, left_out, data, logs)
+    subject = YawSubject(origin, part, frame, form, settings, left_out, axis, axis.plain(data), logs)
     carried = ("inertia", *(term.name for term in kept))
     return Exported(
         target.name, form, frame, origin, part.moment_unit, carried, left_out, target.write(subject)

@@ -1,0 +1,142 @@
+"""Surge and heave in the names of each target: the writers, on models made here; reading files back by hand."""
+
+import re
+import xml.etree.ElementTree as ET
+from typing import Any
+
+import numpy as np
+import pytest
+from export_readers import constants_of, number_in, yaml_of
+
+from automarine_cli import exports as targets
+from automarine_cli.axes import AXES
+from automarine_cli.errors import SettingError
+from automarine_cli.exports.base import NAMES, Origin, Settings, Written, YawSubject
+from automarine_cli.exports.frames import in_enu
+from automarine_cli.exports.prepare import axis_of, in_unit, refuse_inertia
+from automarine_cli.models.yaw_model import YawModel
+
+MASS, OWN, LINEAR, QUADRATIC, SKEW = 16.0, 9.5, 4.2, 21.0, 1.5
+PLACES = {"surge": 0, "heave": 2, "yaw": 5}
+
+
+def subject(motion: str, target: str, form: str, **change: Any) -> YawSubject:
+    """A model with both drags and an asymmetry, in newtons."""
+    model = YawModel.base("2", MASS, [QUADRATIC, LINEAR], AXES[motion].units[1])
+    settings = Settings(rigid_inertia=OWN)
+    frame = targets.get(target).frames[0]
+    made = YawSubject(Origin("model.json", "0" * 64, "2"), model, frame, form, settings, axis=AXES[motion])
+    return YawSubject(**{**vars(made), **change})
+
+
+def written(motion: str, target: str, form: str, **change: Any) -> Written:
+    """The file of that subject."""
+    found = targets.get(target).write(subject(motion, target, form, **change))
+    assert isinstance(found, Written)
+    return found
+
+
+def test_every_motion_has_names_and_a_place_of_its_own() -> None:
+    assert set(NAMES) == set(AXES) and {name: one.index for name, one in NAMES.items()} == PLACES
+
+
+@pytest.mark.parametrize(("motion", "linear", "absolute", "dot", "fluid"), [
+    ("surge", "xU", "xUabsU", "xDotU", "xx"), ("heave", "zW", "zWabsW", "zDotW", "zz"),
+])  # fmt: skip
+def test_gazebo_calls_them_by_their_letters(
+    motion: str, linear: str, absolute: str, dot: str, fluid: str
+) -> None:
+    root = ET.fromstring(written(motion, "gz-sim", "fluid-added-mass").text)
+    plugin = root.find(".//plugin")
+    assert plugin is not None
+    assert (number_in(plugin, linear), number_in(plugin, absolute)) == (-LINEAR, -QUADRATIC)
+    assert number_in(root, f".//fluid_added_mass/{fluid}") == MASS - OWN
+    assert number_in(root, ".//inertial/mass") == OWN and plugin.findtext("disable_added_mass") == "true"
+    other = ET.fromstring(written(motion, "gz-sim", "added-mass-derivative").text)
+    assert number_in(other, f".//plugin/{dot}") == OWN - MASS and other.find(".//fluid_added_mass") is None
+    text = written(motion, "gz-sim", "fluid-added-mass").text
+    letter = linear[1].lower()
+    assert f"(mass + {fluid}) {letter}' = {linear[0].upper()} + {linear} {letter}" in text
+    assert "rate m/s, inertia kg" in text and "No axis but " + motion in text
+
+
+@pytest.mark.parametrize("motion", ["surge", "heave"])
+def test_vectors_have_them_in_their_place(motion: str) -> None:
+    place = PLACES[motion]
+    model = ET.fromstring(written(motion, "uuv", "urdf").text).find(".//hydrodynamic_model")
+    assert model is not None
+    for tag, value in (("linear_damping", -LINEAR), ("quadratic_damping", -QUADRATIC)):
+        found = np.array(str(model.findtext(tag)).split(), float)
+        assert found[place] == value and np.count_nonzero(found) == 1
+    mass = np.array(str(model.findtext("added_mass")).split(), float).reshape(6, 6)
+    assert mass[place, place] == MASS - OWN and np.count_nonzero(mass) == 1
+    controller = yaml_of(written(motion, "uuv", "controller").text)
+    assert controller["mass"] == OWN and np.array(controller["Ma"])[place, place] == MASS - OWN
+    labust = yaml_of(written(motion, "labust", "model").text)
+    assert labust["mass"] == OWN and "inertia_matrix" not in labust
+    for key, value in (
+        ("added_mass", MASS - OWN),
+        ("linear_damping", LINEAR),
+        ("quadratic_damping", QUADRATIC),
+    ):
+        found = np.array(labust[key], float)
+        assert found[place] == value and np.count_nonzero(found) == 1
+
+
+@pytest.mark.parametrize(("motion", "force", "letter"), [("surge", "X", "u"), ("heave", "Z", "w")])
+def test_derivatives_have_the_motions_letters(motion: str, force: str, letter: str) -> None:
+    model = subject(motion, "mss", "python").model.with_effect("drag-asymmetry", [SKEW])
+    text = written(motion, "mss", "python", model=model).text
+    assert constants_of(text) == {
+        "m": OWN, f"{force}_{letter}dot": OWN - MASS, f"{force}_{letter}": -LINEAR,
+        f"{force}_{letter}{letter}": -QUADRATIC, f"{force}_{letter}2": -SKEW,
+    }  # fmt: skip
+    equation = f"(m - {force}_{letter}dot) {letter}' = tau_{force} + {force}_{letter} {letter} + "
+    assert equation in text and "N s/m, linear damping" in text and "hydrodynamic force" in text
+
+
+def test_heave_turns_over_in_enu_and_surge_does_not() -> None:
+    model = subject("heave", "mss", "python").model.with_effect("bias-moment", [2.0])
+    assert in_enu(model, AXES["heave"]).terms[-1].values == (-2.0,)
+    assert in_enu(model, AXES["surge"]) == model
+
+
+@pytest.mark.parametrize("motion", ["surge", "heave"])
+def test_a_card_speaks_of_the_motion(motion: str) -> None:
+    text = written(motion, "card", "markdown", data={}).text
+    assert text.startswith(f"# Model of {motion}: model.json") and "- Unit of force: N" in text
+    name, letter = NAMES[motion].inertia, NAMES[motion].rate_letter
+    assert re.search(rf"^\| {name} \| rigid and added together \|.*\| kg \|$", text, flags=re.MULTILINE)
+    assert f"{name} {letter}' = {NAMES[motion].force} + the forces" in text and "N s²/m²" in text
+
+
+def test_what_a_target_does_not_take_is_refused() -> None:
+    origin = Origin("surge_model.json", "0" * 64)
+    data = {"schema": "automarine/surge-model/1"}
+    for name in ("python", "stonefish"):
+        with pytest.raises(SettingError) as problem:
+            axis_of(targets.get(name), data, origin)
+        assert str(problem.value) == f"surge_model.json is a model of surge; --to {name} takes models of yaw"
+    assert axis_of(targets.get("uuv"), data, origin) is AXES["surge"]
+
+
+def test_a_mass_that_holds_water_is_not_a_links_mass() -> None:
+    one = subject("surge", "gz-sim", "fluid-added-mass")
+    with pytest.raises(SettingError) as problem:
+        refuse_inertia(targets.get("gz-sim"), None, one.model, one.axis, one.origin)
+    assert str(problem.value) == (
+        "model.json: the identified mass, 16, holds the water that moves along; as a link's mass it would weigh on the "
+        "vehicle: give the vehicle's own with --rigid-inertia"
+    )
+    refuse_inertia(targets.get("mss"), None, one.model, one.axis, one.origin)
+
+
+def test_normalised_forces_need_their_size_in_newtons() -> None:
+    axis, origin = AXES["surge"], Origin("surge_model.json", "0" * 64)
+    model = YawModel.base("2", 2.0, [3.0, 0.5])
+    with pytest.raises(
+        SettingError, match=r"its forces are normalised \(nu\) and uuv needs newtons; give .* \[N\]"
+    ):
+        in_unit(targets.get("uuv"), model, axis, Settings(), origin)
+    found = in_unit(targets.get("uuv"), model, axis, Settings(newton_metres_per_nu=8.0), origin)
+    assert (found.inertia, found.drag(), found.moment_unit) == (16.0, (4.0, 24.0), "N")
