@@ -2,7 +2,7 @@
 out/bench.json.
 
 Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [thrusters] [effects] [startup] [simulator] [fit]
-       [reading] [memory] [broken] [cluster] [--jobs N] [--campaigns N] [--repeats N] [--full]
+       [many] [diagnose] [reading] [memory] [broken] [cluster] [--jobs N] [--campaigns N] [--repeats N] [--full]
 """
 
 import os
@@ -19,6 +19,7 @@ from cluster import cluster
 from coverage_effects import effect_coverage
 from coverage_thrusters import thruster_coverage
 from efficiency import efficiency
+from growth import diagnose, many
 from interval_coverage import coverage
 from reading import broken, memory, reading
 from speed import Result, fit, simulator, startup
@@ -27,7 +28,18 @@ from automarine_cli.cli.echo import terminal_progress
 from automarine_cli.pipeline.progress import Progress
 
 CAMPAIGNS = {"efficiency": 200, "coverage": 300, "thrusters": 300, "effects": 40}
-SECTIONS = (*CAMPAIGNS, "startup", "simulator", "fit", "reading", "memory", "broken", "cluster")
+SECTIONS = (
+    *CAMPAIGNS,
+    "startup",
+    "simulator",
+    "fit",
+    "many",
+    "diagnose",
+    "reading",
+    "memory",
+    "broken",
+    "cluster",
+)
 
 
 def run_section(
@@ -41,6 +53,8 @@ def run_section(
         return reading(repeats, full, progress)
     if name in ("memory", "broken", "cluster"):
         return {"memory": memory, "broken": broken, "cluster": cluster}[name](full, progress)
+    if name in ("many", "diagnose"):
+        return {"many": many, "diagnose": diagnose}[name](min(repeats, 3), progress)
     return {"startup": startup, "simulator": simulator, "fit": fit}[name](3 * repeats, progress)
 
 
