@@ -1,6 +1,7 @@
 """Everything automarine refuses, one class a room; the command line turns each into one line and exit status 1.
 
-A message is one clear sentence: where (file, row, column), what was found, what was expected, what to do.
+A message is one clear sentence: where (file, row, column), what was found, what was expected, what to do. What to do
+is a clause that begins with a verb; for a value that a person wrote, what was expected in its place may say it.
 """
 
 

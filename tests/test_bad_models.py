@@ -191,7 +191,8 @@ COLUMN_MAPS = {
     ('unit = "ms"', 'unite = "ms"'): "columns.time_s.unite is not known; a column takes from, unit, sign, "
     "scale, offset",
     ("arm_m = 0.44", "arm = 0.44"): "defaults.arm is not known; [defaults] takes thrusters_per_test, arm_m",
-    ("[defaults]", "[default]"): "unknown key 'default'; a column map holds [columns] and [defaults] only",
+    ("[defaults]", "[default]"): "unknown key 'default'; a column map holds [columns], [defaults] and [can] only; "
+    "write it below one of them",
 }  # fmt: skip
 
 

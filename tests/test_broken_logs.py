@@ -19,6 +19,8 @@ from broken_logs.make import HERE, ODD_NAMES, csv_of, good_table, make
 from click.testing import Result
 from made_sequences import model_file
 
+from automarine_cli.logs.formats import suffixes
+
 Command = Callable[..., Result]
 
 EXPECTED: dict[str, dict[str, Any]] = tomllib.loads((HERE / "expected.toml").read_text(encoding="utf-8"))
@@ -118,11 +120,9 @@ def test_named_alone_no_run_is_left(
 
 
 def test_a_directory_with_a_logs_name(run: Command, broken: Path) -> None:
-    endings = ".bin, .csv, .csv.gz, .parquet, .tlog, .tsv, .tsv.gz"
+    endings = ", ".join(sorted(suffixes()))
     path = broken / "directory.csv"
-    is_refusal(
-        run("check", path), f"'{path}': no logs in this directory; expected files that end in {endings}"
-    )
+    is_refusal(run("check", path), f"'{path}': no logs in this directory; give files that end in {endings}")
 
 
 # Found in a folder

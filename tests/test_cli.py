@@ -175,7 +175,10 @@ def test_defect_is_one_line_and_its_place_only_with_vv() -> None:
 
 def test_trouble_of_the_machine_is_one_line() -> None:
     full = fails_with(OSError(28, "No space left on device"))
-    assert (full.exit_code, full.stderr) == (1, "Error: [Errno 28] No space left on device\n")
+    assert (full.exit_code, full.stderr) == (
+        1,
+        "Error: [Errno 28] No space left on device; check the place, your rights there and the room that is left\n",
+    )
     memory = fails_with(MemoryError())
     assert memory.exit_code == 1
     assert memory.stderr.startswith("Error: not enough memory; ")

@@ -227,7 +227,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
                    "Did you mean gz-sim?"),
     ({"to": "uuv", "form": "sdf"}, "--form of uuv: found sdf, expected urdf or controller"),
     ({"to": "uuv", "number": "4"}, "--number: found 4, expected 1 or 2 or 3"),
-    ({"to": "uuv", "symmetrise": True}, "--symmetrise means nothing to uuv; it is for thrusters"),
+    ({"to": "uuv", "symmetrise": True}, "--symmetrise means nothing to uuv; it is for thrusters, so leave it out"),
     ({"to": "thrusters"}, "yaw_model.json is a yaw model; --to thrusters takes the thrusters.json of a fit"),
     ({"to": "uuv", "rigid_inertia": 1.6}, "--rigid-inertia: found 1.6, expected more than 0 and no more than 1.52 N m "
                                           "s², the total of rigid and added inertia in yaw_model.json; check unit "
@@ -303,7 +303,7 @@ def test_a_file_that_is_there_stays_until_it_may_go(tmp_path: Path) -> None:
     assert out.read_bytes() == before
     export(path, to="gz-sim", number="3", out=out, overwrite=True)
     assert out.read_bytes() != before and [p.name for p in out.parent.iterdir()] == ["vehicle.sdf"]
-    with pytest.raises(OutputError, match="is a folder; expected the name of a file"):
+    with pytest.raises(OutputError, match="is a folder; give the name of a file"):
         export(path, to="gz-sim", out=out.parent)
 
 

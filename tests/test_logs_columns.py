@@ -42,7 +42,8 @@ def test_the_contract_s_example(tmp_path: Path) -> None:
 
 REFUSED = {
     "": ': the column map is empty; write lines such as heading_deg = "yaw" under [columns]',
-    "time_s = 't'": ": unknown key 'time_s'; a column map holds [columns], [defaults] and [can] only",
+    "time_s = 't'": ": unknown key 'time_s'; a column map holds [columns], [defaults] and [can] only; "
+    "write it below one of them",
     "columns = 3": ": columns is 3; expected a table, written [columns]",
     "[columns]\nyaw = 'a'": ": columns.yaw is no column that automarine knows; known are time_s, "
     "time_ms, time_us, "
@@ -68,7 +69,7 @@ REFUSED = {
     "other than 0",
     "[columns]\ntau = { from = 'a', offset = 'x' }": ": columns.tau.offset is 'x'; expected a finite number",
     "[columns]\nrun = { from = 'a', sign = -1 }": ": columns.run names runs; unit, sign, scale and "
-    "offset do not apply",
+    "offset do not apply; leave them out",
     "[defaults]\narm = 1": ": defaults.arm is not known; [defaults] takes thrusters_per_test, arm_m",
     "[defaults]\narm_m = -1": ": defaults.arm_m is -1; expected a number above 0",
     "[defaults]\narm_m = inf": ": defaults.arm_m is inf; expected a number above 0",

@@ -98,7 +98,7 @@ def test_a_parquet_file_that_would_fill_the_memory(tmp_path: Path) -> None:
 def test_what_is_no_regular_file_does_not_hang(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.csv")
     assert refusal(LogFile(tmp_path / "pipe.csv", "pipe.csv", True)) == (
-        "pipe.csv: no regular file; expected a CSV file"
+        "pipe.csv: no regular file; expected a CSV file. Rename it, or leave it out"
     )
 
 

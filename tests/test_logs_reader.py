@@ -153,13 +153,14 @@ def test_a_mapped_column_that_is_not_there_is_told(tmp_path: Path) -> None:
 
 # content -> the sentence after the name of the file
 REFUSED = {
-    b"": ": the file is empty; expected a CSV file with a header and rows",
-    b"\n\n# only\n": ": no header and no rows; expected a line of column names",
-    b"time_s,tau\n": ": a header without rows (columns time_s, tau); expected at least one row",
+    b"": ": the file is empty; expected a CSV file with a header and rows. Copy it again, or leave it out",
+    b"\n\n# only\n": ": no header and no rows; expected a line of column names. Copy the log again, or leave it out",
+    b"time_s,tau\n": ": a header without rows (columns time_s, tau); expected at least one row. "
+    "Copy the log again, or leave it out",
     b"0,1,2\n0.1,2,3\n": ", row 1: found numbers ('0,1,2'), expected column names; write a header such as "
     "time_s,heading_deg,tau above the rows",
     b"time_s heading_deg tau\n0 1 2\n": ", row 1: cells seem to be separated by blanks "
-    "('time_s heading_deg tau'); expected commas, semicolons or tabs",
+    "('time_s heading_deg tau'); expected commas, semicolons or tabs. Write one of these between them",
     b"time_s,tau\n0,1\n\n0.1\n": ", row 4: found 1 cell, expected 2 as in the header (row 1); the row "
     "is '0.1'. "
     "Complete or delete this row",
@@ -184,7 +185,7 @@ REFUSED = {
     "with --columns FILE.toml",
     b"time_s,tau\n0,1\n0.1,\0\n": ", row 3: found a NUL byte, expected text. The file is binary or was "
     "damaged "
-    "while it was written",
+    "while it was written; copy it again, or give the log as text",
     "time_s,tau\n0,1\n".encode("utf-16"): ": is UTF-16 text; expected UTF-8 (save it as UTF-8)",
     b"PK\x03\x04...": ": is a zip archive or spreadsheet; expected plain text (export it as CSV)",
     b"\x1f\x8b...": ": is gzip-compressed; expected plain text (name it .csv.gz)",
@@ -196,7 +197,7 @@ REFUSED = {
     "as 2024-05-01T12:00:00.5, all with a time zone or all without. Correct the cell",
     b"time_s,tau,run\n0,1,a\n1,1,\n": ", row 3, column run: no run named; expected the name or number "
     "of the run "
-    "in every row",
+    "in every row. Complete the column",
 }
 
 
@@ -253,12 +254,13 @@ def test_twenty_thousand_columns(tmp_path: Path) -> None:
 TOO_MUCH = {
     ", row 1: found 40000 columns, expected at most 30000; check separators and line ends": b"," * 39_999
     + b"\n1\n",
-    ", row 1: found 10000001 bytes in one line, expected a line of column names": b"a" * 10_000_001
+    ", row 1: found 10000001 bytes in one line, expected a line of column names. Check the line ends": b"a"
+    * 10_000_001
     + b"\n1\n",
-    ": 1000000 lines of comments or blanks; expected a table of numbers": b"time_s,tau\n"
+    ": 1000000 lines of comments or blanks; expected a table of numbers. Take them out": b"time_s,tau\n"
     + b" \n" * 1_000_001,
-    ": a header without rows (columns time_s, tau); expected at least one row": b"time_s,tau\n"
-    + b"\n" * 9_000_000,
+    ": a header without rows (columns time_s, tau); expected at least one row. "
+    "Copy the log again, or leave it out": b"time_s,tau\n" + b"\n" * 9_000_000,
 }
 
 
@@ -290,9 +292,9 @@ def test_things_that_are_no_files(tmp_path: Path) -> None:
         refusal(LogFile(tmp_path / name, name, True)) for name in ("folder.csv", "link.csv", "no.csv")
     ]
     assert sentences == [
-        "folder.csv: a directory; expected a CSV file",
-        "link.csv: a link that leads nowhere; expected a CSV file",
-        "no.csv: no regular file; expected a CSV file",
+        "folder.csv: a directory; expected a CSV file. Rename it, or leave it out",
+        "link.csv: a link that leads nowhere; expected a CSV file. Copy the log here, or leave the link out",
+        "no.csv: no regular file; expected a CSV file. Rename it, or leave it out",
     ]
 
 

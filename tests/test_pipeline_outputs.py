@@ -159,9 +159,9 @@ def test_symlink_to_a_folder_stays_a_link(tmp_path: Path) -> None:
 
 def test_unfit_targets_are_refused_in_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="file is a file; expected a folder"):
+    with pytest.raises(OutputError, match="file is a file; give a folder"):
         write(tmp_path / "file", {"a": "1"})
-    with pytest.raises(OutputError, match="file is a file; expected a folder"):
+    with pytest.raises(OutputError, match="file is a file; give a folder"):
         write(tmp_path / "file" / "below", {"a": "1"})
     monkeypatch.chdir(tmp_path)
     with pytest.raises(OutputError, match="the folder this command runs in"):

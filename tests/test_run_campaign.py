@@ -141,7 +141,7 @@ def test_a_result_that_was_touched_is_made_again(place: Path) -> None:
 
 def test_force_and_until(place: Path) -> None:
     assert fates(again(place, force=True, until="check")) == {"check": "made"}
-    with pytest.raises(SettingError, match="no step is called 'fit'; the steps are check, fit-thrusters"):
+    with pytest.raises(SettingError, match="no step is called 'fit'; give one of check, fit-thrusters"):
         again(place, until="fit")
 
 

@@ -59,7 +59,8 @@ def refused(tmp_path: Path, old: str, new: str) -> str:
          "spec.toml: effects[0]: effect 'bias-moment' has no parameter 'c'; it has b"),
         ("b = 0.02", "", "spec.toml: effects[0]: effect 'bias-moment' needs its parameter 'b' (of b)"),
         ('name = "bias-moment"\nb = 0.02', 'name = "cross-coupling"',
-         "spec.toml: effects[0]: effect 'cross-coupling' needs the column 'surge', which simulated runs do not have"),
+         "spec.toml: effects[0]: effect 'cross-coupling' needs the column 'surge', which simulated runs lack; "
+         "leave it out"),
         ("turn_deg = 200", "", "spec.toml: runs[0]: expected one of turn_deg and duration_s"),
         ("[0.5, -0.5]", "[0.5, 0]", "spec.toml: runs[0]: moments has a zero; expected other values"),
         ("[0.5, -0.5]", "[]", "spec.toml: runs[0]: no values are left in the list or range of levels"),

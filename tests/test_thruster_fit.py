@@ -205,7 +205,7 @@ def test_choice_is_explained_and_can_be_forced() -> None:
     assert "asked for" in analysis.selection.because and "power" in analysis.selection.because
     free, _ = analyse(points(n, force), None, 0.0, "")
     assert "one standard error" in free.selection.because
-    with pytest.raises(FitError, match="expected one of square, dead-band"):
+    with pytest.raises(FitError, match="choose one of square, dead-band"):
         analyse(points(n, force), None, 0.0, "", "cubic")
 
 

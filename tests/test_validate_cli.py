@@ -179,7 +179,11 @@ def test_a_run_without_a_signal_that_the_model_needs_is_set_aside(
             "flat",
             "an effect of the model needs the column 'depth_m', which the log lacks; map it with --columns",
         ),
-        ("patchy", "an effect of the model needs 'depth_m' in every row; 1 rows lack it"),
+        (
+            "patchy",
+            "an effect of the model needs 'depth_m' in every row; 1 rows lack it. "
+            "Complete the column, or validate a model without that effect",
+        ),
     ]
 
 

@@ -90,7 +90,7 @@ REFUSED = {
     "unknown key \"efects\"; did you mean \"effects\"?": lambda d: d.update(efects=d.pop("effects")),
     "effects[0]: key \"parameters\" is missing": put("effects", [{"name": "bias-moment"}]),
     "effects[0].parameters: key \"b\" is missing": put("effects", [{"name": "bias-moment", "parameters": {}}]),
-    "effects[0].parameters: unknown key \"c\"; bias-moment has b": put(
+    "effects[0].parameters: unknown key \"c\"; bias-moment takes b": put(
         "effects", [{"name": "bias-moment", "parameters": {"b": 0, "c": 0}}]
     ),
     "effects[0].parameters.k_r: found -1, expected 0 to inf": put(
@@ -162,5 +162,5 @@ def test_runs_that_thrusters_cannot_drive() -> None:
     run = Run("a", "a.csv", np.arange(20.0), np.zeros(20), None, "", {"n_port": n, "n_stbd": -n})
     with pytest.raises(ModelError, match=r"^a\.csv, run 'a': the thruster map has no backward direction"):
         drive_by_thrusters([run], ahead, 0.4)
-    with pytest.raises(ModelError, match="arm of a thruster must be a positive length"):
+    with pytest.raises(ModelError, match=r"arm of a thruster is 0\.0; expected a positive length"):
         drive_by_thrusters([run], ahead, 0.0)

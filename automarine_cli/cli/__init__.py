@@ -98,10 +98,10 @@ class CommandFolder(click.Group):
             _forget_stdout()
             ctx.exit(141)  # as if the closed pipe had ended us, which is what shells expect
         if isinstance(problem, MemoryError):
-            return Refusal("not enough memory; fewer logs at a time or --jobs 1 need less")
+            return Refusal("not enough memory; give fewer logs at a time, or --jobs 1")
         _show_traceback(ctx)
         if isinstance(problem, OSError):
-            return Refusal(str(problem))
+            return Refusal(f"{problem}; check the place, your rights there and the room that is left")
         what = f"{type(problem).__name__}: {problem}".replace("\n", " ")
         return Refusal(f"{what}; this is a defect of automarine, please report it (-vv shows where)")
 

@@ -43,7 +43,7 @@ def _count_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> 
 
 def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
     if value is not None and not math.isfinite(value):
-        raise click.BadParameter(f"{value} is not a finite number")
+        raise click.BadParameter(f"{value} is no finite number; give one")
     return value
 
 

@@ -27,7 +27,9 @@ def in_unit(target: Target, model: YawModel, axis: Axis, settings: Settings, ori
     factor, unit = settings.newton_metres_per_nu, axis.units[1]
     full = "newton metres" if axis.levered else "newtons"
     if model.moment_unit == unit and factor is not None:
-        raise SettingError(f"{origin.file} is in {full} already; --newton-metres-per-nu is for the unit nu")
+        raise SettingError(
+            f"{origin.file} is in {full} already; --newton-metres-per-nu is for the unit nu, so leave it out"
+        )
     if model.moment_unit == "nu" and target.si and factor is None:
         raise SettingError(
             f"{origin.file}: its {axis.say('moments')} are normalised (nu) and {target.name} needs {full}; give "
@@ -128,4 +130,6 @@ def refuse_unused(target: Target, settings: Settings) -> None:
         if name not in target.uses and name != "allow_partial":
             users = [one for one in targets.names() if name in targets.get(one).uses]
             option = f"--{name.replace('_', '-')}"
-            raise SettingError(f"{option} means nothing to {target.name}; it is for {listed(users)}")
+            raise SettingError(
+                f"{option} means nothing to {target.name}; it is for {listed(users)}, so leave it out"
+            )

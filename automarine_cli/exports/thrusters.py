@@ -107,7 +107,9 @@ def _error(subject: MapSubject, law: Callable[[Floats], Floats], n_max: float) -
 def _gz(subject: MapSubject, notes: list[str], n_max: float) -> Written:
     """Gazebo's law has one coefficient; with two it would need another plugin."""
     if subject.settings.lag is not None:
-        raise SettingError("--lag means nothing to gz-thruster, whose thrust follows the command at once")
+        raise SettingError(
+            "--lag means nothing to gz-thruster, whose thrust follows the command at once; leave it out"
+        )
     side = both_sides(subject, n_max)
     law: Callable[[Floats], Floats] = lambda n: np.sign(n) * side.thrust(np.abs(n))  # noqa: E731
     off, full = worst(subject.map, law, n_max), top(subject.map, n_max)

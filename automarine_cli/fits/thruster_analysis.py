@@ -105,7 +105,7 @@ def analyse(
     if not sides:
         raise FitError(
             f"{where}: no direction can be fitted ({'; '.join(without.values())}); expected at least "
-            f"{FEWEST_LEVELS} different commands in one direction"
+            f"{FEWEST_LEVELS} different commands in one direction. Pull at more levels"
         )
     square = {name: square_law(side, amplitude_unit(n_unit)) for name, side in sides.items()}
     used = points.where(np.isin(np.sign(points.n), [0.0, *(side.sign for side in sides.values())]))

@@ -58,7 +58,7 @@ def select_form(
     Breiman et al. 1984, section 3.4.3 (the one-standard-error rule). Raises FitError for an unknown form.
     """
     if forced is not None and forced not in FORMS:
-        raise FitError(f"no thrust curve is called {forced!r}; expected one of {', '.join(FORMS)}")
+        raise FitError(f"no thrust curve is called {forced!r}; choose one of {', '.join(FORMS)}")
     scores, losses = [], {}
     for form in FORMS.values():
         found = {name: best_curve(side, form) for name, side in sides.items()}

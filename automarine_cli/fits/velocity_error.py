@@ -85,7 +85,7 @@ def fit_velocity_error(
         raise FitError(
             f"{len(data.moment)} half-turns at {len(np.unique(np.abs(data.moment)))} sizes of moment cannot "
             "carry Table 1; "
-            "at least 3 runs at 2 moments are needed"
+            "run at least 3 steps at 2 moments"
         )
     used = _last_share(time, data.seen, 0.3)
     noise = _noise_about_lines(time, data.heading, used)

@@ -67,7 +67,8 @@ def read_column_map(path: str | Path) -> ColumnMap:
     for key in data:
         if key not in ("columns", "defaults", "can"):
             raise LogError(
-                f"{name}: unknown key {quoted(key)}; a column map holds [columns], [defaults] and [can] only"
+                f"{name}: unknown key {quoted(key)}; a column map holds [columns], [defaults] and [can] only; write it "
+                "below one of them"
             )
     columns, defaults, can = (_table(data.get(key, {}), key, name) for key in ("columns", "defaults", "can"))
     if not columns and not defaults and not can:
@@ -131,7 +132,7 @@ def _rule(name: str, key: str, value: object) -> ColumnRule:
         raise LogError(f"{where}.from is {found}; expected the name of a column in quotes")
     if key in LABELS and len(value) > 1:
         what = "names runs" if key == RUN else "is a state"
-        raise LogError(f"{where} {what}; unit, sign, scale and offset do not apply")
+        raise LogError(f"{where} {what}; unit, sign, scale and offset do not apply; leave them out")
     sign = value.get("sign", 1)
     if isinstance(sign, bool) or sign not in (1, -1):
         raise LogError(f"{where}.sign is {_kind(sign)}; expected 1 or -1")

@@ -99,13 +99,13 @@ def _prepared(data: bytes, name: str) -> tuple[bytes, int]:
         row = data.count(b"\n", 0, nul) + 1
         raise LogError(
             f"{name}, row {row}: found a NUL byte, expected text. The file is binary or was damaged "
-            "while it was written"
+            "while it was written; copy it again, or give the log as text"
         )
     head = data[: _BINARY[0]]
     if len(head) - len(head.translate(None, _CONTROL)) > _BINARY[1] * len(head):
         raise LogError(
             f"{name}: found bytes that are no text, expected a table of text. The file is binary or was damaged "
-            "while it was written"
+            "while it was written; copy it again, or give the log as text"
         )
     if b"\r" in data and b"\n" not in data:
         data = data.replace(b"\r", b"\n")
@@ -119,7 +119,7 @@ def _prepared(data: bytes, name: str) -> tuple[bytes, int]:
         data, lines = _EMPTIED.subn(b"", data, count=MOST_COMMENTS)
         if lines == MOST_COMMENTS:
             raise LogError(
-                f"{name}: {MOST_COMMENTS} lines of comments or blanks; expected a table of numbers"
+                f"{name}: {MOST_COMMENTS} lines of comments or blanks; expected a table of numbers. Take them out"
             )
     return data, -1
 

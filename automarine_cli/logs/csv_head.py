@@ -39,10 +39,13 @@ def read_head(data: bytes, name: str, text: frozenset[str] = frozenset()) -> Hea
     """
     line, start, end = _first_line(data)
     if start == len(data):
-        raise LogError(f"{name}: no header and no rows; expected a line of column names")
+        raise LogError(
+            f"{name}: no header and no rows; expected a line of column names. Copy the log again, or leave it out"
+        )
     if end - start > LONGEST_HEADER:
         raise LogError(
-            f"{name}, row {line}: found {end - start} bytes in one line, expected a line of column names"
+            f"{name}, row {line}: found {end - start} bytes in one line, expected a line of column "
+            "names. Check the line ends"
         )
     header = _text(data[start:end])
     sample = _sample(data, end + 1)
@@ -58,7 +61,7 @@ def read_head(data: bytes, name: str, text: frozenset[str] = frozenset()) -> Hea
     if len(names) == 1 and len(header.split()) > 2:
         raise LogError(
             f"{name}, row {line}: cells seem to be separated by blanks ({quoted(header)}); "
-            "expected commas, semicolons or tabs"
+            "expected commas, semicolons or tabs. Write one of these between them"
         )
     every = -(-len(sample) // max(4, MOST_CELLS // len(names)))
     rows = [[cell.strip() for cell in _cells(line, delimiter)] for line in sample[::every]] if sample else []

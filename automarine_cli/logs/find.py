@@ -57,13 +57,11 @@ def _meant_by(argument: str) -> list[LogFile]:
     if path.is_dir():
         logs = list(_inside(path))
         if not logs:
-            raise LogError(
-                f"{quoted(argument)}: no logs in this directory; expected files that end in {endings}"
-            )
+            raise LogError(f"{quoted(argument)}: no logs in this directory; give files that end in {endings}")
         return logs
     if os.path.lexists(path):
         if suffix_of(path.name) is None:
-            raise LogError(f"{quoted(path.name)}: not a log by its name; expected one that ends in {endings}")
+            raise LogError(f"{quoted(path.name)}: not a log by its name; give one that ends in {endings}")
         return [LogFile(path, printable(path.name), named=True)]
     if glob.has_magic(argument):
         return _matching(argument, endings)
@@ -123,7 +121,7 @@ def _matching(pattern: str, endings: str) -> list[LogFile]:
         elif suffix_of(path.name) is not None:
             logs.append(LogFile(path, printable(inner.as_posix()), named=False))
     if not logs:
-        raise LogError(f"{quoted(pattern)}: no logs match; expected files that end in {endings}")
+        raise LogError(f"{quoted(pattern)}: no logs match; give files that end in {endings}")
     return logs
 
 

@@ -30,7 +30,7 @@ def run_names(raw: RawLog, columns: ColumnMap, source: str) -> Labels | None:
         row = int(np.flatnonzero(pc.is_null(array).to_numpy())[0])
         raise LogError(
             f"{source}, row {raw.rows[row]}, column {column}: no run named; "
-            "expected the name or number of the run in every row"
+            "expected the name or number of the run in every row. Complete the column"
         )
     found = _labels(array)
     for i, name in enumerate(found.names):

@@ -68,18 +68,24 @@ def _read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
     form = format_of(path.name)
     if form is None:
         raise LogError(
-            f"{name}: not a log by its name; expected one that ends in {', '.join(sorted(suffixes()))}"
+            f"{name}: not a log by its name; give one that ends in {', '.join(sorted(suffixes()))}"
         )
     try:
         if path.is_symlink() and not path.exists():
-            raise LogError(f"{name}: a link that leads nowhere; expected a {form.name} file")
+            raise LogError(
+                f"{name}: a link that leads nowhere; expected a {form.name} file. Copy the log "
+                "here, or leave the link out"
+            )
         if not path.is_file():
             raise LogError(
                 f"{name}: {'a directory' if path.is_dir() else 'no regular file'}; "
-                f"expected a {form.name} file"
+                f"expected a {form.name} file. Rename it, or leave it out"
             )
         if path.stat().st_size == 0:
-            raise LogError(f"{name}: the file is empty; expected a {form.name} file with a header and rows")
+            raise LogError(
+                f"{name}: the file is empty; expected a {form.name} file with a header and rows. "
+                "Copy it again, or leave it out"
+            )
         with path.open("rb"):  # a file that may not be read is told from one that is not sound
             pass
         raw = form.read(path, name, columns)
@@ -92,7 +98,8 @@ def _read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
         raise LogError(f"{name}: does not fit into memory; split it into several logs") from None
     if len(raw.rows) == 0:
         raise LogError(
-            f"{name}: a header without rows (columns {listed(raw.names)}); expected at least one row"
+            f"{name}: a header without rows (columns {listed(raw.names)}); expected at least one row. "
+            "Copy the log again, or leave it out"
         )
     return raw
 

@@ -43,7 +43,9 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     library = needed("pyulog", "px4", name, "PX4 logs")
     with path.open("rb") as file, unsound_is_refused(name, "ULog"):
         if file.read(len(HEAD)) != HEAD:
-            raise LogError(f"{name}: found no PX4 log (ULog), expected one by the name")
+            raise LogError(
+                f"{name}: found no PX4 log (ULog), expected one by the name; copy the file again, or rename it"
+            )
         file.seek(0)
         log = library.ULog(file, None, True)
         topics = {

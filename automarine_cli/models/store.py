@@ -181,7 +181,7 @@ def _parameters(name: str, given: Mapping[str, object], where: str) -> tuple[flo
     names = ", ".join(parameter.name for parameter in wanted) or "none"
     for key in given:
         if key not in {parameter.name for parameter in wanted}:
-            raise ModelError(f"{where}: unknown key {_told(key)}; {name} has {names}")
+            raise ModelError(f"{where}: unknown key {_told(key)}; {name} takes {names}")
     values = []
     for parameter in wanted:
         if parameter.choices and parameter.name not in given:

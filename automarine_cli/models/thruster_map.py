@@ -53,7 +53,7 @@ class ThrusterMap:
         signal = np.asarray(n, dtype=float)
         if not np.all(np.isfinite(signal)):
             raise ModelError(
-                "the control signal of a thruster must be finite; missing values have to be cleaned first"
+                "the control signal of a thruster must be finite; leave out the rows without a value"
             )
         total = np.zeros_like(signal)
         for sign, curve, name in ((1.0, self.forward, "forward"), (-1.0, self.backward, "backward")):
@@ -75,7 +75,7 @@ class ThrusterMap:
         Raises ModelError unless the arm is a positive length.
         """
         if not (isfinite(arm) and arm > 0):
-            raise ModelError(f"the arm of a thruster must be a positive length in metres, found {arm!r}")
+            raise ModelError(f"the arm of a thruster is {arm!r}; expected a positive length in metres")
         return np.asarray(arm * (self.force(n_port) - self.force(n_stbd)))
 
     def to_json(self) -> dict[str, object]:

@@ -63,7 +63,8 @@ class YawModel:
         values = [float(v) for v in np.asarray(theta)]
         if len(values) != len(self.theta):
             raise ModelError(
-                f"{len(values)} values given for the {len(self.theta)} parameters {self.parameter_names}"
+                f"{len(values)} values given for the {len(self.theta)} parameters {self.parameter_names}; "
+                "give one for each"
             )
         rest = iter(values[1:])
         terms = tuple(replace(term, values=tuple(next(rest) for _ in term.values)) for term in self.terms)
@@ -75,7 +76,9 @@ class YawModel:
         count, given = len(own), len(values)
         values = [*values, *(p.start for p in own[given:] if p.choices)]
         if len(values) != count:
-            raise ModelError(f"effect {name!r} has {count} parameters, {given} values were given")
+            raise ModelError(
+                f"effect {name!r} has {count} parameters, {given} values were given; give one for each"
+            )
         return replace(self, terms=(*self.terms, Term(name, tuple(float(v) for v in values))))
 
     def unpack(self, theta: Floats) -> Iterator[tuple[effects.Effect, tuple[Floats, ...]]]:

@@ -47,7 +47,9 @@ class Entry:
     def __post_init__(self) -> None:
         path = PurePosixPath(self.file)
         if not path.parts or path.is_absolute() or ".." in path.parts or "\0" in self.file:
-            raise SettingError(f"the file name {self.file!r} leads out of the folder")
+            raise SettingError(
+                f"the file name {self.file!r} leads out of the folder; give a manifest as automarine wrote it"
+            )
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from automarine_cli.pipeline import staging
 def refuse_existing(target: Path, *, overwrite: bool) -> None:
     """Raise OutputError for a file that is there already unless `overwrite`, and for a folder."""
     if target.is_dir():
-        raise OutputError(f"{target} is a folder; expected the name of a file after -o")
+        raise OutputError(f"{target} is a folder; give the name of a file after -o")
     if target.exists() and not overwrite:
         raise OutputError(
             f"{target} is there already; give --overwrite to replace it, or another name with -o"

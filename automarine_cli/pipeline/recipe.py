@@ -212,4 +212,4 @@ def _toml_value(value: object) -> str:
         return str(value).lower()
     if isinstance(value, (int, float)) and math.isfinite(value):
         return repr(value)
-    raise SettingError(f"{_found(value)} cannot be written as TOML")
+    raise SettingError(f"{_found(value)} cannot be written as TOML; give numbers, words, lists or tables")

@@ -155,7 +155,7 @@ def refuse_unfit(target: Path) -> None:
     """Raise OutputError for a target that can never be replaced as a whole."""
     nearest = next(path for path in (target, *target.parents) if path.exists())
     if not nearest.is_dir():
-        raise OutputError(f"{nearest.name} is a file; expected a folder for the results after -o")
+        raise OutputError(f"{nearest.name} is a file; give a folder for the results after -o")
     here = Path.cwd()
     if target == here or target in here.parents or os.path.ismount(target):
         raise OutputError(

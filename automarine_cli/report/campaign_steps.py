@@ -80,7 +80,9 @@ def read_steps(folder: Path) -> dict[str, StepResult]:
             continue
         data = read_plain(path, "JSON", OutputError)
         if not str(data.get("schema", "")).startswith(schema):
-            raise OutputError(f"{name}/{file}: schema is {data.get('schema')!r}; expected {schema}1")
+            raise OutputError(
+                f"{name}/{file}: schema is {data.get('schema')!r}; expected {schema}1. Run that step again"
+            )
         manifest = path.with_name(MANIFEST)
         found[name] = StepResult(
             name, folder / name, data, read_manifest(manifest) if manifest.is_file() else None

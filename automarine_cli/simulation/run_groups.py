@@ -38,7 +38,9 @@ class Range:
         if self.to < self.from_:
             raise SettingError(f"to is {self.to:g}; expected at least from, {self.from_:g}")
         if (self.to - self.from_) / self.step > MOST_LEVELS:
-            raise SettingError(f"step is {self.step:g}; that makes more than {MOST_LEVELS} values")
+            raise SettingError(
+                f"step is {self.step:g}; that makes more than {MOST_LEVELS} values; give a larger step"
+            )
 
     @property
     def values(self) -> tuple[float, ...]:

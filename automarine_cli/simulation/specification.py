@@ -53,7 +53,7 @@ class EffectSetting:
             raise SettingError(str(problem)) from None
         if effect.needs:
             raise SettingError(
-                f"effect {self.name!r} needs the column {effect.needs[0]!r}, which simulated runs do not have"
+                f"effect {self.name!r} needs the column {effect.needs[0]!r}, which simulated runs lack; leave it out"
             )
         names = [parameter.name for parameter in effect.parameters]
         allowed = ", ".join(names)
@@ -62,7 +62,9 @@ class EffectSetting:
                 raise SettingError(f"effect {self.name!r} has no parameter {name!r}; it has {allowed}")
         for name in (p.name for p in effect.parameters if not p.choices):
             if name not in self.values:
-                raise SettingError(f"effect {self.name!r} needs its parameter {name!r} (of {allowed})")
+                raise SettingError(
+                    f"effect {self.name!r} needs its parameter {name!r} (of {allowed}); give it"
+                )
 
     @property
     def ordered(self) -> tuple[float, ...]:

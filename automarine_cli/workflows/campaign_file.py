@@ -92,7 +92,8 @@ class CampaignFile:
                 raise SettingError('yaw.moment is "thrusters", which needs vehicle.arm_m; give it in metres')
             if self.thrusters.map is None and not self.logs.thrusters:
                 raise SettingError(
-                    'yaw.moment is "thrusters", which needs logs.thrusters (bollard tests) or thrusters.map'
+                    'yaw.moment is "thrusters", which needs logs.thrusters (bollard tests) or '
+                    "thrusters.map; give one of them"
                 )
 
 

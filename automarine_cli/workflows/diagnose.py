@@ -228,7 +228,9 @@ def diagnose_any(
     """
     if is_thruster_map(model):
         if thrusters is not None or arm is not None:
-            raise SettingError(f"{model.name} is a thruster map: --thrusters and --arm belong to a yaw model")
+            raise SettingError(
+                f"{model.name} is a thruster map: --thrusters and --arm belong to a yaw model; leave them out"
+            )
         return diagnose_thrusters(logs, model=model, **settings)
     return diagnose(logs, model=model, thrusters=thrusters, arm=arm, cluster=cluster, **settings)
 

@@ -154,7 +154,9 @@ def _recipe(
     settings: dict[str, Any] = {}
     for key, value in manifest.options.items():
         if key not in known or key in UNRECORDED:
-            raise SettingError(f"{where}: options: unknown key {key!r} of {manifest.command}")
+            raise SettingError(
+                f"{where}: options: unknown key {key!r} of {manifest.command}; give a manifest as it wrote it"
+            )
         if key in FILES:
             settings[key] = _file(key, value, roles, f"{where}: options.{key}")
         elif key != "hold_out":

@@ -94,7 +94,7 @@ def run_campaign(
     others go on. Raises SettingError for a campaign file that makes no sense and OutputError.
     """
     if until is not None and until not in NAMES:
-        raise SettingError(f"no step is called {until!r}; the steps are {', '.join(NAMES)}")
+        raise SettingError(f"no step is called {until!r}; give one of {', '.join(NAMES)}")
     known = read_campaign(campaign)
     if out is None:
         with tempfile.TemporaryDirectory(prefix="automarine-") as spare:

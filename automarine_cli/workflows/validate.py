@@ -187,7 +187,10 @@ def _complete(run: Run, signals: Sequence[str]) -> None:
             )
         missing = int(np.count_nonzero(~np.isfinite(run.extras[name])))
         if missing:
-            raise RunError(f"an effect of the model needs {name!r} in every row; {missing} rows lack it")
+            raise RunError(
+                f"an effect of the model needs {name!r} in every row; {missing} rows lack it. Complete the column, or "
+                "validate a model without that effect"
+            )
 
 
 def _same_unit(runs: Sequence[Run], stored: StoredModels) -> None:

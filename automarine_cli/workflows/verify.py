@@ -91,7 +91,9 @@ def _inside(folder: Path, inputs: Sequence[Path]) -> list[FolderVerified]:
     try:
         found = list(manifests_in(folder))
     except OSError as problem:
-        raise SettingError(f"{folder}: cannot be read ({problem.strerror})") from None
+        raise SettingError(
+            f"{folder}: cannot be read ({problem.strerror}); make it readable, or give another folder"
+        ) from None
     if (folder / MANIFEST).is_file() and folder / MANIFEST not in found:
         read_manifest(folder / MANIFEST)  # says what is wrong with it
     if not found:

@@ -1,0 +1,168 @@
+"""Every refusal ends with what to do: read off the source, so that a new one cannot be forgotten."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import automarine_cli
+from automarine_cli.logs.csv import _SIGNATURES
+from automarine_cli.pipeline.staging import ADVICE
+
+PACKAGE = Path(automarine_cli.__file__).parent
+DATA = {"LogError", "RunError", "FitError", "OutputError"}
+"""About logs and results: what to do is a clause of its own."""
+WRITTEN = {"SettingError", "ModelError", "UsageError", "BadParameter", "Refusal"}
+"""About what a person wrote, an option or a key: what is expected in its place says what to do."""
+OF_A_COLUMN_MAP = "logs/columns.py"  # a file that a person wrote, too
+PASSED_ON = {
+    "{str(problem)}", "{where}: {problem}", "{run.source}, run {run.name}: {error}",
+    "{printable(self.path.name)}: logs.{kind}: {problem}",
+    "no run is left of {files} log{'s' * (files != 1)}: {reasons}{more}",
+}  # fmt: skip
+"""Refusals whose sentence was made elsewhere, by a refusal that is read here."""
+
+VERBS = (
+    "add", "allow", "analyse", "ask", "call", "check", "choose", "close", "compare", "complete", "copy", "correct",
+    "cut", "delete", "drop", "export", "fit", "free", "give", "hold", "install", "keep", "leave", "log", "look",
+    "make", "map", "measure", "name", "pull", "rename", "report", "run", "save", "say", "shorten", "sort", "split",
+    "start", "take", "tell", "try", "use", "validate", "wait", "write",
+)  # fmt: skip
+CLAUSE = re.compile(rf"(?:^|[.;:,}}] ?|[(]|\b(?:or|and|so|please) )(?:{'|'.join(VERBS)})\b", re.IGNORECASE)
+WANTED = re.compile(
+    r"\b(?:expected|known are|allowed keys|takes|it has|there are|did you mean|go(?:es)? (?:with|together))\b"
+)
+
+
+class Refusal(NamedTuple):
+    """One place where something is refused: the class, and the sentences that it may say, with {...} for values."""
+
+    place: str
+    kind: str
+    sentences: tuple[str, ...]
+
+
+TREES = {
+    path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text("utf-8")) for path in PACKAGE.rglob("*.py")
+}
+
+
+Scope = tuple[ast.AST, ...]
+"""Where a name is looked for: the function that it stands in, then its module."""
+
+
+def sentences(node: ast.expr, scope: Scope, deep: int = 0) -> list[str]:
+    """What an expression may say; names and calls of the package are followed to where they are made."""
+    if isinstance(node, ast.IfExp):
+        return [*sentences(node.body, scope, deep), *sentences(node.orelse, scope, deep)]
+    if isinstance(node, ast.BinOp):
+        return [a + b for a in sentences(node.left, scope, deep) for b in sentences(node.right, scope, deep)]
+    if isinstance(node, ast.Constant):
+        return [str(node.value)]
+    if isinstance(node, ast.JoinedStr):
+        *front, last = node.values
+        said = "".join(map(placeholder, front))
+        named = isinstance(last, ast.FormattedValue) and isinstance(last.value, ast.Name)
+        tails = sentences(last.value, scope, deep + 1) if named and deep < 3 else [placeholder(last)]
+        return [said + tail for tail in tails]
+    if deep < 3 and (made := list(makers(node, scope))):
+        return [said for value, there in made for said in sentences(value, there, deep + 1)]
+    return [f"{{{ast.unparse(node)}}}"]
+
+
+def placeholder(node: ast.expr) -> str:
+    """A piece of an f-string: its text, or the name of what stands there."""
+    if isinstance(node, ast.FormattedValue):
+        return f"{{{ast.unparse(node.value)}}}"
+    return str(node.value) if isinstance(node, ast.Constant) else ""
+
+
+def makers(node: ast.expr, scope: Scope) -> Iterator[tuple[ast.expr, Scope]]:
+    """What a name was given, in its function or else its module; or what a function of the package returns."""
+    if isinstance(node, ast.Name):
+        for outer in scope:
+            given = [
+                one.value
+                for one in ast.walk(outer)
+                if isinstance(one, ast.Assign) and any(getattr(t, "id", "") == node.id for t in one.targets)
+            ]
+            if given:
+                yield from ((value, scope) for value in given)
+                return
+            if isinstance(outer, ast.FunctionDef):
+                own = outer.args.args[len(outer.args.args) - len(outer.args.defaults) :]
+                yield from (
+                    (d, scope) for a, d in zip(own, outer.args.defaults, strict=True) if a.arg == node.id
+                )
+    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        for there in (scope[-1], *TREES.values()):
+            found = [f for f in ast.walk(there) if isinstance(f, ast.FunctionDef) and f.name == node.func.id]
+            for function in found:
+                returned = [r.value for r in ast.walk(function) if isinstance(r, ast.Return) and r.value]
+                yield from ((value, (function, there)) for value in returned)
+            if found:
+                return
+
+
+def refusals() -> Iterator[Refusal]:
+    """Every error of the house, and of usage, that the package makes."""
+    for place, tree in TREES.items():
+        inside = {node: f for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) for node in ast.walk(f)}
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.Call) or not node.args:
+                continue
+            kind = getattr(node.func, "attr", getattr(node.func, "id", ""))
+            scope = (inside[node], tree) if node in inside else (tree,)
+            if kind in DATA | WRITTEN:
+                yield Refusal(f"{place}:{node.lineno}", kind, tuple(sentences(node.args[0], scope)))
+
+
+def says_what_to_do(sentence: str, kind: str, place: str) -> bool:
+    """Whether a sentence has a clause that begins with a verb; where a person wrote the value, or what is expected."""
+    if sentence in PASSED_ON or sentence.endswith(tuple(TABLES)) or CLAUSE.search(sentence):
+        return True
+    return bool((kind in WRITTEN or place.startswith(OF_A_COLUMN_MAP)) and WANTED.search(sentence))
+
+
+EVERY = list(refusals())
+TABLES = {"{what}": _SIGNATURES, "{ADVICE.get(problem.errno or 0, 'Choose another folder with -o')}": ADVICE}
+"""Ends of sentences that are looked up in a table, which is read instead."""
+
+
+@pytest.mark.parametrize("table", TABLES.values())
+def test_every_entry_of_a_table_of_ends_says_what_to_do(table: dict[object, str]) -> None:
+    assert [end for end in table.values() if not CLAUSE.search(end)] == []
+
+
+def test_every_refusal_says_what_to_do() -> None:
+    silent = [
+        f"{one.place} {one.kind}: {sentence}"
+        for one in EVERY
+        for sentence in one.sentences
+        if not says_what_to_do(sentence, one.kind, one.place)
+    ]
+    assert silent == []
+
+
+def test_all_of_them_are_read() -> None:
+    assert len(EVERY) > 200
+    assert {one.kind for one in EVERY} == DATA | WRITTEN
+    assert sum(len(one.sentences) > 1 for one in EVERY) > 5  # those that are made elsewhere are followed
+
+
+@pytest.mark.parametrize(
+    ("sentence", "kind", "fine"),
+    [
+        ("a.csv, row 3: found 'x', expected a number", "LogError", False),
+        ("a.csv, row 3: found 'x', expected a number. Correct the cell", "LogError", True),
+        ("jobs is 0; expected 1 or more", "SettingError", True),
+        ("jobs is 0", "SettingError", False),
+        ("the runs checked out badly", "FitError", False),
+        ("{path} is full; make room, or choose another folder", "OutputError", True),
+    ],
+)
+def test_silence_is_heard(sentence: str, kind: str, fine: bool) -> None:
+    assert says_what_to_do(sentence, kind, "room/file.py:1") is fine
