@@ -48,7 +48,9 @@ def decoded(path: Path, name: str, columns: ColumnMap, reader: Reader) -> RawLog
     with unsound_is_refused(name, "CAN"):
         captured, notes = reader(path, name)
     if not captured:
-        raise LogError(f"{name}: found no CAN frames, expected some by the name")
+        raise LogError(
+            f"{name}: found no CAN frames, expected some by the name; copy the file again, or rename it"
+        )
     unknown = tuple(f"0x{number:x} ({len(frames)})" for (number, _), (_, frames) in sorted(captured.items()))
     if columns.database is None:
         raise LogError(

@@ -98,7 +98,7 @@ def run_campaigns(
     cluster that cannot be reached, and OutputError.
     """
     if until is not None and until not in NAMES:
-        raise SettingError(f"no step is called {until!r}; the steps are {', '.join(NAMES)}")
+        raise SettingError(f"no step is called {until!r}; give one of {', '.join(NAMES)}")
     refuse_unfit(out)
     settings = {"overwrite": overwrite, "force": force, "until": until}
     named = zip(names_of(campaigns), campaigns)
