@@ -64,8 +64,12 @@ def degrees_of_freedom(fit: MixedFit, direction: Floats) -> float:
     """
     variances = np.log([fit.noise, *np.maximum(fit.factors, SMALLEST_FACTOR)])
     free = np.setdiff1d(np.arange(len(fit.phi)), fit.at_bound)
-    information = linear_mixed.weigh(fit.gram, fit.effects, variances).hessian
-    reach = linear_mixed.covariance_of(information.sum(axis=0)) @ direction[free]
+    return runs_that_carry(linear_mixed.weigh(fit.gram, fit.effects, variances).hessian, direction[free])
+
+
+def runs_that_carry(information: Floats, direction: Floats) -> float:
+    """The same of runs whose information (R, p, p) is known, along `direction` (p,)."""
+    reach = linear_mixed.covariance_of(information.sum(axis=0)) @ direction
     share = np.einsum("p,rpk,k->r", reach, information, reach)
     runs = len(share)
     square = float((share**2).sum())

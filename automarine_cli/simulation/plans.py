@@ -62,7 +62,8 @@ def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
     placed, clock = [], 0.0
     for plan in plans:
         placed.append(replace(plan, start=round(clock, 6)))
-        clock += plan.samples * specification.logger.period + specification.campaign.wait_between_s
+        wait = specification.campaign.wait_between_s if plan.group.wait_after_s is None else plan.group.wait_after_s
+        clock += plan.samples * specification.logger.period + wait
     return tuple(placed)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from automarine_cli.errors import SettingError
 from automarine_cli.models.closed_form import response
 from automarine_cli.pipeline.recipe import from_mapping
-from automarine_cli.simulation.checks import positive, safe_path
+from automarine_cli.simulation.checks import at_least_zero, positive, safe_path
 
 Format: TypeAlias = Literal["csv", "csv.gz", "parquet"]
 Fault: TypeAlias = Literal["never-moves", "stuck-compass", "ends-early"]
@@ -65,7 +65,8 @@ class RunGroup:
     """What all kinds share: where the logs go and what is wrong with them on purpose.
 
     Files are `folder/LABEL.format` with a letter for the repeat (or `suffix`); with `together` all runs of the
-    group go into the one file of that name, told apart by a column `run`.
+    group go into the one file of that name, told apart by a column `run`. `wait_after_s` takes the place of the
+    campaign's wait after each of these runs.
     """
 
     kind: str
@@ -76,11 +77,13 @@ class RunGroup:
     repeats: int = 1
     suffix: str | None = None
     fault: Fault | None = None
+    wait_after_s: float | None = None
 
     own_name: ClassVar[str] = "run"
 
     def __post_init__(self) -> None:
         positive(self, "repeats")
+        at_least_zero(self, "wait_after_s")
         safe_path(self, "folder", "together", "suffix")
         if self.name:
             safe_path(self, "name")

@@ -1,0 +1,191 @@
+"""The runs that a campaign may be made of: kinds, levels, lengths and start headings that the limits allow."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import pi, radians
+
+from automarine_cli.models.yaw_model import YawModel, steady_rate
+from automarine_cli.planning.limits import Limits
+from automarine_cli.simulation.run_groups import Commands, moment_text, time_to_turn
+
+TURNS = (1 / 3, 1 / 2, 2 / 3, 1.0)
+"""Lengths of steps that are tried, as shares of how far they may turn."""
+LOW = 0.1
+"""Smallest moment that is tried, as a share of the largest; levels between go by the root, as yaw rates do."""
+LONG_TURN = 4.0 * pi
+RAMP_S, REST_S, STAIRS = 40.0, 60.0, 20
+COAST_CONSTANTS, COAST_S = 6.0, (5.0, 20.0)
+"""A coast-down lasts so many of the vehicle's time constants at full moment, within these bounds [s]."""
+LONGEST_S = 120.0
+"""No run is driven for longer: who would wait for it can repeat it."""
+HALF_TURN_MARGIN = 1.1
+"""A step meant for a fit to half-turns passes them by this factor, so that less thrust than usual does too."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One run on paper: `commands` (moment, seconds) follow the rest at the log's start; `label` names it.
+
+    `turns` whether it turns further than steps may, so that the water needs longer; `voltage` [V] None for the usual.
+    """
+
+    kind: str
+    label: str
+    commands: Commands
+    turns: bool = False
+    voltage: float | None = None
+    start_heading: float = 0.0
+    clock: float = 0.0
+
+    @property
+    def motion(self) -> float:
+        """Time in motion [s]; a rest record has none."""
+        return 0.0 if self.kind == "rest" else self.driven
+
+    @property
+    def driven(self) -> float:
+        """Length of the commands [s]."""
+        return float(sum(seconds for _, seconds in self.commands))
+
+    @property
+    def side(self) -> int:
+        """Sign of the first moment."""
+        first = next((moment for moment, _ in self.commands if moment), 0.0)
+        return (first > 0) - (first < 0)
+
+    @property
+    def size(self) -> float:
+        """Largest |moment|."""
+        return max(abs(moment) for moment, _ in self.commands)
+
+    def at(self, *, start_heading: float, clock: float) -> "Candidate":
+        """The same run from another start heading [degrees], at another time [s] of the campaign's clock."""
+        return replace(self, start_heading=start_heading, clock=clock)
+
+
+def levels(limits: Limits, largest: float) -> tuple[float, ...]:
+    """Sizes of moment, smallest first: even in the root, hence in the yaw rate under quadratic drag."""
+    count = limits.moments.levels
+    low = LOW**0.5
+    return tuple(
+        float(f"{largest * (low + (1.0 - low) * i / (count - 1)) ** 2:.3g}") if i < count - 1 else largest
+        for i in range(count)
+    )
+
+
+def candidates(model: YawModel, limits: Limits, largest: float) -> tuple[Candidate, ...]:
+    """Every run that the limits allow, in a fixed order, both sides of each."""
+    wanted = limits.runs.kinds
+    half_turns = limits.runs.fit == "half-turns"
+    made = [
+        one
+        for kind, make in MAKERS.items()
+        if kind in wanted and (kind == "step" or not half_turns)
+        for one in make(model, limits, largest)
+        if one.driven <= LONGEST_S
+    ]
+    unique: dict[str, Candidate] = {}
+    for one in made:
+        unique.setdefault(one.label, one)
+    return tuple(unique.values())
+
+
+def mirrors(found: Sequence[Candidate]) -> list[int]:
+    """The place of the same run to the other side, of each candidate; its own where it has no sides."""
+    places = {(one.kind, one.commands, one.voltage): i for i, one in enumerate(found)}
+    turned = (tuple((-moment, seconds) for moment, seconds in one.commands) for one in found)
+    return [places.get((one.kind, other, one.voltage), i) for i, (one, other) in enumerate(zip(found, turned))]
+
+
+def full_step(model: YawModel, limits: Limits, moment: float) -> Candidate:
+    """The step that turns as far as steps may."""
+    return _step(model, moment, _furthest(limits))
+
+
+def paper_grid(model: YawModel, limits: Limits, largest: float) -> tuple[Candidate, ...]:
+    """The paper's own campaign, scaled to the largest moment: twelve sizes, both sides, twice, half a turn each."""
+    sizes = [largest * i / 12.0 for i in range(1, 13)]
+    return tuple(_step(model, side * size, 180.0) for _ in range(2) for size in sizes for side in (1, -1))
+
+
+def _furthest(limits: Limits) -> float:
+    """How far a step turns at most [degrees]."""
+    return limits.pool.turn_deg * (HALF_TURN_MARGIN if limits.runs.fit == "half-turns" else 1.0)
+
+
+def _seconds(model: YawModel, moment: float, degrees: float) -> float:
+    """Time to turn so far from rest, by inertia and drag, on a tenth of a second."""
+    k_r, k_rr = model.drag()
+    return max(round(time_to_turn(radians(degrees), moment, (model.inertia, k_r, k_rr)), 1), 0.5)
+
+
+def _step(model: YawModel, moment: float, degrees: float) -> Candidate:
+    label = f"step_{moment_text(moment)}_{degrees:.0f}deg"
+    return Candidate("step", label, ((moment, _seconds(model, moment, degrees)),))
+
+
+def _steps(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
+    shares = (1.0,) if limits.runs.fit == "half-turns" else TURNS
+    for size in levels(limits, largest):
+        for share in shares:
+            for side in (1, -1):
+                yield _step(model, side * size, share * _furthest(limits))
+
+
+def _coast_downs(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
+    constant = model.inertia / max(largest, 1e-12) * float(steady_rate(largest, *model.drag()))
+    coast = round(min(max(COAST_CONSTANTS * constant, COAST_S[0]), COAST_S[1]), 1)
+    for size in levels(limits, largest)[1::2]:
+        for share in (1 / 3, 2 / 3):
+            degrees = share * limits.pool.turn_deg
+            for side in (1, -1):
+                hold = _seconds(model, size, degrees)
+                label = f"coast_{moment_text(side * size)}_{degrees:.0f}deg"
+                yield Candidate("coast-down", label, ((side * size, hold), (0.0, coast)))
+
+
+def _reversals(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
+    for size in levels(limits, largest)[1::2]:
+        for share in (1 / 3, 2 / 3):
+            degrees = share * limits.pool.turn_deg
+            for side in (1, -1):
+                hold = _seconds(model, size, degrees)
+                label = f"reversal_{moment_text(side * size)}_{degrees:.0f}deg"
+                yield Candidate("reversal", label, ((side * size, hold), (-side * size, round(1.5 * hold, 1))))
+
+
+def _ramps(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
+    for size in (levels(limits, largest)[0], levels(limits, largest)[len(levels(limits, largest)) // 2]):
+        for side in (1, -1):
+            stairs = [side * size * (2.0 * (i + 0.5) / STAIRS - 1.0) for i in range(STAIRS)]
+            commands = tuple((round(stair, 6), RAMP_S / STAIRS) for stair in stairs)
+            yield Candidate("slow-ramp", f"ramp_{moment_text(side * size)}", commands)
+
+
+def _long_turns(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
+    for size in (largest, levels(limits, largest)[limits.moments.levels // 2]):
+        for side in (1, -1):
+            hold = _seconds(model, size, 180.0 * LONG_TURN / pi)
+            yield Candidate("long-turn", f"long_{moment_text(side * size)}", ((side * size, hold),))
+
+
+def _rests(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
+    yield Candidate("rest", "rest", ((0.0, REST_S),))
+
+
+def _other_voltages(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
+    for volts in limits.runs.voltages_V:
+        for side in (1, -1):
+            step = _step(model, side * largest, _furthest(limits))
+            yield replace(step, kind="other-voltage", label=f"{step.label}_{volts:g}V", voltage=volts)
+
+
+MAKERS = {
+    "step": _steps,
+    "coast-down": _coast_downs,
+    "reversal": _reversals,
+    "slow-ramp": _ramps,
+    "long-turn": _long_turns,
+    "rest": _rests,
+    "other-voltage": _other_voltages,
+}

@@ -1,0 +1,79 @@
+"""Precision against minutes in the pool: of the plan run by run, of the paper's grid, and of one run more of each kind."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.planning.candidates import Candidate
+from automarine_cli.planning.fitting import Fitting
+from automarine_cli.planning.information import directions, labels
+from automarine_cli.planning.limits import Limits
+from automarine_cli.planning.schedule import Slot
+
+Floats = NDArray[np.float64]
+
+@dataclass(frozen=True)
+class Curve:
+    """Standard errors in percent of each parameter, `percent` (name -> one each minute given), after `minutes` in the
+    pool and `motion` seconds of motion."""
+
+    name: str
+    minutes: tuple[float, ...]
+    motion: tuple[float, ...]
+    percent: dict[str, tuple[float, ...]]
+
+
+def curve_of(
+    name: str, fitting: Fitting, slots: Sequence[Slot], per_run: Floats, before: Floats, limits: Limits
+) -> Curve:
+    """The curve of a campaign whose runs are made in order; `per_run` (R, p, p) is their information."""
+    sums = np.cumsum(per_run, axis=0) + before
+    rows = [_percent(fitting, one) for one in sums]
+    minutes = tuple(slot.ends(limits.runs.rest_before_s) / 60.0 for slot in slots)
+    motion = tuple(float(x) for x in np.cumsum([slot.candidate.motion for slot in slots]))
+    return Curve(name, minutes, motion, {key: tuple(row[key] for row in rows) for key in rows[0]})
+
+
+def one_more(
+    fitting: Fitting,
+    found: Sequence[Candidate],
+    each: Floats,
+    cost: Floats,
+    slots: Sequence[Slot],
+    per_run: Floats,
+    before: Floats,
+    limits: Limits,
+) -> tuple[Curve, ...]:
+    """After the plan one run more, the best of each kind: a curve of one point a kind."""
+    whole = per_run.sum(axis=0) + before
+    kinds: dict[str, list[int]] = {}
+    for place, one in enumerate(found):
+        kinds.setdefault(one.kind, []).append(place)
+    last = slots[-1].ends(limits.runs.rest_before_s) / 60.0
+    motion = float(sum(slot.candidate.motion for slot in slots))
+    points = []
+    for kind, places in kinds.items():
+        gains = [np.linalg.slogdet(whole + each[place])[1] for place in places]
+        best = places[int(np.argmax(gains))]
+        row = _percent(fitting, whole + each[best])
+        points.append(
+            Curve(
+                kind, (last + float(cost[best, 0]),), (motion + found[best].motion,),
+                {key: (value,) for key, value in row.items()},
+            )
+        )  # fmt: skip
+    return tuple(points)
+
+
+def _percent(fitting: Fitting, information: Floats) -> dict[str, float]:
+    """Standard error of each parameter in percent of it (of one, where it is zero)."""
+    covariance = np.linalg.inv(information)
+    values = dict(zip(labels(fitting), zip(fitting.model.theta, fitting.on_log)))
+    found = {}
+    for name, direction in directions(fitting).items():
+        value, on_log = values.get(name, (1.0, True))
+        stderr = float(np.sqrt(max(direction @ covariance @ direction, 0.0)))
+        found[name] = 100.0 * stderr / (1.0 if on_log else abs(value) or 1.0)
+    return found

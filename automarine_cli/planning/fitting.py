@@ -1,0 +1,116 @@
+"""How the runs of a campaign will be fitted: the likelihood of `fit-yaw` or of `diagnose` on runs that are not yet made.
+
+Noise, scatter and what differs from run to run are those that the fits estimate; here they are given.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli import effects
+from automarine_cli.diagnosis.study import Study
+from automarine_cli.fits.identify import starts_at_rest
+from automarine_cli.fits.mixed_model import Problem
+from automarine_cli.fits.step_response import step_data, step_problem
+from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
+from automarine_cli.models.closed_form import response
+from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
+from automarine_cli.planning.candidates import Candidate
+from automarine_cli.planning.layout import as_run
+from automarine_cli.runs.half_turn import MARGIN_IN_SIGMA, MOST_REST
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import step_for
+
+Floats = NDArray[np.float64]
+
+Fit = Literal["whole-runs", "half-turns", "diagnosis"]
+
+QUIET = 1e-5
+"""Disturbance moment of a pool, as a factor of the fits: none."""
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """A model, the fit that its parameters are wanted from, and what is known of the logs.
+
+    `noise` of the heading [rad], `scatter` of the thrust from run to run, `rate` [Hz] of the logger, `rest` [s] before
+    each run, `voltage` [V] of the supply where the logs have that column.
+    """
+
+    model: YawModel
+    fit: Fit
+    noise: float
+    scatter: float
+    rate: float = 10.0
+    rest: float = 3.0
+    voltage: float | None = None
+
+    @property
+    def base(self) -> YawModel:
+        """The model's drag alone, which every fit has."""
+        return replace(self.model, terms=self.model.terms[: len(BASE_TERMS[self.number])])
+
+    @cached_property
+    def number(self) -> str:
+        """ "1", "2" or "3", by the drag terms that the model begins with."""
+        names = tuple(term.name for term in self.model.terms)
+        return max((n for n, own in BASE_TERMS.items() if names[: len(own)] == own), key=lambda n: len(BASE_TERMS[n]))
+
+    def runs(self, candidates: Sequence[Candidate]) -> list[Run]:
+        """The candidates as runs."""
+        return [
+            as_run(one, rate=self.rate, rest=self.rest, unit=self.model.moment_unit, voltage=self.voltage)
+            for one in candidates
+        ]
+
+    def problem(self, candidates: Sequence[Candidate]) -> Problem:
+        """The likelihood of the candidates' runs; theta ends with the common instant of the switches."""
+        if self.fit == "half-turns":
+            return self._half_turns(candidates)
+        runs = self.runs(candidates)
+        if self.fit == "diagnosis":
+            signals = tuple(sorted({need for term in self.model.terms for need in effects.get(term.name).needs}))
+            return Study(tuple(runs), self.base, False, signals).problem(self.model)
+        largest = max(float(np.abs(run.command).max()) for run in runs)
+        batch = make_batch(runs, min(0.1, step_for(self.model, largest)))
+        return whole_run_problem(self.model, batch, np.array([starts_at_rest(run) for run in runs]))
+
+    def _half_turns(self, candidates: Sequence[Candidate]) -> Problem:
+        """As `fit-yaw` trims them: from the rest to the first half-turn, less three standard deviations."""
+        k_r, k_rr = self.model.drag()
+        names, times, headings, moments, intervals = [], [], [], [], []
+        for run, one in zip(self.runs(candidates), candidates):
+            first = int(np.argmax(run.command != 0))
+            time = (np.arange(len(run)) - first + 0.5) / self.rate
+            heading, _ = response(time, one.commands[0][0], self.model.inertia, k_r, k_rr)
+            kept = (np.abs(heading) <= np.pi - MARGIN_IN_SIGMA * self.noise) & (np.arange(len(run)) >= first - MOST_REST)
+            names.append(one.label)
+            times.append(time[kept])
+            headings.append(heading[kept])
+            moments.append(one.commands[0][0])
+            intervals.append(1.0 / self.rate)
+        return step_problem(step_data(names, times, headings, moments, intervals), self.number)
+
+    @cached_property
+    def on_log(self) -> tuple[bool, ...]:
+        """Which parameters, and the switches' instant after them, are searched and told on the logarithm."""
+        return tuple(bool(one) for one in self.problem([Candidate("step", "any", ((1.0, 3.0),))]).positive)
+
+    def phi(self, problem: Problem) -> Floats:
+        """Where the likelihood is looked at: the model's parameters in the search's coordinates, switches in the
+        middle of their intervals."""
+        return problem.search(np.append(self.model.theta, 0.0))
+
+    def variances(self, problem: Problem) -> Floats:
+        """Logarithms of noise and factors, as the linear half of the mixed model takes them."""
+        factors = [max(self.scatter, problem.effects.limits[0][0]), 1.0, QUIET]
+        for i, name in enumerate(varying_terms(self.model)):
+            amplitude = next(term.values[0] for term in self.model.terms if term.name == name)
+            largest = float(problem.effects.scale[:, problem.effects.factor == 3 + i].max())
+            factors.append(max(amplitude / (np.sqrt(2.0) * largest), QUIET))
+        return np.append(np.log(self.noise), np.log(factors[: len(problem.effects.limits)]))

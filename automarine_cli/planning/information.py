@@ -1,0 +1,153 @@
+"""Fisher information of runs that are not yet made, and the intervals that a fit to them would report.
+
+About the model, run i adds  J_i' R_i^-1 J_i  to the information on the parameters, with J_i the derivatives of its
+headings and R_i = s² 1 + V_i D_i V_i' the covariance of its noise and of all that differs from run to run: start heading,
+gain of the thrust, instants of the changes (fits/linear_mixed.py). Nothing of it needs a measurement, and it adds up over
+runs (Fedorov 1972, Theory of Optimal Experiments, chapter 2).
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli import effects
+from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.influence import runs_that_carry
+from automarine_cli.fits.linear_mixed import Gram
+from automarine_cli.fits.mixed_model import Problem, derivatives
+from automarine_cli.fits.output_error import ENOUGH_RUNS
+from automarine_cli.planning.candidates import Candidate
+from automarine_cli.planning.fitting import Fitting
+from automarine_cli.planning.layout import alike
+from automarine_cli.quantities import unit_of
+
+Floats = NDArray[np.float64]
+
+OFFSET = "switch offset"
+ANGLE = "inertial turn angle"
+FEWEST = 3
+"""Runs below which no interval is told."""
+NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
+"""Where in its sample interval a command changes is averaged over, for fits that confine it to that interval."""
+
+
+def names_of(fitting: Fitting) -> tuple[str, ...]:
+    """Names of the parameters that the fit is free to choose, the common instant of the switches last."""
+    return tuple(name for name, free in zip((*labels(fitting), OFFSET), free_in(fitting)) if free)
+
+
+def labels(fitting: Fitting) -> tuple[str, ...]:
+    """Names of all parameters: those of an effect beside the drag begin with the effect's."""
+    own = ["I_r"]
+    for i, term in enumerate(fitting.model.terms):
+        prefix = "" if i < len(fitting.base.terms) else f"{term.name} "
+        own += [f"{prefix}{parameter.name}" for parameter in effects.get(term.name).parameters]
+    return tuple(own)
+
+
+def free_in(fitting: Fitting) -> NDArray[np.bool_]:
+    """Which entries of theta, and the offset after them, are fitted."""
+    held = [h for term in fitting.model.terms for h in effects.get(term.name).held(term.values)]
+    return ~np.array([False, *held, False])
+
+
+def information(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
+    """Information of each candidate on the free parameters, in the coordinates of the search, (K, p, p)."""
+    free = np.flatnonzero(free_in(fitting))
+    found = np.zeros((len(candidates), len(free), len(free)))
+    for places in alike(candidates).values():
+        problem = fitting.problem([candidates[i] for i in places])
+        found[places] = _of_problem(problem, fitting, free)
+    return found
+
+
+def _of_problem(problem: Problem, fitting: Fitting, free: NDArray[np.int64]) -> Floats:
+    variances, phi = fitting.variances(problem), fitting.phi(problem)
+    confined = problem.effects.factor == 1
+    if fitting.fit == "whole-runs":  # instants may leave their interval, and the headings are linear in them
+        return _at(problem, phi, np.zeros_like(problem.effects.scale), variances, free)
+    weights = WEIGHTS / WEIGHTS.sum()
+    places = (np.where(confined, node, 0.0) * (problem.effects.scale > 0) for node in NODES)
+    return np.asarray(sum(w * _at(problem, phi, b, variances, free) for w, b in zip(weights, places)))
+
+
+def _at(problem: Problem, phi: Floats, b: Floats, variances: Floats, free: NDArray[np.int64]) -> Floats:
+    headings, by_phi, by_run = derivatives(problem, phi, b)
+    gram = Gram.of(by_phi, by_run, 0.0 * headings, problem.seen.sum(axis=1)).keep(free)
+    return linear_mixed.weigh(gram, problem.effects, variances).hessian
+
+
+def excursions(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
+    """How far each run turns from its start heading at most [rad], (K,)."""
+    found = np.zeros(len(candidates))
+    for places in alike(candidates).values():
+        problem = fitting.problem([candidates[i] for i in places])
+        headings = problem.headings(fitting.phi(problem), np.zeros_like(problem.effects.scale))
+        found[places] = np.where(problem.seen, np.abs(headings - headings[:, :1]), 0.0).max(axis=1)
+    return found
+
+
+def reported_covariance(per_run: Floats) -> Floats:
+    """Covariance (p, p) that a fit to runs of these informations (R, p, p) reports, on average.
+
+    From ENOUGH_RUNS on fits report the jackknife over runs: run i moves the solution by (A - A_i)^-1 g_i, and g_i at
+    the solution has covariance A_i - A_i A^-1 A_i, so that on average it is  (R - 1)/R sum (A - A_i)^-1 A_i A^-1.
+    With fewer runs they report the larger of it and the likelihood's.
+    """
+    whole = per_run.sum(axis=0)
+    inverse = linear_mixed.covariance_of(whole)
+    runs = len(per_run)
+    if runs < FEWEST:
+        return inverse
+    without = np.array([linear_mixed.covariance_of(whole - one) for one in per_run])
+    jackknife = (runs - 1) / runs * np.sum(without @ per_run, axis=0) @ inverse
+    jackknife = 0.5 * (jackknife + jackknife.T)
+    if runs >= ENOUGH_RUNS:
+        return np.asarray(jackknife)
+    grow = np.sqrt(np.maximum(np.diagonal(jackknife) / np.maximum(np.diagonal(inverse), 1e-300), 1.0))
+    return np.asarray(inverse * np.outer(grow, grow))
+
+
+def predicted(fitting: Fitting, per_run: Floats) -> dict[str, Estimate]:
+    """The estimates that a fit would report: the model's values, with the intervals of these runs (R, p, p)."""
+    covariance = reported_covariance(per_run)
+    dof = {}
+    for name, direction in directions(fitting).items():
+        many = len(per_run) >= ENOUGH_RUNS
+        dof[name] = runs_that_carry(per_run, direction) if many else float(max(len(per_run) - 1, 1))
+    return told(fitting, covariance, dof)
+
+
+def directions(fitting: Fitting) -> dict[str, Floats]:
+    """What is wanted, each as a direction (p,) of the search's coordinates: every parameter, and I/k_rr."""
+    names = names_of(fitting)
+    axes = np.eye(len(names))
+    found = {name: axes[i] for i, name in enumerate(names) if name != OFFSET}
+    if "k_rr" in found:
+        found[ANGLE] = found["I_r"] - found["k_rr"]
+    return found
+
+
+def told(fitting: Fitting, covariance: Floats, dof: Mapping[str, float]) -> dict[str, Estimate]:
+    """Estimates with this covariance (p, p) of the search's coordinates, as fits tell them."""
+    values, logarithms, units = _parameters(fitting)
+    found = {}
+    for name, direction in directions(fitting).items():
+        stderr = float(np.sqrt(max(direction @ covariance @ direction, 0.0)))
+        form = Estimate.from_log if logarithms[name] else Estimate.from_stderr
+        found[name] = form(values[name], stderr, dof[name], units[name])
+    return found
+
+
+def _parameters(fitting: Fitting) -> tuple[dict[str, float], dict[str, bool], dict[str, str]]:
+    """Value, whether it is told on the logarithm, and unit, by name."""
+    model, unit, names = fitting.model, fitting.model.moment_unit, labels(fitting)
+    values = dict(zip(names, map(float, model.theta)))
+    logarithms = dict(zip(names, fitting.on_log))
+    every = [p for term in model.terms for p in effects.get(term.name).parameters]
+    units = {"I_r": unit_of("I_r", unit)} | {name: p.unit_for(unit) for name, p in zip(names[1:], every)}
+    if "k_rr" in values:
+        values[ANGLE], logarithms[ANGLE], units[ANGLE] = values["I_r"] / values["k_rr"], True, "rad"
+    return values, logarithms, units

@@ -1,0 +1,208 @@
+"""What is known before the campaign: a model's estimates, its fit's noise and scatter, and what a diagnosis left open."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli import effects
+from automarine_cli.errors import ModelError
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.models.store import StoredModels, yaw_models_from_json
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.pipeline.plain_data import read_plain, told
+from automarine_cli.pipeline.words import printable
+from automarine_cli.planning.fitting import Fitting
+from automarine_cli.planning.information import ANGLE, OFFSET, directions, labels, names_of
+
+Floats = NDArray[np.float64]
+
+DIAGNOSIS = "automarine/diagnosis/1"
+NOISE_DEG, SCATTER = 1.0, 0.03
+"""Of a model whose file does not say: a compass in a pool, and the thrust of small motors."""
+LOOSE = 3.0
+"""Standard deviation of a parameter before any run, in its own size: it keeps the first choices from dividing by zero."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """An effect that a diagnosis named, and another that its runs cannot exclude."""
+
+    effect: str
+    rival: str
+
+
+@dataclass(frozen=True)
+class Known:
+    """The model with all that is believed to act, its estimates by label, the logs' noise [degrees] and scatter (None
+    where the file does not say), how many runs were fitted, and the doubts that are open."""
+
+    stored: StoredModels
+    model: YawModel
+    now: Mapping[str, Estimate]
+    noise_deg: float | None
+    scatter: float | None
+    used: int
+    doubts: tuple[Doubt, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a diagnosis says: effects with their values, estimates by label, base values, doubts."""
+
+    effects: tuple[tuple[str, tuple[float, ...]], ...]
+    estimates: Mapping[str, Estimate]
+    base: Mapping[str, Estimate] = field(default_factory=dict)
+    doubts: tuple[Doubt, ...] = ()
+
+
+def read_known(model: Path, diagnosis: Path | None) -> Known:
+    """What the files say. Raises ModelError with file and key."""
+    name = printable(model.name)
+    data = read_plain(model, "JSON", ModelError)
+    stored = yaw_models_from_json(data, name)
+    chosen = stored.models[stored.preferred]
+    now = _stored_estimates(data, stored)
+    noise, scatter = data.get("heading_noise_deg"), data.get("gain_scatter")
+    runs = data.get("runs")
+    used = runs.get("used") if isinstance(runs, Mapping) else None
+    spread = scatter.get("value") if isinstance(scatter, Mapping) else scatter
+    notes: tuple[str, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
+    if diagnosis is not None:
+        found = _read_diagnosis(diagnosis, stored)
+        added = [(effect, values) for effect, values in found.effects if effect not in stored.effects]
+        if added and found.base:
+            at = [found.base[n].value if n in found.base else v for n, v in zip(chosen.parameter_names, chosen.theta)]
+            chosen = chosen.with_theta(at)
+        for effect, values in added:
+            chosen = chosen.with_effect(effect, values)
+        now = {**now, **(found.base if added else {}), **found.estimates}
+        doubts = found.doubts
+        if added:
+            now.pop(ANGLE, None)
+        if not doubts:
+            notes = ("The diagnosis leaves no rivals open, so the runs are chosen to narrow the intervals.",)
+    return Known(stored, chosen, now, _size(noise), _size(spread), used if isinstance(used, int) else 0, doubts, notes)
+
+
+def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:
+    """Covariance of the search's coordinates as the model's file tells it, (p, p) with the offset left open; None
+    where a parameter has no standard error.
+
+    Files hold no correlations; that of inertia and quadratic drag follows from the interval of their ratio.
+    """
+    names = [name for name in names_of(fitting) if name != OFFSET]
+    logs = {name: on for name, on in zip((*labels(fitting), OFFSET), fitting.on_log)}
+    if any(name not in now or not now[name].stderr > 0 for name in names):
+        return None
+    size = {n: now[n].stderr / (abs(now[n].value) if logs[n] else 1.0) for n in names}
+    covariance = np.diag([size[n] ** 2 for n in names])
+    if ANGLE in now and "k_rr" in names:
+        i, k = names.index("I_r"), names.index("k_rr")
+        relative = now[ANGLE].stderr / now[ANGLE].value
+        shared = 0.5 * (size["I_r"] ** 2 + size["k_rr"] ** 2 - relative**2)
+        most = 0.999 * size["I_r"] * size["k_rr"]
+        covariance[i, k] = covariance[k, i] = float(np.clip(shared, -most, most))
+    return covariance
+
+
+def information_now(fitting: Fitting, now: Mapping[str, Estimate], use: bool) -> Floats:
+    """Information (p, p) before the campaign: the earlier runs' if they are to be `use`d and known, else next to none."""
+    values = np.append(fitting.model.theta, 0.3)
+    free = dict(zip((*labels(fitting), OFFSET), zip(values, fitting.on_log)))
+    sizes = [1.0 if on else max(abs(value), 1e-3) for value, on in (free[name] for name in names_of(fitting))]
+    loose = np.diag(1.0 / (LOOSE * np.array(sizes)) ** 2)
+    loose[-1, -1] = 1.0
+    covariance = covariance_now(fitting, now) if use else None
+    if covariance is not None:
+        loose[:-1, :-1] += np.linalg.inv(covariance)
+    return loose
+
+
+def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
+    """The directions (p, m) whose intervals count: `names`, or every parameter. Raises ModelError for another name."""
+    known = directions(fitting)
+    for name in names:
+        if name not in known:
+            raise ModelError(f"the model has no parameter {name!r} to plan for; it has {', '.join(known)}")
+    return np.stack([known[name] for name in names or [n for n in known if n != ANGLE]], axis=1)
+
+
+def _size(value: object) -> float | None:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) and value > 0 else None
+
+
+def _estimate(data: object) -> Estimate | None:
+    """An estimate of a result file, or None where it is a plain number or nothing."""
+    if not isinstance(data, Mapping):
+        return None
+    numbers = [data.get("value"), data.get("stderr")]
+    ends, unit = data.get("ci95"), data.get("unit")
+    if not (isinstance(ends, list) and len(ends) == 2 and isinstance(unit, str)):
+        return None
+    if any(isinstance(one, bool) or not isinstance(one, int | float) for one in (*numbers, *ends)):
+        return None
+    return Estimate(float(numbers[0]), float(numbers[1]), (float(ends[0]), float(ends[1])), unit)  # type: ignore[arg-type]
+
+
+def _some(found: Mapping[str, Estimate | None]) -> dict[str, Estimate]:
+    return {name: one for name, one in found.items() if one is not None}
+
+
+def _stored_estimates(data: Mapping[str, object], stored: StoredModels) -> dict[str, Estimate]:
+    """Estimates of the preferred model by label; a file written by hand may have none."""
+    entry = data["models"][stored.preferred]  # type: ignore[index]
+    found = {name: _estimate(entry.get(name)) for name in ("I_r", "k_rr", "k_r")}
+    own = entry.get("inertial_turn_angle_rad") or data.get("inertial_turn_angle_rad")
+    found[ANGLE] = _estimate(own)
+    for effect in data.get("effects") or ():  # type: ignore[attr-defined]
+        for name, one in effect["parameters"].items():
+            found[f"{effect['name']} {name}"] = _estimate(one)
+    return _some(found)
+
+
+def _read_diagnosis(path: Path, stored: StoredModels) -> Told:
+    where = printable(path.name)
+    data = read_plain(path, "JSON", ModelError)
+    if data.get("schema") != DIAGNOSIS or "moment_unit" not in data:
+        raise ModelError(
+            f"{where}: found {told(data.get('schema'))}, expected the diagnosis.json that `automarine diagnose` writes of "
+            "yaw runs"
+        )
+    if data["moment_unit"] != stored.moment_unit:
+        raise ModelError(
+            f"{where}: a diagnosis of moments in {told(data['moment_unit'])}, but {stored.source} is a model of moments in "
+            f"{stored.moment_unit}; give the diagnosis of this model"
+        )
+    named, estimates, doubts = [], dict[str, Estimate | None](), []
+    entries = data.get("effects")
+    for i, entry in enumerate(entries if isinstance(entries, list) else ()):
+        name = _effect_name(entry, f"{where}: effects[{i}]")
+        given = entry.get("parameters") or {}
+        values = []
+        for parameter in effects.get(name).parameters:
+            estimate = _estimate(given.get(parameter.name)) if isinstance(given, Mapping) else None
+            if estimate is None and not parameter.choices:
+                raise ModelError(f"{where}: effects[{i}].parameters: {parameter.name} has no value; expected an estimate")
+            values.append(parameter.start if estimate is None else estimate.value)
+            estimates[f"{name} {parameter.name}"] = estimate
+        named.append((name, tuple(values)))
+        for j, rival in enumerate(entry.get("rivals") or ()):
+            doubts.append(Doubt(name, _effect_name(rival, f"{where}: effects[{i}].rivals[{j}]")))
+    base = data.get("base")
+    after = {
+        str(name): _estimate(one.get("after")) for name, one in (base.items() if isinstance(base, Mapping) else ())
+        if isinstance(one, Mapping)
+    }  # fmt: skip
+    return Told(tuple(named), _some(estimates), _some(after), tuple(doubts))
+
+
+def _effect_name(entry: object, where: str) -> str:
+    name = entry.get("name") if isinstance(entry, Mapping) else None
+    if not isinstance(name, str) or name not in effects.names():
+        raise ModelError(f"{where}: name: found {told(name)}, expected one of {', '.join(effects.names())}")
+    return name

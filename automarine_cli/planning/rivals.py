@@ -1,0 +1,160 @@
+"""How far a campaign splits two explanations: the misfit that stays when the wrong one does its best.
+
+With one explanation true, the other is fitted to the headings that it would give, every parameter and all that differs
+from run to run at its disposal. What stays, in units of the noise, is the expected difference in deviance; Atkinson and
+Fedorov (1975, Biometrika 62:57) choose runs to make that largest (T-optimality).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli import effects
+from automarine_cli.diagnosis.scores import fitted_parameters, penalty
+from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.linear_mixed import Gram
+from automarine_cli.fits.mixed_model import derivatives
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.planning.candidates import Candidate
+from automarine_cli.planning.choose import Contest
+from automarine_cli.planning.fitting import Fitting
+from automarine_cli.planning.information import free_in
+from automarine_cli.planning.layout import alike
+
+Floats = NDArray[np.float64]
+
+ROUNDS, HALVINGS = 20, 6
+SETTLED = 1e-4
+LOOSE = 3.0
+"""Prior standard deviation of the other explanation's parameters while runs are chosen, in their own sizes."""
+MOST_STARTS = 24
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """An effect by name, and the fitting of the model that holds it."""
+
+    name: str
+    fitting: Fitting
+
+
+@dataclass(frozen=True)
+class Split:
+    """Outcome for a pair: the expected lead in evidence of `true` over `other` (deviance, penalties included), and the
+    bare misfit."""
+
+    true: str
+    other: str
+    evidence: float
+    misfit: float
+
+
+def with_effect(fitting: Fitting, model: YawModel, name: str, largest: float) -> list[Fitting]:
+    """The model with one more effect, at each place from which its fit may start; `largest` moment."""
+    effect = effects.get(name)
+    options = []
+    for parameter in effect.parameters:
+        if parameter.reference:
+            known = {"moment": largest, "clock": 0.0, "voltage": fitting.voltage or 1.0}
+            options.append([known.get(parameter.reference, 1.0)])
+        elif parameter.choices:
+            options.append([float(i) for i in range(len(parameter.choices))])
+        else:
+            values = parameter.scan or (parameter.start,)
+            options.append([parameter.scaled(value, largest) for value in values])
+    starts = list(product(*options))
+    every = max(1, -(-len(starts) // MOST_STARTS))
+    return [replace(fitting, model=model.with_effect(name, start), fit="diagnosis") for start in starts[::every]]
+
+
+def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> Contest:
+    """The pair on every candidate, `other` linearised about its parameters."""
+    free = np.flatnonzero(free_in(other))
+    count = len(candidates)
+    square, gradient = np.zeros(count), np.zeros((count, len(free)))
+    hessian = np.zeros((count, len(free), len(free)))
+    for places in alike(candidates).values():
+        here = [candidates[i] for i in places]
+        truth, problem = true.problem(here), other.problem(here)
+        wanted = truth.headings(true.phi(truth), np.zeros_like(truth.effects.scale))
+        phi, b = other.phi(problem), np.zeros_like(problem.effects.scale)
+        headings, by_phi, by_run = derivatives(problem, phi, b)
+        left = np.where(problem.seen, wanted - headings, 0.0)
+        gram = Gram.of(by_phi, by_run, left, problem.seen.sum(axis=1)).keep(free)
+        weighted = linear_mixed.weigh(gram, problem.effects, other.variances(problem))
+        square[places], gradient[places], hessian[places] = weighted.square, weighted.gradient, weighted.hessian
+    sizes = np.where(other.on_log, 1.0, np.maximum(np.abs(np.append(other.model.theta, 0.3)), 1e-3))[free]
+    return Contest(square, gradient, hessian, np.diag(1.0 / (LOOSE * sizes) ** 2))
+
+
+def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
+    """`other` with the parameters at which it comes closest to `true` on the candidates, and the misfit that stays.
+
+    Gauss-Newton within the parameters' bounds, steps halved until the misfit falls.
+    """
+    free = np.flatnonzero(free_in(other))
+    problem = other.problem(candidates[:1])
+    bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
+    phi = np.clip(other.phi(problem), bounds[:, 0], bounds[:, 1])
+    here, now = _about(true, other, candidates)
+    for _ in range(ROUNDS):
+        total = linear_mixed.Weighted(
+            here.hessian.sum(axis=0)[None], here.gradient.sum(axis=0)[None], *(np.zeros(1),) * 2, *(np.zeros((1, 1)),) * 2,
+            np.zeros((1, 1, len(free))),
+        )  # fmt: skip
+        step = np.zeros_like(phi)
+        step[free] = linear_mixed.least_squares(total, np.zeros(len(free)), (bounds - phi[:, None])[free])
+        for _ in range(HALVINGS):
+            trial = phi + step
+            theta = problem.natural(trial)[:-1]
+            moved = replace(other, model=other.model.with_theta(theta))
+            there, then = _about(true, moved, candidates)
+            if np.isfinite(then) and then < now:
+                break
+            step /= 2.0
+        else:
+            break
+        gained, phi, other, here, now = now - then, trial, moved, there, then
+        if gained < SETTLED * max(now, 1.0):
+            break
+    return other, now
+
+
+def _about(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tuple[Contest, float]:
+    """The contest about `other`, and its misfit there as it stands; the switches' common instant is left free."""
+    here = contest(true, other, candidates)
+    offset = here.hessian[:, -1, -1].sum()
+    pull = here.gradient[:, -1].sum()
+    return here, float(here.square.sum() - pull**2 / max(offset, 1e-12))
+
+
+def closest(true: Fitting, others: Sequence[Fitting], candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
+    """Of several starts the one whose fit comes closest: the best that the other explanation can do."""
+    rough = []
+    for other in others:
+        here, _ = _about(true, other, candidates)
+        rough.append(float(here.misfit(np.ones((1, len(candidates))))[0]))
+    best = np.argsort(rough, kind="stable")[:3]
+    found = [fitted(true, others[int(i)], candidates) for i in best]
+    return min(found, key=lambda pair: pair[1])
+
+
+def splits(
+    pairs: Sequence[tuple[Explanation, Explanation]], candidates: Sequence[Candidate]
+) -> tuple[tuple[Split, ...], tuple[tuple[Explanation, Explanation], ...]]:
+    """What a campaign is expected to say of each pair (true, other), and the pairs with the other at its best."""
+    found, moved = [], []
+    for true, other in pairs:
+        best, misfit = fitted(true.fitting, other.fitting, candidates)
+        lead = _penalty(other, len(candidates)) - _penalty(true, len(candidates))
+        found.append(Split(true.name, other.name, misfit + lead, misfit))
+        moved.append((true, Explanation(other.name, best)))
+    return tuple(found), tuple(moved)
+
+
+def _penalty(one: Explanation, runs: int) -> float:
+    values: Mapping[str, tuple[float, ...]] = {term.name: term.values for term in one.fitting.model.terms}
+    return penalty(fitted_parameters(one.name, values[one.name]), runs)
