@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.fitting import Fitting
 from automarine_cli.planning.information import directions, labels
 from automarine_cli.planning.limits import Limits
 from automarine_cli.planning.schedule import Slot
+from automarine_cli.planning.selection import Choice
 
 Floats = NDArray[np.float64]
 
@@ -37,16 +37,10 @@ def curve_of(
 
 
 def one_more(
-    fitting: Fitting,
-    found: Sequence[Candidate],
-    each: Floats,
-    cost: Floats,
-    slots: Sequence[Slot],
-    per_run: Floats,
-    before: Floats,
-    limits: Limits,
+    fitting: Fitting, choice: Choice, slots: Sequence[Slot], per_run: Floats, before: Floats, limits: Limits
 ) -> tuple[Curve, ...]:
     """After the plan one run more, the best of each kind: a curve of one point a kind."""
+    found, each, cost = choice.candidates, choice.each, choice.cost
     whole = per_run.sum(axis=0) + before
     kinds: dict[str, list[int]] = {}
     for place, one in enumerate(found):

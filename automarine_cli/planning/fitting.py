@@ -5,7 +5,7 @@ Noise, scatter and what differs from run to run are those that the fits estimate
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
@@ -39,7 +39,8 @@ class Fitting:
     """A model, the fit that its parameters are wanted from, and what is known of the logs.
 
     `noise` of the heading [rad], `scatter` of the thrust from run to run, `rate` [Hz] of the logger, `rest` [s] before
-    each run, `voltage` [V] of the supply where the logs have that column.
+    each run, `voltage` [V] of the supply where the logs have that column. `frame` is the drag about which runs are laid
+    out, by default the model's own: given, it is the same for models that are tried one after the other.
     """
 
     model: YawModel
@@ -49,11 +50,12 @@ class Fitting:
     rate: float = 10.0
     rest: float = 3.0
     voltage: float | None = None
+    frame: YawModel | None = None
 
-    @property
+    @cached_property
     def base(self) -> YawModel:
         """The model's drag alone, which every fit has."""
-        return replace(self.model, terms=self.model.terms[: len(BASE_TERMS[self.number])])
+        return self.frame or replace(self.model, terms=self.model.terms[: len(BASE_TERMS[self.number])])
 
     @cached_property
     def number(self) -> str:
@@ -63,19 +65,16 @@ class Fitting:
 
     def runs(self, candidates: Sequence[Candidate]) -> list[Run]:
         """The candidates as runs."""
-        return [
-            as_run(one, rate=self.rate, rest=self.rest, unit=self.model.moment_unit, voltage=self.voltage)
-            for one in candidates
-        ]
+        unit = self.model.moment_unit
+        return [as_run(one, rate=self.rate, rest=self.rest, unit=unit, voltage=self.voltage) for one in candidates]
 
     def problem(self, candidates: Sequence[Candidate]) -> Problem:
         """The likelihood of the candidates' runs; theta ends with the common instant of the switches."""
         if self.fit == "half-turns":
             return self._half_turns(candidates)
-        runs = self.runs(candidates)
         if self.fit == "diagnosis":
-            signals = tuple(sorted({need for term in self.model.terms for need in effects.get(term.name).needs}))
-            return Study(tuple(runs), self.base, False, signals).problem(self.model)
+            return _study(tuple(candidates), self.base, self.rate, self.rest, self.voltage).problem(self.model)
+        runs = self.runs(candidates)
         largest = max(float(np.abs(run.command).max()) for run in runs)
         batch = make_batch(runs, min(0.1, step_for(self.model, largest)))
         return whole_run_problem(self.model, batch, np.array([starts_at_rest(run) for run in runs]))
@@ -114,3 +113,13 @@ class Fitting:
             largest = float(problem.effects.scale[:, problem.effects.factor == 3 + i].max())
             factors.append(max(amplitude / (np.sqrt(2.0) * largest), QUIET))
         return np.append(np.log(self.noise), np.log(factors[: len(problem.effects.limits)]))
+
+
+@lru_cache(maxsize=64)
+def _study(
+    candidates: tuple[Candidate, ...], base: YawModel, rate: float, rest: float, voltage: float | None
+) -> Study:
+    """The candidates as a diagnosis would have them; kept, since many models are tried on the same runs."""
+    unit, signals = base.moment_unit, () if voltage is None else ("voltage",)
+    runs = tuple(as_run(one, rate=rate, rest=rest, unit=unit, voltage=voltage) for one in candidates)
+    return Study(runs, base, False, signals)

@@ -112,12 +112,18 @@ def reported_covariance(per_run: Floats) -> Floats:
 
 def predicted(fitting: Fitting, per_run: Floats) -> dict[str, Estimate]:
     """The estimates that a fit would report: the model's values, with the intervals of these runs (R, p, p)."""
+    per_run = moving(per_run)
     covariance = reported_covariance(per_run)
     dof = {}
     for name, direction in directions(fitting).items():
         many = len(per_run) >= ENOUGH_RUNS
         dof[name] = runs_that_carry(per_run, direction) if many else float(max(len(per_run) - 1, 1))
     return told(fitting, covariance, dof)
+
+
+def moving(per_run: Floats) -> Floats:
+    """Without the runs that say nothing of the parameters: fits set rest records aside."""
+    return per_run[np.any(per_run != 0.0, axis=(1, 2))]
 
 
 def directions(fitting: Fitting) -> dict[str, Floats]:

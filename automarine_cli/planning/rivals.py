@@ -19,10 +19,10 @@ from automarine_cli.fits.linear_mixed import Gram
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.choose import Contest
 from automarine_cli.planning.fitting import Fitting
 from automarine_cli.planning.information import free_in
 from automarine_cli.planning.layout import alike
+from automarine_cli.planning.objectives import Contest
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +30,8 @@ ROUNDS, HALVINGS = 20, 6
 SETTLED = 1e-4
 LOOSE = 3.0
 """Prior standard deviation of the other explanation's parameters while runs are chosen, in their own sizes."""
-MOST_STARTS = 24
+MOST_STARTS, FEW = 12, 8
+"""Places from which the other explanation's fit may start, and runs on which they are compared."""
 
 
 @dataclass(frozen=True)
@@ -133,11 +134,11 @@ def _about(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
 
 def closest(true: Fitting, others: Sequence[Fitting], candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
     """Of several starts the one whose fit comes closest: the best that the other explanation can do."""
-    rough = []
+    rough, few = [], candidates[:: max(1, len(candidates) // FEW)]
     for other in others:
-        here, _ = _about(true, other, candidates)
-        rough.append(float(here.misfit(np.ones((1, len(candidates))))[0]))
-    best = np.argsort(rough, kind="stable")[:3]
+        here = contest(true, other, few)
+        rough.append(float(here.misfit(np.ones((1, len(few))))[0]))
+    best = np.argsort(rough, kind="stable")[:2]
     found = [fitted(true, others[int(i)], candidates) for i in best]
     return min(found, key=lambda pair: pair[1])
 
@@ -149,10 +150,26 @@ def splits(
     found, moved = [], []
     for true, other in pairs:
         best, misfit = fitted(true.fitting, other.fitting, candidates)
-        lead = _penalty(other, len(candidates)) - _penalty(true, len(candidates))
+        lead = head_start(true, other, len(candidates))
         found.append(Split(true.name, other.name, misfit + lead, misfit))
         moved.append((true, Explanation(other.name, best)))
     return tuple(found), tuple(moved)
+
+
+def head_start(true: Explanation, other: Explanation, runs: int) -> float:
+    """What the penalties for parameters give `true` over `other` before any run, in deviance."""
+    return _penalty(other, runs) - _penalty(true, runs)
+
+
+def is_off(one: Explanation) -> bool:
+    """Whether the effect does nothing there: what can only imitate another by vanishing is no rival of it."""
+    term = next(term for term in one.fitting.model.terms if term.name == one.name)
+    effect = effects.get(one.name)
+    sizes = [
+        abs(value - p.off) > 1e-3 * max(abs(p.start), 1e-3)
+        for p, value, shape in zip(effect.parameters, term.values, effect.shapes) if not shape
+    ]  # fmt: skip
+    return bool(sizes) and not any(sizes)
 
 
 def _penalty(one: Explanation, runs: int) -> float:
