@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         export,
         fit_thrusters,
         fit_yaw,
+        plan,
         simulate,
         slice_log,
         validate,
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 __all__ = [
-    "__version__", "check", "compare", "diagnose", "effects", "export", "fit_thrusters", "fit_yaw", "simulate",
-    "slice_log", "validate",
+    "__version__", "check", "compare", "diagnose", "effects", "export", "fit_thrusters", "fit_yaw", "plan",
+    "simulate", "slice_log", "validate",
 ]  # fmt: skip
 
 

@@ -51,4 +51,6 @@ def allowance(limits: Limits) -> Floats:
     """What all runs together may cost, (4,), in the units of `costs`; the last run needs no wait."""
     charge = limits.battery.charge_Ah * (1.0 - limits.battery.reserve_percent / 100.0)
     motion = np.inf if limits.pool.motion_s is None else limits.pool.motion_s
-    return np.array([limits.pool.minutes + limits.pool.wait_s / 60.0, float(limits.pool.runs), motion, charge])
+    return np.array(
+        [limits.pool.minutes + limits.pool.wait_s / 60.0, float(limits.pool.runs), motion, charge]
+    )

@@ -12,7 +12,14 @@ from automarine_cli.planning.budget import Supply
 from automarine_cli.planning.candidates import Candidate, paper_grid
 from automarine_cli.planning.comparison import Curve, curve_of, one_more
 from automarine_cli.planning.fitting import Fitting
-from automarine_cli.planning.information import directions, information, moving, predicted, reported_covariance, told
+from automarine_cli.planning.information import (
+    directions,
+    information,
+    moving,
+    predicted,
+    reported_covariance,
+    told,
+)
 from automarine_cli.planning.known import (
     NOISE_DEG,
     SCATTER,
@@ -28,14 +35,15 @@ from automarine_cli.planning.selection import pairs_of, select
 
 Floats = NDArray[np.float64]
 
+
 @dataclass(frozen=True)
 class Campaign:
     """A campaign on paper.
 
-    `slots` are its runs in order, `why` what each is for; `now`, `alone` and `together` the estimates by name before it, of its runs alone, and
-    of these with the earlier ones (empty where these are not known or not to be used); `splits` what is expected of each
-    pair of explanations, `grid_splits` of the same on the paper's grid; `plan` and `grid` the precision against minutes,
-    `more` that of one run more of each kind.
+    `slots` are its runs in order, `why` what each is for; `now`, `alone` and `together` the estimates by name before
+    it, of its runs alone, and of these with the earlier ones (empty where these are not known or not to be used);
+    `splits` what is expected of each pair of explanations, `grid_splits` of the same on the paper's grid; `plan` and
+    `grid` the precision against minutes, `more` that of one run more of each kind.
     """
 
     fitting: Fitting
@@ -134,6 +142,8 @@ def _uses_earlier(known: Known, fitting: Fitting, limits: Limits) -> bool:
 
 def _together(fitting: Fitting, per_run: Floats, before: Floats, known: Known) -> dict[str, Estimate]:
     """Estimates of the new runs and the earlier ones fitted together."""
-    covariance = np.linalg.inv(np.linalg.pinv(reported_covariance(moving(per_run)), hermitian=True) + before)
+    covariance = np.asarray(
+        np.linalg.inv(np.linalg.pinv(reported_covariance(moving(per_run)), hermitian=True) + before)
+    )
     dof = float(max(len(per_run) + known.used - 1, 1))
     return told(fitting, covariance, dict.fromkeys(directions(fitting), dof))

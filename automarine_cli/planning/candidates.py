@@ -94,7 +94,9 @@ def mirrors(found: Sequence[Candidate]) -> list[int]:
     """The place of the same run to the other side, of each candidate; its own where it has no sides."""
     places = {(one.kind, one.commands, one.voltage): i for i, one in enumerate(found)}
     turned = (tuple((-moment, seconds) for moment, seconds in one.commands) for one in found)
-    return [places.get((one.kind, other, one.voltage), i) for i, (one, other) in enumerate(zip(found, turned))]
+    return [
+        places.get((one.kind, other, one.voltage), i) for i, (one, other) in enumerate(zip(found, turned))
+    ]
 
 
 def full_step(model: YawModel, limits: Limits, moment: float) -> Candidate:
@@ -151,7 +153,9 @@ def _reversals(model: YawModel, limits: Limits, largest: float) -> Iterator[Cand
             for side in (1, -1):
                 hold = _seconds(model, size, degrees)
                 label = f"reversal_{moment_text(side * size)}_{degrees:.0f}deg"
-                yield Candidate("reversal", label, ((side * size, hold), (-side * size, round(1.5 * hold, 1))))
+                yield Candidate(
+                    "reversal", label, ((side * size, hold), (-side * size, round(1.5 * hold, 1)))
+                )
 
 
 def _ramps(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:

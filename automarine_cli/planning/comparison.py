@@ -1,4 +1,5 @@
-"""Precision against minutes in the pool: of the plan run by run, of the paper's grid, and of one run more of each kind."""
+"""Precision against minutes in the pool: of the plan run by run, of the paper's grid, and of one run more of each
+kind."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.planning.fitting import Fitting
-from automarine_cli.planning.information import directions, labels
+from automarine_cli.planning.information import directions, labels, stderr_along
 from automarine_cli.planning.limits import Limits
 from automarine_cli.planning.schedule import Slot
 from automarine_cli.planning.selection import Choice
 
 Floats = NDArray[np.float64]
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -63,11 +65,11 @@ def one_more(
 
 def _percent(fitting: Fitting, information: Floats) -> dict[str, float]:
     """Standard error of each parameter in percent of it (of one, where it is zero)."""
-    covariance = np.linalg.inv(information)
+    covariance = np.asarray(np.linalg.inv(information))
     values = dict(zip(labels(fitting), zip(fitting.model.theta, fitting.on_log)))
     found = {}
     for name, direction in directions(fitting).items():
         value, on_log = values.get(name, (1.0, True))
-        stderr = float(np.sqrt(max(direction @ covariance @ direction, 0.0)))
+        stderr = stderr_along(covariance, direction)
         found[name] = 100.0 * stderr / (1.0 if on_log else abs(value) or 1.0)
     return found

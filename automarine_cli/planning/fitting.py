@@ -1,4 +1,5 @@
-"""How the runs of a campaign will be fitted: the likelihood of `fit-yaw` or of `diagnose` on runs that are not yet made.
+"""How the runs of a campaign will be fitted: the likelihood of `fit-yaw` or of `diagnose` on runs that are not yet
+made.
 
 Noise, scatter and what differs from run to run are those that the fits estimate; here they are given.
 """
@@ -11,7 +12,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli import effects
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.mixed_model import Problem
@@ -61,19 +61,25 @@ class Fitting:
     def number(self) -> str:
         """ "1", "2" or "3", by the drag terms that the model begins with."""
         names = tuple(term.name for term in self.model.terms)
-        return max((n for n, own in BASE_TERMS.items() if names[: len(own)] == own), key=lambda n: len(BASE_TERMS[n]))
+        return max(
+            (n for n, own in BASE_TERMS.items() if names[: len(own)] == own), key=lambda n: len(BASE_TERMS[n])
+        )
 
     def runs(self, candidates: Sequence[Candidate]) -> list[Run]:
         """The candidates as runs."""
         unit = self.model.moment_unit
-        return [as_run(one, rate=self.rate, rest=self.rest, unit=unit, voltage=self.voltage) for one in candidates]
+        return [
+            as_run(one, rate=self.rate, rest=self.rest, unit=unit, voltage=self.voltage) for one in candidates
+        ]
 
     def problem(self, candidates: Sequence[Candidate]) -> Problem:
         """The likelihood of the candidates' runs; theta ends with the common instant of the switches."""
         if self.fit == "half-turns":
             return self._half_turns(candidates)
         if self.fit == "diagnosis":
-            return _study(tuple(candidates), self.base, self.rate, self.rest, self.voltage).problem(self.model)
+            return _study(tuple(candidates), self.base, self.rate, self.rest, self.voltage).problem(
+                self.model
+            )
         runs = self.runs(candidates)
         largest = max(float(np.abs(run.command).max()) for run in runs)
         batch = make_batch(runs, min(0.1, step_for(self.model, largest)))
@@ -82,12 +88,15 @@ class Fitting:
     def _half_turns(self, candidates: Sequence[Candidate]) -> Problem:
         """As `fit-yaw` trims them: from the rest to the first half-turn, less three standard deviations."""
         k_r, k_rr = self.model.drag()
-        names, times, headings, moments, intervals = [], [], [], [], []
+        names, moments, intervals = list[str](), list[float](), list[float]()
+        times, headings = list[Floats](), list[Floats]()
         for run, one in zip(self.runs(candidates), candidates):
             first = int(np.argmax(run.command != 0))
-            time = (np.arange(len(run)) - first + 0.5) / self.rate
+            time = np.asarray((np.arange(len(run)) - first + 0.5) / self.rate)
             heading, _ = response(time, one.commands[0][0], self.model.inertia, k_r, k_rr)
-            kept = (np.abs(heading) <= np.pi - MARGIN_IN_SIGMA * self.noise) & (np.arange(len(run)) >= first - MOST_REST)
+            kept = (np.abs(heading) <= np.pi - MARGIN_IN_SIGMA * self.noise) & (
+                np.arange(len(run)) >= first - MOST_REST
+            )
             names.append(one.label)
             times.append(time[kept])
             headings.append(heading[kept])

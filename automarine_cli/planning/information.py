@@ -1,9 +1,9 @@
 """Fisher information of runs that are not yet made, and the intervals that a fit to them would report.
 
 About the model, run i adds  J_i' R_i^-1 J_i  to the information on the parameters, with J_i the derivatives of its
-headings and R_i = s² 1 + V_i D_i V_i' the covariance of its noise and of all that differs from run to run: start heading,
-gain of the thrust, instants of the changes (fits/linear_mixed.py). Nothing of it needs a measurement, and it adds up over
-runs (Fedorov 1972, Theory of Optimal Experiments, chapter 2).
+headings and R_i = s² 1 + V_i D_i V_i' the covariance of its noise and of all that differs from run to run: start
+heading, gain of the thrust, instants of the changes (fits/linear_mixed.py). Nothing of it needs a measurement, and it
+adds up over runs (Fedorov 1972, Theory of Optimal Experiments, chapter 2).
 """
 
 from collections.abc import Mapping, Sequence
@@ -141,7 +141,7 @@ def told(fitting: Fitting, covariance: Floats, dof: Mapping[str, float]) -> dict
     values, logarithms, units = _parameters(fitting)
     found = {}
     for name, direction in directions(fitting).items():
-        stderr = float(np.sqrt(max(direction @ covariance @ direction, 0.0)))
+        stderr = stderr_along(covariance, direction)
         form = Estimate.from_log if logarithms[name] else Estimate.from_stderr
         found[name] = form(values[name], stderr, dof[name], units[name])
     return found
@@ -157,3 +157,8 @@ def _parameters(fitting: Fitting) -> tuple[dict[str, float], dict[str, bool], di
     if "k_rr" in values:
         values[ANGLE], logarithms[ANGLE], units[ANGLE] = values["I_r"] / values["k_rr"], True, "rad"
     return values, logarithms, units
+
+
+def stderr_along(covariance: Floats, direction: Floats) -> float:
+    """Standard error along a direction (p,)."""
+    return float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))

@@ -1,4 +1,5 @@
-"""What is known before the campaign: a model's estimates, its fit's noise and scatter, and what a diagnosis left open."""
+"""What is known before the campaign: a model's estimates, its fit's noise and scatter, and what a diagnosis left
+open."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -23,7 +24,8 @@ DIAGNOSIS = "automarine/diagnosis/1"
 NOISE_DEG, SCATTER = 1.0, 0.03
 """Of a model whose file does not say: a compass in a pool, and the thrust of small motors."""
 LOOSE = 3.0
-"""Standard deviation of a parameter before any run, in its own size: it keeps the first choices from dividing by zero."""
+"""Standard deviation of a parameter before any run, in its own size: it keeps the first choices from dividing by
+zero."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,10 @@ def read_known(model: Path, diagnosis: Path | None) -> Known:
         found = _read_diagnosis(diagnosis, stored)
         added = [(effect, values) for effect, values in found.effects if effect not in stored.effects]
         if added and found.base:
-            at = [found.base[n].value if n in found.base else v for n, v in zip(chosen.parameter_names, chosen.theta)]
+            at = [
+                found.base[n].value if n in found.base else v
+                for n, v in zip(chosen.parameter_names, chosen.theta)
+            ]
             chosen = chosen.with_theta(at)
         for effect, values in added:
             chosen = chosen.with_effect(effect, values)
@@ -86,7 +91,9 @@ def read_known(model: Path, diagnosis: Path | None) -> Known:
             now.pop(ANGLE, None)
         if not doubts:
             notes = ("The diagnosis leaves no rivals open, so the runs are chosen to narrow the intervals.",)
-    return Known(stored, chosen, now, _size(noise), _size(spread), used if isinstance(used, int) else 0, doubts, notes)
+    return Known(
+        stored, chosen, now, _size(noise), _size(spread), used if isinstance(used, int) else 0, doubts, notes
+    )
 
 
 def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:
@@ -96,7 +103,7 @@ def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | No
     Files hold no correlations; that of inertia and quadratic drag follows from the interval of their ratio.
     """
     names = [name for name in names_of(fitting) if name != OFFSET]
-    logs = {name: on for name, on in zip((*labels(fitting), OFFSET), fitting.on_log)}
+    logs = dict(zip((*labels(fitting), OFFSET), fitting.on_log))
     if any(name not in now or not now[name].stderr > 0 for name in names):
         return None
     size = {n: now[n].stderr / (abs(now[n].value) if logs[n] else 1.0) for n in names}
@@ -111,7 +118,8 @@ def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | No
 
 
 def information_now(fitting: Fitting, now: Mapping[str, Estimate], use: bool) -> Floats:
-    """Information (p, p) before the campaign: the earlier runs' if they are to be `use`d and known, else next to none."""
+    """Information (p, p) before the campaign: the earlier runs' if they are to be `use`d and known, else next to
+    none."""
     values = np.append(fitting.model.theta, 0.3)
     free = dict(zip((*labels(fitting), OFFSET), zip(values, fitting.on_log)))
     sizes = [1.0 if on else max(abs(value), 1e-3) for value, on in (free[name] for name in names_of(fitting))]
@@ -133,7 +141,9 @@ def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
 
 
 def _size(value: object) -> float | None:
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) and value > 0 else None
+    return (
+        float(value) if isinstance(value, int | float) and not isinstance(value, bool) and value > 0 else None
+    )
 
 
 def _estimate(data: object) -> Estimate | None:
@@ -170,12 +180,14 @@ def _read_diagnosis(path: Path, stored: StoredModels) -> Told:
     data = read_plain(path, "JSON", ModelError)
     if data.get("schema") != DIAGNOSIS or "moment_unit" not in data:
         raise ModelError(
-            f"{where}: found {told(data.get('schema'))}, expected the diagnosis.json that `automarine diagnose` writes of "
+            f"{where}: found {told(data.get('schema'))}, expected the diagnosis.json that `automarine diagnose` "
+            "writes of "
             "yaw runs"
         )
     if data["moment_unit"] != stored.moment_unit:
         raise ModelError(
-            f"{where}: a diagnosis of moments in {told(data['moment_unit'])}, but {stored.source} is a model of moments in "
+            f"{where}: a diagnosis of moments in {told(data['moment_unit'])}, but {stored.source} is a model of "
+            "moments in "
             f"{stored.moment_unit}; give the diagnosis of this model"
         )
     named, estimates, doubts = [], dict[str, Estimate | None](), []
@@ -187,7 +199,9 @@ def _read_diagnosis(path: Path, stored: StoredModels) -> Told:
         for parameter in effects.get(name).parameters:
             estimate = _estimate(given.get(parameter.name)) if isinstance(given, Mapping) else None
             if estimate is None and not parameter.choices:
-                raise ModelError(f"{where}: effects[{i}].parameters: {parameter.name} has no value; expected an estimate")
+                raise ModelError(
+                    f"{where}: effects[{i}].parameters: {parameter.name} has no value; expected an estimate"
+                )
             values.append(parameter.start if estimate is None else estimate.value)
             estimates[f"{name} {parameter.name}"] = estimate
         named.append((name, tuple(values)))

@@ -8,9 +8,7 @@ from automarine_cli.planning.candidates import Candidate
 from automarine_cli.runs.run import Run
 
 
-def as_run(
-    candidate: Candidate, *, rate: float, rest: float, unit: str, voltage: float | None = None
-) -> Run:
+def as_run(candidate: Candidate, *, rate: float, rest: float, unit: str, voltage: float | None = None) -> Run:
     """The run that a logger of `rate` [Hz] would bring home, `rest` [s] of zero moment first; the heading stands still.
 
     A command shows from the first sample at or after its instant, as in simulated campaigns. `voltage` [V] is the

@@ -1,4 +1,5 @@
-"""What a day at the pool allows: frozen settings, from TOML (schema automarine/plan-limits/1), and a file to begin with.
+"""What a day at the pool allows: frozen settings, from TOML (schema automarine/plan-limits/1), and a file to begin
+with.
 
 An unknown key and a value that makes no sense are refused with the key's path.
 """
@@ -118,7 +119,9 @@ class Runs:
             if kind not in KINDS:
                 raise SettingError(f"kinds names {kind!r}; expected some of {', '.join(KINDS)}")
         if "step" not in self.kinds:
-            raise SettingError(f"kinds is {list(self.kinds)}; expected 'step' among them, every campaign needs steps")
+            raise SettingError(
+                f"kinds is {list(self.kinds)}; expected 'step' among them, every campaign needs steps"
+            )
         for volts in self.voltages_V:
             if volts <= 0:
                 raise SettingError(f"voltages_V holds {volts:g}; expected voltages above 0")

@@ -23,8 +23,8 @@ class Intervals:
     goal: float | None = None
 
     def scores(self, counts: Floats, extras: NDArray[np.int64]) -> Floats:
-        """Worth of the campaign `counts` (K,) with one more run, each of `extras` (B,) in turn, (B,): the mean logarithm
-        by which the wanted standard errors have come down."""
+        """Worth of the campaign `counts` (K,) with one more run, each of `extras` (B,) in turn, (B,): the mean
+        logarithm by which the wanted standard errors have come down."""
         return self._worth(self._spread(counts, extras))
 
     def score(self, counts: Floats) -> float:
@@ -101,5 +101,7 @@ class Splitting:
         return self.score(counts) >= len(self.contests) - 1e-9
 
     def _worth(self, counts: Floats) -> Floats:
-        shares = [np.minimum(one.misfit(counts) / enough, 1.0) for one, enough in zip(self.contests, self.enough)]
+        shares = [
+            np.minimum(one.misfit(counts) / enough, 1.0) for one, enough in zip(self.contests, self.enough)
+        ]
         return np.asarray(np.sum(shares, axis=0))

@@ -68,7 +68,9 @@ def with_effect(fitting: Fitting, model: YawModel, name: str, largest: float) ->
             options.append([parameter.scaled(value, largest) for value in values])
     starts = list(product(*options))
     every = max(1, -(-len(starts) // MOST_STARTS))
-    return [replace(fitting, model=model.with_effect(name, start), fit="diagnosis") for start in starts[::every]]
+    return [
+        replace(fitting, model=model.with_effect(name, start), fit="diagnosis") for start in starts[::every]
+    ]
 
 
 def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> Contest:
@@ -86,7 +88,11 @@ def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> C
         left = np.where(problem.seen, wanted - headings, 0.0)
         gram = Gram.of(by_phi, by_run, left, problem.seen.sum(axis=1)).keep(free)
         weighted = linear_mixed.weigh(gram, problem.effects, other.variances(problem))
-        square[places], gradient[places], hessian[places] = weighted.square, weighted.gradient, weighted.hessian
+        square[places], gradient[places], hessian[places] = (
+            weighted.square,
+            weighted.gradient,
+            weighted.hessian,
+        )
     sizes = np.where(other.on_log, 1.0, np.maximum(np.abs(np.append(other.model.theta, 0.3)), 1e-3))[free]
     return Contest(square, gradient, hessian, np.diag(1.0 / (LOOSE * sizes) ** 2))
 
@@ -103,8 +109,8 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
     here, now = _about(true, other, candidates)
     for _ in range(ROUNDS):
         total = linear_mixed.Weighted(
-            here.hessian.sum(axis=0)[None], here.gradient.sum(axis=0)[None], *(np.zeros(1),) * 2, *(np.zeros((1, 1)),) * 2,
-            np.zeros((1, 1, len(free))),
+            here.hessian.sum(axis=0)[None], here.gradient.sum(axis=0)[None], *(np.zeros(1),) * 2, *(np.zeros((1, 1)),)
+            * 2, np.zeros((1, 1, len(free))),
         )  # fmt: skip
         step = np.zeros_like(phi)
         step[free] = linear_mixed.least_squares(total, np.zeros(len(free)), (bounds - phi[:, None])[free])
@@ -132,7 +138,9 @@ def _about(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
     return here, float(here.square.sum() - pull**2 / max(offset, 1e-12))
 
 
-def closest(true: Fitting, others: Sequence[Fitting], candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
+def closest(
+    true: Fitting, others: Sequence[Fitting], candidates: Sequence[Candidate]
+) -> tuple[Fitting, float]:
     """Of several starts the one whose fit comes closest: the best that the other explanation can do."""
     rough, few = [], candidates[:: max(1, len(candidates) // FEW)]
     for other in others:

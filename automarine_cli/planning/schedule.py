@@ -59,5 +59,3 @@ def scheduled(runs: Sequence[Candidate], limits: Limits, supply: Supply) -> tupl
 def pool_minutes(slots: Sequence[Slot], rest: float) -> float:
     """From the start of the first log to the end of the last."""
     return slots[-1].ends(rest) / 60.0
-
-

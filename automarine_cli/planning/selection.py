@@ -1,4 +1,5 @@
-"""Which runs: first the fewest that split the explanations a diagnosis left open, then what narrows the intervals most."""
+"""Which runs: first the fewest that split the explanations a diagnosis left open, then what narrows the intervals
+most."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +17,15 @@ from automarine_cli.planning.information import excursions, information
 from automarine_cli.planning.known import Known
 from automarine_cli.planning.limits import Limits
 from automarine_cli.planning.objectives import Intervals, Splitting
-from automarine_cli.planning.rivals import Explanation, closest, contest, head_start, is_off, splits, with_effect
+from automarine_cli.planning.rivals import (
+    Explanation,
+    closest,
+    contest,
+    head_start,
+    is_off,
+    splits,
+    with_effect,
+)
 
 Floats = NDArray[np.float64]
 Pair = tuple[Explanation, Explanation]
@@ -26,7 +35,8 @@ FAR = 1.5
 ROUNDS = 3
 """How often the wrong explanation is fitted again to the runs chosen, and the choice made again."""
 MARGIN = 1.3
-"""By how much more evidence is asked for when a choice fell short: what was linear in the choice is not quite."""
+"""By how much more evidence is asked for, and again when a choice fell short: what is linear in the choice is not
+quite."""
 
 DRIFT = "shows drift over the day"
 NARROW = "narrows the intervals"
@@ -63,12 +73,20 @@ def select(
     """
     found = candidates(fitting.base, limits, largest)
     most = FAR * np.deg2rad(limits.pool.turn_deg)
-    found = tuple(replace(one, turns=bool(turned > most)) for one, turned in zip(found, excursions(fitting, found)))
+    found = tuple(
+        replace(one, turns=bool(turned > most)) for one, turned in zip(found, excursions(fitting, found))
+    )
     spread = [_somewhere(one, i, len(found), limits) for i, one in enumerate(found)]
     check = full_step(fitting.base, limits, largest) if limits.runs.repeat_first_last else None
     fixed = np.array([2.0 * (check is not None and one.label == check.label) for one in found])
     cost = costs(found, limits, supply)
-    shop = Shop(cost, allowance(limits), fixed, np.full(len(found), float(limits.runs.most_alike)), np.array(mirrors(found)))
+    shop = Shop(
+        cost,
+        allowance(limits),
+        fixed,
+        np.full(len(found), float(limits.runs.most_alike)),
+        np.array(mirrors(found)),
+    )
     _refuse_too_little(shop, limits)
     progress("choosing runs", 0, 2)
     split = _split(pairs, found, spread, shop, limits) if pairs else fixed
@@ -110,7 +128,7 @@ def _split(
 ) -> Floats:
     """How often to run each candidate so that every pair is split, as cheaply as may be, (K,)."""
     starts = np.array([head_start(a, b, limits.pool.runs) for a, b in pairs])
-    asked = np.maximum(limits.goal.evidence - starts, 1.0)
+    asked = np.maximum(MARGIN * limits.goal.evidence - starts, 1.0)
     about, counts = tuple(pairs), shop.fixed
     for _ in range(ROUNDS):
         contests = tuple(contest(a.fitting, b.fitting, spread) for a, b in about)

@@ -1,7 +1,7 @@
 """Thruster-test logs -> test records: read, missing values dropped and counted, unusable ones set aside."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,7 @@ class Series:
     """One test record as logged: one file, or one `run` of a file; arrays of shape (N,).
 
     `n` is the control signal [unit as logged], `force` the thrust of all pulling thrusters together [N],
-    `time` [s] and `voltage` [V] are None where the log has none.
+    `time` [s] and `voltage` [V] are None where the log has none; `extras` are its other columns by their own names.
     """
 
     source: str
@@ -30,6 +30,7 @@ class Series:
     force: Floats
     time: Floats | None = None
     voltage: Floats | None = None
+    extras: Mapping[str, Floats] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,7 @@ def _records(table: LogTable) -> tuple[list[Series], int, list[SetAside]]:
                 force[here],
                 None if time is None else time[here],
                 None if voltage is None else voltage[here],
+                {key: column[here] for key, column in table.extras.items()},
             )
         )
     return records, int(np.count_nonzero(~good)), idle

@@ -62,7 +62,11 @@ def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
     placed, clock = [], 0.0
     for plan in plans:
         placed.append(replace(plan, start=round(clock, 6)))
-        wait = specification.campaign.wait_between_s if plan.group.wait_after_s is None else plan.group.wait_after_s
+        wait = (
+            specification.campaign.wait_between_s
+            if plan.group.wait_after_s is None
+            else plan.group.wait_after_s
+        )
         clock += plan.samples * specification.logger.period + wait
     return tuple(placed)
 

@@ -20,6 +20,7 @@ from automarine_cli.workflows import diagnose as _diagnose
 from automarine_cli.workflows import export as _export
 from automarine_cli.workflows import fit_thrusters as _fit_thrusters
 from automarine_cli.workflows import fit_yaw as _fit_yaw
+from automarine_cli.workflows import plan as _plan
 from automarine_cli.workflows import simulate as _simulate
 from automarine_cli.workflows import slice as _slice
 from automarine_cli.workflows import validate as _validate
@@ -27,14 +28,16 @@ from automarine_cli.workflows.diagnose import YawDiagnosis
 
 Result = TypeVar("Result")
 
-MANY = ("logs", "hold_out", "results")
-FILES = ("model", "thrusters", "columns", "out", "specification")
+MANY = ("logs", "hold_out", "results", "thruster_tests", "parameters")
+FILES = ("model", "thrusters", "columns", "out", "specification", "diagnosis", "limits")
 STORED: Mapping[type, tuple[str, Callable[[Any], object]]] = {
     YawFit: ("yaw_model.json", YawFit.to_json),
     ThrusterFit: ("thrusters.json", ThrusterFit.to_json),
     YawDiagnosis: ("extended_model.json", YawDiagnosis.extended_model),
 }
 """Results that stand for a file: its name and content."""
+DIAGNOSIS: tuple[str, Callable[[Any], object]] = ("diagnosis.json", YawDiagnosis.to_json)
+"""What a diagnosis stands for where a diagnosis, and no model, is wanted."""
 
 
 def at_a_prompt(work: Callable[..., Result], first: str) -> Callable[..., Result]:
@@ -62,7 +65,7 @@ def _plain(name: str, value: object, stack: ExitStack) -> object:
     if name in FILES and isinstance(value, str):
         return Path(value)
     if name in FILES and type(value) in STORED:
-        file, content = STORED[type(value)]
+        file, content = DIAGNOSIS if name == "diagnosis" else STORED[type(value)]
         path = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="automarine-"))) / file
         path.write_text(json_text(content(value)), encoding="utf-8")
         return path
@@ -78,3 +81,4 @@ simulate = at_a_prompt(_simulate.simulate, "specification")
 slice_log = at_a_prompt(_slice.slice_log, "logs")
 compare = at_a_prompt(_compare.compare, "results")
 export = at_a_prompt(_export.export, "model")
+plan = at_a_prompt(_plan.plan, "model")

@@ -16,6 +16,7 @@ from automarine_cli.pipeline.outputs import UNRECORDED
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.recipe import converted
 from automarine_cli.pipeline.words import listed
+from automarine_cli.planning.limits import Limits
 from automarine_cli.workflows.campaigns import run_campaigns
 from automarine_cli.workflows.check import check
 from automarine_cli.workflows.compare import compare
@@ -23,6 +24,7 @@ from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.diagnose_thrusters import diagnose_thrusters, is_thruster_map
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
 from automarine_cli.workflows.fit_yaw import fit_yaw
+from automarine_cli.workflows.plan import plan
 from automarine_cli.workflows.run import run_campaign
 from automarine_cli.workflows.simulate import simulate
 from automarine_cli.workflows.slice import slice_log
@@ -36,12 +38,15 @@ COMMANDS: Mapping[str, Callable[..., object]] = {
     "validate": validate,
     "diagnose": diagnose,
     "simulate": simulate,
+    "plan": plan,
     "slice": slice_log,
     "compare": compare,
     "run": run_campaign,
     "campaigns": run_campaigns,
 }
-FILES = ("model", "thrusters", "columns")  # options that are files; logs, hold_out and specification are more
+GIVEN_AS_TABLE = {"columns": ColumnMap, "limits": Limits}  # options that may be a table in place of a file
+# Options that are files; logs, hold_out and specification are more.
+FILES = ("model", "thrusters", "columns", "diagnosis", "limits")
 
 
 @dataclass(frozen=True)
@@ -161,7 +166,7 @@ def _recipe(
             settings[key] = _file(key, value, roles, f"{where}: options.{key}")
         elif key != "hold_out":
             settings[key] = converted(hints[key], value, f"{where}: options.{key}")
-    for key, role in (("logs", "log"), ("hold_out", "hold_out")):
+    for key, role in (("logs", "log"), ("hold_out", "hold_out"), ("thruster_tests", "thruster_tests")):
         if key in known:
             settings[key] = [
                 LogFile(one.path, one.entry.file, False) for one in roles.get(role, ()) if one.path
@@ -178,14 +183,16 @@ def _recipe(
     return work, settings
 
 
-def _file(key: str, value: object, roles: Mapping[str, list[Sought]], where: str) -> Path | ColumnMap | None:
-    """The file that was given as this option, or the column map that was given in its place."""
+def _file(
+    key: str, value: object, roles: Mapping[str, list[Sought]], where: str
+) -> Path | ColumnMap | Limits | None:
+    """The file that was given as this option, or the table that was given in its place."""
     if value is None:
         return None
-    if key == "columns" and isinstance(value, Mapping):
-        columns: ColumnMap = converted(ColumnMap, value, where)
+    if key in GIVEN_AS_TABLE and isinstance(value, Mapping):
+        given = converted(GIVEN_AS_TABLE[key], value, where)
         place = next((one.path for one in roles.get("dbc", ()) if one.path), None)
-        return replace(columns, dbc=str(place)) if place else columns
+        return replace(given, dbc=str(place)) if place and isinstance(given, ColumnMap) else given  # type: ignore[no-any-return]
     if not roles.get(key):
         raise SettingError(f"{where}: no input was recorded as the {key}; it was no file, call Python again")
     return roles[key][0].path

@@ -16,12 +16,14 @@ from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report import (
     compare_tables,
     diagnosis_tables,
+    plan_tables,
     thruster_diagnosis,
     thruster_tables,
     yaw_report,
 )
 from automarine_cli.report.figures import compare as compare_figures
 from automarine_cli.report.figures import diagnosis as diagnosis_figures
+from automarine_cli.report.figures import plan as plan_figures
 from automarine_cli.report.figures import thruster_diagnosis as thruster_diagnosis_figures
 from automarine_cli.report.figures import thrusters as thruster_figures
 from automarine_cli.report.figures import validation as validation_figures
@@ -30,6 +32,7 @@ from automarine_cli.report.tables import Table, interval, number
 from automarine_cli.workflows.check import Check
 from automarine_cli.workflows.compare import ResultComparison
 from automarine_cli.workflows.diagnose import YawDiagnosis
+from automarine_cli.workflows.plan import Plan
 from automarine_cli.workflows.simulate import Simulation
 from automarine_cli.workflows.slice import Slices
 from automarine_cli.workflows.validate import Validation
@@ -243,6 +246,22 @@ def _comparison_rows(result: ResultComparison) -> Iterator[Row]:
         yield row | {"p_value": one.p_value, "verdict": one.verdict}
 
 
+# plan
+
+
+def _plan_lines(result: Plan) -> Iterator[str]:
+    yield from plan_tables.total_sentences(result.campaign)
+    yield "Predicted, of the new runs alone:"
+    yield from _aligned(
+        {plan_tables.SYMBOLS.get(name, name): one for name, one in result.campaign.alone.items()}
+    )
+
+
+def _plan_rows(result: Plan) -> Iterator[Row]:
+    content: Any = result.to_json()
+    yield from content["planned"]
+
+
 VIEWS: Mapping[type, View] = {
     YawFit: View(_yaw_lines, _yaw_rows, lambda fit: yaw_report.tables(fit, short=True), _yaw_figures),
     ThrusterFit: View(
@@ -256,6 +275,10 @@ VIEWS: Mapping[type, View] = {
         thruster_diagnosis.tables, _thruster_diagnosis_figures,
     ),
     Check: View(_check_lines, _check_rows, Check.tables, lambda result: {}),
+    Plan: View(
+        _plan_lines, _plan_rows, Plan.tables,
+        lambda result: {"precision": lambda: plan_figures.plan_figure(result.campaign)},
+    ),
     Simulation: View(_simulation_lines, _simulation_rows, Simulation.tables, lambda result: {}),
     Slices: View(_slices_lines, _slices_rows, Slices.tables, lambda result: {}),
     ResultComparison: View(

@@ -1,0 +1,50 @@
+"""The figure of `plan`: precision against minutes in the pool."""
+
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from automarine_cli.planning.campaign import Campaign
+from automarine_cli.planning.limits import KINDS
+from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure
+
+MOST_PANELS, PER_ROW = 4, 3
+TICKS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
+FEWEST_RUNS = 3
+"""Runs below which a curve is not drawn: nothing is known yet."""
+MARKS = dict(zip(KINDS, "os^DvxP"))
+SYMBOLS = {"k_rr": "$k_{r|r|}$", "k_r": "$k_r$", "I_r": "$I_r$", "inertial turn angle": "$I_r/k_{r|r|}$"}
+
+
+@house_style
+def plan_figure(campaign: Campaign) -> Figure:
+    """A panel for each parameter: the plan run by run, the paper's grid, and one run more of each kind."""
+    names = list(campaign.plan.percent)[:MOST_PANELS]
+    columns = len(names) if len(names) <= PER_ROW else 2
+    rows = -(-len(names) // columns)
+    figure, axes = new_figure(rows, columns, PAGE_IN, 0.6 + 2.2 * rows, sharex=True)
+    for ax, name in zip(axes.flat, names):
+        for curve, colour, line in ((campaign.plan, "blue", "-"), (campaign.grid, "orange", (0, (5, 1.5)))):
+            kept = slice(FEWEST_RUNS - 1, None)
+            ax.plot(
+                curve.minutes[kept], curve.percent[name][kept], color=COLOURS[colour], ls=line, marker=".", ms=3,
+                label=curve.name,
+            )  # fmt: skip
+        for curve in campaign.more:
+            mark = MARKS[curve.name]
+            ax.plot(
+                curve.minutes, curve.percent[name], ls="", marker=mark, ms=4, color=COLOURS["vermilion"],
+                mfc="none" if mark != "x" else None, label=f"plan and one {curve.name}",
+            )  # fmt: skip
+        ax.set_yscale("log")
+        ax.yaxis.set_major_locator(LogLocator(subs=TICKS))
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+        ax.yaxis.set_minor_formatter(NullFormatter())
+        ax.set_title(SYMBOLS.get(name, name.replace("_", " ")), loc="left")
+        ax.set_ylabel("standard error [%]")
+    for ax in axes.flat[len(names) :]:
+        ax.set_axis_off()
+    for ax in axes.flat[max(0, len(names) - axes.shape[1]) : len(names)]:
+        ax.set_xlabel("minutes in the pool")
+        ax.tick_params(labelbottom=True)
+    figure.legend(*axes.flat[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure

@@ -1,0 +1,88 @@
+"""What the thrusters and the battery of a planned campaign can give: drive, largest moment, current."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from automarine_cli.errors import SettingError
+from automarine_cli.logs import ColumnMap
+from automarine_cli.models.store import load_thruster_map
+from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.planning.budget import Supply
+from automarine_cli.planning.consumption import consumption
+from automarine_cli.planning.drive import Drive, drive_of
+from automarine_cli.planning.known import Known
+from automarine_cli.planning.limits import Limits
+from automarine_cli.runs.thruster_test import Series
+
+LARGEST_NU = 1.0
+"""Largest moment of a normalised model where the limits do not say."""
+
+
+def drive_for(
+    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, known: Known, limits: Limits
+) -> Drive | None:
+    """How the thrusters make the model's moments, or None without a map. Raises SettingError, ModelError."""
+    if thrusters is None:
+        if arm is not None:
+            raise SettingError("--arm goes with the thrusters' map; give --thrusters MAP.json too")
+        return None
+    length = columns.defaults.get("arm_m") if arm is None else arm
+    if not isinstance(length, int | float):
+        raise SettingError("--thrusters makes moments only with the thrusters' lever arm; give --arm METRES")
+    unit = 1.0
+    if known.stored.moment_unit == "nu":
+        if limits.thrusters.nu_in_Nm is None:
+            raise SettingError(
+                f"{known.stored.source} is a model of normalised moments, the thruster map gives N m; say what "
+                "one unit is "
+                "with thrusters.nu_in_Nm in the limits"
+            )
+        unit = limits.thrusters.nu_in_Nm
+    found = load_thruster_map(thrusters) if isinstance(thrusters, Path) else thrusters
+    equal = limits.thrusters.pairing == "equal-thrust"
+    return drive_of(found, float(length), limits.thrusters.largest_command, equal, unit)
+
+
+def largest_moment(known: Known, limits: Limits, drive: Drive | None) -> float:
+    """The largest moment that runs may have, in the model's unit. Raises SettingError where nothing says it, or the
+    thrusters cannot give it."""
+    asked, unit = limits.moments.largest, known.stored.moment_unit
+    if drive is None:
+        if asked is None and unit != "nu":
+            raise SettingError(
+                f"{known.stored.source} is a model of moments in {unit}; say how large they may be with "
+                "moments.largest in the limits (--limits), or give --thrusters and --arm"
+            )
+        return LARGEST_NU if asked is None else asked
+    if asked is not None and asked > drive.largest:
+        raise SettingError(
+            f"moments.largest is {asked:g} {unit}; the thrusters give at most {drive.largest:.4g} {unit} as they are "
+            "paired; ask for less, or pair them by equal commands"
+        )
+    return drive.largest_told if asked is None else asked
+
+
+def supply_for(
+    limits: Limits,
+    largest: float,
+    unit: str,
+    drive: Drive | None,
+    per_test: int,
+    records: Sequence[Series] | None,
+) -> tuple[Supply, str]:
+    """What is drawn from the battery, and a sentence on where that is from: `records` of thruster tests, else the
+    limits. Raises SettingError for tests without a drive, RunError for tests without a current or power."""
+    battery = limits.battery
+    told = f"Battery: {battery.volts:g} V, {battery.charge_Ah:g} Ah; {battery.idle_A:g} A always"
+    if records is None:
+        why = f"{told} and {battery.full_A:g} A more at {largest:.4g} {unit}, as stated in the limits."
+        return Supply(battery.idle_A, battery.full_A, largest), why
+    if drive is None:
+        raise SettingError(
+            "thruster tests tell the current only with the thrusters' map; give --thrusters MAP.json and --arm METRES"
+        )
+    used = consumption(records, per_test, battery.volts)
+    ahead, astern = drive.forces(largest)
+    full = (used.power(ahead) + used.power(-astern)) / battery.volts
+    why = f"{told}, as stated, and {full:.3g} A more at {largest:.4g} {unit}, from the thruster tests."
+    return Supply(battery.idle_A, full, largest), why

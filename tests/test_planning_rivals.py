@@ -1,0 +1,74 @@
+"""How far runs split explanations: known misfits, symmetry, and what steps cannot tell but other runs can."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.planning.candidates import Candidate
+from automarine_cli.planning.fitting import Fitting
+from automarine_cli.planning.rivals import Explanation, closest, fitted, is_off, splits, with_effect
+
+BASE = YawModel.base("3", 1.018, [1.257])
+FITTING = Fitting(BASE, "diagnosis", np.deg2rad(1.0), 0.03, frame=BASE)
+STEPS = tuple(
+    Candidate("step", f"{side * size:+g}", ((side * size, round(4.6 / np.sqrt(size), 1)),))
+    for size in (0.1, 0.3, 0.6, 0.9, 1.2) for side in (1, -1)
+)  # fmt: skip
+COASTS = tuple(Candidate("coast-down", f"c{side}", ((side * 1.2, 3.0), (0.0, 15.0))) for side in (1, -1))
+RAMPS = tuple(
+    Candidate("slow-ramp", f"r{side}", tuple((side * round(0.12 * (i / 10 - 0.95), 4), 2.0) for i in range(20)))
+    for side in (1, -1)
+)  # fmt: skip
+
+
+def explanation(name: str, values: tuple[float, ...]) -> Explanation:
+    return Explanation(name, replace(FITTING, model=BASE.with_effect(name, values)))
+
+
+def rival_of(true: Explanation, name: str) -> Explanation:
+    return Explanation(name, closest(true.fitting, with_effect(FITTING, BASE, name, 1.2), STEPS)[0])
+
+
+def test_what_is_true_fits_itself() -> None:
+    true = explanation("dead-band", (0.03,))
+    started = replace(true.fitting, model=BASE.with_theta([1.1, 1.2]).with_effect("dead-band", (0.05,)))
+    found, misfit = fitted(true.fitting, started, STEPS)
+    assert misfit < 1e-3
+    assert found.model.theta[:3] == pytest.approx(true.fitting.model.theta[:3], rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "rival", "more"),
+    [
+        ("dead-band", (0.03,), "coulomb-drag", COASTS + RAMPS),
+        ("thruster-lag", (0.15,), "input-delay", COASTS * 2),
+        ("water-swirl", (0.03, 10.0), "tether-spring", RAMPS),
+    ],
+)
+def test_steps_leave_a_tie_that_other_runs_split(
+    name: str, values: tuple[float, ...], rival: str, more: tuple[Candidate, ...]
+) -> None:
+    true = explanation(name, values)
+    pair = (true, rival_of(true, rival))
+    few, many = (splits([pair], runs)[0][0] for runs in (STEPS, STEPS + more))
+    assert few.evidence < 10.0
+    assert many.misfit > few.misfit + 8.0
+
+
+def test_a_rival_that_imitates_best_by_vanishing_is_off() -> None:
+    """A spring only slows a turn; to water that turns along it is closest when there is none."""
+    true = explanation("water-swirl", (0.1, 10.0))
+    assert is_off(rival_of(true, "tether-spring"))
+    assert not is_off(true)
+
+
+def test_mirrored_runs_split_as_well() -> None:
+    pair = (explanation("dead-band", (0.03,)), explanation("coulomb-drag", (0.03,)))
+    turned = tuple(
+        replace(one, commands=tuple((-moment, seconds) for moment, seconds in one.commands))
+        for one in STEPS[::2]
+    )
+    here, there = (splits([pair], runs)[0][0].misfit for runs in (STEPS[::2], turned))
+    assert there == pytest.approx(here, rel=1e-3)
