@@ -192,7 +192,7 @@ def _file(
     if key in GIVEN_AS_TABLE and isinstance(value, Mapping):
         given = converted(GIVEN_AS_TABLE[key], value, where)
         place = next((one.path for one in roles.get("dbc", ()) if one.path), None)
-        return replace(given, dbc=str(place)) if place and isinstance(given, ColumnMap) else given  # type: ignore[no-any-return]
+        return replace(given, dbc=str(place)) if place and isinstance(given, ColumnMap) else given
     if not roles.get(key):
         raise SettingError(f"{where}: no input was recorded as the {key}; it was no file, call Python again")
     return roles[key][0].path
