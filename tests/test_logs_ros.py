@@ -1,5 +1,7 @@
 """ROS bags: signs turned and told, stamps or the recorder's clock, any field of any type, several topics that turn."""
 
+import contextlib
+import sqlite3
 from dataclasses import replace
 from pathlib import Path
 
@@ -98,3 +100,21 @@ def test_an_imu_without_orientation_is_no_heading(tmp_path: Path) -> None:
             writer.write(link, i * 10**8, store.serialize_ros1(imu, imu.__msgtype__))
     with pytest.raises(LogError, match=r"no heading in it; found the topics /imu \(sensor_msgs/Imu\)"):
         read(tmp_path, ".bag", (tmp_path / "gyro.bag").read_bytes())
+
+
+def test_an_older_bag_that_does_not_define_its_types(tmp_path: Path) -> None:
+    path = tmp_path / "old.db3"
+    path.write_bytes(bag(".db3", dive()))
+    with contextlib.closing(sqlite3.connect(path)) as base, base:
+        base.execute("delete from message_definitions")
+    table = read(tmp_path, ".db3", path.read_bytes())
+    assert "voltage" in table.columns and "mode" not in table.states
+    assert "/mavros/state (mavros_msgs/State)" in table.holds
+
+
+def test_an_mcap_file_of_something_else(tmp_path: Path) -> None:
+    other = bytearray(bag(".mcap", dive()))
+    at = other.find(b"ros2")
+    other[at : at + 4] = b"ros1"
+    with pytest.raises(LogError, match="an MCAP file of the profile 'ros1', expected one of ros2"):
+        read(tmp_path, ".mcap", bytes(other))

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
 from automarine_cli.logs.optional import needed, unsound_is_refused
@@ -21,8 +22,9 @@ from automarine_cli.logs.quaternion import yaw_of
 from automarine_cli.logs.ros_fields import Getter, getters
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
 from automarine_cli.logs.table import Floats
-from automarine_cli.pipeline.words import listed
+from automarine_cli.pipeline.words import listed, quoted
 
+MCAP = b"\x89MCAP0\r\n"
 STANDARD = "std_msgs/msg/"
 STATE = "mavros_msgs/msg/State"
 BATTERY = "sensor_msgs/msg/BatteryState"
@@ -54,6 +56,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     """Read a bag. Raises LogError for what is none, and where it holds no heading."""
     one = path.suffix.lower() == ".bag"
     library = needed("rosbags.rosbag1" if one else "rosbags.rosbag2", "ros", name, "ROS bags")
+    _refuse_others(path, name)
     with unsound_is_refused(name, "bag's", MEND), library.Reader(path) as bag:
         asked = {rule.source for rule in columns.columns.values()}
         wanted = [link for link in bag.connections if link.msgcount and _wanted(link, asked)]
@@ -64,9 +67,21 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     return on_one_clock(_recording(topics, tuple(holds.values()), columns), columns, name)
 
 
-FORMAT = Format(
-    "ROS bag", (".bag", ".db3", ".mcap"), read, begins=(b"#ROSBAG", b"SQLite format 3\0", b"\x89MCAP")
-)
+FORMAT = Format("ROS bag", (".bag", ".db3", ".mcap"), read, begins=(b"#ROSBAG", b"SQLite format 3\0", MCAP))
+
+
+def _refuse_others(path: Path, name: str) -> None:
+    """Refuse an MCAP file of something else than ROS 2; its header begins with what it is of."""
+    with path.open("rb") as file:
+        head = file.read(64)
+    if head.startswith(MCAP) and head[8:9] == b"\1":
+        length = int.from_bytes(head[17:21], "little")
+        profile = head[21 : 21 + min(length, 40)].decode("latin-1")
+        if profile != "ros2":
+            raise LogError(
+                f"{name}: an MCAP file of the profile {quoted(profile)}, expected one of ros2; record it as a ROS 2 bag, "
+                "or write its signals as CSV"
+            )
 
 
 def _wanted(link: Any, asked: Iterable[str]) -> bool:
@@ -79,8 +94,10 @@ def _topics(bag: Any, wanted: list[Any], one: bool, asked: set[str]) -> Iterable
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if one else Stores.ROS2_HUMBLE)
-    for link in wanted:
-        if link.msgtype not in store.fielddefs and link.msgdef.data:
+    for link in wanted.copy():
+        if link.msgtype not in store.fielddefs and not link.msgdef.data:
+            wanted.remove(link)  # older bags do not say what types of one's own hold
+        elif link.msgtype not in store.fielddefs:
             idl = link.msgdef.format.name == "IDL"
             types = (
                 get_types_from_idl(link.msgdef.data)
