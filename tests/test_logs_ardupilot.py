@@ -48,7 +48,7 @@ def test_any_field_can_be_named(tmp_path: Path) -> None:
     assert set(table.columns["voltage"][1:]) == {5.0}
     np.testing.assert_array_equal(table.columns["heading"], flash(tmp_path, content).columns["heading"])
     made = dive().rate
-    np.testing.assert_allclose(np.rad2deg(table.columns["yaw_rate"])[60:140], made[60:140], atol=1e-5)
+    np.testing.assert_allclose(np.rad2deg(table.columns["yaw_rate"])[60:130], made[60:130], atol=1e-5)
 
 
 def test_bytes_that_are_no_messages_are_counted(tmp_path: Path) -> None:
@@ -91,3 +91,15 @@ def test_a_counter_of_microseconds_that_is_full_begins_anew(tmp_path: Path) -> N
     )  # fmt: skip
     table = read_log(log(tmp_path, telemetry(later), "dive.tlog"))
     np.testing.assert_allclose(table.extras["SERVO_OUTPUT_RAW.servo1_raw"], first.commands_at(first.time)[0])
+
+
+def test_a_log_of_a_descent_is_on_the_clock_of_its_depth(tmp_path: Path) -> None:
+    """Named together with the vertical command, the depth is the position; its own samples stay as they are."""
+    columns = {"depth_m": "BAT.Volt", "n_vert": "RCOU.C3"}
+    rules = ColumnMap({name: ColumnRule(source) for name, source in columns.items()})
+    table = read_log(log(tmp_path, dataflash(dive()), "dive.bin"), rules, axis=None)
+    assert table.axis.position == "depth" and len(table) == 42
+    np.testing.assert_allclose(table.columns["depth"], dive().voltage, rtol=1e-6)
+    both = rules.columns | {"n_port": ColumnRule("RCOU.C1"), "n_stbd": ColumnRule("RCOU.C2")}
+    turning = read_log(log(tmp_path, dataflash(dive()), "dive.bin"), ColumnMap(both), axis=None)
+    assert turning.axis.position == "heading" and len(turning) == 200

@@ -133,6 +133,19 @@ def test_every_column_of_the_log_goes_along(tmp_path: Path) -> None:
     assert back.states["mode"].names == ("A",)
 
 
+def test_a_log_of_another_motion_is_cut_by_its_force(tmp_path: Path) -> None:
+    force = np.array([0.0] * 30 + [4.0] * 40)
+    frame = pd.DataFrame({"time_s": np.arange(70) / 10, "depth_m": np.linspace(1, 3, 70), "force_Z_N": force})
+    frame.to_csv(tmp_path / "dive.csv", index=False)
+    made = am.slice_log(tmp_path / "dive.csv", by="moment", out=tmp_path / "out")
+    assert [(cut.rows, cut.state) for cut in made.cuts] == [((12, 71), "+4")]
+    (back,) = find_logs([tmp_path / "out/runs"])
+    table = read_log(back, axis=None)
+    np.testing.assert_array_equal(table.columns["depth"], frame.depth_m[10:])
+    np.testing.assert_array_equal(table.columns["force_Z"], force[10:])
+    assert back.path.read_text().splitlines()[1] == "time_s,depth_m,force_Z_N"
+
+
 def test_a_log_that_does_not_tell_is_refused(tmp_path: Path) -> None:
     log = table(tmp_path, day([(0.5, 60)]))
     with pytest.raises(

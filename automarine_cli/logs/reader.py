@@ -37,8 +37,8 @@ def read_log(file: LogFile, columns: ColumnMap | None = None, axis: Axis | None 
     raw = _read_raw(file, columns)
     _check_names(raw, file.name)
     if axis is None:
-        mapped = (name for name, rule in columns.columns.items() if rule.source in raw.names)
-        axis = motion_of((*raw.names, *raw.also), mapped)
+        mapped = (name for name, rule in columns.columns.items() if rule.source in {*raw.names, *raw.also})
+        axis = motion_of(raw.names, mapped)
     uses, notes = _assigned(raw, columns, file.name, axis)
     runs = run_names(raw, columns, file.name)
     used = {raw.names[use.index] for use in uses} | ({columns.source_of(RUN)} if runs else set())

@@ -79,7 +79,7 @@ def _refuse_others(path: Path, name: str) -> None:
         profile = head[21 : 21 + min(length, 40)].decode("latin-1")
         if profile != "ros2":
             raise LogError(
-                f"{name}: an MCAP file of the profile {quoted(profile)}, expected one of ros2; record it as a ROS 2 bag, "
+                f"{name}: an MCAP file of the profile {quoted(profile)}, expected one of ros2; record a ROS 2 bag, "
                 "or write its signals as CSV"
             )
 

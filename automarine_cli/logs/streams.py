@@ -13,11 +13,20 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import CANONICAL, names_of
+from automarine_cli.logs.canonical import CANONICAL, motion_of, names_of
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import RawLog
 from automarine_cli.logs.table import Floats
 from automarine_cli.pipeline.words import listed, printable
+
+MOTION = (
+    "yaw_rate",
+    "surge",
+    "sway",
+    "heave",
+    "distance",
+    "depth",
+)  # a heading wraps: it is never interpolated
 
 
 @dataclass(frozen=True)
@@ -91,13 +100,14 @@ def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
             'as heading_deg = "NAME.FIELD" under [columns] in a file and give it with --columns FILE.toml'
         )
     names: dict[str, pa.ChunkedArray] = {"time_s": _array(master.time)}
-    ages = []
+    ages, moving = [], _moving(columns)
     for stream in [master, *(one for one in streams if one is not master)]:
         held = _held(stream, master)
         for name, values in stream.columns.items():
-            names.setdefault(name, _brought(stream, name, values, master, held))
+            moves = stream is not master and name in moving
+            names.setdefault(name, _brought(stream, values, master, held, moves))
         if stream is not master and not stream.lasting:
-            ages.append(_age(stream, master, held))
+            ages.append(_age(stream, master, held, moving.issuperset(stream.columns)))
     told = (f"on the clock of {printable(master.name)}, last values held: {'; '.join(ages)}",) if ages else ()
     return RawLog(
         tuple(names), tuple(names.values()), np.arange(1, len(master.time) + 1),
@@ -106,7 +116,8 @@ def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
 
 
 def _master(streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnMap) -> Stream | None:
-    for quantity in ("heading", "force"):
+    names = (name for stream in streams for name in stream.columns)
+    for quantity in (motion_of(names, columns.columns).position, "heading", "force"):
         mapped = [columns.columns[name].source for name in names_of(quantity) if name in columns.columns]
         for name in [*(also.get(one, one) for one in mapped), *names_of(quantity)]:
             for stream in streams:
@@ -125,10 +136,10 @@ def _held(stream: Stream, master: Stream) -> NDArray[np.int64]:
 
 
 def _brought(
-    stream: Stream, name: str, values: NDArray[Any], master: Stream, held: NDArray[np.int64]
+    stream: Stream, values: NDArray[Any], master: Stream, held: NDArray[np.int64], moves: bool
 ) -> pa.ChunkedArray:
     if values.dtype.kind == "f":
-        if _moves(name) and stream is not master and np.all(np.diff(stream.time) >= 0):
+        if moves and np.all(np.diff(stream.time) >= 0):
             return _array(np.interp(master.time, stream.time, values, left=np.nan))
         return _array(np.where(held >= 0, values[held], np.nan))
     words, code = np.unique(values.astype(str), return_inverse=True)
@@ -140,7 +151,7 @@ def _array(values: Floats) -> pa.ChunkedArray:
     return pa.chunked_array([pa.array(values, pa.float64())])
 
 
-def _age(stream: Stream, master: Stream, held: NDArray[np.int64]) -> str:
+def _age(stream: Stream, master: Stream, held: NDArray[np.int64], interpolated: bool) -> str:
     """`RCOU 0.01 s old in the median, 0.1 s at most`."""
     name, known = printable(stream.name), held >= 0
     if not known.any():
@@ -148,10 +159,11 @@ def _age(stream: Stream, master: Stream, held: NDArray[np.int64]) -> str:
     age = master.time[known] - stream.time[held[known]]
     late = len(held) - int(np.count_nonzero(known))
     first = f", none in the first {late} rows" if late else ""
-    how = ", interpolated" if all(map(_moves, stream.columns)) else ""
+    how = ", interpolated" * interpolated
     return f"{name} {np.median(age):.2g} s old in the median, {age.max():.2g} s at most{first}{how}"
 
 
-def _moves(name: str) -> bool:
-    """Whether a column holds motion, which goes on between two messages."""
-    return name in CANONICAL and CANONICAL[name].quantity in ("yaw_rate", "surge", "sway")
+def _moving(columns: ColumnMap) -> set[str]:
+    """Columns that hold motion, which goes on between two messages: by their names, and by what they are mapped to."""
+    names = {name for name, one in CANONICAL.items() if one.quantity in MOTION}
+    return names | {columns.columns[name].source for name in names & set(columns.columns)}

@@ -4,13 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN
+from automarine_cli.logs.canonical import CANONICAL, LABELS, names_of
 from automarine_cli.logs.table import Floats, LogTable
 
-WRITTEN = (
-    "time_s", "heading_deg", "tau", "tau_Nm", "n_port", "n_stbd", "yaw_rate_deg_s", "voltage_V",
-    "surge_m_s", "sway_m_s", "n", "force_N",
-)  # fmt: skip
 DECIMALS = 9  # of degrees: the way to radians and back leaves rounding behind
 
 
@@ -21,21 +17,27 @@ def columns_of(table: LogTable, first: int, stop: int) -> dict[str, Floats | lis
     """
     rows = slice(first, stop)
     found: dict[str, Floats | list[str]] = {}
-    for name in WRITTEN:
-        canonical = CANONICAL[name]
-        if canonical.quantity not in table.columns:
-            continue
-        if canonical.quantity == "moment" and canonical.unit != table.moment_unit:
-            continue
-        values = table.columns[canonical.quantity][rows]
-        found[name] = np.round(values / canonical.factor(), DECIMALS) if "_deg" in name else values
+    for quantity in dict.fromkeys(one.quantity for one in CANONICAL.values()):
+        if quantity in table.columns:
+            name, values = _name_of(quantity, table), table.columns[quantity][rows]
+            plain = values / CANONICAL[name].factor()
+            found[name] = np.round(plain, DECIMALS) if "_deg" in name else plain
     for name, values in table.extras.items():
         if name not in CANONICAL and name not in LABELS:
             found[name] = values[rows]
     for name, labels in table.states.items():
         words = [*labels.names, ""]
         found[name] = [words[code] for code in labels.code[rows]]
-    return {name: values for name, values in found.items() if name != RUN}
+    return found
+
+
+def _name_of(quantity: str, table: LogTable) -> str:
+    """The name that a quantity is written under: in degrees, in the unit of the moment or force, else in SI units."""
+    names = names_of(quantity)
+    if quantity == table.axis.command:
+        return next(name for name in names if CANONICAL[name].unit == table.moment_unit)
+    degrees = (name for name in names if "_deg" in name)
+    return next(degrees, None) or next(name for name in names if CANONICAL[name].factor() == 1)
 
 
 def csv_text(columns: dict[str, Floats | list[str]], comment: str) -> str:
