@@ -272,3 +272,13 @@ def test_words_of_a_name() -> None:
 )
 def test_places_mean_exactly_what_is_wanted(wanted: list[str], others: list[str], places: list[str]) -> None:
     assert places_of(wanted, [*wanted, *others]) == places
+
+
+def test_pulses_to_thrusters_are_told_with_their_neutral(tmp_path: Path) -> None:
+    columns = {name: CANONICAL[name] for name in ("time_s", "heading_deg")}
+    columns |= {"C1": lambda run: 1500 + 400 * run.command, "C2": lambda run: 1500 - 400 * run.command}
+    columns["light"] = lambda run: 1100 + 0 * run.time
+    write_logs(tmp_path / "pool" / "logs", columns)
+    found, data = asked(tmp_path / "pool")
+    assert data["columns"] == {"tau": "?"} and "light" not in found.text.partition("pulses about")[2][:30]
+    assert 'such as C1, C2 are written n_port = { from = "C1", offset = -1500 }' in found.text

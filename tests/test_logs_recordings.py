@@ -1,17 +1,21 @@
 """Every format of vehicles' recordings before the judges of `reader_contract`, and what can be wrong with any."""
 
 import random
+import re
 import sys
+import tomllib
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from reader_contract import RECORDERS, Recorder, judge_cut_recording, judge_recording, recorded, refusal
 from vehicle_logs import Dive, dive
 
 from automarine_cli.errors import AutomarineError, LogError
-from automarine_cli.logs import LogFile, read_log, require_motion
+from automarine_cli.logs import ColumnMap, LogFile, column_rules, read_log, require_motion
 from automarine_cli.runs.load import load_runs, read_runs
 
 EVERY = pytest.mark.parametrize("suffix", RECORDERS)
@@ -168,3 +172,26 @@ def test_one_bad_recording_in_a_folder_is_set_aside(tmp_path: Path, suffix: str)
     found = load_runs([tmp_path], told.columns)
     assert [run.name for run in found.runs] == ["dive"]
     assert [one.file.rpartition("/")[2] for one in found.set_aside] == [f"cut{suffix}"]
+
+
+def pages_maps() -> list[dict[str, Any]]:
+    """The column maps that the page about formats shows."""
+    page = (ROOT / ".github" / "pages" / "log-formats.md").read_text(encoding="utf-8")
+    return [
+        tomllib.loads(text) for text in re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "number"), [(".bin", 0), (".bag", 1), (".db3", 1), (".mcap", 1), (".ulg", 2), (".asc", 3)]
+)
+def test_the_column_maps_of_the_page_work(tmp_path: Path, suffix: str, number: int) -> None:
+    content, told = made(suffix)
+    shown = pages_maps()[number]
+    columns = ColumnMap(
+        column_rules(shown["columns"], "columns.toml"), dbc=told.columns.dbc if "can" in shown else ""
+    )
+    table = read_log(recorded(tmp_path, suffix, content), columns)
+    require_motion(table)
+    assert not any("the file has no such column" in note for note in table.notes)
+    assert len(pages_maps()) == 4

@@ -46,6 +46,23 @@ def test_constant_moments_bring_the_rest_before_them(tmp_path: Path, sign: int) 
     assert [one.state for one in found] == [f"{sign * 0.5:+g}", f"{-sign * 0.5:+g}"]
     assert [(one.first, one.stop) for one in passed] == [(0, 30), (130, 133), (133, 163)]
     assert "shorter than 1 s" in passed[1].why
+    assert [one.moving for one in found] == [False, False]
+
+
+def test_a_command_right_after_another_is_told_apart(tmp_path: Path) -> None:
+    """Alone, a run that begins with its moment on may seem to begin at rest."""
+    parts = [(0, 30), (0.8, 60), (-0.8, 60), (0, 5), (0.4, 60), (0, 30), (-0.4, 60)]
+    table(tmp_path, day(parts))
+    made = am.slice_log(tmp_path / "day.csv", by="moment", lead=0.0, out=tmp_path / "out")
+    assert [cut.moving for cut in made.cuts] == [False, True, True, False]
+    assert [file.partition("/")[0] for file in made.files] == ["runs", "moving", "moving", "runs"]
+    assert sorted(path.name for path in (tmp_path / "out/moving").iterdir()) == [
+        "day_2_-0.8.csv",
+        "day_3_+0.4.csv",
+    ]
+    assert (
+        am.slice_log(tmp_path / "day.csv", by="moment").tables()[0].notes[0].startswith("2 of 4 begin while")
+    )
 
 
 def test_two_thrusters_change_together_or_alone(tmp_path: Path) -> None:

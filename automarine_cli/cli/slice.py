@@ -40,8 +40,9 @@ def slice_(
     """Cut one long log into runs: a log of each, which names the file and the interval that it comes from.
 
     A vehicle logs a whole day in one file. Cut it by the flight mode, by arming, or where a constant command begins
-    and ends; then check, fit and validate with DIR/runs. Mode and arming are known in ArduPilot and PX4 logs, else
-    from the columns mode and armed.
+    and ends; then check, fit and validate with DIR/runs. Commands that follow another without a rest between are in
+    DIR/moving, for validate, diagnose and fit-yaw --fit-to whole-runs. Mode and arming are known in ArduPilot and
+    PX4 logs, else from the columns mode and armed.
 
     \b
     Example:
@@ -55,5 +56,5 @@ def slice_(
         logs, by=by, columns=columns, keep=keep, lead=lead, shortest=shortest, form=form, out=out,  # type: ignore[arg-type]
         overwrite=overwrite, strict=strict, jobs=jobs, progress=options.terminal_progress(),
     )  # fmt: skip
-    options.echo_result(result, as_json=as_json, out=out, tables=result.tables(), files=workflow.FILES)
+    options.echo_result(result, as_json=as_json, out=out, tables=result.tables(), files=result.written)
     return result

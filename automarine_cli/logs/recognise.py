@@ -18,6 +18,7 @@ SLOWEST_OF_ALL, FASTEST_OF_ALL = 5.0, 2e-4
 DEGREES, RADIANS = 360.0, 2 * np.pi
 HARDLY = 20.0  # a heading that stays within as many degrees in all logs may be radians
 FAR = 100.0  # radians that no heading of a pool test turns through without wrapping
+PULSES = (800, 1500, 2200)  # us: shortest, neutral, longest pulse of a hobby servo or thruster
 FORCE = {"kgf": "kgf", "lbf": "lbf", "gf": "gf", "n": "N", "newton": "N", "newtons": "N"}
 EXACT = {
     "time": ("t", "time", "timestamp", "seconds", "clock", "stamp", "millis"),
@@ -65,6 +66,16 @@ class Recognised:
     def as_named(self) -> bool:
         """Whether the file's own name says it all."""
         return self.source == self.key and self.unit is None and not self.open
+
+
+def pulses(seen: Mapping[str, Span]) -> tuple[str, ...]:
+    """Columns that may be what is sent to thrusters' drivers: pulse lengths [us] that change, about neutral."""
+    low, neutral, high = PULSES
+    return tuple(
+        name
+        for name, one in seen.items()
+        if name not in CANONICAL and low <= one.low <= neutral <= one.high <= high and one.largest_step > 0
+    )
 
 
 def spans(table: LogTable) -> dict[str, Span]:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,11 @@ from automarine_cli.logs import LogTable, require
 from automarine_cli.logs.canonical import ARMED, MODE
 from automarine_cli.pipeline.words import listed
 from automarine_cli.runs.sense import FEWEST_SAMPLES
-from automarine_cli.runs.steps import SAME_MOMENT
+from automarine_cli.runs.steps import SAME_MOMENT, SHORT_REST
 
 By = Literal["mode", "arm", "moment"]
 Floats = NDArray[np.float64]
+Stretch: TypeAlias = tuple[int, int, str, bool]
 UNKNOWN, AT_REST = "?", "no command acts"
 DISARMED = ("disarmed", "0", "false", "no", "off", "")
 
@@ -24,12 +25,14 @@ DISARMED = ("disarmed", "0", "false", "no", "off", "")
 @dataclass(frozen=True)
 class Slice:
     """Rows `first` to `stop - 1` of a table, of one run and with a clock that never steps back; `state` is the mode,
-    "armed", or the constant command by its columns' names.
+    "armed", or the constant command. `moving`: a command acted until shortly before, so that the vehicle did
+    not stand still, which a run alone could not show.
     """
 
     first: int
     stop: int
     state: str
+    moving: bool = False
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,8 @@ def find_slices(
     found: list[Slice] = []
     passed: list[Passed] = []
     wanted = {word.lower() for word in keep}
-    for first, stop, state, follows in _stretches(table, by):
+    stretches = list(_stretches(table, by))
+    for i, (first, stop, state, follows) in enumerate(stretches):
         why = _why_not(by, state, wanted, time[first:stop], shortest)
         before = passed[-1] if passed and follows and passed[-1].stop == first else None
         if why is not None:
@@ -67,8 +71,16 @@ def find_slices(
             passed.pop()
             start = before.first + int(np.searchsorted(time[before.first : first], time[first] - lead))
             passed += [Passed(before.first, start, AT_REST)] * (start > before.first)
-        found.append(Slice(start, stop, state))
+        found.append(Slice(start, stop, state, by == "moment" and _moving(stretches[: i + 1])))
     return found, passed
+
+
+def _moving(stretches: list[Stretch]) -> bool:
+    """Whether something acted right before the last stretch, or so shortly before that nobody can tell the rest."""
+    if not stretches[-1][3]:
+        return False
+    first, stop, state, follows = stretches[-2]
+    return state != UNKNOWN if state else follows and stop - first < SHORT_REST
 
 
 def _why_not(by: By, state: str, wanted: set[str], time: Floats, shortest: float) -> str | None:
@@ -84,7 +96,7 @@ def _why_not(by: By, state: str, wanted: set[str], time: Floats, shortest: float
     return None
 
 
-def _stretches(table: LogTable, by: By) -> Iterator[tuple[int, int, str, bool]]:
+def _stretches(table: LogTable, by: By) -> Iterator[Stretch]:
     """First row, last row and one, and state of every stretch of one state; whether it goes on from the one before."""
     names, code = _commands(table) if by == "moment" else _states(table, MODE if by == "mode" else ARMED)
     anew = np.diff(table.columns["time"]) < 0

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from automarine_cli.logs.canonical import CANONICAL, names_of
-from automarine_cli.logs.recognise import Recognised
+from automarine_cli.logs.recognise import Recognised, pulses
 from automarine_cli.pipeline.recipe import toml_line
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.workflows.campaign_file import OPEN, SCHEMA
@@ -109,9 +109,18 @@ def _columns(look: Look) -> Iterator[str]:
             continue
         if quantity in (*NEEDED, "n", "force"):
             names = listed(look.layouts[0].names if quantity in NEEDED else _bollard_names(look))
-            other = " (or n_port and n_stbd)" if quantity == "moment" else ""
+            other = f" (or n_port and n_stbd{_of_pulses(look)})" if quantity == "moment" else ""
             yield _open(keys[0], f"no column looks like the {quantity}{other}; the logs have {names}")
     yield ""
+
+
+def _of_pulses(look: Look) -> str:
+    """How commands are written that are pulses about 1500 us, where some columns look like that."""
+    found = pulses(look.layouts[0].seen)
+    if not found:
+        return ""
+    rule = toml_line("n_port", {"from": found[0], "offset": -1500})
+    return f": pulses about 1500 us such as {listed(found)} are written {rule}"
 
 
 def _bollard_names(look: Look) -> tuple[str, ...]:

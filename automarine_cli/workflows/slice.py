@@ -25,15 +25,17 @@ from automarine_cli.simulation.log_files import gzip_bytes
 from automarine_cli.simulation.parquet_bytes import parquet_bytes
 
 SCHEMA = "automarine/slices/1"
-FILES = ("slices.json", "slices.md", "runs/")
-FOLDER = "runs"
+FOLDER, MOVING = "runs", "moving"
 MOST_TOLD = 20  # intervals between the runs that a table lists
 Form = Literal["csv", "csv.gz", "parquet"]
 
 
 @dataclass(frozen=True)
 class Cut:
-    """One run: its name and state, the log it comes from, its rows there (the last included) and its interval."""
+    """One run: its name and state, the log it comes from, its rows there (the last included) and its interval.
+
+    `moving`: another command acted right before, so that the vehicle was in motion when this one began.
+    """
 
     run: str
     state: str
@@ -41,6 +43,7 @@ class Cut:
     source_run: str | None
     rows: tuple[int, int]
     samples: int
+    moving: bool
     from_s: float
     to_s: float
 
@@ -81,9 +84,17 @@ class Slices(Shown):
         return tuple(cut for source in self.sources for cut in source.cuts)
 
     @property
+    def written(self) -> tuple[str, ...]:
+        """Files and folders of the result."""
+        folders = dict.fromkeys(file.partition("/")[0] + "/" for file in self.files)
+        return ("slices.json", "slices.md", *folders)
+
+    @property
     def files(self) -> tuple[str, ...]:
         """The file of each run in the folder of results."""
-        return tuple(f"{FOLDER}/{stem}.{self.form}" for stem in file_stems([cut.run for cut in self.cuts]))
+        stems = file_stems([cut.run for cut in self.cuts])
+        folders = (MOVING if cut.moving else FOLDER for cut in self.cuts)
+        return tuple(f"{folder}/{stem}.{self.form}" for folder, stem in zip(folders, stems))
 
     def to_json(self) -> dict[str, Any]:
         """The result: schema automarine/slices/1."""
@@ -103,10 +114,16 @@ class Slices(Shown):
              _seconds(cut.to_s), number(cut.to_s - cut.from_s, 3))
             for cut in self.cuts
         )  # fmt: skip
+        moving = sum(cut.moving for cut in self.cuts)
         lost = [one for source in self.sources for one in source.between]
         notes = [f"{source.file}: {note}" for source in self.sources for note in source.notes]
         told = (f"{one.source}, {_seconds(one.from_s)} to {_seconds(one.to_s)} s: {one.why}" for one in lost)
         notes += [*islice(told, MOST_TOLD), *[f"and {len(lost) - MOST_TOLD} more"] * (len(lost) > MOST_TOLD)]
+        if moving:
+            notes.insert(
+                0,
+                f"{moving} of {len(rows)} begin while another command moves the vehicle: in the folder {MOVING}",
+            )
         header = ("run", self.by, "log", "rows", "from s", "to s", "lasts s")
         return (Table("Runs", header, rows, notes=tuple(notes)),)
 
@@ -193,7 +210,7 @@ def _cut(
         name = "_".join(part for part in (stem, run, f"{number_:0{digits}d}", one.state) if part)
         rows = int(table.rows[one.first]), int(table.rows[one.stop - 1])
         ends = float(time[one.first]), float(time[one.stop - 1])
-        cut = Cut(printable(name), one.state, file.name, run, rows, one.stop - one.first, *ends)
+        cut = Cut(printable(name), one.state, file.name, run, rows, one.stop - one.first, one.moving, *ends)
         cuts.append(cut)
         contents.append(_content(table, one.first, one.stop, form, _comment(cut, by)))
     between = tuple(
