@@ -339,6 +339,9 @@ def test_the_command_writes_prints_and_lists(tmp_path: Path, run: Callable[..., 
     told = json.loads(run("export", path, "--to", "gz-sim", "--json").stdout)
     assert told["schema"] == "automarine/export/1" and told["text"] == printed.stdout
     assert told["carried"] == ["inertia", "quadratic-drag", "linear-drag"] and told["left_out"] == []
+    bare = run("export", path, "--to", "stonefish", "--allow-partial")
+    assert "Left out: quadratic-drag" in bare.stderr and "no drag is set" in bare.stderr
+    assert run("export", path, "--to", "stonefish", "--allow-partial", "-q").stderr == ""
     listed = run("export", "--list").stdout
     assert all(name in listed for name in targets.names())
     data = json.loads(run("export", "--list", "--json").stdout)

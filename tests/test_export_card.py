@@ -104,5 +104,28 @@ def test_units_and_frame_turn_values_and_intervals(tmp_path: Path) -> None:
     assert rows["compass-deviation C"][1:4] == ["-0.050000", "0.0040", "-0.05800 to -0.04200"]
     assert rows["compass-deviation D"][1:4] == ["-0.020000", "–", "–"]
     assert "moment: -2.000 to 1.000 N m" in text
-    assert f"Grew from yaw_model.json, SHA-256 {'ab' * 32}." in text
+    assert f"Grew from `yaw_model.json`, SHA-256 `{'ab' * 32}`." in text
     assert "there is no manifest.json beside the model file" in text and "fit again with this version" in text
+
+
+ODD = ["x", None, -1, [], {}, [1], ["a", "b"], [[1, "a"], [2, 3]], {"parameters": ["I_r"], "matrix": [["x"]]}]
+
+
+@pytest.mark.parametrize("odd", ODD, ids=repr)
+def test_a_card_takes_what_hands_made_of_the_file(tmp_path: Path, odd: object) -> None:
+    path = tmp_path / "a`b*[c](d).json"
+    entry = {
+        "k_rr": {"value": 1.2, "stderr": odd, "ci95": odd},
+        "I_r": 1.0,
+        "output_error": {"covariance": odd},
+    }
+    content = {
+        "schema": "automarine/yaw-model/1",
+        "moment_unit": "nu",
+        "models": {"3": entry},
+        "preferred": "3",
+    }
+    path.write_text(json.dumps(content | {"valid_range": {"moment": odd}, "parent": odd, "warnings": [odd]}))
+    text = export(path, to="card").text
+    assert "| quadratic-drag k_rr | quadratic yaw drag | 1.2000 | " in text
+    assert text.count("fit again with this version of automarine") == 2 and "`a'b*[c](d).json`" in text

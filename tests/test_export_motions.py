@@ -1,7 +1,10 @@
 """Surge and heave in the names of each target: the writers, on models made here; reading files back by hand."""
 
 import re
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +17,7 @@ from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import NAMES, Origin, Settings, Written, YawSubject
 from automarine_cli.exports.frames import in_enu
 from automarine_cli.exports.prepare import axis_of, in_unit, refuse_inertia
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.yaw_model import YawModel, steady_rate
 
 MASS, OWN, LINEAR, QUADRATIC, SKEW = 16.0, 9.5, 4.2, 21.0, 1.5
 PLACES = {"surge": 0, "heave": 2, "yaw": 5}
@@ -104,19 +107,44 @@ def test_heave_turns_over_in_enu_and_surge_does_not() -> None:
 @pytest.mark.parametrize("motion", ["surge", "heave"])
 def test_a_card_speaks_of_the_motion(motion: str) -> None:
     text = written(motion, "card", "markdown", data={}).text
-    assert text.startswith(f"# Model of {motion}: model.json") and "- Unit of force: N" in text
+    assert text.startswith(f"# Model of {motion}: `model.json`") and "- Unit of force: N" in text
     name, letter = NAMES[motion].inertia, NAMES[motion].rate_letter
     assert re.search(rf"^\| {name} \| rigid and added together \|.*\| kg \|$", text, flags=re.MULTILINE)
     assert f"{name} {letter}' = {NAMES[motion].force} + the forces" in text and "N s²/m²" in text
 
 
+@pytest.mark.parametrize(("motion", "position", "rate"), [("surge", "x", "u"), ("heave", "z", "w")])
+def test_python_has_the_motions_letters_and_moves_it(
+    tmp_path: Path, motion: str, position: str, rate: str
+) -> None:
+    model = (
+        subject(motion, "python", "simulate")
+        .model.with_effect("water-swirl", [0.1, 5.0])
+        .with_effect("thruster-lag", [0.2])
+    )
+    text = written(motion, "python", "simulate", model=model).text
+    names = NAMES[motion]
+    assert (
+        f"# Equation: {names.inertia} {rate}' = {names.force} -{names.force}_{rate}{rate} |{rate}| {rate}"
+        in text
+    )
+    assert f"{position}, {rate}, n, water = state" in text and f"return {position}, {rate}\n" in text
+    assert "as it is read [m] and rate [m/s] at `time` [s] under `tau` [N], all (N,)" in text
+    made = tmp_path / "made.py"
+    made.write_text(written(motion, "python", "simulate").text)
+    call = "import made, numpy as np; t = np.arange(0, 20, 0.1); print(made.simulate(t, 0 * t + 6.0)[1][-1])"
+    out = subprocess.run(
+        [sys.executable, "-c", call], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert float(out.stdout) == pytest.approx(float(steady_rate(6.0, LINEAR, QUADRATIC)), rel=1e-4)
+
+
 def test_what_a_target_does_not_take_is_refused() -> None:
     origin = Origin("surge_model.json", "0" * 64)
     data = {"schema": "automarine/surge-model/1"}
-    for name in ("python", "stonefish"):
-        with pytest.raises(SettingError) as problem:
-            axis_of(targets.get(name), data, origin)
-        assert str(problem.value) == f"surge_model.json is a model of surge; --to {name} takes models of yaw"
+    with pytest.raises(SettingError) as problem:
+        axis_of(targets.get("stonefish"), data, origin)
+    assert str(problem.value) == "surge_model.json is a model of surge; --to stonefish takes models of yaw"
     assert axis_of(targets.get("uuv"), data, origin) is AXES["surge"]
 
 

@@ -70,6 +70,8 @@ def export(
     result = workflow.export(model, to=to, out=out, **settings)
     if out is None and not as_json:
         click.echo(result.text, nl=False)
+        for note in result.warnings if options.verbosity_level() >= 0 else ():
+            click.echo(note, err=True)
         return result
     options.echo_result(result, as_json=as_json, tables=result.tables(), keep_hint=None)
     if not as_json and options.verbosity_level() >= 0:

@@ -30,13 +30,14 @@ YAW_MODEL, THRUSTER_MAP = "yaw model", "thruster map"
 @dataclass(frozen=True)
 class Names:
     """What the field calls one motion: the letters of its force or moment and of its rate, its inertia, its place among
-    the six motions, in a number and a word, the unit of its rate."""
+    the six motions, in a number and a word, the units of its position and of its rate."""
 
     force: str
     rate_letter: str
     inertia: str
     index: int
     place: str
+    position: str
     rate: str
 
     def said(self, text: str) -> str:
@@ -45,9 +46,9 @@ class Names:
 
 
 NAMES = {
-    "yaw": Names("N", "r", "I_r", 5, "last", "rad/s"),
-    "surge": Names("X", "u", "m_u", 0, "first", "m/s"),
-    "heave": Names("Z", "w", "m_w", 2, "third", "m/s"),
+    "yaw": Names("N", "r", "I_r", 5, "last", "rad", "rad/s"),
+    "surge": Names("X", "u", "m_u", 0, "first", "m", "m/s"),
+    "heave": Names("Z", "w", "m_w", 2, "third", "m", "m/s"),
 }
 
 

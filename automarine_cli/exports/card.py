@@ -12,6 +12,7 @@ from automarine_cli.exports.base import FRAMES, NAMES, Target, Written, YawSubje
 from automarine_cli.exports.frames import in_enu
 from automarine_cli.exports.units import in_newton_metres
 from automarine_cli.models.yaw_model import Term, YawModel
+from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import MISSING, Table, number
 
 BASE = {
@@ -31,8 +32,8 @@ def write(subject: YawSubject) -> Written:
     data = subject.data or {}
     entry = _mapping(_mapping(data.get("models")).get(subject.origin.number))
     parts = [
-        f"# Model of {subject.axis.name}: {subject.origin.file}\n",
-        f"Model {subject.origin.number}, written by automarine {__version__} from {subject.origin.file}, SHA-256 "
+        f"# Model of {subject.axis.name}: {_code(subject.origin.file)}\n",
+        f"Model {subject.origin.number} of the file, written by automarine {__version__}. SHA-256 of the file: "
         f"{subject.origin.sha256}.\n",
         f"- Unit of {subject.axis.say('moment')}: {subject.model.moment_unit}\n"
         f"- Frame: {FRAMES[subject.frame]}\n- {_signs(subject)}\n",
@@ -49,7 +50,7 @@ def write(subject: YawSubject) -> Written:
     ]
     warnings = data.get("warnings")
     if isinstance(warnings, list) and warnings:
-        parts += ["## Warnings\n", "".join(f"- {one}\n" for one in warnings)]
+        parts += ["## Warnings\n", "".join(f"- {printable(str(one))}\n" for one in warnings)]
     return Written("\n".join(parts))
 
 
@@ -125,24 +126,25 @@ def _covariance(subject: YawSubject, entry: Mapping[str, Any]) -> str:
     """The matrix of the file, in its own frame and unit, with the run as the unit of the data."""
     told = _mapping(_mapping(entry.get("output_error")).get("covariance"))
     names, matrix = told.get("parameters"), told.get("matrix")
-    if not (isinstance(names, list) and isinstance(matrix, list) and len(matrix) == len(names)):
+    lines = [_numbers(line) for line in matrix] if isinstance(matrix, list) else []
+    if not (lines and isinstance(names, list) and all(len(line) == len(names) for line in lines)):
         return "The file does not tell it; fit again with this version of automarine.\n"
-    rows = tuple((str(name), *(number(x) for x in line)) for name, line in zip(names, matrix))
+    rows = tuple((str(name), *(number(x) for x in line)) for name, line in zip(names, lines))
     note = "As in the file: its own unit of moment, in NED; in the products of the parameters' units."
     return Table("", ("", *map(str, names)), rows, notes=(note,)).to_markdown()
 
 
 def _range(subject: YawSubject, data: Mapping[str, Any]) -> str:
     told = _mapping(data.get("valid_range"))
-    moments, rates = told.get("moment"), told.get("yaw_rate_rad_s")
-    if not isinstance(moments, list):
+    moments, rates = _numbers(told.get("moment")), _numbers(told.get("yaw_rate_rad_s"))
+    if len(moments) != 2:
         return f"{NO_RANGE}\n"
     factor = subject.settings.newton_metres_per_nu or 1.0
     sign = -1.0 if subject.frame == "ENU" and subject.axis.name != "surge" else 1.0
     low, high = sorted(sign * factor * x for x in moments)
     moment = subject.axis.say("moment")
     lines = [f"- {moment}: {number(low)} to {number(high)} {subject.model.moment_unit}"]
-    if isinstance(rates, list):
+    if len(rates) == 2:
         low, high = sorted(sign * x for x in rates)
         lines.append(
             f"- rate: {number(low)} to {number(high)} {subject.names.rate}, steady under each {moment}"
@@ -159,10 +161,24 @@ def _effects(subject: YawSubject) -> str:
 def _logs(subject: YawSubject, data: Mapping[str, Any]) -> str:
     """Hashes of the logs, and of the model that this one grew from."""
     parent = _mapping(data.get("parent"))
-    grew = f"Grew from {parent.get('file')}, SHA-256 {parent.get('sha256')}.\n\n" if parent else ""
+    grew = (
+        f"Grew from {_code(parent.get('file'))}, SHA-256 {_code(parent.get('sha256'))}.\n\n" if parent else ""
+    )
     if subject.logs is None:
         return f"{grew}{NO_LOGS}\n"
     return grew + Table("", ("log", "SHA-256"), subject.logs).to_markdown()
+
+
+def _numbers(value: object) -> list[float]:
+    """The numbers of a list; none where it is no list of numbers alone."""
+    if not isinstance(value, list) or not all(type(x) in (int, float) for x in value):
+        return []
+    return [float(x) for x in value]
+
+
+def _code(text: object) -> str:
+    """A name from a file as code, which has no meaning to Markdown."""
+    return f"`{printable(str(text)).replace('`', chr(39))}`"
 
 
 def _mapping(value: object) -> Mapping[str, Any]:

@@ -1,8 +1,11 @@
 """Plain Python: one file with numpy, readable in one go, that simulates the model.
 
 The equation is ours, effects included, by classical Runge-Kutta on sub-steps. Source: `automarine effects NAME` has
-the equation of each effect; `python_terms` has it as the file writes it.
+the equation of each effect; `python_terms` has it as the file writes it. The code is yaw's, with the letters of the
+motion for psi, r and N.
 """
+
+import re
 
 from automarine_cli import effects
 from automarine_cli.effects.base import Parameter
@@ -10,81 +13,110 @@ from automarine_cli.exports.base import Target, Written, YawSubject, commented, 
 from automarine_cli.exports.python_terms import CUT, LINES, SWIRL, Lines
 from automarine_cli.models.yaw_model import Term
 
+POSITIONS = {"yaw": "psi", "surge": "x", "heave": "z"}
 STEP = 0.02  # s: the longest step of the integrator
-WIDE = 90  # characters of a line that is still read at a glance
 SHARE = 0.25  # of a propeller's time constant, where that is shorter
+WIDE = 90  # characters of a line that is still read at a glance
+
+FILE = '''{head}import numpy as np
+
+{constants}
+
+def simulate(time, tau, {start}):
+    """{position} as it is read [{its_unit}] and rate [{rate_unit}] at `time` [s] under `tau` [{unit}], all (N,).
+
+    tau[i] holds from time[i] to time[i + 1]; before time[0] there is none.
+    """
+'''
+BODY = """    time, tau = np.asarray(time, float), np.asarray(tau, float)
+
+    def slope(t, state, N):
+{slope}
+    state = np.array([{state}])
+    found = [state]
+    for i in range(len(time) - 1):
+        steps = max(1, int(np.ceil((time[i + 1] - time[i]) / {step})))
+        h = (time[i + 1] - time[i]) / steps
+        for t in time[i] + h * np.arange(steps):
+            N = {command}
+            a = slope(t, state, N)
+            b = slope(t + h / 2, state + h / 2 * a, N)
+            c = slope(t + h / 2, state + h / 2 * b, N)
+            state = state + h / 6 * (a + 2 * b + 2 * c + slope(t + h, state + h * c, N))
+        found.append(state)
+    psi, r = np.array(found).T[:2]
+{reading}    return psi, r
+"""
 
 
 def write(subject: YawSubject) -> Written:
     """The text of the file."""
-    values, written = subject.values, [lines_of(term) for term in subject.model.terms]
-    lag, swirl = "thruster-lag" in values, "water-swirl" in values
-    states = ["psi", "r", *["n"] * lag, *["w"] * swirl]
-    slopes = ["r", "moment / I_R", *["n_dot"] * lag, *["w_dot"] * swirl]
-    slope = [
-        f"{', '.join(states)} = x",
-        "s = r - w  # the rate through water that turns as well" if swirl else "s = r  # the water stands",
+    terms, values = subject.model.terms, subject.values
+    written = [lines_of(subject, term) for term in terms]
+    more = ["n"] * ("thruster-lag" in values) + ["water"] * ("water-swirl" in values)
+    lag = values.get("thruster-lag", (STEP / SHARE,))[0]
+    top = FILE.format(
+        head=commented(head(subject, equation(subject), ()), "#"),
+        constants=inertia(subject) + "".join(constants(subject, term) for term in terms),
+        start=in_letters(subject, "psi0=0.0, r0=0.0"),
+        position=subject.axis.say("heading").capitalize(),
+        its_unit=subject.names.position,
+        rate_unit=subject.names.rate,
+        unit=subject.model.moment_unit,
+    )
+    body = BODY.format(
+        slope=indented(slope_of(subject, written, more), 8),
+        state=", ".join(["psi0", "r0", *["0.0"] * len(more)]),
+        step=number(min(STEP, SHARE * lag)),
+        command=command(subject),
+        reading=indented([line for one in written for line in one.reading], 4),
+    )
+    return Written(top + in_letters(subject, body))
+
+
+def slope_of(subject: YawSubject, written: list[Lines], more: list[str]) -> list[str]:
+    """The right-hand side: the states `more` stand beside position and rate."""
+    slopes = ["r", f"moment / {constant_of_inertia(subject)}", *(f"{one}_dot" for one in more)]
+    water = " - water  # the rate through water that moves as well"
+    return [
+        f"{', '.join(['psi', 'r', *more])} = state",
+        f"s = r{water if 'water' in more else '  # the water stands'}",
         *(line for one in written for line in one.command),
         *total([one.moment for one in written if one.moment]),
         *(line for one in written for line in one.state),
         f"return np.array([{', '.join(slopes)}])",
     ]
-    reading = [line for one in written for line in one.reading]
-    step = min(STEP, SHARE * values["thruster-lag"][0]) if lag and values["thruster-lag"][0] else STEP
-    unit = subject.model.moment_unit
-    text = f'''{commented(head(subject, equation(subject), ()), "#")}import numpy as np
 
-I_R = {number(subject.model.inertia)}  # {subject.unit}: inertia, rigid and added
-{"".join(constants(term, unit) for term in subject.model.terms)}
 
-def simulate(time, tau, psi0=0.0, r0=0.0):
-    """Heading as it is read [rad] and yaw rate [rad/s] at `time` [s] under the moment `tau` [{unit}], all (N,).
+def total(moments: list[str]) -> list[str]:
+    """The sum of moments, in one line or one line a term."""
+    line = " ".join(["moment = N", *moments])
+    return [line] if len(line) < WIDE else ["moment = (", "    N", *(f"    {one}" for one in moments), ")"]
 
-    tau[i] holds from time[i] to time[i + 1]; before time[0] there is none.
-    """
-    time, tau = np.asarray(time, float), np.asarray(tau, float)
 
-    def slope(t, x, u):
-{indented(slope, 8)}
-    x = np.array([{", ".join(["psi0", "r0", *["0.0"] * (lag + swirl)])}])
-    found = [x]
-    for i in range(len(time) - 1):
-        steps = max(1, int(np.ceil((time[i + 1] - time[i]) / {number(step)})))
-        h = (time[i + 1] - time[i]) / steps
-        for t in time[i] + h * np.arange(steps):
-            u = {command(subject)}
-            a = slope(t, x, u)
-            b = slope(t + h / 2, x + h / 2 * a, u)
-            c = slope(t + h / 2, x + h / 2 * b, u)
-            x = x + h / 6 * (a + 2 * b + 2 * c + slope(t + h, x + h * c, u))
-        found.append(x)
-    psi, r = np.array(found).T[:2]
-{indented(reading, 4)}    return psi, r
-'''
-    return Written(text)
+def in_letters(subject: YawSubject, text: str) -> str:
+    """Code or an equation of yaw with the letters that the motion has for psi, r and N."""
+    names = subject.names
+    own = {"psi": POSITIONS[subject.axis.name], "r": names.rate_letter, "N": names.force}
+    return re.sub(r"\b(psi|r|N)(0?)\b", lambda one: own[one[1]] + one[2], text)
 
 
 def equation(subject: YawSubject) -> str:
     """The sum of moments in words of the effects."""
     moments = [effects.get(term.name) for term in subject.model.terms]
-    shown = [plain(one.equation) for one in moments if one.place.value == "moment"]
-    return " ".join(["I_r r' = u", *shown])
+    shown = " ".join(plain(one.equation) for one in moments if one.place.value == "moment")
+    drags = re.sub(r"\bk_r+\b", lambda one: subject.axis.key(one[0]), shown)
+    return in_letters(subject, f"{subject.names.inertia} r' = N {drags}".rstrip())
 
 
-def total(moments: list[str]) -> list[str]:
-    """The sum of moments, in one line or one line a term."""
-    line = " ".join(["moment = u", *moments])
-    return [line] if len(line) < WIDE else ["moment = (", "    u", *(f"    {one}" for one in moments), ")"]
-
-
-def lines_of(term: Term) -> Lines:
+def lines_of(subject: YawSubject, term: Term) -> Lines:
     """The lines of one term with the names of its constants in them."""
     lines = LINES[term.name]
     if term.name == "dead-band" and term.values[1] > 0:
         lines = CUT
     if term.name == "water-swirl":
         lines = SWIRL[term.values[2] > 0]
-    names = {p.name: constant(term, p) for p in effects.get(term.name).parameters}
+    names = {p.name: constant(subject, term, p) for p in effects.get(term.name).parameters}
     return lines.named(names)
 
 
@@ -93,23 +125,43 @@ def command(subject: YawSubject) -> str:
     if "input-delay" not in subject.values:
         return "tau[i]"
     (term,) = (term for term in subject.model.terms if term.name == "input-delay")
-    late = constant(term, effects.get(term.name).parameters[0])
+    late = constant(subject, term, effects.get(term.name).parameters[0])
     return f"np.append(tau, 0.0)[np.searchsorted(time, t + h / 2 - {late}, 'right') - 1]"
 
 
-def constants(term: Term, unit: str) -> str:
+def inertia(subject: YawSubject) -> str:
+    """The line of the inertia."""
+    value = number(subject.model.inertia)
+    return f"{constant_of_inertia(subject)} = {value}  # {subject.unit}: rigid and added together\n"
+
+
+def constant_of_inertia(subject: YawSubject) -> str:
+    """The inertia's name: I_R, M_U, M_W."""
+    return subject.names.inertia.upper()
+
+
+def constants(subject: YawSubject, term: Term) -> str:
     """One line for each parameter that counts: name, value, unit and meaning. Choices of law are in the equation."""
-    parameters = effects.get(term.name).parameters
-    return "".join(
-        f"{constant(term, p)} = {number(value)}  # {plain(p.unit_for(unit))}: {plain(p.meaning)}\n"
-        for p, value in zip(parameters, term.values)
+    lines = (
+        (
+            constant(subject, term, p),
+            number(value),
+            subject.axis.unit_in(p.unit, subject.model.moment_unit),
+            p.meaning,
+        )
+        for p, value in zip(effects.get(term.name).parameters, term.values)
         if not p.choices
+    )
+    return "".join(
+        f"{name} = {value}  # {plain(unit)}: {subject.axis.say(plain(meaning))}\n"
+        for name, value, unit, meaning in lines
     )
 
 
-def constant(term: Term, parameter: Parameter) -> str:
+def constant(subject: YawSubject, term: Term, parameter: Parameter) -> str:
     """The constant's name: K_RR of the drags, THRUST_LOSS_B of others."""
-    name = parameter.name if parameter.name.startswith("k_r") else f"{term.name}_{parameter.name}"
+    own = parameter.name.startswith("k_r")
+    name = subject.axis.key(parameter.name) if own else f"{term.name}_{parameter.name}"
     return name.replace("-", "_").upper()
 
 
@@ -126,5 +178,6 @@ TARGET = Target(
     carries=frozenset(LINES),
     si=False,
     uses=frozenset({"newton_metres_per_nu"}),
+    axes=tuple(POSITIONS),
     write=write,
 )

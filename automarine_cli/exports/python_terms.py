@@ -1,6 +1,6 @@
 """Each effect as lines of Python, for the file that `python` writes.
 
-In the lines stand u the moment, s the rate through the water, r the rate, psi the heading, t and time the times, and
+In the lines stand N the moment, s the rate through the water, r the rate, psi the heading, t and time the times, and
 in braces the names of the effect's constants. What is not here needs a logged column or differs from run to run.
 """
 
@@ -13,7 +13,7 @@ from automarine_cli.effects.dead_band import EDGE
 
 @dataclass(frozen=True)
 class Lines:
-    """`command`: lines that change the moment u, in the model's order; `moment`: a term of the sum of moments; `state`:
+    """`command`: lines that change the moment N, in the model's order; `moment`: a term of the sum of moments; `state`:
     slopes of states of its own; `reading`: lines that change the headings psi of shape (N,)."""
 
     command: tuple[str, ...] = ()
@@ -40,22 +40,22 @@ LINES: Mapping[str, Lines] = {
     "drag-asymmetry": Lines(moment="- {e} * s**2"),
     "tether-spring": Lines(moment="- {kappa} * (psi - psi0)"),
     "heading-moment": Lines(moment="+ {b} * np.sin(psi) + {c} * np.cos(psi)"),
-    "thrust-loss": Lines(moment="- {b} * abs(u) ** 0.5 * r"),
+    "thrust-loss": Lines(moment="- {b} * abs(N) ** 0.5 * r"),
     "periodic-disturbance": Lines(
         command=("turn = 2 * np.pi * (t - time[0]) / {T}",),
         moment="+ {A} * np.sin(turn) + {B} * np.cos(turn)",
     ),
     "water-swirl": Lines(),  # see SWIRL
     "input-delay": Lines(),  # a matter of which command holds
-    "thruster-lag": Lines(command=("n_dot = (np.sign(u) * abs(u) ** 0.5 - n) / {T}", "u = n * abs(n)")),
-    "dead-band": Lines(command=("u = np.sign(u) * max(abs(u) - {width}, 0.0)",)),
-    "saturation": Lines(command=("u = np.sign(u) * min(abs(u), {tau_max})",)),
-    "thrust-asymmetry": Lines(command=("u = (1.0 + {a} * np.sign(u)) * u",)),
-    "thrust-exponent": Lines(command=("u = np.sign(u) * {tau_ref} * (abs(u) / {tau_ref}) ** {p}",)),
+    "thruster-lag": Lines(command=("n_dot = (np.sign(N) * abs(N) ** 0.5 - n) / {T}", "N = n * abs(n)")),
+    "dead-band": Lines(command=("N = np.sign(N) * max(abs(N) - {width}, 0.0)",)),
+    "saturation": Lines(command=("N = np.sign(N) * min(abs(N), {tau_max})",)),
+    "thrust-asymmetry": Lines(command=("N = (1.0 + {a} * np.sign(N)) * N",)),
+    "thrust-exponent": Lines(command=("N = np.sign(N) * {tau_ref} * (abs(N) / {tau_ref}) ** {p}",)),
     "battery-sag": Lines(
         command=(
             "fresh = np.exp(-{discharge} * (t - {t_ref}) / 3600)",
-            "u = u * fresh * (1.0 - {load} * abs(u) / {tau_ref})",
+            "N = N * fresh * (1.0 - {load} * abs(N) / {tau_ref})",
         )
     ),
     "compass-deviation": Lines(
@@ -75,11 +75,11 @@ LINES: Mapping[str, Lines] = {
         )
     ),
 }
-CUT = Lines(command=(f"u = u * min(max((abs(u) - {{width}}) / ({2 * EDGE:g} * {{width}}) + 0.5, 0.0), 1.0)",))
+CUT = Lines(command=(f"N = N * min(max((abs(N) - {{width}}) / ({2 * EDGE:g} * {{width}}) + 0.5, 0.0), 1.0)",))
 """A dead-band of which all is left above the width."""
 
 SWIRL = (
-    Lines(state=("w_dot = ({chi} * s - (1.0 - {chi}) * w) / {T_w}",)),
-    Lines(state=("w_dot = ({chi} * s * abs(s) - (1.0 - {chi}) * w) / {T_w}",)),
+    Lines(state=("water_dot = ({chi} * s - (1.0 - {chi}) * water) / {T_w}",)),
+    Lines(state=("water_dot = ({chi} * s * abs(s) - (1.0 - {chi}) * water) / {T_w}",)),
 )
 """Water that is stirred by the slip, or by its square."""

@@ -9,6 +9,7 @@ from automarine_cli import exports as targets
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.exports.base import (
     THRUSTER_MAP,
+    YAW_MODEL,
     LeftOut,
     MapSubject,
     Origin,
@@ -58,6 +59,12 @@ class Exported:
         """The file's content."""
         return self.written.text
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the reader must not miss: effects left out, and the notes that warn."""
+        left = tuple(f"Left out: {one.name}: {one.why}." for one in self.left_out)
+        return left + tuple(note for note in self.written.notes if note.startswith(("Warning", "Left out")))
+
     def to_json(self) -> dict[str, Any]:
         """Schema automarine/export/1."""
         return {
@@ -98,6 +105,7 @@ class Targets:
                     "name": one.name,
                     "says": one.says,
                     "takes": one.takes,
+                    "motions": list(one.axes) if one.takes == YAW_MODEL else [],
                     "forms": dict(one.forms),
                     "frames": list(one.frames),
                     "effects": sorted(one.carries),
@@ -111,10 +119,15 @@ class Targets:
     def tables(self) -> tuple[Table, ...]:
         """One row a target."""
         rows = tuple(
-            (one.name, one.says, ", ".join(one.forms), ", ".join(one.frames)) for one in self.targets
+            (one.name, one.says, _taken(one), ", ".join(one.forms), ", ".join(one.frames))
+            for one in self.targets
         )
         note = "The first form and the first frame are taken where none is asked for; --json tells the effects of each."
-        return (Table("Targets", ("target", "writes", "forms", "frames"), rows, notes=(note,)),)
+        return (Table("Targets", ("target", "writes", "models of", "forms", "frames"), rows, notes=(note,)),)
+
+
+def _taken(target: Target) -> str:
+    return ", ".join(target.axes) if target.takes == YAW_MODEL else "thrusters"
 
 
 def export_targets() -> Targets:
