@@ -125,8 +125,9 @@ def _prepared(data: bytes, name: str) -> tuple[bytes, int]:
 
 
 def _ends_of_full_lines(data: bytes) -> int:
-    """How many line ends there are, or -1 if a line begins with a blank, #, a quote or a line end."""
-    if data[:1] <= b"#":
+    """How many line ends there are, or -1 if a line begins with a blank, #, a quote or a line end; but a header of
+    quoted names is usual."""
+    if data[:1] <= b"#" and not (data[:1] == b'"' and data[: data.find(b"\n")].count(b'"') % 2 == 0):
         return -1
     text, count = np.frombuffer(data, dtype=np.uint8), 0
     for start in range(0, len(text), CACHED):
@@ -169,7 +170,9 @@ def _arrow(body: pa.Buffer, head: Head, types: list[pa.DataType]) -> pa.Table:
     source: Any = pa.BufferReader(body)
     return arrow_csv.read_csv(
         source,
-        read_options=arrow_csv.ReadOptions(column_names=keys, block_size=_block_size(body, head)),
+        read_options=arrow_csv.ReadOptions(
+            column_names=keys, block_size=_block_size(body, head), use_threads=body.size > PIECE
+        ),
         parse_options=arrow_csv.ParseOptions(delimiter=head.delimiter),
         convert_options=arrow_csv.ConvertOptions(
             column_types=dict(zip(keys, types)),

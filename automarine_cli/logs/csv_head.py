@@ -14,6 +14,7 @@ SAMPLE_LINES = 8  # at each of three places
 LONGEST_HEADER = 10_000_000  # bytes
 MOST_EMPTY = 10_000  # lines looked at for these, empty ones among them
 MOST_CELLS = 100_000  # looked at; a log of thousands of columns shows itself in fewer lines
+_PLAIN = re.compile(r"-?\d+(\.\d+)?(,-?\d+(\.\d+)?)*")  # numbers and nothing else
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 
 
@@ -150,6 +151,8 @@ def _delimiter(header: str, sample: list[str]) -> str:
 
 
 def _decimal_comma(rows: list[list[str]]) -> bool:
+    if not any("," in cell for row in rows for cell in row):
+        return False
     commas = sum(_DECIMAL_COMMA.fullmatch(cell) is not None for row in rows for cell in row)
     points = sum("." in cell and is_number(cell) for row in rows for cell in row)
     return commas > points
@@ -157,6 +160,8 @@ def _decimal_comma(rows: list[list[str]]) -> bool:
 
 def _numeric(rows: list[list[str]], columns: int, decimal: str) -> tuple[bool, ...]:
     """One flag a column: number or missing in all rows looked at."""
+    if decimal == "." and all(map(_PLAIN.fullmatch, map(",".join, rows))):  # nearly all logs
+        return (True,) * columns
     flags = [True] * columns
     for row in rows:
         for i, cell in enumerate(row[:columns]):

@@ -11,6 +11,7 @@ from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
 from automarine_cli.runs.jumps import find_jumps
 from automarine_cli.runs.noise import median
+from automarine_cli.runs.plain import plain_position
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.sense import LARGEST_HEADING, clock_trouble, command_trouble, position_trouble, stuck
 from automarine_cli.runs.unwrap import find_glitches, unwrap, wrapped
@@ -38,6 +39,11 @@ def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tupl
     rows, counts = table.rows[chosen], dict.fromkeys(COUNTS, 0)
     counts["rows"] = len(rows)
     commands = (axis.command,) if axis.command in table.columns else axis.thrusters
+    position = plain_position(
+        columns["time"], columns[axis.position], [columns[key] for key in commands], axis
+    )
+    if position is not None:
+        return (_run(table, {**columns, axis.position: position}, name, counts),)
     missing = np.isnan(columns["time"])
     for key in (axis.position, *commands):
         missing |= np.isnan(columns[key])

@@ -162,6 +162,8 @@ class Trimmed:
 
     def of(self, run: Run) -> "Trimmed":
         """The same under the name of `run`."""
+        if run is self.run:
+            return self
         turn = None if self.turn is None else replace(self.turn, step=replace(self.turn.step, run=run))
         return Trimmed(run, turn, self.why)
 
@@ -191,9 +193,9 @@ def trimmed(run: Run, trim: Trim = UNTRIMMED) -> Trimmed:
 
 def _copied(run: Run, start: int, stop: int) -> Run:
     """Samples start:stop with nothing else, so that the rest of the log need not stay in memory."""
-    part = replace(run, extras={}).cut(start, stop)
-    moment = None if part.moment is None else part.moment.copy()
-    return replace(part, time=part.time.copy(), heading=part.heading.copy(), moment=moment)
+    time, heading = (column[start:stop].copy() for column in (run.time, run.heading))
+    moment = None if run.moment is None else run.moment[start:stop].copy()
+    return replace(run, time=time, heading=heading, moment=moment, extras={})
 
 
 NO_STEP = (

@@ -14,6 +14,9 @@ from automarine_cli.runs.noise import heading_noise, median
 
 Floats = NDArray[np.float64]
 
+NOISE_FROM = 1000
+"""Samples, the first of a run, that show its noise to four percent."""
+
 
 @dataclass(frozen=True)
 class SetAside:
@@ -55,7 +58,7 @@ class Run:
                 )
         if self.moment is not None and self.moment.shape != self.time.shape:
             raise RunError(f"{self.source}, run {self.name!r}: one moment for each sample expected")
-        if np.any(np.diff(self.time) <= 0):
+        if np.any(self.time[1:] <= self.time[:-1]):
             raise RunError(f"{self.source}, run {self.name!r}: the clock must rise strictly after cleaning")
 
     def __len__(self) -> int:
@@ -80,8 +83,8 @@ class Run:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation [rad] of the white noise on the heading, see `heading_noise`."""
-        return heading_noise(self.time, self.heading)
+        """Standard deviation [rad] of the white noise on the heading at the start of the run, see `heading_noise`."""
+        return heading_noise(self.time[:NOISE_FROM], self.heading[:NOISE_FROM])
 
     def as_commanded(self) -> "Run":
         """The run with what is logged of its commands for a moment: thruster commands added up if there is no other."""

@@ -8,6 +8,7 @@ from automarine_cli.runs.noise import median
 
 Floats = NDArray[np.float64]
 FEWEST_SAMPLES = 8
+LEAST_STUCK = 20  # samples of one exact heading
 SLOWEST = 5.0  # s between samples; nobody logs a yaw test more slowly
 FASTEST = 2e-4  # s between samples
 LARGEST_MOMENT = 1e12  # of either unit; beyond it arithmetic overflows
@@ -105,7 +106,7 @@ def stuck(heading: Floats, command: Floats, axis: Axis = YAW) -> str | None:
     if not acting.any():
         return None
     longest, at = longest_repeat(heading, acting)
-    if longest >= max(20, acting.sum() / 2):
+    if longest >= max(LEAST_STUCK, acting.sum() / 2):
         where = axis.shown(at) % 360 if axis.wraps else axis.shown(at)
         return axis.say(
             f"compass stuck: {longest} samples of exactly {where:.6g} degrees while a moment "

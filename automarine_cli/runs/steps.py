@@ -194,6 +194,8 @@ def _parabola(time: Floats, heading: Floats, at: float | None = None) -> tuple[F
     headings.
     """
     shifted = time - (time[0] if at is None else at)
-    design = np.vander(shifted, min(3, len(time)), increasing=True)
-    inverse = np.linalg.pinv(design)
+    powers = np.arange(min(3, len(time)))[:, None]
+    unit = float(np.abs(shifted).max()) or 1.0
+    design = (shifted / unit) ** powers
+    inverse = np.linalg.solve(design @ design.T, design) / unit**powers
     return inverse @ heading, inverse

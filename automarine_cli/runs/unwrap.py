@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from automarine_cli.runs.noise import NORMAL, median
 
@@ -14,7 +13,8 @@ TURN = 2 * np.pi
 LEAST_SPIKE = np.deg2rad(6)  # a smaller spike is left to the noise
 SPIKE_IN_SIGMA = 8.0
 LONGEST_SPIKE = 2  # samples
-LOCAL = 9  # samples over which the local rate is the median
+LOCAL = 9  # samples; of fewer nothing can be told
+ENOUGH = 1000  # second differences
 LONGEST_BRIDGE = 60.0  # s; over a longer gap anything may have happened
 LARGE_STEP = 0.35  # rad; three times a rate of this and the like of it are less than half a turn
 END_SPIKE = np.deg2rad(20)  # at the ends there is only one side to compare with
@@ -22,7 +22,7 @@ END_SPIKE = np.deg2rad(20)  # at the ends there is only one side to compare with
 
 def wrapped(angle: Floats, turn: float = TURN) -> Floats:
     """The same angle within (-pi, pi]; as it is if the position never comes back to itself (`turn` is infinite)."""
-    return np.pi - np.mod(np.pi - angle, TURN) if turn < np.inf else angle
+    return angle - TURN * np.ceil(angle / TURN - 0.5) if turn < np.inf else angle
 
 
 def find_glitches(time: Floats, heading: Floats, turn: float = TURN) -> NDArray[np.bool_]:
@@ -38,32 +38,51 @@ def find_glitches(time: Floats, heading: Floats, turn: float = TURN) -> NDArray[
     if count < LOCAL:
         return bad
     steps, spans = wrapped(np.diff(heading), turn), np.diff(time)
-    if not (_suspects(steps, spans, LONGEST_SPIKE, LEAST_SPIKE).size or _jumps_at_ends(heading, turn)):
-        return bad  # nearly all logs
-    rates = steps / spans
-    bend = steps - spans * median_filter(rates, size=LOCAL, mode="nearest")
-    threshold = max(LEAST_SPIKE, SPIKE_IN_SIGMA * NORMAL * median(np.abs(bend)))
-    for width in range(1, LONGEST_SPIKE + 1):
-        before = _suspects(steps, spans, width, threshold)
-        if not before.size:
-            continue
-        after = before + width + 1
-        rate = _median_beside(rates, before, after)
-        across = np.abs(_off(time, heading, rate, before, after, turn))
-        off = np.abs(_off(time, heading, rate, before, before + 1, turn))
-        for k in range(2, width + 1):
-            off = np.maximum(off, np.abs(_off(time, heading, rate, before, before + k, turn)))
-        around = _median_beside(np.abs(steps), before, after)
-        spike = (off > threshold) & (across < threshold) & (off > 3 * across) & (off > 1.5 * around)
-        spike &= ~np.any([bad[before + k] for k in range(width + 2)], axis=0)
-        for k in range(1, width + 1):
-            bad[before[spike] + k] = True
+    bend = np.abs(np.diff(steps))
+    threshold = spike_threshold(bend)
+    bad = find_spikes(time, heading, steps, spans, bend, threshold, turn)
     if not _jumps_at_ends(heading, turn):
         return bad
     return bad | _ends(time, heading, max(threshold, END_SPIKE), turn)
 
 
-def _suspects(steps: Floats, spans: Floats, width: int, threshold: float) -> Indices:
+def find_spikes(
+    time: Floats, heading: Floats, steps: Floats, spans: Floats, bend: Floats, threshold: float, turn: float
+) -> NDArray[np.bool_]:
+    """The spikes, (N,), that are not at an end; `steps` and `spans` (N-1,) are those of heading and time, `bend` (N-2,)
+    the sizes of the differences of the steps."""
+    bad = np.zeros(len(time), dtype=bool)
+    for width in range(1, LONGEST_SPIKE + 1):
+        before = _suspects(steps, spans, bend, width, threshold)
+        if not before.size:
+            continue
+        after = before + width + 1
+        rate = _median_beside(steps, before, after, spans)
+        across = np.abs(_off(time, heading, rate, before, after, turn))
+        off = np.abs(_off(time, heading, rate, before, before + 1, turn))
+        for k in range(2, width + 1):
+            off = np.maximum(off, np.abs(_off(time, heading, rate, before, before + k, turn)))
+        spike = (off > threshold) & (across < threshold) & (off > 3 * across)
+        if not spike.any():
+            continue
+        around = _median_beside(np.abs(steps), before, after)
+        spike &= off > 1.5 * around
+        spike &= ~np.any([bad[before + k] for k in range(width + 2)], axis=0)
+        for k in range(1, width + 1):
+            bad[before[spike] + k] = True
+    return bad
+
+
+def spike_threshold(bend: Floats) -> float:
+    """From what size on [rad or m] a sample may be a spike, by the sizes of second differences, (M,), of a position.
+
+    Those of white noise are root three times as wide as its steps. A thousand of them are enough.
+    """
+    some = bend[:: 1 + len(bend) // ENOUGH]
+    return max(LEAST_SPIKE, SPIKE_IN_SIGMA * NORMAL * median(some) / np.sqrt(3.0))
+
+
+def _suspects(steps: Floats, spans: Floats, bend: Floats, width: int, threshold: float) -> Indices:
     """The samples, shape (M,), that a spike of `width` samples may follow: a look at differences of steps spares
     the medians of nearly all samples of a log, and leaves out none that is a spike.
 
@@ -72,29 +91,27 @@ def _suspects(steps: Floats, spans: Floats, width: int, threshold: float) -> Ind
     differ by 4/3 off or more if one sample is off, by 2/3 off if two are, less what an uneven clock adds. That holds
     where no sum of steps passes half a turn, and is asked of the rest in full.
     """
-    every = np.arange(len(steps) - width)
-    uneven = float(spans.max() / spans.min()) - 1.0
-    share = 2 / 3 - uneven / 1.5
-    large = np.abs(steps) > LARGE_STEP
-    if share < 0.2 or np.count_nonzero(large) > 2:
-        return every
-    suspect = large.copy()
-    suspect[:-1] |= np.abs(np.diff(steps)) > 0.99 * share * threshold
-    suspect[:-1] |= large[1:]
-    found = np.zeros(len(every), dtype=bool)
-    for k in range(width):
-        found |= suspect[k : k + len(every)]
-    if large.any():  # at the ends of the log a step stands for its missing neighbours too
-        found[:4] = found[-4:] = True
-    return every[found]
+    share = 2 / 3 - (float(spans.max() / spans.min()) - 1.0) / 1.5
+    last = len(steps) - width
+    largest = max(float(steps.max()), -float(steps.min()))
+    large = np.flatnonzero(np.abs(steps) > LARGE_STEP) if largest > LARGE_STEP else np.zeros(0, dtype=int)
+    if share < 0.2 or len(large) > 2:
+        return np.arange(last)
+    suspect = np.concatenate([np.flatnonzero(bend > 0.99 * share * threshold), large, large - 1])
+    found = np.unique(np.concatenate([suspect - k for k in range(width)])) if suspect.size else suspect
+    if large.size:  # at the ends of the log a step stands for its missing neighbours too
+        found = np.union1d(found, [*range(4), *range(last - 4, last)])
+    return found[(found >= 0) & (found < last)]
 
 
-def _median_beside(steps: Floats, before: Indices, after: Indices) -> Floats:
-    """The median of the three steps that lead to sample `before` and the three that leave sample `after`, (M,)."""
-    places = [before - 3, before - 2, before - 1, after, after + 1, after + 2]
+def _median_beside(steps: Floats, before: Indices, after: Indices, spans: Floats | None = None) -> Floats:
+    """The median of the three steps that lead to sample `before` and the three that leave sample `after`, (M,); of
+    their rates where the `spans` of the steps are given."""
+    places = np.array([before - 3, before - 2, before - 1, after, after + 1, after + 2])
     inside = np.minimum(np.maximum(places, 0), len(steps) - 1)
-    ordered = np.sort(steps[inside], axis=0)
-    return np.asarray((ordered[2] + ordered[3]) / 2)
+    values = steps[inside] if spans is None else steps[inside] / spans[inside]
+    values.sort(axis=0)
+    return np.asarray((values[2] + values[3]) / 2)
 
 
 def _off(
