@@ -41,7 +41,7 @@ def test_the_card_says_what_the_model_file_and_its_manifest_say(fitted: Path) ->
     low, high = data["valid_range"]["moment"]
     assert f"moment: {low:.4g}"[:11] in text and low < 0 < high
     assert "drag coefficients are positive" in text and "Frame: NED world" in text
-    assert "-k_rr \\|r\\| r" in text or "-k_rr |r| r" in text
+    assert "- quadratic-drag: `-k_rr |r| r`. " in text
 
 
 def test_the_covariance_of_the_file_is_that_of_its_standard_errors(fitted: Path) -> None:

@@ -16,7 +16,7 @@ from automarine_cli.axes import AXES
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import NAMES, Origin, Settings, Written, YawSubject
 from automarine_cli.exports.frames import in_enu
-from automarine_cli.exports.prepare import axis_of, in_unit, refuse_inertia
+from automarine_cli.exports.prepare import axis_of, in_unit, refuse_inertia, split
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 
 MASS, OWN, LINEAR, QUADRATIC, SKEW = 16.0, 9.5, 4.2, 21.0, 1.5
@@ -111,6 +111,11 @@ def test_a_card_speaks_of_the_motion(motion: str) -> None:
     name, letter = NAMES[motion].inertia, NAMES[motion].rate_letter
     assert re.search(rf"^\| {name} \| rigid and added together \|.*\| kg \|$", text, flags=re.MULTILINE)
     assert f"{name} {letter}' = {NAMES[motion].force} + the forces" in text and "N s²/m²" in text
+    force = NAMES[motion].force
+    assert (
+        f"- quadratic-drag: `-{force}_{letter}{letter} |{letter}| {letter}`. Part of the drag grows" in text
+    )
+    assert "yaw" not in text.partition("## Parameters")[2]
 
 
 @pytest.mark.parametrize(("motion", "position", "rate"), [("surge", "x", "u"), ("heave", "z", "w")])
@@ -157,6 +162,15 @@ def test_a_mass_that_holds_water_is_not_a_links_mass() -> None:
         "vehicle: give the vehicle's own with --rigid-inertia"
     )
     refuse_inertia(targets.get("mss"), None, one.model, one.axis, one.origin)
+
+
+def test_the_constant_force_of_heave_is_for_mass_and_volume() -> None:
+    one = subject("heave", "uuv", "urdf")
+    kept, (left,) = split(
+        targets.get("uuv"), one.model.with_effect("bias-moment", [-2.0]), one.axis, Settings()
+    )
+    assert kept == one.model.terms and left.name == "bias-moment"
+    assert left.why == "it is the vehicle's weight less its buoyancy: set mass and volume of your model by it"
 
 
 def test_normalised_forces_need_their_size_in_newtons() -> None:

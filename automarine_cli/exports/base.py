@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from automarine_cli import __version__
+from automarine_cli import __version__, effects
 from automarine_cli.axes import YAW, Axis
 from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.models.yaw_model import YawModel
@@ -122,6 +122,11 @@ class YawSubject:
     def value(self, effect: str) -> float:
         """The first value of an effect, zero where the model has it not."""
         return self.values.get(effect, (0.0,))[0]
+
+    def equation_of(self, effect: str) -> str:
+        """An effect's equation in the letters of the motion and in letters of ASCII."""
+        text = plain(effects.get(effect).equation)
+        return self.names.said(re.sub(r"\bk_r+\b", lambda one: self.axis.key(one[0]), text))
 
     @property
     def inertias(self) -> tuple[float, float]:

@@ -153,7 +153,8 @@ def _range(subject: YawSubject, data: Mapping[str, Any]) -> str:
 
 
 def _effects(subject: YawSubject) -> str:
-    lines = [f"- {one.name}: {one.equation}. {one.says}" for one in map(effects.get, subject.values)]
+    said = {name: subject.axis.say(effects.get(name).says) for name in subject.values}
+    lines = [f"- {name}: {_code(subject.equation_of(name))}. {says}" for name, says in said.items()]
     lines += [f"- left out: {one.name}: {one.why}" for one in subject.left_out]
     return "\n".join(lines) + "\n"
 

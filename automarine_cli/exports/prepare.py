@@ -14,6 +14,7 @@ from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.words import listed
 
 WHY_NAMED = {"thruster-lag": "it acts in the thrusters; --to thrusters has --lag for it"}
+WHY_CONSTANT = "it is the vehicle's weight less its buoyancy: set mass and volume of your model by it"
 WHY = {
     "sensor": "it acts on the reading, not on the vehicle",
     "actuator": "it acts in the thrusters, before the moment",
@@ -51,16 +52,16 @@ def axis_of(target: Target, data: Mapping[str, Any], origin: Origin) -> Axis:
 
 
 def split(
-    target: Target, model: YawModel, settings: Settings
+    target: Target, model: YawModel, axis: Axis, settings: Settings
 ) -> tuple[tuple[Term, ...], tuple[LeftOut, ...]]:
     """Terms that the target carries, and the others; an effect that is switched off is nobody's loss."""
     live = [term for term in _merged(model.terms) if _matters(term)]
-    kept = tuple(term for term in live if not _why_not(target, term, settings))
+    kept = tuple(term for term in live if not _why_not(target, term, axis, settings))
     lost = (term for term in live if term not in kept)
-    return kept, tuple(LeftOut(term.name, _why_not(target, term, settings)) for term in lost)
+    return kept, tuple(LeftOut(term.name, _why_not(target, term, axis, settings)) for term in lost)
 
 
-def _why_not(target: Target, term: Term, settings: Settings) -> str:
+def _why_not(target: Target, term: Term, axis: Axis, settings: Settings) -> str:
     """Why the target cannot carry a term; empty where it can."""
     effect = effects.get(term.name)
     carried = target.carries_with(settings) if target.carries_with else target.carries
@@ -69,6 +70,8 @@ def _why_not(target: Target, term: Term, settings: Settings) -> str:
     if term.name in carried:
         return ""
     named = WHY_NAMED | dict(target.why)
+    if axis.constant and term.name == "bias-moment":
+        return WHY_CONSTANT
     if term.name in named:
         return named[term.name]
     return f"it needs the logged {listed(effect.needs)}" if effect.needs else WHY[effect.place.value]

@@ -95,18 +95,17 @@ def total(moments: list[str]) -> list[str]:
 
 
 def in_letters(subject: YawSubject, text: str) -> str:
-    """Code or an equation of yaw with the letters that the motion has for psi, r and N."""
-    names = subject.names
-    own = {"psi": POSITIONS[subject.axis.name], "r": names.rate_letter, "N": names.force}
-    return re.sub(r"\b(psi|r|N)(0?)\b", lambda one: own[one[1]] + one[2], text)
+    """Code or an equation of yaw with what the motion has for psi, r, N and moment."""
+    names, moment = subject.names, subject.axis.say("moment")
+    own = {"psi": POSITIONS[subject.axis.name], "r": names.rate_letter, "N": names.force, "moment": moment}
+    return re.sub(r"\b(psi|r|N|moment)(0?)\b", lambda one: own[one[1]] + one[2], text)
 
 
 def equation(subject: YawSubject) -> str:
     """The sum of moments in words of the effects."""
-    moments = [effects.get(term.name) for term in subject.model.terms]
-    shown = " ".join(plain(one.equation) for one in moments if one.place.value == "moment")
-    drags = re.sub(r"\bk_r+\b", lambda one: subject.axis.key(one[0]), shown)
-    return in_letters(subject, f"{subject.names.inertia} r' = N {drags}".rstrip())
+    moments = [term.name for term in subject.model.terms if effects.get(term.name).place.value == "moment"]
+    first = in_letters(subject, f"{subject.names.inertia} r' = N")
+    return " ".join([first, *map(subject.equation_of, moments)])
 
 
 def lines_of(subject: YawSubject, term: Term) -> Lines:

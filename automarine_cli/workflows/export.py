@@ -211,7 +211,7 @@ def _of_yaw(
     origin = replace(origin, number=which)
     model = in_unit(target, stored.models[which], axis, settings, origin)
     model = in_enu(model, axis) if frame == "ENU" else model
-    kept, left_out = split(target, model, settings)
+    kept, left_out = split(target, model, axis, settings)
     if left_out and not settings.allow_partial:
         raise SettingError(cannot(target, left_out, origin))
     part = replace(model, terms=kept)
