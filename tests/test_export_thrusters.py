@@ -7,12 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import SAMPLE_RUNS
 from export_readers import LAWS, constants_of
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import automarine_cli as am
 from automarine_cli import exports as targets
 from automarine_cli.errors import SettingError
+from automarine_cli.exports.base import number
+from automarine_cli.exports.thruster_laws import table, top, worst
 from automarine_cli.models.thruster_forms import Curve
 from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.workflows.export import export
@@ -62,6 +67,18 @@ def test_tables_follow_any_map(tmp_path: Path, form: str, map_: ThrusterMap) -> 
     expected = map_.force(signals())
     np.testing.assert_allclose(law(signals()), expected, atol=1.1e-3 * np.max(np.abs(expected)))
     assert np.all(law(np.array([-5.0, 0.0, 5.0])) == 0.0)
+
+
+@given(
+    a=st.floats(1e-6, 1e2), p=st.floats(0.4, 4.0), n_0=st.floats(0.0, 100.0), limit=st.floats(101.0, 900.0),
+    n_max=st.floats(105.0, 1000.0),
+)  # fmt: skip
+def test_tables_are_sound_for_any_curve(a: float, p: float, n_0: float, limit: float, n_max: float) -> None:
+    map_ = ThrusterMap("dead-band-power-saturation", Curve(a, p, n_0, limit), Curve(a / 3, p, 0.0, None))
+    n, force = table(map_, n_max)
+    assert np.all(np.diff(n) > 0) and n[0] == -n[-1] and 0.0 in n
+    assert [float(number(x)) for x in n] == list(n)
+    assert worst(map_, lambda x: np.interp(x, n, force), n_max) < 2e-3 * top(map_, n_max)
 
 
 REFUSED = {
@@ -159,6 +176,16 @@ def test_how_far_the_thruster_goes_must_be_known(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", FORMS)
+def test_a_thruster_that_never_leaves_its_dead_band_is_refused(tmp_path: Path, form: str) -> None:
+    with pytest.raises(SettingError) as problem:
+        export(map_file(tmp_path, BANDED), to="thrusters", form=form, n_max=15.0, allow_partial=True)
+    assert str(problem.value) == (
+        "thrusters.json: backward gives nothing up to n = 15, which is within its dead band of 18; give a larger "
+        "--n-max"
+    )
+
+
+@pytest.mark.parametrize("form", FORMS)
 def test_files_are_the_same_bytes_again_and_stamped(tmp_path: Path, form: str) -> None:
     settings: dict[str, Any] = {"symmetrise": True} if form == "gz-thruster" else {}
     texts = {export(map_file(tmp_path, SQUARE), to="thrusters", form=form, **settings).text for _ in range(2)}
@@ -175,6 +202,6 @@ def test_yaw_targets_refuse_a_map(tmp_path: Path) -> None:
 
 
 def test_python_takes_the_fit_itself(tmp_path: Path) -> None:
-    fit = am.fit_thrusters("sample_runs/thrusters", thrusters_per_test=2)
+    fit = am.fit_thrusters(SAMPLE_RUNS / "thrusters", thrusters_per_test=2)
     found = am.export(fit, to="thrusters")
     assert constants_of(found.text)["k_pos"] == pytest.approx(2.626e-4, rel=1e-3)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import MapSubject
+from automarine_cli.exports.base import MapSubject, number
 from automarine_cli.models.thruster_forms import Curve
 from automarine_cli.models.thruster_map import ThrusterMap
 
@@ -103,7 +103,7 @@ def _knots(curve: Curve | None, n_max: float, points: int) -> Floats:
         return np.array([0.0, n_max])
     limit = n_max if curve.n_sat is None else min(curve.n_sat, n_max)
     rise = curve.n_0 + (limit - curve.n_0) * np.linspace(0.0, 1.0, points) ** 1.5
-    return np.unique(np.concatenate([[0.0], rise, [n_max]]))
+    return np.unique([float(number(n)) for n in (0.0, *rise, n_max)])  # as the file has them: none twice
 
 
 def force_of(map_: ThrusterMap, n: Floats) -> Floats:

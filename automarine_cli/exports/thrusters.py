@@ -60,6 +60,11 @@ def write(subject: MapSubject) -> Written:
         if curve is None:
             _refuse_unmeasured(subject, name)
             notes.append(f"Left out: {name} was never measured and gives nothing here.")
+        elif curve.n_0 >= n_max:
+            raise SettingError(
+                f"{subject.origin.file}: {name} gives nothing up to n = {n_max:.4g}, which is within its dead band of "
+                f"{curve.n_0:.4g}; give a larger --n-max"
+            )
     if subject.form != "constants":
         notes.append(NAMES)
     if subject.form.endswith("table"):
