@@ -203,7 +203,7 @@ def test_headings_that_run_ahead_of_their_line_are_refused() -> None:
 def test_too_few_runs_or_moments_are_refused() -> None:
     data = noise_free(sizes=(0.5,))
     with pytest.raises(
-        FitError, match=r"2 half-turns at 1 size.* cannot carry Table 1; at least 3 runs at 2 moments"
+        FitError, match=r"2 half-turns at 1 size.* cannot carry Table 1; run at least 3 steps at 2 moments"
     ):
         fitted(data)
 

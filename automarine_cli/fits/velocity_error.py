@@ -93,7 +93,9 @@ def fit_velocity_error(
         tails = tail_lines(time, data.heading, start_heading, used)
         reference = _reference(data.moment, tails)
         tail_from, bias = _choose_tail(time, data, reference, noise)
-        used = _tail_mask(time, data, reference, tail_from)
+        before, used = used, _tail_mask(time, data, reference, tail_from)
+        if np.array_equal(used, before):
+            break
     tails = tail_lines(time, data.heading, start_heading, used)
     drag, inertia = {}, {}
     for model in models:

@@ -86,9 +86,14 @@ def _with(t: Floats, a: Floats, b: Floats, c: Floats, start: Floats) -> tuple[Fl
     with np.errstate(divide="ignore", invalid="ignore"):
         final = np.where(a > 0, a / (delta + b / 2), 0.0)
         final = np.where((b < 0) & (c > 0), (delta - b / 2) / c, final)  # standstill repels where drag drives
-    decay = np.exp(-2 * delta * t)
-    z = (final - start) * _mean_decay(delta, t)
-    return final * t + _log_ratio(c, z), final - (final - start) * decay / (1 - c * z)
+    decayed = np.expm1(-2 * delta * t)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # (1 - exp(-2 delta t))/(2 delta), and t where delta is zero (coasting with quadratic drag alone)
+        mean_decay = (
+            decayed * (-0.5 / delta) if np.all(delta > 0) else np.where(delta > 0, decayed / (-2 * delta), t)
+        )
+    z = (final - start) * mean_decay
+    return final * t + _log_ratio(c, z), final - (final - start) * (1 + decayed) / (1 - c * z)
 
 
 def _against(t: Floats, a: Floats, b: Floats, c: Floats, start: Floats) -> tuple[Floats, Floats]:
@@ -112,15 +117,11 @@ def _against(t: Floats, a: Floats, b: Floats, c: Floats, start: Floats) -> tuple
     return onward - angle, np.where(t < stop, -rate, onward_rate)
 
 
-def _mean_decay(delta: Floats, t: Floats) -> Floats:
-    """(1 - exp(-2 delta t))/(2 delta), and t where delta is zero (coasting with quadratic drag alone)."""
-    safe = np.where(delta > 0, delta, 1.0)
-    return np.where(delta > 0, -np.expm1(-2 * safe * t) / (2 * safe), t)
-
-
 def _log_ratio(c: Floats, z: Floats) -> Floats:
     """ln(1 - c z)/c, by its series where c z is tiny (no quadratic drag)."""
-    product = c * z
+    product = np.asarray(c * z)
     tiny = np.abs(product) < 1e-7
-    safe = np.where(tiny, 1.0, c)
-    return np.where(tiny, -z * (1 + product / 2), np.log1p(np.where(tiny, 0.0, -product)) / safe)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.asarray(np.log1p(-product) / c)
+    ratio[tiny] = -np.broadcast_to(z, product.shape)[tiny] * (1 + product[tiny] / 2)
+    return ratio
