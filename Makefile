@@ -82,10 +82,11 @@ sample-runs: $(READY) ## Make sample_runs again from its specifications, byte fo
 	$(AUTOMARINE) simulate sample_runs/campaign.toml -o $(OUT)/sample_runs --overwrite
 	for made in thrusters steps validation truth.json; do \
 	  rm -rf sample_runs/$$made && cp -R $(OUT)/sample_runs/$$made sample_runs/$$made || exit 1; done
-	for made in hidden_one hidden_two; do \
+	for made in hidden_one hidden_two surge heave hidden_surge hidden_heave; do \
 	  $(AUTOMARINE) simulate sample_runs/$$made.toml -o $(OUT)/sample_runs_$$made --overwrite && \
-	  rm -rf sample_runs/$$made && cp -R $(OUT)/sample_runs_$$made/$$made sample_runs/$$made && \
-	  cp $(OUT)/sample_runs_$$made/truth.json sample_runs/$$made.truth.json || exit 1; done
+	  cp $(OUT)/sample_runs_$$made/truth.json sample_runs/$$made.truth.json || exit 1; \
+	  for logs in $(OUT)/sample_runs_$$made/*/; do rm -rf sample_runs/$$(basename $$logs) && \
+	    cp -R $$logs sample_runs/$$(basename $$logs) || exit 1; done; done
 
 paper: $(READY) ## The paper's own tables against 200 simulated campaigns
 	$(BIN)/python tests/benchmarks/paper.py --out $(OUT)

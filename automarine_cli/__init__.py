@@ -13,6 +13,8 @@ if TYPE_CHECKING:
         compare,
         diagnose,
         export,
+        fit_heave,
+        fit_surge,
         fit_thrusters,
         fit_yaw,
         plan,
@@ -23,8 +25,8 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 __all__ = [
-    "__version__", "check", "compare", "diagnose", "effects", "export", "fit_thrusters", "fit_yaw", "plan",
-    "simulate", "slice_log", "validate",
+    "__version__", "check", "compare", "diagnose", "effects", "export", "fit_heave", "fit_surge", "fit_thrusters",
+    "fit_yaw", "plan", "simulate", "slice_log", "validate",
 ]  # fmt: skip
 
 

@@ -18,17 +18,19 @@ from automarine_cli.simulation.campaign import make_campaign
 from automarine_cli.simulation.specification import read_specification
 
 HIDDEN = ("hidden_one", "hidden_two")
+FORCES = ("surge", "heave")
 MADE = {
     "campaign": ("thrusters", "steps", "validation", "truth.json"),
-    **{name: (name, "truth.json") for name in HIDDEN},
+    **{name: (name, f"{name}_validation", "truth.json") for name in FORCES},
+    **{name: (name, "truth.json") for name in (*HIDDEN, *(f"hidden_{motion}" for motion in FORCES))},
 }
 """What each specification makes."""
 SPECIFICATIONS = {f"{name}.toml" for name in MADE} | {"paper.toml"}
 
 
 def kept_as(specification: str, name: str) -> str:
-    """Name in sample_runs of what a specification makes: the truth of hidden campaigns lies beside their logs."""
-    return f"{specification}.{name}" if specification in HIDDEN and name == "truth.json" else name
+    """Name in sample_runs of what a specification makes: the truth of other campaigns lies beside their logs."""
+    return f"{specification}.{name}" if specification != "campaign" and name == "truth.json" else name
 
 
 def files(folder: Path, names: Iterable[str]) -> list[tuple[str, bytes]]:

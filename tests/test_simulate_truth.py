@@ -15,7 +15,7 @@ from automarine_cli.simulation import campaign as room
 from automarine_cli.simulation.campaign import SimulatedRun, make_campaign, make_runs
 from automarine_cli.simulation.logging_chain import DECIMALS, sample_times
 from automarine_cli.simulation.plans import make_plans
-from automarine_cli.simulation.run_groups import time_to_turn
+from automarine_cli.simulation.run_groups import Resistance, time_to_turn
 from automarine_cli.simulation.specification import Specification
 
 Floats = NDArray[np.float64]
@@ -103,7 +103,7 @@ def test_log_may_begin_with_the_moment_already_on() -> None:
 def test_a_turn_lasts_as_long_as_the_base_vehicle_needs() -> None:
     for drag in ((1.018, 0.0, 1.257), (1.018, 0.5, 0.0), (0.5, 0.1, 2.0)):
         for moment in (0.1, -1.2):
-            time = time_to_turn(3.5, moment, drag)
+            time = time_to_turn(3.5, moment, Resistance(*drag))
             assert abs(response(time, moment, *drag)[0]) == pytest.approx(3.5, abs=1e-9)
 
 

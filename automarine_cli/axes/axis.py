@@ -70,7 +70,7 @@ class Axis:
 
     def say(self, text: str) -> str:
         """A sentence about yaw in the words of this motion."""
-        return self._said.sub(lambda found: self.words[found[0]], text) if self.words else text
+        return self._said.sub(lambda found: self._own[found[0]], text) if self.words else text
 
     def key(self, name: str) -> str:
         """A key of yaw's result files as this motion has it."""
@@ -82,7 +82,7 @@ class Axis:
 
     def plain(self, content: Any) -> Any:
         """Content of this motion's file under yaw's keys."""
-        return renamed(content, {own: key for key, own in self.keys.items()})
+        return renamed(content, {own: key for key, own in reversed(list(self.keys.items()))})
 
     def unit_of(self, parameter: str, command_unit: str = "nu") -> str:
         """Unit of a parameter (`k_r`, `k_rr`, `k_rrr`, `I_r`, `tau`, `theta_c`, `b`, `e`)."""
@@ -94,6 +94,7 @@ class Axis:
             "k_rrr": " s³/m³",
             "I_r": " s²/m",
             "tau": "",
+            "b": "",
             "c": "",
             "e": " s²/m²",
         }
@@ -108,15 +109,19 @@ class Axis:
         return template.format(moment=command_unit)
 
     @cached_property
+    def _own(self) -> dict[str, str]:
+        return {**self.keys, **self.words}
+
+    @cached_property
     def _said(self) -> re.Pattern[str]:
-        longest = sorted(self.words, key=len, reverse=True)
+        longest = sorted(self._own, key=len, reverse=True)
         return re.compile("|".join(_word(one) for one in longest))
 
 
 def _word(text: str) -> str:
-    """A pattern of the text as a whole word: letters and underscores do not go on before or after it."""
-    before = r"(?<!\w)" if text[0].isalpha() else ""
-    after = r"(?![\w|])" if text[-1].isalnum() else ""
+    """A pattern of the text as a whole word, and no part of a name of a file or of an effect (`bias-moment`)."""
+    before = r"(?<![\w/-])" if text[0].isalpha() else ""
+    after = r"(?![\w|/]|[.-]\w)" if text[-1].isalnum() else ""
     return before + re.escape(text) + after
 
 

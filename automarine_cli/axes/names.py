@@ -4,6 +4,7 @@
 def keys_of(symbol: str, letter: str, mass: str, position: str) -> dict[str, str]:
     """Keys of yaw's result files and what a translation has in their place."""
     drag = f"{symbol}_{letter}"
+    symbol_axis = {"X": "surge", "Z": "heave"}
     return {
         "I_r": mass,
         "k_r": drag,
@@ -23,6 +24,7 @@ def keys_of(symbol: str, letter: str, mass: str, position: str) -> dict[str, str
         "start_heading_rad": f"start_{position}_m",
         "heading_deg": f"{position}_cm",
         "I_r_mean_at_moment": f"{mass}_mean_at_force",
+        "yaw_rate_rad_s": f"{symbol_axis[symbol]}_m_s",
         "turn_deg": "travel_m",
         "turned_deg": "covered_cm",
         "turns": "covered_m",
@@ -70,6 +72,8 @@ def words_of(
         "turned angle": "distance covered",
         "turned-angle": "distance-covered",
         "half-turn": "step",
+        "torsional spring": "spring",
+        "torsional stiffness": "stiffness",
         "half-turns": "steps",
         "half a turn": "the way allowed",
         "degrees of turn": "cm of way",
@@ -92,6 +96,8 @@ def words_of(
         "k_rr": f"{symbol}_{letter}{letter}",
         "k_r|r|": f"{symbol}_{letter}|{letter}|",
         "k_{r|r|}": f"{symbol}_{{{letter}|{letter}|}}",
+        "I_r/k_r|r|": f"{mass}/{symbol}_{letter}|{letter}|",
+        "I_r/k_{r|r|}": f"{mass}/{symbol}_{{{letter}|{letter}|}}",
         "yaw rate r": f"{axis} speed {letter}",
         "Steady yaw rate r": f"Steady {axis} speed {letter}",
         "τ": symbol,

@@ -1,6 +1,7 @@
 """`automarine fit-yaw`: options in, one workflow call, tables out."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -10,10 +11,11 @@ from automarine_cli.cli.echo import Printable
 FIGURES = ("half_turns.png", "drag.png", "inertia.png", "collapse.png")
 
 
-def files_of(half_turns: bool) -> tuple[str, ...]:
-    """What a fit to half-turns, or to whole runs, leaves in its folder."""
-    figures = FIGURES if half_turns else ("whole_runs.png",)
-    return ("yaw_model.json", "table1 and table2 (.csv, .md, .tex)", "runs.parquet", *figures)
+def files_of(half_turns: bool, motion: str = "yaw") -> tuple[str, ...]:
+    """What a fit to half-turns (steps), or to whole runs, leaves in its folder."""
+    steps = FIGURES if motion == "yaw" else ("steps.png", *FIGURES[1:])
+    figures = steps if half_turns else ("whole_runs.png",)
+    return (f"{motion}_model.json", "table1 and table2 (.csv, .md, .tex)", "runs.parquet", *figures)
 
 
 @click.command("fit-yaw", short_help="Step runs to drag, inertia and a yaw model.")
@@ -21,10 +23,7 @@ def files_of(half_turns: bool) -> tuple[str, ...]:
 @options.columns_option
 @options.thrusters_option
 @options.arm_option
-@click.option(
-    "--fit-to", type=click.Choice(("auto", "half-turns", "whole-runs")), default="auto", show_default=True,
-    help="What of the runs is fitted; auto takes half-turns where enough runs have them.",
-)  # fmt: skip
+@options.fit_to_option
 @options.out_option
 @options.overwrite_option
 @options.strict_option
@@ -44,13 +43,20 @@ def fit_yaw(
     Example:
       automarine fit-yaw sample_runs/steps -o out/fit-yaw
     """
-    from automarine_cli.report import yaw_report
     from automarine_cli.workflows import fit_yaw as workflow
 
     result = workflow.fit_yaw(
         logs, columns=columns, thrusters=thrusters, arm=arm, fit_to=fit_to, out=out, overwrite=overwrite,
         strict=strict, jobs=jobs, progress=options.terminal_progress(),
     )  # fmt: skip
+    return told(result, out, as_json)
+
+
+def told(result: Any, out: Path | None, as_json: bool) -> object:
+    """Print the fit of any motion; hand it back."""
+    from automarine_cli.report import yaw_report
+
     tables: list[Printable | str] = [*yaw_report.tables(result, short=True), *yaw_report.sentences(result)]
-    options.echo_result(result, as_json=as_json, out=out, tables=tables, files=files_of(bool(result.turns)))
+    files = files_of(bool(result.turns), result.axis.name)
+    options.echo_result(result, as_json=as_json, out=out, tables=tables, files=files)
     return result

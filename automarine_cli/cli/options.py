@@ -16,6 +16,8 @@ __all__ = [
     "columns_option",
     "echo_result",
     "echo_set_aside",
+    "fit_options",
+    "fit_to_option",
     "inputs_option",
     "jobs_option",
     "json_option",
@@ -110,6 +112,12 @@ cluster_option = click.option(
 )  # fmt: skip
 """`cluster`: address or None."""
 
+fit_to_option = click.option(
+    "--fit-to", type=click.Choice(("auto", "half-turns", "whole-runs")), default="auto", show_default=True,
+    help="What of the runs is fitted; auto takes half-turns where enough runs have them.",
+)  # fmt: skip
+"""`fit_to`: one of three words."""
+
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else."
 )
@@ -139,3 +147,18 @@ arm_option = click.option(
     help="Lever arm of the two thrusters, with --thrusters.",
 )  # fmt: skip
 """`arm`: metres or None."""
+
+
+def fit_options(function: Function) -> Function:
+    """What `fit-surge` and `fit-heave` share; their `--fit-to` speaks of steps."""
+    steps = click.option(
+        "--fit-to", type=click.Choice(("auto", "steps", "whole-runs")), default="auto", show_default=True,
+        help="What of the runs is fitted; auto takes steps where there are enough.",
+    )  # fmt: skip
+    every = (
+        logs_argument, columns_option, thrusters_option, steps, out_option, overwrite_option, strict_option,
+        jobs_option, json_option, verbosity,
+    )  # fmt: skip
+    for one in reversed(every):
+        function = one(function)
+    return function

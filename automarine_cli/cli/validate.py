@@ -10,6 +10,13 @@ FILES = ("validation.json", "validation.csv", "validation.md", "validation.tex")
 PICTURES = "validation_RUN.png"
 
 
+def _of_force(model: Path) -> bool:
+    """Whether the model is one of surge or heave, whose thrusters need no arm; if it can be told at a glance."""
+    with model.open("rb") as file:
+        start = file.read(2000)
+    return b"surge-model/1" in start or b"heave-model/1" in start
+
+
 @click.command("validate", short_help="Simulate each log with each model, and compare.")
 @options.logs_argument
 @options.model_option
@@ -51,7 +58,8 @@ def validate(
       automarine fit-yaw sample_runs/steps -o out/yaw
       automarine validate sample_runs/validation --model out/yaw/yaw_model.json -o out/validation
     """
-    if (thrusters is None) != (arm is None) and (thrusters is None or columns is None):
+    levered = arm is not None or not _of_force(model)
+    if levered and (thrusters is None) != (arm is None) and (thrusters is None or columns is None):
         raise click.UsageError("--thrusters MAP.json and --arm METRES go together.")
     from automarine_cli.workflows import validate as workflow
 

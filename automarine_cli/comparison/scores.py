@@ -63,9 +63,10 @@ def score(free: FreeRun, restarted: Floats) -> RunScore:
     if free.diverged:
         nothing = dict.fromkeys(SUMMED, 0)
         return RunScore(free.start, True, 0.0, nothing, nothing, 0.0)
-    error = np.rad2deg(free.error)
-    again = np.rad2deg(restarted[1:]) if np.all(np.isfinite(restarted)) else np.zeros(0)
-    measured = np.rad2deg(free.run.heading)
+    axis = free.run.axis
+    error = axis.shown(free.error)
+    again = axis.shown(restarted[1:]) if np.all(np.isfinite(restarted)) else np.zeros(0)
+    measured = axis.shown(free.run.heading)
     rate = rate_error(free)
     columns = dict(zip(SUMMED, (error, again, rate)))
     return RunScore(
@@ -80,9 +81,9 @@ def score(free: FreeRun, restarted: Floats) -> RunScore:
 
 def rate_source(run: Run) -> str:
     """Where the measured yaw rate of a run comes from, in words."""
-    if "yaw_rate" in run.extras:
-        return "yaw rate in the log"
-    return f"slope of the heading smoothed over {rate_window(run) * run.sample_period:.3g} s"
+    if run.axis.rate in run.extras:
+        return run.axis.say("yaw rate in the log")
+    return f"slope of the {run.axis.position} smoothed over {rate_window(run) * run.sample_period:.3g} s"
 
 
 def rate_error(free: FreeRun) -> Floats:
@@ -91,10 +92,10 @@ def rate_error(free: FreeRun) -> Floats:
     With a yaw rate in the log at the samples that have one; otherwise both headings are treated alike, put on an
     even grid and differentiated by Savitzky and Golay's parabola, never across a gap.
     """
-    run = free.run
-    if "yaw_rate" in run.extras:
-        error = run.extras["yaw_rate"] - free.rate
-        return np.rad2deg(error[~np.isnan(run.extras["yaw_rate"])])
+    run, axis = free.run, free.run.axis
+    if axis.rate in run.extras:
+        error = run.extras[axis.rate] - free.rate
+        return np.asarray(axis.shown(error[~np.isnan(run.extras[axis.rate])]))
     period, width = run.sample_period, rate_window(run)
     weights = savgol_coeffs(width, 2, deriv=1, delta=period)
     edges = np.flatnonzero(np.diff(run.time) > GAP_IN_PERIODS * period) + 1
@@ -103,7 +104,7 @@ def rate_error(free: FreeRun) -> Floats:
         even = np.arange(time[0], time[-1] + 1e-6 * period, period)
         if len(even) >= width:
             slopes.append(np.convolve(np.interp(even, time, error), weights, mode="valid"))
-    return np.rad2deg(np.concatenate(slopes)) if slopes else np.zeros(0)
+    return np.asarray(axis.shown(np.concatenate(slopes))) if slopes else np.zeros(0)
 
 
 def rate_window(run: Run) -> int:
@@ -113,7 +114,7 @@ def rate_window(run: Run) -> int:
 
 def noise_floor(run: Run) -> float:
     """White noise of the heading [deg], measured apart from any model."""
-    return float(np.rad2deg(heading_noise(run.time, run.heading)))
+    return float(run.axis.shown(heading_noise(run.time, run.heading)))
 
 
 def pooled_floor(runs: Sequence[Run]) -> float:

@@ -6,7 +6,14 @@ from automarine_cli import effects
 from automarine_cli.effects import Motion
 from automarine_cli.models.yaw_model import YawModel
 
-DRAGS = ("linear-drag", "quadratic-drag", "cubic-drag", "coulomb-drag", "drag-asymmetry")
+DRAGS = (
+    "linear-drag",
+    "quadratic-drag",
+    "cubic-drag",
+    "coulomb-drag",
+    "drag-asymmetry",
+    "linear-drag-asymmetry",
+)
 
 RATES = 50
 """Rates at which drag is asked for its sign, either way round."""

@@ -71,11 +71,12 @@ def penalty(parameters: int, runs: int) -> float:
 
 
 def candidates(study: Study, model: YawModel) -> list[str]:
-    """Effects that the model lacks and the logs can drive."""
+    """Effects of its motion that the model lacks and the logs can drive."""
     present = {term.name for term in model.terms}
     return [
         name for name in effects.names()
-        if name not in present and set(effects.get(name).needs) <= set(study.signals)
+        if name not in present and model.axis.name in effects.get(name).axes
+        and set(effects.get(name).needs) <= set(study.signals)
     ]  # fmt: skip
 
 

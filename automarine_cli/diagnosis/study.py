@@ -51,6 +51,16 @@ class Study:
         return make_batch(self.runs, min(0.1, step_for(self.base, largest)), self.signals)
 
     @cached_property
+    def time(self) -> Floats:
+        """Time of each sample since the run's first one [s], (R, N), also while somebody held the vehicle."""
+        if not self.base.axis.constant:
+            return self.batch.time
+        time = np.zeros(self.batch.seen.shape)
+        for row, run in zip(time, self.runs):
+            row[: len(run)] = run.time - run.time[0]
+        return time
+
+    @cached_property
     def at_rest(self) -> NDArray[np.bool_]:
         """Which runs begin with the vehicle standing still, (R,)."""
         return np.array([starts_at_rest(run) for run in self.runs])

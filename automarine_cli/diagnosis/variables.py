@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.axes import Axis
 from automarine_cli.diagnosis.study import Study
 
 Floats = NDArray[np.float64]
@@ -14,7 +15,15 @@ FEWEST_IN_A_BIN = 2
 """Runs that a bin needs: one run alone says nothing about chance."""
 OF_THE_RUN = 0.1
 """A column that varies within runs by less than this share of its whole spread is a property of the run."""
-UNITS = {"voltage": "V", "surge": "m/s", "sway": "m/s", "yaw_rate": "deg/s", "n_port": "", "n_stbd": ""}
+UNITS = {
+    "voltage": "V",
+    "surge": "m/s",
+    "sway": "m/s",
+    "heave": "m/s",
+    "yaw_rate": "deg/s",
+    "n_port": "",
+    "n_stbd": "",
+}
 
 
 @dataclass(frozen=True)
@@ -34,7 +43,7 @@ class Column:
 def columns(study: Study, fitted: Floats) -> list[Column]:
     """Every variable of the runs of `study`; `fitted` (R, N) are headings smooth enough to differentiate [rad]."""
     batch = study.batch
-    seen, time = batch.seen, batch.time
+    seen, time, axis = batch.seen, study.time, study.base.axis
     moment = commanded(study)
     start = np.array([float(np.median(run.heading[:5])) for run in study.runs])
     measured = np.where(seen, batch.heading, np.nan)
@@ -43,13 +52,13 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
     found = [
         Column("time-since-command-change", "s", _since_change(moment, time)),
         Column("time-in-run", "s", time),
-        Column("turned-angle", "deg", np.degrees(fitted - fitted[:, :1])),
-        Column("heading", "deg", np.degrees(measured) % 360.0),
-        Column("yaw-rate", "deg/s", np.degrees(rates(fitted, time, seen))),
+        Column("turned-angle", axis.unit, axis.shown(fitted - fitted[:, :1])),
+        Column("heading", axis.unit, _once_round(axis.shown(measured), axis)),
+        Column("yaw-rate", f"{axis.unit}/s", axis.shown(rates(fitted, time, seen))),
         Column("moment", study.base.moment_unit, moment),
         Column("moment", study.base.moment_unit, of_runs(study)),
         Column("moment-size", study.base.moment_unit, np.abs(of_runs(study))),
-        Column("start-heading", "deg", np.degrees(start) % 360.0),
+        Column("start-heading", axis.unit, _once_round(axis.shown(start), axis)),
         Column("run-order", "", order),
         Column("campaign-clock", "s", clock),
     ]
@@ -58,7 +67,7 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
         values = np.full(seen.shape, np.nan)
         for row, run in zip(values, study.runs):
             row[: len(run)] = run.extras[name]
-        scale = np.degrees(1.0) if name == "yaw_rate" else 1.0
+        scale = axis.shown(1.0) if name == "yaw_rate" else 1.0
         found.append(_of_run_or_sample(name.replace("_", "-"), UNITS.get(name, ""), scale * values))
     columns_ = [
         Column(c.name, c.unit, c.values if c.of_the_run else np.where(seen, c.values, np.nan)) for c in found
@@ -68,6 +77,11 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
         if np.isfinite(column.values).any() and np.nanmax(column.values) > np.nanmin(column.values):
             kept.setdefault((column.name, column.of_the_run), column)
     return list(kept.values())
+
+
+def _once_round(shown: Floats, axis: Axis) -> Floats:
+    """Headings within a turn; positions that never come back as they are."""
+    return shown % 360.0 if axis.wraps else shown
 
 
 def of_runs(study: Study) -> Floats:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from automarine_cli import effects
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.diagnosis.gap import Gap, residuals
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.study import Study
@@ -121,7 +122,7 @@ def parameter_estimates(study: Study, trial: Trial, name: str) -> dict[str, Esti
     for term in trial.model.terms:
         for parameter in effects.get(term.name).parameters:
             if term.name == name:
-                unit = parameter.unit_for(trial.model.moment_unit)
+                unit = parameter.unit_for(trial.model.moment_unit, trial.model.axis)
                 found[parameter.name] = estimate_of(trial.fit, covariance, at, unit)
             at += 1
     for i, varying in enumerate(varying_terms(trial.model)):
@@ -141,7 +142,9 @@ def _amplitude(study: Study, trial: Trial, factor: int) -> Estimate:
 def base_estimates(study: Study, trial: Trial) -> dict[str, Estimate]:
     """Estimates of inertia and the base model's drag."""
     covariance = study.covariance(trial.model, trial.fit)
-    found = {"I_r": estimate_of(trial.fit, covariance, 0, f"{trial.model.moment_unit} s²")}
+    found = {
+        "I_r": estimate_of(trial.fit, covariance, 0, study.base.axis.unit_of("I_r", trial.model.moment_unit))
+    }
     for term in study.base.terms:
         found |= parameter_estimates(study, trial, term.name)
     return found
@@ -169,21 +172,22 @@ def named_effects(
             NamedRival(
                 rival.name,
                 weight * float(np.exp(-0.5 * rival.behind)),
-                split_by.get((name, rival.name), effects.get(name).separated_by),
+                split_by.get((name, rival.name), study.base.axis.say(effects.get(name).separated_by)),
             )
             for rival in own
         )
         sure = weight * (1.0 - found.p_values.get(name, LEVEL))
         parameters = parameter_estimates(study, found.final, name)
         p_value = found.p_values.get(name, LEVEL)
-        named.append(NamedEffect(name, effects.get(name).says, parameters, sure, p_value, rivals))
+        says = study.base.axis.say(effects.get(name).says)
+        named.append(NamedEffect(name, says, parameters, sure, p_value, rivals))
     return tuple(named)
 
 
-def gap_json(gap: Gap) -> dict[str, float]:
+def gap_json(gap: Gap, axis: Axis = YAW) -> dict[str, float]:
     """The contract's form, in degrees."""
     return {
-        "before_deg": float(np.degrees(gap.before)),
-        "after_deg": float(np.degrees(gap.after)),
-        "noise_floor_deg": float(np.degrees(gap.floor)),
+        "before_deg": float(axis.shown(gap.before)),
+        "after_deg": float(axis.shown(gap.after)),
+        "noise_floor_deg": float(axis.shown(gap.floor)),
     }

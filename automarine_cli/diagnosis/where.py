@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.diagnosis.bins import Variable, of_runs, of_samples, over_variables
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Trial
@@ -47,12 +48,12 @@ class Region:
     share: float
     seen_in: str
 
-    def to_json(self) -> dict[str, object]:
-        """The contract's form, in degrees."""
+    def to_json(self, axis: Axis = YAW) -> dict[str, object]:
+        """The contract's form, in degrees; for a translation in its words, still under yaw's keys."""
         return {
-            "variable": self.variable, "from": self.low, "to": self.high, "unit": self.unit,
-            "gap_deg": float(np.degrees(self.gap)), "p_value": self.p_value, "runs": list(self.runs),
-            "share": self.share, "seen_in": self.seen_in,
+            "variable": axis.say(self.variable), "from": self.low, "to": self.high, "unit": self.unit,
+            "gap_deg": float(axis.shown(self.gap)), "p_value": self.p_value, "runs": list(self.runs),
+            "share": self.share, "seen_in": axis.say(self.seen_in),
         }  # fmt: skip
 
 
@@ -77,12 +78,13 @@ class Where:
     seen: NDArray[np.bool_]
     floor: float
     moment_unit: str
+    axis: Axis = YAW
 
 
 def find_where(study: Study, base: Trial, seed: int) -> Where:
     """Look at the gap of `base` on the runs of `study` against every variable; `seed` draws the signs."""
     residual, moment = gaps(study, base)
-    batch = study.batch
+    batch, axis = study.batch, study.base.axis
     raw = without_gains(study, base)
     fitted = np.where(batch.seen, batch.heading - residual, 0.0)
     sign = np.where(batch.seen, direction(study), 0.0)
@@ -91,8 +93,8 @@ def find_where(study: Study, base: Trial, seed: int) -> Where:
     drawn = random.random((PERMUTATIONS, len(study.runs)))
     found: list[tuple[Column, Variable, Floats]] = []
     kinds = {
-        "heading": ("deg", np.degrees(residual)),
-        "thrust": ("deg", np.degrees(raw)),
+        "heading": (axis.unit, axis.shown(residual)),
+        "thrust": (axis.unit, axis.shown(raw)),
         "moment": (study.base.moment_unit, moment),
     }
     for column in columns(study, fitted):
@@ -120,10 +122,11 @@ def find_where(study: Study, base: Trial, seed: int) -> Where:
         sign=sign,
         gain=gain,
         mean_moment=np.array([float(p.mean()) if len(p) else 0.0 for p in pushed]),
-        time=batch.time,
+        time=study.time,
         seen=batch.seen,
         floor=study.floor,
         moment_unit=study.base.moment_unit,
+        axis=axis,
     )
 
 

@@ -27,6 +27,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.axes import YAW, Axis
+
 Floats = NDArray[np.float64]
 
 
@@ -81,9 +83,9 @@ class Parameter:
         power = 0.5 if self.unit.startswith("({moment})^1/2") else 1.0 if "{moment}" in self.unit else 0.0
         return float(value * largest**power)
 
-    def unit_for(self, moment_unit: str) -> str:
-        """Unit in print for logs whose moment is in `moment_unit`."""
-        return self.unit.format(moment=moment_unit)
+    def unit_for(self, moment_unit: str, axis: Axis = YAW) -> str:
+        """Unit in print for logs whose moment, or force, is in `moment_unit`."""
+        return axis.unit_in(self.unit, moment_unit)
 
 
 @dataclass(slots=True)
@@ -146,6 +148,9 @@ class Effect:
 
     per_run: ClassVar[int] = 0
     """How many coefficients each run may have of its own, in units of moment; the methods get them after the values."""
+
+    axes: ClassVar[tuple[str, ...]] = ("yaw", "surge", "heave")
+    """The motions in which it may act."""
 
     @property
     def shapes(self) -> tuple[bool, ...]:

@@ -24,6 +24,7 @@ class CompassDeviation(Effect):
     separated_by = "start headings a quarter turn apart, at a small and a large moment"
     source = "National Geospatial-Intelligence Agency (2004), Handbook of Magnetic Compass Adjustment"
     parity = MIXED
+    axes = ("yaw",)
 
     def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:
         b, c, d, e = values

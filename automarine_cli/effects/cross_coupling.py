@@ -18,6 +18,7 @@ class CrossCoupling(Effect):
     separated_by = "balanced thrust (no way on) beside equal thruster speeds"
     source = "Fossen (2011), Handbook of Marine Craft Hydrodynamics, section 6 (added mass, Coriolis)"
     needs = ("surge",)
+    axes = ("yaw",)
 
     def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
         (c,) = values

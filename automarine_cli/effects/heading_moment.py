@@ -25,6 +25,7 @@ class HeadingMoment(Effect):
     source = "Fossen (2011), Handbook of Marine Craft Hydrodynamics, section 8 (current and weathervaning)"
     parity = MIXED
     steered = True
+    axes = ("yaw",)
 
     def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
         b, c = values

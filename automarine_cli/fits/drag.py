@@ -7,20 +7,24 @@ robust against unequal scatter (HC3, MacKinnon and White 1985, J. Econometrics 2
 Student's t.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.errors import FitError
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.quantities import unit_of
 
 Floats = NDArray[np.float64]
 
 COLUMNS = {"1": ("k_r",), "2": ("k_rr", "k_r"), "3": ("k_rr",), "3+c": ("k_rr", "c")}
 """Parameters of each reading of Table 1, in the order of the regressors."""
+
+FEWEST_A_WAY = 3
+"""Runs each way from which on it is asked whether drag differs."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,16 @@ class DragFit:
     sse: float
     aicc: float
     residuals: Floats
+
+    def acting(self, moment: Floats) -> tuple[Floats, Floats | float, Floats | float]:
+        """What each run (R,) moves by: the moment with the constant one, k_r and k_rr on the way that it goes."""
+        k_r, k_rr = self.drag
+        if "b" in self.estimates:
+            moment = moment + self.estimates["b"].value
+        if "e" not in self.estimates:
+            return moment, k_r, k_rr
+        more = np.sign(moment) * self.estimates["e"].value
+        return (moment, k_r + more, k_rr) if self.model == "1" else (moment, k_r, k_rr + more)
 
     @property
     def drag(self) -> tuple[float, float]:
@@ -49,18 +63,45 @@ class NestedTest:
     p_value: float
 
 
-def regressors(rate: Floats, model: str) -> Floats:
+def columns_of(model: str, axis: Axis = YAW, sided: bool = False) -> tuple[str, ...]:
+    """Parameters of a drag model of a motion: `b` is the constant force, `e` half the difference between the ways."""
+    return (*COLUMNS[model], *(("b",) if axis.constant else ()), *(("e",) if sided else ()))
+
+
+def regressors(rate: Floats, model: str, names: Sequence[str] = ()) -> Floats:
     """Regressor columns (R, p) of a drag model for steady rates (R,) [rad/s]."""
-    known = {"k_rr": np.abs(rate) * rate, "k_r": rate, "c": np.ones_like(rate)}
-    return np.stack([known[name] for name in COLUMNS[model]], axis=1)
+    known = {"k_rr": np.abs(rate) * rate, "k_r": rate, "c": np.ones_like(rate), "b": -np.ones_like(rate)}
+    known["e"] = np.abs(rate) if model == "1" else rate**2
+    return np.stack([known[name] for name in names or COLUMNS[model]], axis=1)
 
 
-def fit_drag(moment: Floats, rate: Floats, model: str, moment_unit: str = "nu") -> DragFit:
+def fit_drag_by_way(moment: Floats, rate: Floats, model: str, moment_unit: str, axis: Axis) -> DragFit:
+    """`fit_drag`; of a motion whose drag may differ between its two ways with that, where the points show it."""
+    ways = np.sum(rate > 0), np.sum(rate < 0)
+    if not axis.sided or min(ways) < FEWEST_A_WAY or model not in ("1", "2", "3"):
+        return fit_drag(moment, rate, model, moment_unit, axis)
+    try:
+        apart = fit_drag(moment, rate, model, moment_unit, axis, sided=True)
+    except FitError:
+        return fit_drag(moment, rate, model, moment_unit, axis)
+    low, high = apart.estimates["e"].ci95
+    return apart if low > 0 or high < 0 else fit_drag(moment, rate, model, moment_unit, axis)
+
+
+def fit_drag(
+    moment: Floats,
+    rate: Floats,
+    model: str,
+    moment_unit: str = "nu",
+    axis: Axis = YAW,
+    sided: bool = False,
+) -> DragFit:
     """Fit one drag model to steady points: moments (R,) and rates (R,) [rad/s].
 
     Raises FitError for fewer points than the model needs or points that cannot tell its terms apart.
     """
-    x = regressors(rate, model)
+    names = columns_of(model, axis, sided)
+    x = regressors(rate, model, names)
     points, count = x.shape
     if points < count + 1 or np.linalg.matrix_rank(x / np.abs(x).max(axis=0)) < count:
         sizes = len(np.unique(np.round(np.abs(moment), 9)))
@@ -76,12 +117,17 @@ def fit_drag(moment: Floats, rate: Floats, model: str, moment_unit: str = "nu") 
     stderr = np.sqrt(np.diagonal(inverse @ score.T @ score @ inverse))
     sse = float(residuals @ residuals)
     estimates = {
-        name: Estimate.from_stderr(
-            v, e, points - count, moment_unit if name == "c" else unit_of(name, moment_unit)
-        )
-        for name, v, e in zip(COLUMNS[model], values, stderr)
+        name: Estimate.from_stderr(v, e, points - count, axis.unit_of(_like(name, model), moment_unit))
+        for name, v, e in zip(names, values, stderr)
     }
     return DragFit(model, estimates, sse, _aicc(sse, points, count), residuals)
+
+
+def _like(name: str, model: str) -> str:
+    """The parameter that has the same unit: the difference between two ways is one of their drag."""
+    if name == "e":
+        return "k_r" if model == "1" else "k_rr"
+    return "tau" if name in ("b", "c") else name
 
 
 def _aicc(sse: float, points: int, parameters: int) -> float:

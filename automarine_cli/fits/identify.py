@@ -1,21 +1,25 @@
 """From runs to a yaw fit: which runs serve for what, then both estimators and the preferred model."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.axes import YAW
 from automarine_cli.errors import FitError, RunError
+from automarine_cli.fits.drag import FEWEST_A_WAY
 from automarine_cli.fits.output_error import OutputErrorFit, fit_half_turns, fit_whole_runs, prefer
 from automarine_cli.fits.step_response import Known, StepData, half_turn_data
 from automarine_cli.fits.velocity_error import VelocityErrorFit, fit_velocity_error
+from automarine_cli.fits.ways import by_way
 from automarine_cli.fits.yaw_cautions import design_cautions, fit_cautions, seed_cautions
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.fits.yaw_warnings import fit_warnings, step_warnings, told
-from automarine_cli.runs.half_turn import HalfTurn, half_turns
+from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, half_turns
 from automarine_cli.runs.run import Run, SetAside
-from automarine_cli.runs.steps import find_steps
+from automarine_cli.runs.steps import find_steps, released
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
 
@@ -25,6 +29,7 @@ NOTHING_KNOWN = Known()
 
 FEWEST_STEPS = 3
 FEWEST_SAMPLES = 20  # of a whole run
+LEAST_WAY = 0.1
 
 
 STEPS = (0.1, 0.025)
@@ -32,16 +37,20 @@ STEPS = (0.1, 0.025)
 
 
 def identify(
-    runs: Sequence[Run], fit_to: str = "auto", known: Known = NOTHING_KNOWN, each: Map | None = None
+    runs: Sequence[Run],
+    fit_to: str = "auto",
+    known: Known = NOTHING_KNOWN,
+    each: Map | None = None,
+    trim: Trim = UNTRIMMED,
 ) -> YawFit:
-    """Fit the three models to `runs`.
+    """Fit the three models to `runs`, whose steps are followed as far as `trim` says.
 
     `fit_to` is "half-turns", "whole-runs", or "auto": half-turns if at least three at two sizes of moment
     serve and they are half of the runs or more, else whole runs. `known` is what need not be estimated;
     `each` maps a function over the models (to use processes). Raises RunError where too few runs are left,
     FitError where the data cannot carry a fit.
     """
-    turns, set_aside = half_turns(runs)
+    turns, set_aside = half_turns(runs, trim)
     return identify_turns(turns, set_aside, lambda: runs, fit_to, known, each)
 
 
@@ -59,8 +68,10 @@ def identify_turns(
     sizes = len({round(abs(turn.moment), 9) for turn in turns})
     enough = len(turns) >= FEWEST_STEPS and sizes >= 2
     if fit_to == "half-turns" and not enough:
+        axis = turns[0].step.run.axis if turns else YAW
+        word = axis.say("half-turn")
         raise RunError(
-            f"{_counted(len(turns), 'half-turn')} at {_counted(sizes, 'size')} of moment serve, and at least "
+            f"{_counted(len(turns), word)} at {_counted(sizes, 'size')} of {axis.say('moment')} serve, and at least "
             f"{FEWEST_STEPS} at 2 are needed; "
             f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         )
@@ -84,14 +95,17 @@ def _reasons(set_aside: Sequence[SetAside]) -> str:
 def _fit_steps(
     turns: tuple[HalfTurn, ...], set_aside: tuple[SetAside, ...], known: Known, each: Map
 ) -> YawFit:
-    unit = turns[0].step.run.moment_unit
+    unit, axis = turns[0].step.run.moment_unit, turns[0].step.run.axis
     data = half_turn_data(turns)
     zero = np.zeros(len(turns))
     rough = fit_velocity_error(data, zero, moment_unit=unit, models=("1", "3"))
     start = (_inertia_to_begin_with(rough), rough.drag["1"].drag[0], rough.drag["3"].drag[1])
-    fits = dict(
-        zip("123", each(partial(_fit_model, data=data, start=start, unit=unit, known=known), ("1", "2", "3")))
-    )
+    constant = {model: fit.estimates["b"].value for model, fit in rough.drag.items() if axis.constant}
+    both = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= FEWEST_A_WAY)
+    ask = partial(
+        _fit_model, data=data, start=start, constant=constant, unit=unit, known=known, both=both
+    )  # fmt: skip
+    fits = dict(zip("123", each(ask, ("1", "2", "3"))))
     preference = prefer(fits)
     seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit)
     noise = float(np.median([turn.noise for turn in turns]))
@@ -100,12 +114,13 @@ def _fit_steps(
         *seed_cautions(seed, fits[preference.number].gain_scatter.value),
         *fit_cautions(fits),
     )
+    cautions = tuple(replace(one, sentence=axis.say(one.sentence)) for one in cautions)
     warnings = (
-        *step_warnings(turns, seed),
+        *(axis.say(one) for one in step_warnings(turns, seed, axis)),
         *fit_warnings(fits, preference, data.names, noise),
         *told(cautions, preference),
     )
-    return YawFit(unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, cautions)
+    return YawFit(unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, cautions, axis)
 
 
 def _inertia_to_begin_with(rough: VelocityErrorFit) -> float:
@@ -115,12 +130,24 @@ def _inertia_to_begin_with(rough: VelocityErrorFit) -> float:
 
 
 def _fit_model(
-    number: str, data: StepData, start: tuple[float, float, float], unit: str, known: Known
+    number: str,
+    data: StepData,
+    start: tuple[float, float, float],
+    constant: Mapping[str, float],
+    unit: str,
+    known: Known,
+    both: bool,
 ) -> OutputErrorFit:
     inertia, k_r, k_rr = start
     if number == "1":  # its inertia from the same tails: equation 7 against equation 9
         inertia *= 0.7
-    return fit_half_turns(data, number, (inertia, k_r if number == "1" else 0.02 * k_r, k_rr), unit, known)
+    begin = (inertia, k_r if number == "1" else 0.02 * k_r, k_rr)
+    always = constant.get(number, constant.get("3", 0.0))
+
+    def fit(sided: bool) -> OutputErrorFit:
+        return fit_half_turns(data, number, begin, unit, known, always, sided)
+
+    return by_way(fit, data.axis, both)
 
 
 def _fit_whole(runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, each: Map) -> YawFit:
@@ -134,9 +161,10 @@ def _fit_whole(runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, ea
             f"none of {_counted(len(runs), 'run')} serves for a fit; {_reasons(short)}look at them with "
             "`automarine check`"
         )
+    axis = moving[0].axis
     at_rest = np.array([starts_at_rest(run) for run in moving])
     fits = dict(zip("123", each(partial(_fit_whole_model, runs=moving, at_rest=at_rest), ("1", "2", "3"))))
-    why = (
+    why = axis.say(
         "The whole runs were fitted by output error, as asked (--fit-to whole-runs); steady rates and velocity "
         "errors are of half-turns only"
         if fit_to == "whole-runs"
@@ -146,21 +174,24 @@ def _fit_whole(runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, ea
     preference = prefer(fits)
     unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
     cautions = (*design_cautions(levels.tolist(), unit, of_steps=False), *fit_cautions(fits))
+    cautions = tuple(replace(one, sentence=axis.say(one.sentence)) for one in cautions)
     warnings = (*fit_warnings(fits, preference, [run.name for run in moving]), *told(cautions, preference))
-    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, cautions)
+    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, axis)
 
 
 def _too_little(run: Run) -> str:
     if len(run) < FEWEST_SAMPLES:
         return f"{len(run)} samples say nothing of drag or inertia; log for longer, at least {FEWEST_SAMPLES} samples"
-    return "no moment acts in this run; it shows the noise, but neither drag nor inertia"
+    return run.axis.say("no moment acts in this run; it shows the noise, but neither drag nor inertia")
 
 
 def _fit_whole_model(number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_]) -> OutputErrorFit:
     """Fit, and fit again with finer steps where the model turns out to be faster than the first ones."""
     largest = max(float(np.abs(run.command).max()) for run in runs)
+    both = _both_ways(runs)
     for step in STEPS:
-        fit = fit_whole_runs(make_batch(runs, step), number, at_rest)
+        batch = make_batch(runs, step)
+        fit = by_way(partial(fit_whole_runs, batch, number, at_rest), batch.axis, both)
         if step_for(fit.model, largest) >= 0.5 * step:
             return fit
     raise FitError(
@@ -170,7 +201,16 @@ def _fit_whole_model(number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_
     )
 
 
+def _both_ways(runs: Sequence[Run]) -> bool:
+    """Whether a tenth of all that the runs went, or more, went each way."""
+    steps = np.concatenate([np.diff(run.heading[:: max(1, round(1.0 / run.sample_period))]) for run in runs])
+    gone = float(steps[steps > 0].sum()), float(-steps[steps < 0].sum())
+    return min(gone) > LEAST_WAY * sum(gone)
+
+
 def starts_at_rest(run: Run) -> bool:
-    """Whether the run begins with the vehicle standing still at zero moment."""
+    """Whether the run begins with the vehicle standing still at zero moment, or where a constant force acts at any."""
+    if run.axis.constant:
+        return bool(released(run))
     steps = find_steps(run)
     return bool(steps) and steps[0].rest is not None and steps[0].rest.start <= 2

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli import effects
+from automarine_cli.axes import Axis
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.influence import covariance_of_changes, degrees_of_freedom, left_out_changes
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
 from automarine_cli.fits.nodes import COUNTS
-from automarine_cli.fits.step_response import NAMES, Known, StepData, instant, step_problem
+from automarine_cli.fits.step_response import Known, StepData, instant, step_problem
+from automarine_cli.fits.ways import Ways
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem, without_gain
-from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
-from automarine_cli.quantities import unit_of
+from automarine_cli.models.yaw_model import YawModel, base_names
 from automarine_cli.simulation.batch import Batch
 
 Floats = NDArray[np.float64]
@@ -35,7 +35,8 @@ class OutputErrorFit:
 
     `estimates` by parameter name, `inertial_turn_angle` I/k_rr [rad] (models 2 and 3), `offset` of the command's
     instant [sample intervals], `gain_scatter` run to run (relative), `noise` [rad], `covariance` (p, p) of phi
-    (logarithms of positive parameters) with the run as the unit, `start` (p,) the theta that the search began with.
+    (logarithms of positive parameters) with the run as the unit, `start` (p,) the theta that the search began with;
+    `ways` the drag of each way where that was asked.
     """
 
     number: str
@@ -48,6 +49,7 @@ class OutputErrorFit:
     mixed: MixedFit
     covariance: Floats
     start: Floats
+    ways: Ways | None = None
 
 
 @dataclass(frozen=True)
@@ -59,25 +61,36 @@ class Preference:
 
 
 def fit_half_turns(
-    data: StepData, number: str, start: tuple[float, float, float], moment_unit: str, known: Known
+    data: StepData,
+    number: str,
+    start: tuple[float, float, float],
+    moment_unit: str,
+    known: Known,
+    constant: float = 0.0,
+    sided: bool = False,
 ) -> OutputErrorFit:
-    """Fit one model to half-turns; `start` is (I_r, k_r, k_rr) to begin from, wherever it came from."""
+    """Fit one model to half-turns; `start` is (I_r, k_r, k_rr) to begin from, wherever it came from.
+
+    Of motions that have them also a `constant` force and, if `sided`, the difference of drag between the ways.
+    """
     inertia, k_r, k_rr = start
-    values = {"1": (k_r,), "2": (k_rr, k_r), "3": (k_rr,)}[number]
-    begin = np.array([inertia, *values, 0.0])
-    problem, mixed = _fit_at_nodes(data, number, known, begin)
-    return _outcome(number, problem, mixed, begin, moment_unit, of_half_turns=True)
+    begins = {"I_r": inertia, "k_r": k_r, "k_rr": k_rr, "b": constant, "e": 0.0}
+    begin = np.array([*(begins[name] for name in base_names(number, data.axis, sided)), 0.0])
+    problem, mixed = _fit_at_nodes(data, number, known, begin, sided)
+    return _outcome(number, problem, mixed, begin, moment_unit, data.axis, sided, of_half_turns=True)
 
 
-def _fit_at_nodes(data: StepData, number: str, known: Known, begin: Floats) -> tuple[Problem, MixedFit]:
+def _fit_at_nodes(
+    data: StepData, number: str, known: Known, begin: Floats, sided: bool
+) -> tuple[Problem, MixedFit]:
     """The fit to all samples, by as few nodes a run as show its answer exactly, or by the samples where none do."""
-    whole, theta = step_problem(data, number, known), begin
+    whole, theta = step_problem(data, number, known, sided=sided), begin
     start: dict[str, Any] = {"noise": 0.02, "factors": np.array([0.03, 0.5])}
     for count in COUNTS:
         nodes = data.nodes(count)
         if nodes is None:
             break
-        problem = step_problem(data, number, known, nodes)
+        problem = step_problem(data, number, known, nodes, sided)
         mixed = fit_mixed(problem, theta, **start)
         if nodes.show(mixed.fitted, problem.count):
             return problem, replace(mixed, fitted=whole.headings(mixed.phi, mixed.run_effects))
@@ -85,21 +98,23 @@ def _fit_at_nodes(data: StepData, number: str, known: Known, begin: Floats) -> t
     return whole, fit_mixed(whole, theta, **start)
 
 
-def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> OutputErrorFit:
+def fit_whole_runs(
+    batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False
+) -> OutputErrorFit:
     """Fit one model to whole runs by simulation: first without a random gain, then with it from there.
 
     One run alone cannot tell its gain from the vehicle's, so none is taken to scatter. Raises FitError where no start
     leads anywhere.
     """
     alone = len(batch.names) == 1
-    rough = rough_model(number, batch)
+    rough, axis = rough_model(number, batch, sided), batch.axis
     problem = whole_run_problem(rough, batch, at_rest)
     pooled = without_gain(problem)
     factors = np.array([0.01, 0.5, 0.03])
     begin = np.append(rough.theta, 0.0)
     if alone:
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
-        return _outcome(number, pooled, only, begin, batch.moment_unit, of_half_turns=False)
+        return _outcome(number, pooled, only, begin, batch.moment_unit, axis, sided, of_half_turns=False)
     first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
     best = fit_mixed(
         problem,
@@ -108,7 +123,7 @@ def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_]) -> Out
         factors=np.append(0.02, first.factors[1:]),
         run_effects=first.run_effects,
     )
-    return _outcome(number, problem, best, begin, batch.moment_unit, of_half_turns=False)
+    return _outcome(number, problem, best, begin, batch.moment_unit, axis, sided, of_half_turns=False)
 
 
 def run_covariance(mixed: MixedFit, problem: Problem | None = None) -> Floats:
@@ -150,22 +165,25 @@ def _outcome(
     mixed: MixedFit,
     start: Floats,
     moment_unit: str,
+    axis: Axis,
+    sided: bool,
     *,
     of_half_turns: bool,
 ) -> OutputErrorFit:
     covariance = run_covariance(mixed, problem if of_half_turns else None)
     alone = float(problem.count.sum() - len(mixed.theta)) if len(problem.measured) == 1 else None
     axes = np.eye(len(mixed.theta))
-    names = NAMES[number]
+    names = base_names(number, axis, sided)
+    like = {"b": "tau", "e": "k_r" if number == "1" else "k_rr"}
     estimates = {
-        name: estimate_of(mixed, covariance, i, unit_of(name, moment_unit), alone)
+        name: estimate_of(mixed, covariance, i, axis.unit_of(like.get(name, name), moment_unit), alone)
         for i, name in enumerate(names)
     }
     turn = None
     if "k_rr" in names and 1 not in mixed.at_bound:
         stderr = float(np.sqrt(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1]))
         dof = alone or run_dof(mixed, axes[0] - axes[1])
-        turn = Estimate.from_log(mixed.theta[0] / mixed.theta[1], stderr, dof, "rad")
+        turn = Estimate.from_log(mixed.theta[0] / mixed.theta[1], stderr, dof, axis.unit_of("theta_c"))
     gains = problem.effects.scale[:, problem.effects.factor == 0]
     if gains.any():
         low, high = mixed.factor_interval(0)
@@ -175,7 +193,7 @@ def _outcome(
     offset = estimate_of(mixed, covariance, len(mixed.theta) - 1, "sample interval", alone)
     if of_half_turns:
         offset = _in_interval(offset)
-    model = YawModel.base(number, mixed.theta[0], mixed.theta[1:-1], moment_unit)
+    model = YawModel.base(number, mixed.theta[0], mixed.theta[1:-1], moment_unit, axis)
     return OutputErrorFit(
         number, model, estimates, turn, offset, scatter, mixed.noise, mixed, covariance, start
     )
@@ -195,9 +213,7 @@ def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
     counts when it exceeds two of its standard errors over runs (Vehtari, Gelman and Gabry 2017, Statistics
     and Computing 27:1413).
     """
-    parameters = {
-        number: sum(len(effects.get(name).parameters) for name in BASE_TERMS[number]) for number in fits
-    }
+    parameters = {number: len(fit.model.theta) - 1 for number, fit in fits.items()}
     if all(len(fit.mixed.predictive) == 1 for fit in fits.values()):
         return _prefer_in_one_run(fits, parameters)
     totals = {number: float(fit.mixed.predictive.sum()) for number, fit in fits.items()}

@@ -2,25 +2,27 @@
 run to run."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.fits.linear_mixed import RunEffects
 from automarine_cli.fits.mixed_model import Problem
 from automarine_cli.fits.nodes import Nodes, nodes_of
 from automarine_cli.models.closed_form import response
+from automarine_cli.models.yaw_model import base_names
 from automarine_cli.runs.half_turn import MOST_REST, HalfTurn
 
 Floats = NDArray[np.float64]
 
-NAMES = {"1": ("I_r", "k_r"), "2": ("I_r", "k_rr", "k_r"), "3": ("I_r", "k_rr")}
-"""Parameters of the paper's models in the order of theta."""
-
 MOST_OFFSET = 2.5
 """Bound of the common z of the switch instants: `instant` then lies within 0.6 % of the end of the interval."""
+
+LEAST_SHARE = 0.01
+"""Of the drag that is left one way, however much it differs: none would drive the vehicle."""
 
 START_HEADING_SD = 10.0
 """Standard deviation [rad] of a start heading before the data: so wide that it says nothing."""
@@ -41,6 +43,7 @@ class StepData:
     seen: NDArray[np.bool_]
     moment: Floats
     interval: Floats
+    axis: Axis = YAW
     _nodes: dict[int, Nodes | None] = field(default_factory=dict, repr=False, compare=False)
 
     def nodes(self, count: int) -> Nodes | None:
@@ -80,7 +83,8 @@ def half_turn_data(turns: Sequence[HalfTurn]) -> StepData:
         headings.append(np.concatenate([run.heading[part] for part in kept]) - turn.start_heading)
         moments.append(turn.moment)
         intervals.append(turn.switch_to - turn.switch_from)
-    return step_data(names, times, headings, moments, intervals)
+    axis = turns[0].step.run.axis if turns else YAW
+    return replace(step_data(names, times, headings, moments, intervals), axis=axis)
 
 
 def step_data(
@@ -102,14 +106,19 @@ def step_data(
     )
 
 
-def step_problem(data: StepData, model: str, known: Known = Known(), nodes: Nodes | None = None) -> Problem:
-    """Likelihood of the half-turns under model "1", "2" or "3", by their samples or by the `nodes` made of them.
+def step_problem(
+    data: StepData, model: str, known: Known = Known(), nodes: Nodes | None = None, sided: bool = False
+) -> Problem:
+    """Likelihood of the half-turns under model "1", "2" or "3", by their samples or by the `nodes` made of them;
+    `sided` with a drag that differs between the ways.
 
-    theta is (I_r, drag in the order of BASE_TERMS, z): z places the instants of the steps in their sample intervals
+    theta is (the parameters of `base_names`, z): z places the instants of the steps in their sample intervals
     (see `instant`), the logger's convention, common to all runs. Run effects are start heading, log gain of the
     moment, and the run's own part of z; the last two scatter by an estimated factor, which for instants that are
     uniform over their intervals is one.
     """
+    names = base_names(model, data.axis, sided)
+    main = "k_r" if model == "1" else "k_rr"
     time = (data if nodes is None else nodes).time[None]
     moment, interval = data.moment[None, :, None], data.interval[None, :, None]
 
@@ -117,13 +126,12 @@ def step_problem(data: StepData, model: str, known: Known = Known(), nodes: Node
         columns = [theta[:, i, None, None] for i in range(theta.shape[1])]
         late = interval * instant(columns[-1] + b[:, :, 2, None])
         gained = moment * np.exp(b[:, :, 1, None])
-        found = response(
-            time - late,
-            gained,
-            columns[0],
-            **dict(zip(NAMES[model][1:], columns[1:])),
-            heading0=b[:, :, 0, None],
-        )[0]
+        own = dict(zip(names[1:], columns[1:]))
+        if data.axis.constant:
+            gained = gained + own.pop("b")
+        if sided:
+            own[main] = np.maximum(own[main] + np.sign(gained) * own.pop("e"), LEAST_SHARE * own[main])
+        found = response(time - late, gained, columns[0], **own, heading0=b[:, :, 0, None])[0]
         return found if nodes is None else (nodes.carry @ found[..., None])[..., 0]
 
     ones = np.ones(len(data.moment))
@@ -137,8 +145,8 @@ def step_problem(data: StepData, model: str, known: Known = Known(), nodes: Node
     )
     effects = RunEffects(scale, np.array([-1, 0, 1]), ((1e-4, 1.0), (1e-3, 1.0)))
     signed = [
-        name == "k_r" and model == "2" for name in NAMES[model][1:]
-    ]  # either sign beside k_rr, as in Table 1
+        name in ("b", "e") or (name == "k_r" and model == "2") for name in names[1:]
+    ]  # k_r has either sign beside k_rr, as in Table 1
     drags = [(-np.inf if either else 0.0, np.inf) for either in signed]
     most = 0.0 if known.switch_instant else MOST_OFFSET
     bounds = np.array([(0.0, np.inf), *drags, (-most, most)])

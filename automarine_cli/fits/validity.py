@@ -30,7 +30,7 @@ def valid_range(moments: Iterable[float], model: YawModel) -> dict[str, object] 
     if not given:
         return None
     ends = np.array([min(given), max(given)])
-    rates = steady_rate(ends, *model.drag())
+    rates = steady_rate(*model.acting(ends))
     return {
         "moment": ends.tolist(),
         "yaw_rate_rad_s": rates.tolist() if np.all(np.isfinite(rates)) else None,

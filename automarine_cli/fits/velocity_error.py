@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.axes import Axis
 from automarine_cli.errors import FitError
-from automarine_cli.fits.drag import DragFit, fit_drag, regressors
+from automarine_cli.fits.drag import DragFit, fit_drag, fit_drag_by_way, regressors
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.linear_mixed import solve_scaled
 from automarine_cli.fits.step_response import StepData
 from automarine_cli.models.closed_form import inertia_from_velocity_error, response
-from automarine_cli.quantities import unit_of
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -87,11 +87,12 @@ def fit_velocity_error(
             "carry Table 1; "
             "run at least 3 steps at 2 moments"
         )
+    axis = data.axis
     used = _last_share(time, data.seen, 0.3)
     noise = _noise_about_lines(time, data.heading, used)
     for _ in range(3):  # the reference that places the tail comes from the tail: two rounds settle it
         tails = tail_lines(time, data.heading, start_heading, used)
-        reference = _reference(data.moment, tails)
+        reference = _reference(data.moment, tails, axis)
         tail_from, bias = _choose_tail(time, data, reference, noise)
         before, used = used, _tail_mask(time, data, reference, tail_from)
         if np.array_equal(used, before):
@@ -101,10 +102,12 @@ def fit_velocity_error(
     for model in models:
         if model in ("2", "3+c") and (len(data.moment) < 4 or len(np.unique(np.abs(data.moment))) < 2):
             continue
-        fit = fit_drag(data.moment, tails.rate, model, moment_unit)
+        if model == "3+c" and axis.constant:  # its constant is part of every model there
+            continue
+        fit = fit_drag_by_way(data.moment, tails.rate, model, moment_unit, axis)
         estimates = {name: one.holding_bias(bias[1]) for name, one in fit.estimates.items()}
         drag[model] = replace(fit, estimates=estimates)
-        table = None if model == "3+c" else _inertia_table(data.moment, tails, fit, moment_unit)
+        table = None if model == "3+c" else _inertia_table(data.moment, tails, fit, moment_unit, axis)
         if table is not None:
             inertia[model] = replace(table, overall=table.overall.holding_bias(bias[0]))
     return VelocityErrorFit(float(tail_from), bias, max(np.abs(bias)) <= BIAS_LIMIT, tails, drag, inertia)
@@ -141,25 +144,29 @@ class _Reference:
     """A model good enough to say when a turn is steady."""
 
     inertia: float
-    k_r: float
-    k_rr: float
+    drag: DragFit
+
+    def answer(self, time: Floats, moment: Floats) -> Floats:
+        """Noise-free headings (R, N)."""
+        acting = [np.asarray(x)[..., None] for x in self.drag.acting(moment)]
+        return response(time, acting[0], self.inertia, *acting[1:])[0]
 
     def heading(self, time: Floats, moment: Floats) -> Floats:
-        return np.abs(response(time, moment[:, None], self.inertia, self.k_r, self.k_rr)[0])
+        return np.abs(self.answer(time, moment))
 
 
-def _reference(moment: Floats, tails: TailLines) -> _Reference:
+def _reference(moment: Floats, tails: TailLines, axis: Axis) -> _Reference:
     """Model 1 or 3, whichever fits the first tails better, with its median inertia."""
-    fits = [fit_drag(moment, tails.rate, model) for model in ("1", "3")]
+    fits = [fit_drag_by_way(moment, tails.rate, model, axis.units[0], axis) for model in ("1", "3")]
     best = min(fits, key=lambda fit: fit.sse)
-    inertia = float(np.median(inertia_from_velocity_error(tails.error, moment, *best.drag)))
+    inertia = float(np.median(inertia_from_velocity_error(tails.error, *best.acting(moment))))
     if inertia <= 0 or max(best.drag) <= 0:
         raise FitError(
             "the half-turns give a negative inertia or drag: the heading runs ahead of its steady line or "
             "against the moment; "
             "check the sign of the moment and of the heading (--columns), and that each step starts from rest"
         )
-    return _Reference(inertia, *best.drag)
+    return _Reference(inertia, best)
 
 
 def _tail_mask(time: Floats, data: StepData, model: _Reference, start: float) -> Mask:
@@ -218,42 +225,66 @@ def _choose_tail(
 ) -> tuple[float, tuple[float, float]]:
     """Earliest tail start whose own bias is within the limit; where none is, the one of least error, bias and
     noise taken together (the least bias alone would always take the last few samples)."""
-    exact = response(time, data.moment[:, None], model.inertia, model.k_r, model.k_rr)[0]
+    exact, like, starts = model.answer(time, data.moment), model.drag, _starts(data)
     last, begun = _last(data.seen), np.argmax(data.seen & (time > 0), axis=1)
     few = np.maximum(last - FEWEST_TAIL_SAMPLES + 1, begun)
     # the reference turns one way: what is past an angle is what comes after the first sample past it
-    past = [np.searchsorted(np.abs(psi[: n + 1]), ANGLES) for psi, n in zip(exact, last)]
+    past = [np.searchsorted(np.abs(psi[: n + 1]), starts) for psi, n in zip(exact, last)]
     lines = _lines_to_the_end(time, exact, data.seen, np.minimum(past, few[:, None]))
-    linear, moment = model.k_rr == 0, data.moment[:, None]
-    x = lines.rate if linear else np.abs(lines.rate) * lines.rate
-    drag = (x * moment).sum(axis=0) / (x * x).sum(axis=0)
-    inertia = inertia_from_velocity_error(lines.error, moment, drag * linear, drag * (not linear)).mean(
-        axis=0
-    )
-    biases = np.stack([inertia / model.inertia - 1.0, drag / max(model.k_r, model.k_rr) - 1.0])
+    k_r, k_rr = like.drag
+    if data.axis.wraps:
+        linear, moment = k_rr == 0, data.moment[:, None]
+        x = lines.rate if linear else np.abs(lines.rate) * lines.rate
+        drag = (x * moment).sum(axis=0) / (x * x).sum(axis=0)
+        inertia = inertia_from_velocity_error(lines.error, moment, drag * linear, drag * (not linear)).mean(
+            axis=0
+        )
+    else:
+        found = [_like(like, data, rate, error) for rate, error in zip(lines.rate.T, lines.error.T)]
+        inertia, drag = np.array(found).T
+    biases = np.stack([inertia / model.inertia - 1.0, drag / max(k_r, k_rr) - 1.0])
     worst = np.abs(biases).max(axis=0)
     # relative standard error of a mean over the velocity errors
     variance = noise**2 * (1.0 / lines.count + lines.mean**2 / lines.spread) / lines.error**2
     error = np.hypot(worst, np.sqrt(variance.sum(axis=0)) / len(time))
     best = int(np.argmax(worst <= AIM) if np.any(worst <= AIM) else np.argmin(error))
-    return float(ANGLES[best]), (float(biases[0, best]), float(biases[1, best]))
+    return float(starts[best]), (float(biases[0, best]), float(biases[1, best]))
 
 
-def _inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str) -> InertiaTable | None:
+def _like(like: DragFit, data: StepData, rate: Floats, error: Floats) -> tuple[float, float]:
+    """Inertia and drag of a translation by tails of these rates and velocity errors (R,), in the form of `like`."""
+    fit = fit_drag(data.moment, rate, like.model, axis=data.axis, sided="e" in like.estimates)
+    return float(np.mean(inertia_from_velocity_error(error, *fit.acting(data.moment)))), max(fit.drag)
+
+
+def _starts(data: StepData) -> Floats:
+    """Where a tail may start: angles in yaw, else shares of the way of the run that went least."""
+    if data.axis.wraps:
+        return ANGLES
+    ways = np.abs(np.where(data.seen, data.heading, 0.0)).max(axis=1)
+    return np.asarray(np.linspace(0.15, 0.95, 70) * ways.min())
+
+
+def _inertia_table(
+    moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str, axis: Axis
+) -> InertiaTable | None:
     """Inertia of each run, mean at each moment and over all; standard error by the jackknife over runs, drag
     refitted.
 
     None where the drag has no steady rate at some moment: the least squares of model 2 may make k_rr negative.
     """
-    per_run = inertia_from_velocity_error(tails.error, moment, *drag.drag)
+    per_run = inertia_from_velocity_error(tails.error, *drag.acting(moment))
     levels = np.unique(moment)
     per_moment = {float(level): float(per_run[moment == level].mean()) for level in levels}
-    left_out = _inertia_without_each(moment, tails, drag.model)
+    if axis.wraps:
+        left_out = _inertia_without_each(moment, tails, drag.model)
+    else:
+        left_out = np.array([_inertia_without(i, moment, tails, drag) for i in range(len(moment))])
     if not (np.all(np.isfinite(per_run)) and np.all(np.isfinite(left_out))):
         return None
     count = len(moment)
     stderr = float(np.sqrt((count - 1) / count * np.sum((left_out - left_out.mean()) ** 2)))
-    overall = Estimate.from_stderr(float(per_run.mean()), stderr, count - 1, unit_of("I_r", moment_unit))
+    overall = Estimate.from_stderr(float(per_run.mean()), stderr, count - 1, axis.unit_of("I_r", moment_unit))
     return InertiaTable(per_run, per_moment, overall)
 
 
@@ -273,3 +304,16 @@ def _inertia_without_each(moment: Floats, tails: TailLines, model: str) -> Float
     drag, power = ((1.0, 0.0), 2) if model == "1" else ((0.0, 1.0), 1)
     each = inertia_from_velocity_error(tails.error, moment, *drag)
     return np.asarray((each.sum() - each) / (len(each) - 1) * values[:, 0] ** power)
+
+
+def _inertia_without(i: int, moment: Floats, tails: TailLines, drag: DragFit) -> float:
+    """The same for a translation, without run `i`."""
+    keep = np.arange(len(moment)) != i
+    names = list(drag.estimates)
+    x = regressors(tails.rate[keep], drag.model, names)
+    values = np.linalg.lstsq(x, moment[keep], rcond=None)[0]
+    refitted = replace(
+        drag,
+        estimates={n: replace(drag.estimates[n], value=float(v)) for n, v in zip(names, values)},
+    )
+    return float(np.mean(inertia_from_velocity_error(tails.error[keep], *refitted.acting(moment[keep]))))

@@ -124,13 +124,13 @@ def parameter_bounds(model: YawModel) -> list[tuple[float, float]]:
     return bounds
 
 
-def rough_model(number: str, batch: Batch) -> YawModel:
+def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
     """Start values for model "1", "2" or "3": least squares of the momentum balance over windows of about a
     second.
 
-    I (r2 - r1) + k_rr ∫|r|r dt + k_r ∫r dt = ∫tau dt, with rates from differences of the heading over the
-    same windows. Raises FitError where inertia and drag come out negative and the balance holds well enough to be
-    sure: then a sign is wrong.
+    I (r2 - r1) + k_rr ∫|r|r dt + k_r ∫r dt = ∫tau dt (and a constant force times t, if there is one), with
+    rates from differences of the heading over the same windows. Raises FitError where inertia and drag come
+    out negative and the balance holds well enough to be sure: then a sign is wrong.
     """
     rows, sides = [], []
     for i in range(len(batch.names)):
@@ -146,16 +146,21 @@ def rough_model(number: str, batch: Batch) -> YawModel:
         swing = np.diff(rate)
         push = np.diff(np.interp(middle, clock, impulse))
         mean = 0.5 * (rate[1:] + rate[:-1])
-        rows.append(np.stack([swing, window * np.abs(mean) * mean, window * mean], axis=1))
+        time_passed = np.full(len(mean), -window)
+        rows.append(np.stack([swing, window * np.abs(mean) * mean, window * mean, time_passed], axis=1))
         sides.append(push)
     x, y = np.concatenate(rows), np.concatenate(sides)
-    keep = {"1": [0, 2], "2": [0, 1, 2], "3": [0, 1]}[number]
+    keep = {"1": [0, 2], "2": [0, 1, 2], "3": [0, 1]}[number] + [3] * batch.axis.constant
     values = np.linalg.lstsq(x[:, keep], y, rcond=None)[0] if len(y) >= len(keep) else np.ones(len(keep))
-    if np.all(values < 0) and np.sum((y - x[:, keep] @ values) ** 2) < (1.0 - AGAINST) * np.sum(y**2):
+    constant = [float(v) for v in values[len(keep) - batch.axis.constant :]]
+    values = values[: len(keep) - batch.axis.constant]
+    left = np.sum((y - x[:, keep] @ [*values, *constant]) ** 2)
+    if np.all(values < 0) and left < (1.0 - AGAINST) * np.sum(y**2):
         raise FitError(
             "the headings turn against the moment: inertia and drag would be negative. If the heading counts "
             "counter-clockwise, or the moment does, map it with sign = -1 in the --columns file"
         )
     scale = float(np.abs(batch.moment).max()) or 1.0
     values = np.where(values > 1e-3 * scale, values, 0.3 * scale)
-    return YawModel.base(number, values[0], values[1:], batch.moment_unit)
+    more = [*constant, *([0.0] if sided else [])]
+    return YawModel.base(number, values[0], [*values[1:], *more], batch.moment_unit, batch.axis)

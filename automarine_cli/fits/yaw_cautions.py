@@ -56,6 +56,8 @@ def fit_cautions(fits: Mapping[str, OutputErrorFit]) -> list[Caution]:
                 )
             )
         for i, name in enumerate(fit.estimates):
+            if name not in EVERY:
+                continue
             stuck = _stuck(fit, i, name)
             sentence = stuck or _negative(name, fit.estimates[name]) or _wide(name, fit.estimates[name])
             if sentence:
@@ -106,7 +108,8 @@ def _correlations(fit: OutputErrorFit) -> list[Caution]:
         for j in range(i + 1, len(names)):
             product = deviation[i] * deviation[j]
             share = float(covariance[i, j] / product) if product > 0 else 0.0
-            if abs(share) > CORRELATED and not {i, j} & set(fit.mixed.at_bound):
+            asked = {names[i], names[j]} <= set(EVERY) and not {i, j} & set(fit.mixed.at_bound)
+            if abs(share) > CORRELATED and asked:
                 pair = (names[i], names[j])
                 found.append(
                     Caution(

@@ -7,24 +7,27 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.fits.drag import nested_test
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import (
     OutputErrorFit,
     Preference,
 )
-from automarine_cli.fits.step_response import NAMES, StepData
+from automarine_cli.fits.step_response import StepData
 from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.fits.velocity_error import VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import Caution
+from automarine_cli.models.store import CONSTANT, DIFFERENCE, schema_of
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.runs.half_turn import HalfTurn
 from automarine_cli.runs.run import Run, SetAside
 
 Floats = NDArray[np.float64]
+KEYS = {"b": CONSTANT, "e": DIFFERENCE}
 Map = Callable[[Callable[[str], OutputErrorFit], Sequence[str]], Sequence[OutputErrorFit]]
 
-SCHEMA = "automarine/yaw-model/1"
+GRAVITY = 9.81  # m/s²; within 0.3 % of what it is anywhere
 
 
 @dataclass(frozen=True, repr=False)
@@ -47,6 +50,7 @@ class YawFit(Shown):
     set_aside: tuple[SetAside, ...]
     warnings: tuple[str, ...]
     cautions: tuple[Caution, ...]
+    axis: Axis = YAW
 
     @property
     def preferred(self) -> OutputErrorFit:
@@ -71,12 +75,13 @@ class YawFit(Shown):
         return tuple(float(end) for run in self.runs for end in (run.command.min(), run.command.max()))
 
     def to_json(self) -> dict[str, object]:
-        """The result file: schema automarine/yaw-model/1."""
-        fit, turn = self.preferred, self.inertial_turn_angle
+        """The result file: schema automarine/yaw-model/1, or that of another motion."""
+        fit, turn, axis = self.preferred, self.inertial_turn_angle, self.axis
         content: dict[str, object] = {
-            "schema": SCHEMA,
+            "schema": schema_of(axis),
+            **({} if axis.wraps else {"motion": axis.name}),
             "moment_unit": self.moment_unit,
-            "fitted_to": "half-turns" if self.turns else "whole runs",
+            "fitted_to": axis.say("half-turns") if self.turns else "whole runs",
             "models": {number: self._model_json(number) for number in sorted(self.output_error)},
             "preferred": self.preference.number,
             "preferred_because": self.preference.because,
@@ -85,11 +90,17 @@ class YawFit(Shown):
             "effects": [],
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
-            "heading_noise_deg": float(np.degrees(fit.noise)),
+            "heading_noise_deg": float(axis.shown(fit.noise)),
+            **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
             "warnings": list(self.warnings),
             "runs": {"used": self.used, "set_aside": [asdict(run) for run in self.set_aside]},
         }
-        return content
+        return dict(axis.named(content))
+
+    @property
+    def buoyancy(self) -> "Buoyancy | None":
+        """The constant force of the preferred model; None for motions without one."""
+        return Buoyancy(self.preferred.estimates["b"]) if self.axis.constant else None
 
     def _model_json(self, number: str) -> dict[str, object]:
         fit = self.output_error[number]
@@ -103,10 +114,17 @@ class YawFit(Shown):
             "log_density_of_left_out_runs": float(fit.mixed.predictive.sum()),
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
-            "heading_noise_deg": float(np.degrees(fit.noise)),
-            "covariance": covariance_json(NAMES[number], fit.mixed.theta, fit.mixed.positive, fit.covariance),
+            "heading_noise_deg": float(self.axis.shown(fit.noise)),
+            "covariance": covariance_json(
+                [self.axis.key(KEYS.get(name, name)) for name in fit.estimates],
+                fit.mixed.theta,
+                fit.mixed.positive,
+                fit.covariance,
+            ),
             "converged": fit.mixed.converged,
         }
+        if fit.ways is not None:
+            content["sides"] = fit.ways.to_json()
         seed = self.seed_method
         if seed is None or number not in seed.drag:
             why = self.why_no_seed_method or "too few half-turns to carry two drag terms"
@@ -118,7 +136,7 @@ class YawFit(Shown):
             )
         content["sse"] = drag.sse
         content["velocity_error"] = {
-            **{name: e.to_json() for name, e in drag.estimates.items()},
+            **{KEYS.get(name, name): e.to_json() for name, e in drag.estimates.items()},
             "I_r": None if table is None else table.overall.to_json(),
             "sse": drag.sse,
             "aicc": drag.aicc if np.isfinite(drag.aicc) else None,
@@ -128,10 +146,56 @@ class YawFit(Shown):
             "I_r_mean_at_moment": {
                 f"{level:g}": mean for level, mean in (table.per_moment if table else {}).items()
             },
-            "tail_from_deg": float(np.degrees(seed.tail_from)),
+            "tail_from_deg": float(self.axis.shown(seed.tail_from)),
         }
         return content
 
 
 def _drag_first(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
-    return {name: estimates[name] for name in ("k_rr", "k_r", "I_r") if name in estimates}
+    names = [name for name in ("k_rr", "k_r", "I_r", "b", "e") if name in estimates]
+    return {KEYS.get(name, name): estimates[name] for name in names}
+
+
+@dataclass(frozen=True)
+class Buoyancy:
+    """The constant force of a model, positive down, told as what a diver would do about it."""
+
+    force: Estimate
+
+    @property
+    def ballast(self) -> Estimate | None:
+        """Mass [kg], weighed in water, that balances the vehicle; None for a normalised force."""
+        if self.force.unit != "N":
+            return None
+        low, high = self.force.ci95
+        return Estimate(
+            -self.force.value / GRAVITY, self.force.stderr / GRAVITY, (-high / GRAVITY, -low / GRAVITY), "kg"
+        )
+
+    @property
+    def says(self) -> str:
+        """One sentence."""
+        low, high = self.force.ci95
+        force = f"{abs(self.force.value):.3g} {self.force.unit}"
+        if low < 0 < high:
+            return f"Buoyancy: none shown; a constant force of {low:.2g} to {high:.2g} {self.force.unit} down may act."
+        up = self.force.value < 0
+        sure = sorted((abs(low), abs(high)))
+        text = (
+            f"Buoyancy: a constant force of {force} [{sure[0]:.3g}, {sure[1]:.3g}] {'up' if up else 'down'}"
+        )
+        if self.ballast is None:
+            return f"{text}, in the unit of the command."
+        mass, ends = abs(self.ballast.value), [one / GRAVITY for one in sure]
+        what = "add" if up else "take off"
+        kilograms = f"{mass:.3g} kg [{ends[0]:.3g}, {ends[1]:.3g}]"
+        return f"{text}: to balance it {what} {kilograms} of ballast, weighed in water."
+
+    def to_json(self) -> dict[str, object]:
+        """For the result file."""
+        ballast = self.ballast
+        return {
+            "constant_force": self.force.to_json(),
+            "ballast_in_water": None if ballast is None else ballast.to_json(),
+            "says": self.says,
+        }

@@ -4,16 +4,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.fits.drag import identity_gap
 from automarine_cli.fits.output_error import OutputErrorFit, Preference
 from automarine_cli.fits.velocity_error import BIAS_LIMIT, VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import Caution
 from automarine_cli.runs.half_turn import HalfTurn
-
-PLAUSIBLE_TURN = (0.05, 3.0)
-"""Inertial turn angles [rad] of small vehicles; outside, a unit or an unmodelled delay is the likelier
-story."""
-
 
 UNEXPLAINED = 1.3
 """Ratio of what a model leaves to the noise of the headings from which on something is missing."""
@@ -37,20 +33,23 @@ EARLY = (
 )
 
 
-def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit) -> list[str]:
+def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, axis: Axis = YAW) -> list[str]:
     """Sentences on the half-turns and on the paper's method: not steady, or a Table 1 that breaks its identity."""
     found = []
     if not seed.steady:
         found.append(
             "Half a turn is not enough to get steady: the best tail, from "
-            f"{np.degrees(seed.tail_from):.0f}° on, still leaves a bias of "
+            f"{axis.shown(seed.tail_from):.0f}° on, still leaves a bias of "
             f"{100 * max(map(abs, seed.bias)):.1f} %, more than {100 * BIAS_LIMIT:.1f} %; trust the maximum "
             "likelihood, which needs no tail."
         )
     unsteady = [turn.name for turn in turns if not turn.steady]
     if unsteady:
         found.append(f"{len(unsteady)} half-turns end before the rate is steady, {unsteady[0]} first.")
-    if "2" in seed.drag and "3" in seed.drag:
+    pooled = (
+        len(seed.drag["3"].estimates) == 1 if "3" in seed.drag else False
+    )  # no constant force, no two ways
+    if pooled and "2" in seed.drag and len(seed.drag["2"].estimates) == 2:
         rate, two = seed.tails.rate, seed.drag["2"].drag
         gap = identity_gap(rate, seed.drag["3"].drag[1], two[1], two[0])
         if abs(gap) > 1e-6 * abs(two[1]):
@@ -76,15 +75,16 @@ def fit_warnings(
     """Sentences on the preferred maximum likelihood: implausible, resting on one run, late, or leaving more than the
     `heading_noise` [rad] that the headings have by themselves. On its parameters see yaw_cautions.py."""
     fit = fits[preference.number]
+    axis = fit.model.axis
     found = [*_one_run_that_decides(fit, names_of_runs), *_wild_gains(fit, names_of_runs)]
     if heading_noise and fit.noise > UNEXPLAINED * heading_noise:
         found.append(
-            f"Model {preference.number} leaves {np.degrees(fit.noise):.2g}° of the headings unexplained, which scatter "
-            f"by {np.degrees(heading_noise):.2g}° about smooth curves: something acts that it lacks, a delay perhaps; "
+            f"Model {preference.number} leaves {axis.shown(fit.noise):.2g}° of the headings unexplained, which scatter "
+            f"by {axis.shown(heading_noise):.2g}° about smooth curves: something acts that it lacks, a delay perhaps; "
             "`automarine diagnose` looks for it."
         )
     turn = fit.inertial_turn_angle or fits["3"].inertial_turn_angle
-    low, high = PLAUSIBLE_TURN
+    low, high = axis.plausible
     if turn is not None and not low <= turn.value <= high:
         found.append(
             f"The inertial turn angle of {turn.value:.3g} rad lies outside {low:g} to {high:g} rad, where "
@@ -94,7 +94,7 @@ def fit_warnings(
     for i in fit.mixed.at_bound:
         if i == len(fit.estimates):
             found.append(LATE if fit.mixed.theta[i] > 0 else EARLY)
-    return found
+    return [axis.say(one) for one in found]
 
 
 def _one_run_that_decides(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> list[str]:

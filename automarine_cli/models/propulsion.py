@@ -1,4 +1,4 @@
-"""Thruster commands of a log -> yaw moment through a thruster map; knows of a run only what it needs."""
+"""Thruster commands of a log -> yaw moment, or force, through a thruster map; knows of a run only what it needs."""
 
 from collections.abc import Mapping, Sequence
 from typing import Protocol, Self, TypeVar
@@ -6,12 +6,11 @@ from typing import Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.axes import Axis
 from automarine_cli.errors import ModelError, RunError
 from automarine_cli.models.thruster_map import ThrusterMap
 
 Floats = NDArray[np.float64]
-UNIT = "N m"
-COMMANDS = ("n_port", "n_stbd")
 
 
 class Driven(Protocol):
@@ -25,6 +24,11 @@ class Driven(Protocol):
     @property
     def source(self) -> str:
         """File that it is from."""
+        ...
+
+    @property
+    def axis(self) -> Axis:
+        """The motion that it is of."""
         ...
 
     @property
@@ -42,7 +46,7 @@ RunLike = TypeVar("RunLike", bound=Driven)
 
 def drive_by_thrusters(runs: Sequence[RunLike], thrusters: ThrusterMap, arm: float) -> tuple[RunLike, ...]:
     """The runs with the moment [N m] that two equal thrusters `arm` [m] off the centre line make of their
-    commands.
+    commands; in surge and heave with the force [N], whatever the arm.
 
     A moment that is in the log gives way. Raises RunError for a run without `n_port` and `n_stbd`, and
     ModelError for an arm that is no length or a direction that the map lacks.
@@ -52,15 +56,22 @@ def drive_by_thrusters(runs: Sequence[RunLike], thrusters: ThrusterMap, arm: flo
 
 def drive_run_by_thrusters(run: RunLike, thrusters: ThrusterMap, arm: float) -> RunLike:
     """One run driven by its thruster commands; see `drive_by_thrusters`."""
-    lacking = [name for name in COMMANDS if name not in run.extras]
+    names = run.axis.thrusters
+    lacking = [name for name in names if name not in run.extras]
     if lacking:
         raise RunError(
             f"{run.source}, run {run.name!r}: no thruster command {' or '.join(lacking)} in the log, which "
-            "--thrusters needs; map the log's columns to n_port and n_stbd with --columns, or leave "
+            f"--thrusters needs; map the log's columns to {' and '.join(names)} with --columns, or leave "
             "--thrusters out"
         )
     try:
-        moment = thrusters.moment(run.extras["n_port"], run.extras["n_stbd"], arm)
+        moment = (
+            thrusters.moment(run.extras["n_port"], run.extras["n_stbd"], arm)
+            if run.axis.levered
+            else np.asarray(
+                sum(side * thrusters.force(run.extras[n]) for side, n in zip(run.axis.sides, names))
+            )
+        )
     except ModelError as error:
         raise ModelError(f"{run.source}, run {run.name!r}: {error}") from None
-    return run.with_moment(moment, UNIT)
+    return run.with_moment(moment, run.axis.units[1])

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from automarine_cli import effects
+from automarine_cli.axes import AXES, YAW, Axis
 from automarine_cli.errors import ModelError
 from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
 from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.plain_data import told as _told
 from automarine_cli.pipeline.words import LONGEST, printable
-from automarine_cli.quantities import MOMENT_UNITS
 
 SCHEMA = "automarine/yaw-model/1"
 SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
@@ -37,6 +37,9 @@ _MODEL = (
     *("I_r", "k_rr", "k_r", "inertial_turn_angle_rad", "output_error", "velocity_error", "sse", "why"),
     *("warnings", "notes"),
 )
+CONSTANT, DIFFERENCE = "constant_force", "half_difference"
+"""Keys of what only translations have: the constant force, and half the difference of drag between the two ways."""
+ON_FORCE = ("buoyancy",)
 _EFFECT = ("name", "parameters", "says", "confidence", "p_value", "rivals")
 
 
@@ -56,10 +59,11 @@ class StoredModels:
     switch_offset: float
     source: str
     effects: tuple[str, ...] = ()
+    axis: Axis = YAW
 
 
 def load_yaw_models(path: Path) -> StoredModels:
-    """The models of a `yaw_model.json` or `extended_model.json`.
+    """The models of a `yaw_model.json`, `surge_model.json`, `heave_model.json` or `extended_model.json`.
 
     Raises ModelError with the file and the key's path for anything that is not what the schema says.
     """
@@ -72,12 +76,24 @@ def load_thruster_map(path: Path) -> ThrusterMap:
 
 
 def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels:
-    """The models in the content of a `yaw_model.json`; `where` names it for messages. Raises ModelError."""
+    """The models in the content of a `yaw_model.json`, or of another motion's; `where` names it for messages.
+
+    Raises ModelError.
+    """
     top = _object(data, where)
-    _check_schema(top, where)
-    _refuse_unknown(top, _TOP, where)
+    axis = _checked_schema(top, where)
+    try:
+        return _models(axis.plain(top), where, axis)
+    except ModelError as error:
+        place, _, rest = str(error).partition(where)  # a file may be called as it likes
+        raise ModelError(f"{place}{where}{axis.say(rest)}") from None
+
+
+def _models(top: Mapping[str, object], where: str, axis: Axis) -> StoredModels:
+    """The models of a motion, under yaw's keys."""
+    _refuse_unknown(top, _TOP if axis.wraps else (*_TOP, "motion", *ON_FORCE), where)
     entries = _object(_needed(top, "models", where), f"{where}: models")
-    unit = _moment_unit(top, entries, where)
+    unit = _moment_unit(top, entries, where, axis)
     added = _effects(top.get("effects", []), f"{where}: effects")
     models = {}
     for number, entry in entries.items():
@@ -85,7 +101,9 @@ def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels
             name = printable(number[:LONGEST])
             raise ModelError(f"{where}: models.{name}: unknown model; known are {', '.join(BASE_TERMS)}")
         if entry is not None:  # null: a model that could not be fitted
-            models[number] = _with_effects(_base(number, entry, unit, f"{where}: models.{number}"), added)
+            models[number] = _with_effects(
+                _base(number, entry, unit, f"{where}: models.{number}", axis), added
+            )
     if not models:
         raise ModelError(f"{where}: models: holds no model; expected one or more of {', '.join(BASE_TERMS)}")
     preferred = _needed(top, "preferred", where)
@@ -102,16 +120,24 @@ def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels
             f"between -{LATEST_SWITCH} and {LATEST_SWITCH}"
         )
     names = tuple(name for name, _ in added)
-    return StoredModels(models, preferred, unit, late, where, names)
+    return StoredModels(models, preferred, unit, late, where, names, axis)
 
 
-def _check_schema(top: Mapping[str, object], where: str) -> None:
+def schema_of(axis: Axis) -> str:
+    """The schema of a motion's model file."""
+    return f"automarine/{axis.name}-model/1"
+
+
+def _checked_schema(top: Mapping[str, object], where: str) -> Axis:
+    """The motion that the file's schema says."""
     schema = top.get("schema")
-    if schema != SCHEMA:
+    axis = next((one for one in AXES.values() if schema_of(one) == schema), None)
+    if axis is None:
         hint = "give the yaw_model.json that `automarine fit-yaw` writes"
         if isinstance(schema, str) and schema.startswith("automarine/thruster-map/"):
             hint = f"this is a thruster map; {hint}"
         raise ModelError(f"{where}: schema: found {_told(schema)}, expected {_told(SCHEMA)}; {hint}")
+    return axis
 
 
 def _refuse_unknown(entry: Mapping[str, object], known: tuple[str, ...], where: str) -> None:
@@ -124,23 +150,23 @@ def _refuse_unknown(entry: Mapping[str, object], known: tuple[str, ...], where: 
             raise ModelError(f"{where}: unknown key {_told(key)}; {hint}")
 
 
-def _moment_unit(top: Mapping[str, object], entries: Mapping[str, object], where: str) -> str:
-    """The moment's unit: said by the file, or told by the unit of an inertia."""
+def _moment_unit(top: Mapping[str, object], entries: Mapping[str, object], where: str, axis: Axis) -> str:
+    """The moment's unit: said by the file, or in yaw told by the unit of an inertia."""
     unit = top.get("moment_unit")
-    if unit is None:
+    if unit is None and axis.wraps:
         inertias = [entry.get("I_r") for entry in entries.values() if isinstance(entry, Mapping)]
         units = [one.get("unit") for one in inertias if isinstance(one, Mapping)]
         unit = next((one.removesuffix(" s²") for one in units if isinstance(one, str)), None)
-    if unit not in MOMENT_UNITS:
-        expected = " or ".join(_told(one) for one in MOMENT_UNITS)
+    if unit not in axis.units:
+        expected = " or ".join(_told(one) for one in axis.units)
         raise ModelError(f"{where}: moment_unit: found {_told(unit)}, expected {expected}")
     return str(unit)
 
 
-def _base(number: str, data: object, unit: str, where: str) -> YawModel:
+def _base(number: str, data: object, unit: str, where: str, axis: Axis) -> YawModel:
     """Model `number` without effects. Model 2's linear term may have either sign, as in Table 1."""
     entry = _object(data, where)
-    _refuse_unknown(entry, _MODEL, where)
+    _refuse_unknown(entry, _MODEL if axis.wraps else (*_MODEL, CONSTANT, DIFFERENCE, "sides"), where)
     drags = [DRAG_NAMES[term] for term in BASE_TERMS[number]]
     for name in DRAG_NAMES.values():
         if entry.get(name) is not None and name not in drags:
@@ -154,7 +180,11 @@ def _base(number: str, data: object, unit: str, where: str) -> YawModel:
         if value < 0 and not (number == "2" and name == "k_r"):
             raise ModelError(f"{where}.{name}: found {value:g}, expected a drag of zero or more")
         values.append(value)
-    return YawModel.base(number, inertia, values, unit)
+    if axis.constant:
+        values.append(_number(_needed(entry, CONSTANT, where), f"{where}.{CONSTANT}"))
+    if axis.sided and entry.get(DIFFERENCE) is not None:
+        values.append(_number(entry[DIFFERENCE], f"{where}.{DIFFERENCE}"))
+    return YawModel.base(number, inertia, values, unit, axis)
 
 
 def _effects(data: object, where: str) -> list[tuple[str, tuple[float, ...]]]:

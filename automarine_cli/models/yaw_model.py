@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from automarine_cli import effects
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.errors import ModelError
 
 Floats = NDArray[np.float64]
@@ -19,6 +20,29 @@ BASE_TERMS = {
 """The drag terms of the paper's three models: D(r) = k_r; k_rr|r| + k_r; k_rr|r|."""
 
 
+ASYMMETRY = {"1": "linear-drag-asymmetry", "2": "drag-asymmetry", "3": "drag-asymmetry"}
+"""The term by which drag differs between the two ways of a translation."""
+
+BASE_NAMES = {
+    "linear-drag": "k_r",
+    "quadratic-drag": "k_rr",
+    "bias-moment": "b",
+    **dict.fromkeys(ASYMMETRY.values(), "e"),
+}
+"""What the one parameter of each of these terms is called in a fit."""
+
+
+def base_terms(number: str, axis: Axis = YAW, sided: bool = False) -> tuple[str, ...]:
+    """The terms of model `number` of a motion: drag, a constant force where one acts, and the asymmetry if `sided`."""
+    constant = ("bias-moment",) if axis.constant else ()
+    return (*BASE_TERMS[number], *constant, *((ASYMMETRY[number],) if sided else ()))
+
+
+def base_names(number: str, axis: Axis = YAW, sided: bool = False) -> tuple[str, ...]:
+    """The parameters of these terms, the inertia first."""
+    return ("I_r", *(BASE_NAMES[term] for term in base_terms(number, axis, sided)))
+
+
 @dataclass(frozen=True)
 class Term:
     """One effect with the values of its parameters, in the effect's order."""
@@ -29,7 +53,7 @@ class Term:
 
 @dataclass(frozen=True)
 class YawModel:
-    """I_r r' = tau + moments of the terms; actuator, water and sensor effects are terms too.
+    """I_r r' = tau + moments of the terms; actuator, water and sensor effects are terms too. Of any motion (`axis`).
 
     The parameter vector theta is (I_r, values of the first term, values of the second, ...).
     """
@@ -37,16 +61,22 @@ class YawModel:
     inertia: float
     terms: tuple[Term, ...]
     moment_unit: str = "nu"
+    axis: Axis = YAW
 
     @classmethod
     def base(
-        cls, number: str, inertia: float, values: Sequence[float] | Floats, moment_unit: str = "nu"
+        cls,
+        number: str,
+        inertia: float,
+        values: Sequence[float] | Floats,
+        moment_unit: str = "nu",
+        axis: Axis = YAW,
     ) -> "YawModel":
-        """Model "1", "2" or "3" of the paper; `values` in the order of BASE_TERMS."""
-        terms = tuple(
-            Term(name, (float(value),)) for name, value in zip(BASE_TERMS[number], values, strict=True)
-        )
-        return cls(float(inertia), terms, moment_unit)
+        """Model "1", "2" or "3" of the paper; `values` in the order of `base_terms`, sided if there is one more."""
+        sided = len(values) > len(base_terms(number, axis))
+        names = base_terms(number, axis, sided)
+        terms = tuple(Term(name, (float(value),)) for name, value in zip(names, values, strict=True))
+        return cls(float(inertia), terms, moment_unit, axis)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -94,6 +124,17 @@ class YawModel:
         k_r, k_rr = self.drag()
         rate = steady_rate(abs(moment), k_r, k_rr)
         return float(self.inertia / max(k_r + 2.0 * k_rr * float(rate), 1e-12))
+
+    def acting(self, moment: Floats) -> tuple[Floats, Floats | float, Floats | float]:
+        """What the vehicle moves by under each `moment`: that with the constant force, k_r and k_rr on its way."""
+        k_r, k_rr = self.drag()
+        if self.axis.wraps:
+            return moment, k_r, k_rr
+        found = {term.name: term.values[0] for term in self.terms}
+        moment = moment + found.get("bias-moment", 0.0)
+        way = np.sign(moment)
+        linear, quadratic = (found.get(name, 0.0) for name in (ASYMMETRY["1"], ASYMMETRY["3"]))
+        return moment, k_r + way * linear, k_rr + way * quadratic
 
     def drag(self) -> tuple[float, float]:
         """(k_r, k_rr), zero where the model has no such term."""

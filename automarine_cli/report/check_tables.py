@@ -2,11 +2,21 @@
 
 from collections.abc import Sequence
 
+from automarine_cli.axes import AXES, YAW, Axis
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
 
 
-def run_table(runs: Sequence[RunSeen]) -> Table:
+def run_tables(runs: Sequence[RunSeen]) -> list[Table]:
+    """One table for each motion that was seen."""
+    return [
+        run_table([run for run in runs if run.motion == axis.name], axis)
+        for axis in AXES.values()
+        if any(run.motion == axis.name for run in runs)
+    ]
+
+
+def run_table(runs: Sequence[RunSeen], axis: Axis = YAW) -> Table:
     """Sampling, what was dropped, moments, and the half-turn that a fit would keep; reasons in the notes."""
     header = (
         "run",
@@ -18,15 +28,16 @@ def run_table(runs: Sequence[RunSeen]) -> Table:
         "dropped",
         "noise deg",
         "levels",
-        "turns",
+        "turns" if axis.wraps else "m",
         "kept of the step",
         "cut by",
         "no half-turn because",
     )
-    return Table("Yaw runs", header, tuple(_run_row(run) for run in runs), notes=tuple(_notes(runs)))
+    rows = tuple(_run_row(run, axis) for run in runs)
+    return Table("Yaw runs", header, rows, notes=tuple(_notes(runs, axis))).said(axis, names=False)
 
 
-def _run_row(run: RunSeen) -> tuple[str, ...]:
+def _run_row(run: RunSeen, axis: Axis) -> tuple[str, ...]:
     dropped = sum(run.counts.get(kind, 0) for kind in ("missing", "duplicates", "glitches"))
     turn = run.half_turn
     return (
@@ -42,18 +53,18 @@ def _run_row(run: RunSeen) -> tuple[str, ...]:
         number(run.turns, 2),
         MISSING
         if turn is None
-        else f"{turn.kept_samples} samples, {turn.turned_deg:.0f} deg of {number(turn.moment, 3)}",
+        else f"{turn.kept_samples} samples, {turn.turned_deg:.0f} {axis.unit} of {number(turn.moment, 3)}",
         MISSING if turn is None else turn.cut_by,
         MISSING if run.why is None else run.why.split(":")[0],
     )
 
 
-def _notes(runs: Sequence[RunSeen]) -> list[str]:
+def _notes(runs: Sequence[RunSeen], axis: Axis) -> list[str]:
     """What cleaning did and what a person should know, run by run."""
     words = {
         "missing": ("row with a missing value", "rows with a missing value"),
         "duplicates": ("repeated stamp", "repeated stamps"),
-        "glitches": ("heading spike", "heading spikes"),
+        "glitches": (f"{axis.position} spike", f"{axis.position} spikes"),
     }
     lines = []
     for run in runs:

@@ -30,7 +30,8 @@ CERTAIN_DRIFT = 0.01
 
 def page(diagnosis: Diagnosis, where: Where, key: NamingKey, budget: Mapping[str, float]) -> str:
     """The whole page in Markdown; `budget` in shares of one."""
-    parts = ["# Diagnosis of the yaw model", _summary(diagnosis)]
+    axis = diagnosis.study.base.axis
+    parts = [axis.say("# Diagnosis of the yaw model"), _summary(diagnosis)]
     for effect in diagnosis.effects:
         parts += [f"## {effect.name}", _effect(diagnosis, effect)]
     parts += ["## Where the gap is", _where(where), "![Where the gap is](where.png)"]
@@ -56,26 +57,30 @@ def escape(text: str) -> str:
 
 def _summary(diagnosis: Diagnosis) -> str:
     """The verdict in a few sentences."""
+    axis = diagnosis.study.base.axis
     runs = f"{len(diagnosis.study.runs)} runs were fitted"
     if diagnosis.held_out is not None:
         runs += f" and {len(diagnosis.held_out.runs)} held out"
     before, after, floor = (
-        f"{np.degrees(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
+        f"{axis.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
     )
     if diagnosis.verdict == "named":
         names = " and ".join(f"**{effect.name}**" for effect in diagnosis.effects)
         says = " ".join(effect.says for effect in diagnosis.effects)
         return (
-            f"The model lacks {names}. {says} With that added the gap between simulated and measured heading falls "
-            f"from {before} to {after} degrees; the noise of the heading itself is {floor} degrees. {runs}."
+            f"The model lacks {names}. {says} "
+            + axis.say("With that added the gap between simulated and measured heading falls ")
+            + axis.say(
+                f"from {before} to {after} degrees; the noise of the heading itself is {floor} degrees. {runs}."
+            )
         )
     if diagnosis.verdict == "unexplained":
-        return (
+        return axis.say(
             f"Something is missing, and no effect of the library explains it: the gap is {after} degrees where the "
             f"noise of the heading is {floor} degrees, and what is left hangs together in time. Nothing is "
             f"named. {runs}."
         )
-    return (
+    return axis.say(
         f"Nothing is missing that these runs could show: the gap is {before} degrees, the noise of the heading {floor} "
         f"degrees. {runs}."
     )
@@ -83,12 +88,12 @@ def _summary(diagnosis: Diagnosis) -> str:
 
 def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     """One effect: equation, parameters, how sure, rivals, source."""
-    card = effects.get(effect.name)
+    card, say = effects.get(effect.name), diagnosis.study.base.axis.say
     means = {parameter.name: parameter.meaning for parameter in card.parameters}
     table = Table(
         "", ("parameter", "meaning", "estimate and 95 % interval", "unit"),
         tuple(
-            (name, means[name], parameter_cell(effect.name, name, e), e.unit or MISSING)
+            (name, say(means[name]), parameter_cell(effect.name, name, e), e.unit or MISSING)
             for name, e in effect.parameters.items()
         ),
     )  # fmt: skip
@@ -100,7 +105,7 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     )
     if not effect.rivals:
         sure += " No other effect of the library comes near."
-    lines = [effect.says, f"`{card.equation}`", table.to_markdown(), sure]
+    lines = [effect.says, f"`{say(card.equation)}`", table.to_markdown(), sure]
     for rival in effect.rivals:
         lines.append(
             f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}."
@@ -134,7 +139,7 @@ def _why(diagnosis: Diagnosis, key: NamingKey) -> str:
         ),
     )  # fmt: skip
     said = [_drift(key.best("k"), "drag"), _drift(key.best("I/k"), "inertia over drag")]
-    return "\n\n".join([table.to_markdown(), " ".join(said)])
+    return "\n\n".join([table.to_markdown(), diagnosis.study.base.axis.say(" ".join(said))])
 
 
 def _drift(drift: Drift | None, what: str) -> str:
@@ -148,11 +153,12 @@ def _drift(drift: Drift | None, what: str) -> str:
 
 def _moves(diagnosis: Diagnosis) -> str:
     """Base parameters before and after."""
+    axis = diagnosis.study.base.axis
     before = judge.base_estimates(diagnosis.study, diagnosis.found.base)
     if not diagnosis.effects:
         table = Table(
             "", ("parameter", "estimate and 95 % interval", "unit"),
-            tuple((name, interval(e), e.unit) for name, e in before.items()),
+            tuple((axis.say(name), interval(e), e.unit) for name, e in before.items()),
         )  # fmt: skip
         return "Nothing was added; the base model fitted to these runs is\n\n" + table.to_markdown()
     after = judge.base_estimates(diagnosis.study, diagnosis.found.final)
@@ -164,7 +170,7 @@ def _moves(diagnosis: Diagnosis) -> str:
         )
         rows.append(
             (
-                name,
+                axis.say(name),
                 interval(old),
                 interval(new),
                 f"{change:+.1%}" if np.isfinite(change) else MISSING,
@@ -172,7 +178,7 @@ def _moves(diagnosis: Diagnosis) -> str:
             )
         )
         if abs(new.value - old.value) > LARGE_MOVE * float(np.hypot(old.stderr, new.stderr)):
-            moved.append(name)
+            moved.append(axis.say(name))
     table = Table("", ("parameter", "base model", "with what was missing", "change", "unit"), tuple(rows))
     said = (
         f"{' and '.join(moved)} moved by more than the uncertainty: the base model had been absorbing what is missing."
@@ -185,7 +191,9 @@ def _moves(diagnosis: Diagnosis) -> str:
 def _remains(diagnosis: Diagnosis, budget: Mapping[str, float]) -> str:
     gap = diagnosis.gap
     ratio = gap.after / max(gap.floor, 1e-12)
-    text = f"The gap that is left is {ratio:.2f} times the noise of the heading."
+    text = diagnosis.study.base.axis.say(
+        f"The gap that is left is {ratio:.2f} times the noise of the heading."
+    )
     if ratio < 1.0 + judge.WELL_ABOVE:
         return text + " That is the floor: these runs hold nothing more that could be fitted."
     if diagnosis.study.disturbed:
@@ -200,7 +208,8 @@ def _next(diagnosis: Diagnosis) -> str:
         for rival in effect.rivals
     ]
     for effect in diagnosis.effects:
-        told.append(f"- To see {effect.name} better: {effects.get(effect.name).reveals}.")
+        reveals = diagnosis.study.base.axis.say(effects.get(effect.name).reveals)
+        told.append(f"- To see {effect.name} better: {reveals}.")
     return "\n".join(
         [*told, *(f"- {line}" for line in general_advice(diagnosis.study, diagnosis.detectable))]
     )

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from automarine_cli import effects
+from automarine_cli.axes import Axis
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.gap import Gap
 from automarine_cli.diagnosis.where import Region, Where
@@ -24,8 +25,8 @@ SEEN_IN = {
 def regions_table(where: Where) -> Table:
     """The regions that stand out, the most significant first."""
     return Table(
-        "", ("variable", "from", "to", "unit", "gap [deg]", "share of the gap", "seen in", "p", "runs"),
-        tuple(_region(region) for region in where.regions[:MOST_REGIONS]),
+        "", ("variable", "from", "to", "unit", f"gap [{where.axis.unit}]", "share of the gap", "seen in", "p", "runs"),
+        tuple(_region(region, where.axis) for region in where.regions[:MOST_REGIONS]),
         notes=(
             "p is corrected for all bins and variables. Shares of different variables overlap: they are views of one "
             "gap.",
@@ -33,22 +34,23 @@ def regions_table(where: Where) -> Table:
     )  # fmt: skip
 
 
-def _region(region: Region) -> tuple[str, ...]:
+def _region(region: Region, axis: Axis) -> tuple[str, ...]:
     some = ", ".join(region.runs[:MOST_NAMED_RUNS])
     more = len(region.runs) - MOST_NAMED_RUNS
     runs = f"{some} and {more} more" if more > 0 else some or MISSING
-    gap = number(float(np.degrees(region.gap)), 3)
+    gap = number(float(axis.shown(region.gap)), 3)
     return (
-        region.variable, number(region.low, 3), number(region.high, 3), region.unit or MISSING, gap,
-        f"{region.share:.0%}", SEEN_IN[region.seen_in], number(region.p_value, 2), runs,
+        axis.say(region.variable), number(region.low, 3), number(region.high, 3), region.unit or MISSING, gap,
+        f"{region.share:.0%}", axis.say(SEEN_IN[region.seen_in]), number(region.p_value, 2), runs,
     )  # fmt: skip
 
 
 def gap_table(diagnosis: Diagnosis) -> Table:
     """Root mean square gap before and after, against the noise, on runs fitted and held out."""
-    rows = [_gap_row(f"{len(diagnosis.study.runs)} runs fitted", diagnosis.gap)]
+    axis = diagnosis.study.base.axis
+    rows = [_gap_row(f"{len(diagnosis.study.runs)} runs fitted", diagnosis.gap, axis)]
     if diagnosis.held_out is not None and diagnosis.held_out_gap is not None:
-        rows.append(_gap_row(f"{len(diagnosis.held_out.runs)} runs held out", diagnosis.held_out_gap))
+        rows.append(_gap_row(f"{len(diagnosis.held_out.runs)} runs held out", diagnosis.held_out_gap, axis))
     scatter = [100.0 * float(trial.fit.factors[0]) for trial in (diagnosis.found.base, diagnosis.found.final)]
     return Table(
         "", ("runs", "before [deg]", "after [deg]", "noise of the heading [deg]", "gap above the noise closed"),
@@ -62,11 +64,11 @@ def gap_table(diagnosis: Diagnosis) -> Table:
             "thrust and switch instants. "
             f"Thrust differs from run to run by {scatter[0]:.1f} % before and {scatter[1]:.1f} % after.",
         ),
-    )  # fmt: skip
+    ).said(axis)  # fmt: skip
 
 
-def _gap_row(name: str, gap: Gap) -> tuple[str, ...]:
-    cells = (f"{np.degrees(x):.2f}" for x in (gap.before, gap.after, gap.floor))
+def _gap_row(name: str, gap: Gap, axis: Axis) -> tuple[str, ...]:
+    cells = (f"{axis.shown(x):.2f}" for x in (gap.before, gap.after, gap.floor))
     above = gap.before**2 - gap.floor**2
     visible = above > 0.02 * gap.floor**2
     closed = f"{np.clip((gap.before**2 - gap.after**2) / above, 0.0, 1.0):.0%}" if visible else MISSING
@@ -87,7 +89,8 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
     rows = []
     for name, size in sorted(diagnosis.detectable.items()):
         parameter = _sized(name)
-        unit = parameter.unit_for(diagnosis.study.base.moment_unit)
+        base = diagnosis.study.base
+        unit = parameter.unit_for(base.moment_unit, base.axis)
         rows.append((name, parameter.name, number(size, 2), unit or MISSING))
     return Table(
         "", ("effect", "parameter", "smallest size seen", "unit"), tuple(rows),

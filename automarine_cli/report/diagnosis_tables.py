@@ -1,7 +1,5 @@
 """What the terminal shows of a yaw diagnosis: the verdict in a sentence, and its tables."""
 
-import numpy as np
-
 from automarine_cli import effects as library
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.trials import LEVEL
@@ -12,17 +10,20 @@ from automarine_cli.report.tables import Table, interval, number
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence with its numbers."""
+    axis = diagnosis.study.base.axis
     before, after, floor = (
-        f"{np.degrees(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
+        f"{axis.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
     )
     if diagnosis.verdict == "named":
         names = " and ".join(effect.name for effect in diagnosis.effects)
-        return (
-            f"Named: {names}; the gap falls from {before} to {after} deg (noise of the heading {floor} deg)."
+        return f"Named: {names}; the gap falls from {before} to {after} {axis.unit} " + axis.say(
+            f"(noise of the heading {floor} deg)."
         )
     if diagnosis.verdict == "unexplained":
-        return f"Unexplained: the gap is {after} deg where the noise of the heading is {floor} deg."
-    return f"Nothing missing that these runs could show: gap {before} deg, noise of the heading {floor} deg."
+        return axis.say(f"Unexplained: the gap is {after} deg where the noise of the heading is {floor} deg.")
+    return axis.say(
+        f"Nothing missing that these runs could show: gap {before} deg, noise of the heading {floor} deg."
+    )
 
 
 def parameter_cell(effect: str, name: str, estimate: Estimate) -> str:

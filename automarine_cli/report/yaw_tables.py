@@ -2,8 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
-
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.fits.drag import DragFit, nested_test
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import OutputErrorFit
@@ -19,7 +18,11 @@ I_R = Math("I_r", "I_r")
 
 
 def drag_table(
-    seed: VelocityErrorFit | None, ml: Mapping[str, OutputErrorFit], unit: str, notes: tuple[str, ...]
+    seed: VelocityErrorFit | None,
+    ml: Mapping[str, OutputErrorFit],
+    unit: str,
+    notes: tuple[str, ...],
+    axis: Axis = YAW,
 ) -> Table:
     """Table 1: drag of the three models and the sum of squares; intervals, tests and maximum likelihood
     below."""
@@ -46,11 +49,52 @@ def drag_table(
             *(number(float(ml[m].mixed.predictive.sum()), 6) if m in ml else MISSING for m in MODELS),
         ),
     ]
+    rows += _force_rows(fits, ml, axis)
     squared = f"({unit})²" if " " in unit else f"{unit}²"
     unit_note = (
-        f"Moment [{unit}], k_r|r| [{unit} s²], k_r [{unit} s], SSE [{squared}]; brackets are 95 % intervals."
+        f"Moment [{unit}], k_r|r| [{axis.unit_of('k_rr', unit)}], k_r [{axis.unit_of('k_r', unit)}], SSE [{squared}]; "
+        "brackets are 95 % intervals."
     )
-    return Table("Table 1. Identified yaw models: drag", HEADER, tuple(rows), (3, 7), (unit_note, *notes))
+    notes = (unit_note, *_signs(axis), *notes)
+    return Table("Table 1. Identified yaw models: drag", HEADER, tuple(rows), (3, 7), notes).said(axis)
+
+
+def _force_rows(
+    fits: Mapping[str, DragFit], ml: Mapping[str, OutputErrorFit], axis: Axis
+) -> list[tuple[Cell, ...]]:
+    """What only translations have: the drag of each way, and the constant force."""
+    rows: list[tuple[Cell, ...]] = []
+    if axis.sided:
+        asked = {m: ml[m].ways for m in MODELS if m in ml}
+        for way in axis.ways:
+            cells = (interval(ways.drag[way]) if (ways := asked.get(m)) else MISSING for m in MODELS)
+            rows.append((f"drag {way}, maximum likelihood", *cells))
+        tests = (number(ways.p_value, 2) if (ways := asked.get(m)) else MISSING for m in MODELS)
+        rows.append(("one drag both ways, p", *tests))
+    if axis.constant:
+        least = [fits[m].estimates.get("b") if m in fits else None for m in MODELS]
+        rows.append(("constant force, 95 %", *(interval(e) if e is not None else MISSING for e in least)))
+        rows.append(("constant force, maximum likelihood", *(_ml(ml, m, "b") for m in MODELS)))
+    return rows
+
+
+def _signs(axis: Axis) -> tuple[str, ...]:
+    """What the signs of a translation's symbols are."""
+    if axis.wraps:
+        return ()
+    (first, second), v = axis.ways, "w" if axis.constant else "u"
+    constant = (
+        "; the constant force is weight less buoyancy, positive down: that of a vehicle that floats up is negative"
+        if axis.constant
+        else ""
+    )
+    return (
+        f"{first.capitalize()} is positive. k_r and k_r|r| are positive where drag brakes, as in force = I_r d{v}/dt + "
+        f"k_r {v} + k_r|r| |{v}| {v}; Fossen's derivatives of these names are their negatives. I_r is mass with added "
+        f"mass{constant}.",
+        f"The drag of one way is k_r in model 1, else k_r|r|. Where {first} and {second} do not differ (p above 0.05) "
+        "they are fitted as one; where they do, the value above is their mean.",
+    )
 
 
 def inertia_table(
@@ -59,6 +103,7 @@ def inertia_table(
     unit: str,
     notes: tuple[str, ...],
     means: bool = True,
+    axis: Axis = YAW,
 ) -> Table:
     """Table 2: inertia of the three models; maximum likelihood, inertial turn angle and the mean at each
     moment below."""
@@ -77,9 +122,10 @@ def inertia_table(
         row = (number(tables[m].per_moment[level]) if m in tables else MISSING for m in MODELS)
         rows.append((f"mean at {level:+.4g} {unit}", *row))
     rules = (1, 4) if levels else (1,)
-    unit_note = f"I_r [{unit} s²]; brackets are 95 % intervals"
+    unit_note = f"I_r [{axis.unit_of('I_r', unit)}]; brackets are 95 % intervals"
     unit_note += "; means over the runs at each moment are by the velocity error." if levels else "."
-    return Table("Table 2. Identified yaw models: inertia", HEADER, tuple(rows), rules, (unit_note, *notes))
+    notes = (unit_note, *notes)
+    return Table("Table 2. Identified yaw models: inertia", HEADER, tuple(rows), rules, notes).said(axis)
 
 
 def caution_notes(cautions: Sequence[Caution]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -90,11 +136,11 @@ def caution_notes(cautions: Sequence[Caution]) -> tuple[tuple[str, ...], tuple[s
     )
 
 
-def tail_note(seed: VelocityErrorFit) -> str:
+def tail_note(seed: VelocityErrorFit, axis: Axis = YAW) -> str:
     """Where the tails start and what bias that leaves."""
     inertia, drag = (100 * b for b in seed.bias)
     return (
-        f"Tails start at {np.degrees(seed.tail_from):.0f}° of turn, where the method's own bias is "
+        f"Tails start at {axis.shown(seed.tail_from):.0f}° of turn, where the method's own bias is "
         f"{inertia:+.2f} % in inertia and {drag:+.2f} % in drag; the intervals hold it."
     )
 

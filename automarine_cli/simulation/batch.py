@@ -2,16 +2,17 @@
 out once."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.effects import Commands
 from automarine_cli.errors import RunError
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.steps import find_steps
+from automarine_cli.runs.steps import find_steps, released
 
 Floats = NDArray[np.float64]
 
@@ -37,6 +38,9 @@ class Batch:
     [rad], 0 in the padding; `interval` (R, E) sample interval [s] in which each change happened, 0 in the
     padding; `start` (R,) clock of the first sample [s]; `window` (R, M) which of the windows of `WINDOW`
     seconds each step lies in; `signals` other logged columns held over the steps, (R, M).
+
+    Where a constant force acts (`axis`), a vehicle that stands still before its first change of command is held: on the
+    surface, by hand. Its clock begins with that change, and the steps before have no length.
     """
 
     names: tuple[str, ...]
@@ -53,6 +57,7 @@ class Batch:
     window: NDArray[np.int64]
     moment_unit: str
     signals: Mapping[str, Floats]
+    axis: Axis = YAW
 
     @property
     def windows(self) -> int:
@@ -88,11 +93,11 @@ class _Grid:
     interval: Floats
 
 
-def make_batch(runs: Sequence[Run], max_step: float, signals: Sequence[str] = ()) -> Batch:
+def make_batch(runs: Sequence[Run], max_step: float, signals: Sequence[str] = (), hold: bool = True) -> Batch:
     """Lay `runs` out for simulation with steps of at most `max_step` [s].
 
-    `signals` names the columns of `Run.extras` that effects need. Raises RunError for no runs, a run without
-    a moment, runs with moments in different units, or a missing signal.
+    `signals` names the columns of `Run.extras` that effects need; without `hold` nobody holds a vehicle. Raises
+    RunError for no runs, a run without a moment, runs with moments in different units, or a missing signal.
     """
     if not runs:
         raise RunError("no runs to simulate; give at least one log")
@@ -109,6 +114,8 @@ def make_batch(runs: Sequence[Run], max_step: float, signals: Sequence[str] = ()
                 f"{run.source}, run {run.name!r}: the model needs column {missing[0]!r}, which the log lacks"
             )
     grids = [_grid(run, max_step) for run in runs]
+    if hold and runs[0].axis.constant:
+        grids = [_held(run, grid) for run, grid in zip(runs, grids)]
     steps = max(len(g.length) for g in grids)
     samples = max(len(run) for run in runs)
     edges = max(1, *(len(g.interval) for g in grids))
@@ -135,6 +142,18 @@ def make_batch(runs: Sequence[Run], max_step: float, signals: Sequence[str] = ()
         window=((np.cumsum(lengths, axis=1) - 0.5 * lengths) / WINDOW).astype(int),
         moment_unit=units.pop(),
         signals={n: padded([run.extras[n][g.held] for run, g in zip(runs, grids)], steps) for n in signals},
+        axis=runs[0].axis,
+    )
+
+
+def _held(run: Run, grid: _Grid) -> _Grid:
+    """The grid of a run whose vehicle is held until its first change of command, if it is."""
+    first = released(run)
+    if not first:
+        return grid
+    before = grid.held < first
+    return replace(
+        grid, length=np.where(before, 0.0, grid.length), stretch=np.where(before, 0.0, grid.stretch)
     )
 
 

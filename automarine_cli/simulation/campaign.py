@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import LogTable
-from automarine_cli.logs.canonical import DEGREE
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
@@ -67,7 +67,7 @@ def make_runs(specification: Specification, seed: int | None = None) -> list[Run
     """
     runs: list[Run] = []
     for made in make_campaign(specification, seed):
-        table = as_table(made, specification.vehicle.moment_unit)
+        table = as_table(made, specification.vehicle.moment_unit, specification.vehicle.axis)
         try:
             runs += clean(table, np.arange(len(table)), made.plan.name)
         except NotUsable:
@@ -75,17 +75,17 @@ def make_runs(specification: Specification, seed: int | None = None) -> list[Run
     return runs
 
 
-def as_table(made: SimulatedRun, moment_unit: str) -> LogTable:
+def as_table(made: SimulatedRun, moment_unit: str, axis: Axis = YAW) -> LogTable:
     """The log as the reader would give it."""
     columns = {
         "time": made.log.time_s,
-        "heading": made.log.heading_deg * DEGREE,
-        "moment": made.log.moment,
+        axis.position: axis.inner(made.log.heading_deg),
+        axis.command: made.log.moment,
     }
     if made.log.rate_deg_s is not None:
-        columns["yaw_rate"] = made.log.rate_deg_s * DEGREE
+        columns[axis.rate] = axis.inner(made.log.rate_deg_s)
     rows = np.arange(1, len(made.log.time_s) + 1)
-    return LogTable(made.plan.file, columns, rows, moment_unit=moment_unit)
+    return LogTable(made.plan.file, columns, rows, moment_unit=moment_unit, axis=axis)
 
 
 def make_campaign(
@@ -133,7 +133,8 @@ def _make(work: tuple[Sequence[Plan], float], specification: Specification, seed
     made = []
     for plan, draw, time, (heading, rate) in zip(plans, drawn, times, truth):
         reading = heading + draw.heading_zero
-        made.append(SimulatedRun(plan, draw, log_run(plan, logger, seed, time, reading, rate, draw.switches)))
+        log = log_run(plan, logger, seed, time, reading, rate, draw.switches, specification.vehicle.axis)
+        made.append(SimulatedRun(plan, draw, log))
     return made
 
 
@@ -144,9 +145,10 @@ def _draw(plan: Plan, specification: Specification, seed: int) -> Drawn:
         degrees = 360.0 * float(uniform(1, seed, key, "start heading")[0])
     else:
         degrees = start[plan.turn % len(start)] if isinstance(start, tuple) else float(start)
+    axis = specification.vehicle.axis
     return Drawn(
-        start_heading=float(np.deg2rad(degrees)),
-        heading_zero=float(np.deg2rad(scatter.heading_zero_deg) * normal(1, seed, key, "heading zero")[0]),
+        start_heading=float(axis.inner(degrees)),
+        heading_zero=float(axis.inner(scatter.heading_zero_deg) * normal(1, seed, key, "heading zero")[0]),
         log_gain=scatter.gain * float(normal(1, seed, key, "gain")[0]),
         added_moment=_added_moment(plan, specification, seed),
         switches=switch_times(plan, specification.logger, seed),
@@ -189,10 +191,11 @@ def _truth(
             heading=np.zeros_like(clock),
             moment=commanded(clock, draw.switches, plan.moments),
             moment_unit=model.moment_unit,
+            axis=model.axis,
         )
         for plan, draw, clock in zip(plans, drawn, clocks)
     ]
-    batch = make_batch(runs, step)
+    batch = make_batch(runs, step, hold=False)
     added = np.array([draw.added_moment for draw in drawn])
     start = Start(
         heading=np.array([[draw.start_heading for draw in drawn]]),

@@ -8,6 +8,8 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.axes import Axis
+from automarine_cli.logs.canonical import CANONICAL
 from automarine_cli.simulation.campaign import SimulatedRun
 from automarine_cli.simulation.logging_chain import DECIMALS, MOMENT_DECIMALS
 from automarine_cli.simulation.parquet_bytes import Column, parquet_bytes
@@ -16,8 +18,8 @@ from automarine_cli.simulation.specification import Specification
 Floats = NDArray[np.float64]
 
 STORED = 65535  # bytes in one block of a gzip file that is stored as it is
-MOMENT_COLUMNS = {"nu": "tau", "N m": "tau_Nm"}
-PLACES = {"n": None, "tau": None, "tau_Nm": None}
+COMMANDS = {(one.quantity, one.unit): name for name, one in CANONICAL.items()}
+PLACES = dict.fromkeys(("n", "tau", "tau_Nm", "X", "force_X_N", "Z", "force_Z_N"), None)
 """Decimals of a column in CSV; None: as many as the number has. Every other column has `DECIMALS`."""
 
 
@@ -33,10 +35,11 @@ def run_logs(
     files: dict[str, list[SimulatedRun]] = {}
     for run in sorted(runs, key=lambda run: run.plan.turn):
         files.setdefault(run.plan.file, []).append(run)
-    moment = MOMENT_COLUMNS[specification.vehicle.moment_unit]
+    axis = specification.vehicle.axis
+    moment = COMMANDS[axis.command, specification.vehicle.moment_unit]
     for file, members in files.items():
         group = members[0].plan.group
-        parts = [_columns(run, moment) for run in members]
+        parts = [_columns(run, moment, axis) for run in members]
         columns: dict[str, Column] = {}
         if group.together is not None:
             members_of = zip(members, parts)
@@ -45,11 +48,15 @@ def run_logs(
         yield file, log_bytes(columns, group.format, label(specification, seed))
 
 
-def _columns(run: SimulatedRun, moment: str) -> dict[str, Floats]:
+def _columns(run: SimulatedRun, moment: str, axis: Axis) -> dict[str, Floats]:
     log = run.log
-    columns = {"time_s": log.time_s, "heading_deg": log.heading_deg, moment: log.moment}
+    columns = {
+        "time_s": log.time_s,
+        f"{axis.position}_{axis.log_unit}": log.heading_deg,
+        moment: log.moment,
+    }
     if log.rate_deg_s is not None:
-        columns["yaw_rate_deg_s"] = log.rate_deg_s
+        columns[f"{axis.rate}_{axis.log_unit}_s"] = log.rate_deg_s
     return columns
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.simulation.plans import Plan
 from automarine_cli.simulation.specification import Logger
 from automarine_cli.simulation.streams import normal, uniform
@@ -13,13 +14,14 @@ Floats = NDArray[np.float64]
 
 DECIMALS = 3  # of seconds and degrees in every log
 MOMENT_DECIMALS = 6
-EARLY_END = np.deg2rad(40.0)  # turned angle at which a run that ends early ends
+EARLY_END = 40.0 / 60.0  # of the least way: where a run that ends early ends
 STUCK_AFTER = 5  # samples of the step before the compass sticks
 
 
 @dataclass(frozen=True)
 class Log:
-    """What is in one run's log: `time_s`, `heading_deg`, `moment` and perhaps `rate_deg_s`, shape (N,), rounded.
+    """What is in one run's log: `time_s`, `heading_deg`, `moment` and perhaps `rate_deg_s`, shape (N,), rounded; of a
+    translation distance or depth and speed in metres.
 
     `lost` samples were dropped, `glitches` left in.
     """
@@ -53,13 +55,20 @@ def commanded(time: Floats, switches: Floats, moments: tuple[float, ...]) -> Flo
 
 
 def log_run(
-    plan: Plan, logger: Logger, seed: int, time: Floats, heading: Floats, rate: Floats, switches: Floats
+    plan: Plan,
+    logger: Logger,
+    seed: int,
+    time: Floats,
+    heading: Floats,
+    rate: Floats,
+    switches: Floats,
+    axis: Axis = YAW,
 ) -> Log:
-    """The log of a run whose sensor would read `heading` [rad] at `time` [s since its first sample] without
-    noise; `rate` [rad/s] is the true one; all of shape (N,).
+    """The log of a run whose sensor would read `heading` [rad, or m] at `time` [s since its first sample] without
+    noise; `rate` [rad/s, or m/s] is the true one; all of shape (N,).
     """
     count = len(time)
-    reading = np.rad2deg(heading) + logger.noise_deg * normal(count, seed, plan.key, "noise")
+    reading = axis.logged(heading) + logger.noise_deg * normal(count, seed, plan.key, "noise")
     glitch = uniform(count, seed, plan.key, "glitch") < logger.glitch
     side = np.where(uniform(count, seed, plan.key, "glitch side") < 0.5, -1.0, 1.0)
     reading = reading + np.where(glitch, side * logger.glitch_deg, 0.0)
@@ -70,12 +79,12 @@ def log_run(
         stuck = min(plan.changes[0] + STUCK_AFTER, count - 1)
         reading[stuck:] = reading[stuck]
     if plan.group.fault == "ends-early":
-        beyond = np.abs(heading - heading[0]) > EARLY_END
+        beyond = np.abs(heading - heading[0]) > EARLY_END * axis.least
         kept[int(np.argmax(beyond)) if beyond.any() else count // 2 :] = False
     turning = None
     if logger.rate_noise_deg_s is not None:
         noise = logger.rate_noise_deg_s * normal(count, seed, plan.key, "rate noise")
-        turning = _rounded(np.rad2deg(rate) + noise, DECIMALS)[kept]
+        turning = _rounded(axis.logged(rate) + noise, DECIMALS)[kept]
     return Log(
         time_s=_rounded(plan.start + time, DECIMALS)[kept],
         heading_deg=_wrapped(reading, logger)[kept],

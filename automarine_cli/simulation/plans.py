@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import SettingError
-from automarine_cli.simulation.run_groups import Commands, RunGroup
+from automarine_cli.simulation.run_groups import Commands, Resistance, RunGroup
 from automarine_cli.simulation.specification import Specification
 from automarine_cli.simulation.streams import uniform
 
@@ -74,9 +74,11 @@ def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
 def _listed(specification: Specification) -> Iterator[Plan]:
     """Plans in the order of the specification, repeats of a run one after the other."""
     vehicle = specification.vehicle
+    constant = sum(value for name, value in vehicle.terms if name == "bias-moment")
+    drag = Resistance(vehicle.I_r, vehicle.k_r, vehicle.k_rr, constant, vehicle.axis)
     turn = 0
     for group in specification.runs:
-        for label, commands in group.cases((vehicle.I_r, vehicle.k_r, vehicle.k_rr)):
+        for label, commands in group.cases(drag):
             for repeat in range(group.repeats):
                 name = f"{label}_{_letter(group, repeat)}".rstrip("_")
                 stem = name if group.together is None else group.together

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar, Literal, TypeAlias
 
-import numpy as np
-
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.errors import SettingError
 from automarine_cli.models.closed_form import response
 from automarine_cli.pipeline.recipe import from_mapping
@@ -19,8 +18,18 @@ from automarine_cli.simulation.checks import at_least_zero, positive, safe_path
 Format: TypeAlias = Literal["csv", "csv.gz", "parquet"]
 Fault: TypeAlias = Literal["never-moves", "stuck-compass", "ends-early"]
 Commands: TypeAlias = tuple[tuple[float, float], ...]
-Drag: TypeAlias = tuple[float, float, float]
-"""(I_r, k_r, k_rr): what the duration of a turn is worked out from."""
+
+
+@dataclass(frozen=True)
+class Resistance:
+    """What the duration of a turn is worked out from; `constant` is a force that always acts."""
+
+    inertia: float
+    k_r: float
+    k_rr: float
+    constant: float = 0.0
+    axis: Axis = YAW
+
 
 MOST_LEVELS = 100_000
 
@@ -95,7 +104,7 @@ class RunGroup:
         """What the labels begin with."""
         return self.name or self.own_name
 
-    def cases(self, drag: Drag) -> Iterator[tuple[str, Commands]]:
+    def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
         """Label and commands of each run of the group, repeats left out."""
         raise NotImplementedError
 
@@ -119,13 +128,13 @@ class StepRuns(RunGroup):
         if 0.0 in levels_of(self.moments):
             raise SettingError('moments has a zero; expected other values (a run of kind "rest" has none)')
 
-    def hold(self, drag: Drag, moment: float) -> float:
+    def hold(self, drag: Resistance, moment: float) -> float:
         """How long the moment is held [s]."""
         if self.duration_s is not None:
             return self.duration_s
-        return time_to_turn(np.deg2rad(self.turn_deg or 0.0), moment, drag)
+        return time_to_turn(drag.axis.inner(self.turn_deg or 0.0), moment, drag)
 
-    def cases(self, drag: Drag) -> Iterator[tuple[str, Commands]]:
+    def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
         """The moments in their order."""
         for moment in levels_of(self.moments):
             yield f"{self.base}_{moment_text(moment)}", self.commands(moment, self.hold(drag, moment))
@@ -185,7 +194,7 @@ class SequenceRuns(RunGroup):
         if not self.commands or min(seconds for _, seconds in self.commands) <= 0:
             raise SettingError("commands: expected at least one [moment, seconds], each longer than 0 s")
 
-    def cases(self, drag: Drag) -> Iterator[tuple[str, Commands]]:
+    def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
         """The one sequence, equal neighbours joined."""
         joined: list[tuple[float, float]] = []
         for moment, seconds in self.commands:
@@ -214,7 +223,7 @@ class RampRuns(RunGroup):
         if self.to == self.from_:
             raise SettingError(f"to is {self.to:g}, the same as from; expected another moment")
 
-    def cases(self, drag: Drag) -> Iterator[tuple[str, Commands]]:
+    def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
         """The one ramp; the last stair is `to`."""
         stairs = [self.from_ + (self.to - self.from_) * (i + 1) / self.steps for i in range(self.steps)]
         commands = tuple((round(moment, 6), self.duration_s / self.steps) for moment in stairs)
@@ -236,7 +245,7 @@ class RestRuns(RunGroup):
         super().__post_init__()
         positive(self, "duration_s")
 
-    def cases(self, drag: Drag) -> Iterator[tuple[str, Commands]]:
+    def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
         """The one rest."""
         yield self.base, ((0.0, self.duration_s),)
 
@@ -259,12 +268,14 @@ def moment_text(moment: float) -> str:
     return text if set(text) & {".", "e"} else f"{text}.0"
 
 
-def time_to_turn(angle: float, moment: float, drag: Drag) -> float:
+def time_to_turn(angle: float, moment: float, drag: Resistance) -> float:
     """Time [s] in which the vehicle turns by `angle` [rad] from rest under a constant moment."""
-    inertia, k_r, k_rr = drag
+    net = abs(moment + drag.constant)
+    if net == 0:
+        raise SettingError(f"moments holds {moment:g}, which the constant force balances; expected others")
 
     def turned(time: float) -> float:
-        return float(response(time, abs(moment), inertia, k_r, k_rr)[0])
+        return float(response(time, net, drag.inertia, drag.k_r, drag.k_rr)[0])
 
     high = 1.0
     while turned(high) < angle:

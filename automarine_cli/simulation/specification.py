@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from automarine_cli import effects as library
+from automarine_cli.axes import AXES, YAW, Axis
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.plain_data import everything, in_words, told
@@ -17,26 +18,11 @@ from automarine_cli.pipeline.recipe import from_mapping, read_mapping
 from automarine_cli.pipeline.words import printable
 from automarine_cli.simulation.checks import at_least_zero, between, positive, safe_path
 from automarine_cli.simulation.run_groups import Format, Levels, RunGroup, group_from, levels_of
+from automarine_cli.simulation.vehicle import ForceVehicle, Vehicle
 
 SCHEMA = "automarine/simulation/1"
 SMALLEST, LARGEST = 1e-12, 1e12  # of any number: beyond it no vehicle is, and arithmetic overflows
 MOST_JITTER = 0.3  # of a sample period: the clock must keep rising
-
-
-@dataclass(frozen=True)
-class Vehicle:
-    """The vehicle: inertia `I_r` [moment s²], drag `k_rr` [moment s²] and `k_r` [moment s]."""
-
-    I_r: float
-    k_rr: float = 0.0
-    k_r: float = 0.0
-    moment_unit: Literal["nu", "N m"] = "nu"
-
-    def __post_init__(self) -> None:
-        positive(self, "I_r")
-        at_least_zero(self, "k_rr", "k_r")
-        if self.k_r + self.k_rr == 0:
-            raise SettingError("k_rr and k_r are both 0; expected a drag, or the vehicle never gets steady")
 
 
 @dataclass(frozen=True)
@@ -201,9 +187,8 @@ class Specification:
 
     def model(self) -> YawModel:
         """The true model: the vehicle's drag and the effects, in their order."""
-        drag = (("quadratic-drag", self.vehicle.k_rr), ("linear-drag", self.vehicle.k_r))
-        terms = tuple(Term(name, (value,)) for name, value in drag if value > 0)
-        model = YawModel(self.vehicle.I_r, terms, self.vehicle.moment_unit)
+        terms = tuple(Term(name, (value,)) for name, value in self.vehicle.terms)
+        model = YawModel(self.vehicle.I_r, terms, self.vehicle.moment_unit, self.vehicle.axis)
         for effect in self.effects:
             model = model.with_effect(effect.name, effect.ordered)
         return model
@@ -228,6 +213,11 @@ class _Raw:
     bollard: Bollard | None = None
 
 
+@dataclass(frozen=True)
+class _RawForce(_Raw):
+    vehicle: ForceVehicle = field()
+
+
 def read_specification(path: Path) -> Specification:
     """The specification in a TOML (or JSON) file. Raises SettingError with file and key."""
     return specification_from(read_mapping(path), printable(path.name))
@@ -235,6 +225,37 @@ def read_specification(path: Path) -> Specification:
 
 def specification_from(mapping: Mapping[str, object], where: str = "specification") -> Specification:
     """The specification held by plain data; `where` names it in messages. Raises SettingError."""
+    vehicle = mapping.get("vehicle")
+    motion = vehicle.get("motion", YAW.name) if isinstance(vehicle, Mapping) else YAW.name
+    axis = AXES.get(motion) if isinstance(motion, str) else None
+    if axis is None:
+        raise SettingError(f"{where}: vehicle.motion: found {told(motion)}, expected {' or '.join(AXES)}")
+    if axis.wraps:
+        return _specification(mapping, where, _Raw)
+    try:
+        return _specification(_with_defaults(axis.plain(mapping), axis), where, _RawForce)
+    except SettingError as problem:
+        raise SettingError(where + axis.say(str(problem).removeprefix(where))) from None
+
+
+def _with_defaults(mapping: Mapping[str, object], axis: Axis) -> dict[str, object]:
+    """The data of a translation with what goes without saying there: nothing wraps, and who sinks or rises is held."""
+    own: dict[str, dict[str, object]] = {
+        "logger": {"wrap": "none", "glitch_deg": 1.0},
+        "scatter": {"start_heading_deg": 0.0},
+        "campaign": {"held": axis.constant},
+    }
+    given = {key: mapping.get(key, {}) for key in own}
+    return {
+        **mapping,
+        **{
+            key: {**own[key], **table} if isinstance(table, Mapping) else table
+            for key, table in given.items()
+        },
+    }
+
+
+def _specification(mapping: Mapping[str, object], where: str, form: type[_Raw]) -> Specification:
     if mapping.get("schema") != SCHEMA:
         raise SettingError(
             f'{where}: schema: found {told(mapping.get("schema"))}, expected the line schema = "{SCHEMA}"'
@@ -245,7 +266,7 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
             raise SettingError(
                 f"{where}: {in_words(place)}found {told(value)}, expected 0 or a size of {SMALLEST:g} to {LARGEST:g}"
             )
-    raw = from_mapping(_Raw, mapping, where)
+    raw = from_mapping(form, mapping, where)
     if not raw.runs and raw.bollard is None:
         raise SettingError(f"{where}: nothing to simulate; expected [[runs]] or [bollard]")
     return Specification(

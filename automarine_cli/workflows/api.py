@@ -75,6 +75,8 @@ def _plain(name: str, value: object, stack: ExitStack) -> object:
 check = at_a_prompt(_check.check, "logs")
 fit_thrusters = at_a_prompt(_fit_thrusters.fit_thrusters, "logs")
 fit_yaw = at_a_prompt(_fit_yaw.fit_yaw, "logs")
+fit_surge = at_a_prompt(_fit_yaw.fit_surge, "logs")
+fit_heave = at_a_prompt(_fit_yaw.fit_heave, "logs")
 validate = at_a_prompt(_validate.validate, "logs")
 diagnose = at_a_prompt(_diagnose.diagnose_any, "logs")
 simulate = at_a_prompt(_simulate.simulate, "specification")

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from automarine_cli.axes import AXES, Axis
 from automarine_cli.errors import LogError
 from automarine_cli.logs import (
     ColumnMap,
@@ -20,7 +21,7 @@ from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.report.check_tables import run_table, thruster_test_table
+from automarine_cli.report.check_tables import run_tables, thruster_test_table
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import (
     NAMED_APART,
@@ -55,13 +56,24 @@ class Check(Shown):
                 "used": len(self.runs) + len(self.tests),
                 "set_aside": [asdict(run) for run in self.set_aside],
             },
-            "yaw_runs": [asdict(run) for run in self.runs],
+            **{
+                f"{axis.name}_runs": self._seen(axis)
+                for axis in AXES.values()
+                if axis.wraps or self._seen(axis)
+            },
             "thruster_tests": [asdict(test) for test in self.tests],
         }
 
     def tables(self) -> tuple[Table, ...]:
-        """One table for the yaw runs, one for the thruster tests, whichever there are."""
-        return tuple(table for table in (run_table(self.runs), thruster_test_table(self.tests)) if table.rows)
+        """One table for the runs of each motion, one for the thruster tests, whichever there are."""
+        return tuple(
+            table for table in (*run_tables(self.runs), thruster_test_table(self.tests)) if table.rows
+        )
+
+    def _seen(self, axis: Axis) -> list[dict[str, object]]:
+        """The runs of one motion, under its keys."""
+        runs = [asdict(run) for run in self.runs if run.motion == axis.name]
+        return [axis.named({key: value for key, value in run.items() if key != "motion"}) for run in runs]
 
 
 def check(
@@ -120,7 +132,7 @@ def _look_at(
 ) -> tuple[list[RunSeen], list[ThrusterTestSeen], list[SetAside]]:
     """What is seen of the yaw runs and thruster tests of one file, and what is set aside; its samples are not kept."""
     try:
-        table = read_log(file, columns)
+        table = read_log(file, columns, axis=None)
         if is_thruster_test(table):
             require_thruster(table)
             return [], *look_at_tests(table)

@@ -16,8 +16,10 @@ from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import SettingError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.validity import covariance_json, valid_range
+from automarine_cli.fits.yaw_fit import KEYS
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
-from automarine_cli.models.store import StoredModels, load_yaw_models
+from automarine_cli.models.store import StoredModels, load_yaw_models, schema_of
+from automarine_cli.models.yaw_model import ASYMMETRY, BASE_NAMES
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import lasting_map
@@ -49,16 +51,18 @@ class YawDiagnosis(Shown):
         held = self.diagnosis.held_out_gap
         moved = base_estimates(self.diagnosis.study, found.final)
         before = base_estimates(self.diagnosis.study, found.base)
-        return {
+        axis = self.stored.axis
+        content = {
             "schema": "automarine/diagnosis/1",
+            **({} if axis.wraps else {"motion": axis.name}),
             "verdict": self.diagnosis.verdict,
             "model": self.stored.preferred,
             "moment_unit": self.stored.moment_unit,
             "effects": [_effect_json(effect) for effect in self.diagnosis.effects],
-            "where": [region.to_json() for region in self.where.regions],
+            "where": [region.to_json(axis) for region in self.where.regions],
             "gap": {
-                "fitted_runs": gap_json(self.diagnosis.gap),
-                "held_out_runs": None if held is None else gap_json(held),
+                "fitted_runs": gap_json(self.diagnosis.gap, axis),
+                "held_out_runs": None if held is None else gap_json(held, axis),
             },
             "candidates": [
                 {"name": trial.added[-1], "gain": found.rounds[0].gain(trial)}
@@ -78,6 +82,7 @@ class YawDiagnosis(Shown):
                 "set_aside": [asdict(run) for run in self.set_aside],
             },
         }
+        return dict(axis.named(content))
 
     def tables(self) -> list[Table | str]:
         """What the terminal shows: verdict, effects, gap, candidates."""
@@ -99,21 +104,29 @@ class YawDiagnosis(Shown):
 
 def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha256: str) -> dict[str, Any]:
     """A yaw-model file of one model with its effects, and the hash of the file that it grew from."""
-    base = base_estimates(study, trial)
-    drag = {name: base[name].to_json() for name in ("k_rr", "k_r", "I_r") if name in base}
+    base, axis = base_estimates(study, trial), study.base.axis
+    core, names = ["linear-drag", "quadratic-drag"], {name: name for name in ("k_rr", "k_r", "I_r")}
+    sides = ASYMMETRY[stored.preferred]
+    own = ["bias-moment"] * axis.constant + [sides] * (sides in [term.name for term in study.base.terms])
+    if not axis.wraps:
+        core += own
+        names |= {BASE_NAMES[name]: KEYS[BASE_NAMES[name]] for name in own}
+    drag = {key: base[name].to_json() for name, key in names.items() if name in base}
     angle, covariance, fit = None, study.covariance(trial.model, trial.fit), trial.fit
-    told = drag | {
-        "covariance": covariance_json(trial.model.parameter_names, fit.theta, fit.positive, covariance)
-    }
+    order = [
+        axis.key(KEYS.get(name, name)) if not axis.wraps else name for name in trial.model.parameter_names
+    ]
+    told = drag | {"covariance": covariance_json(order, fit.theta, fit.positive, covariance)}
     if "k_rr" in base and base["k_rr"].value > 0:
         spread = float(np.sqrt(max(covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1], 0.0)))
         angle = Estimate.from_log(
-            base["I_r"].value / base["k_rr"].value, spread, len(study.runs) - 1, "rad"
+            base["I_r"].value / base["k_rr"].value, spread, len(study.runs) - 1, axis.unit_of("theta_c")
         ).to_json()
-    added = [term.name for term in trial.model.terms if term.name not in ("linear-drag", "quadratic-drag")]
-    added += [name for name in trial.added if name in ("linear-drag", "quadratic-drag")]
-    return {
-        "schema": "automarine/yaw-model/1",
+    added = [term.name for term in trial.model.terms if term.name not in core]
+    added += [name for name in trial.added if name in core]
+    content = {
+        "schema": schema_of(axis),
+        **({} if axis.wraps else {"motion": axis.name}),
         "moment_unit": stored.moment_unit,
         "fitted_to": "whole runs",
         "models": {stored.preferred: {**drag, "output_error": told, "velocity_error": None, "sse": None}},
@@ -130,9 +143,10 @@ def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha2
             }
             for name in added
         ],
-        "heading_noise_deg": float(np.degrees(trial.fit.noise)),
+        "heading_noise_deg": float(axis.shown(trial.fit.noise)),
         "parent": {"file": stored.source, "sha256": parent_sha256},
     }
+    return dict(axis.named(content))
 
 
 def _effect_json(effect: NamedEffect) -> dict[str, Any]:
@@ -253,13 +267,15 @@ def _runs(
     stored: StoredModels,
 ) -> tuple[list[Run], tuple[SetAside, ...], tuple[LogFile, ...]]:
     """Runs that a diagnosis can use, with their moments, in the model's unit."""
-    campaign = load_runs(logs, names, strict=strict, progress=progress, jobs=jobs)
-    runs = with_moments(campaign.runs, thrusters, arm, names)
+    axis = stored.axis
+    campaign = load_runs(logs, names, axis=axis, strict=strict, progress=progress, jobs=jobs)
+    runs = with_moments(campaign.runs, thrusters, arm, names, axis)
     units = {run.moment_unit for run in runs if run.moment is not None}
     if units - {stored.moment_unit}:
         raise SettingError(
-            f"{stored.source} is a model of moments in {stored.moment_unit}, the logs give {', '.join(sorted(units))}; "
-            "fit a model to these logs first, or map their moment with --columns"
+            f"{stored.source} is a model of {axis.say('moments')} in {stored.moment_unit}, the logs give "
+            f"{', '.join(sorted(units))}; fit a model to these logs first, or map their {axis.say('moment')} with "
+            "--columns"
         )
     if strict and campaign.set_aside:
         raise refused_by_strict(campaign.set_aside[0])

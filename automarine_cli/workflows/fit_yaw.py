@@ -1,10 +1,12 @@
 """`fit-yaw`: step runs -> drag (Table 1), inertia (Table 2), yaw model, figures; whole runs where there are
-no steps."""
+no steps. `fit-surge` and `fit-heave` do the same for position against force."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from automarine_cli.axes import HEAVE, SURGE, YAW, Axis
+from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.identify import NOTHING_KNOWN, identify_turns
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.step_response import Known
@@ -16,11 +18,13 @@ from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import yaw_report
+from automarine_cli.runs.half_turn import UNTRIMMED, Trim
 from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run
 from automarine_cli.workflows.moments import moment_maker
 
 FIT_TO = ("auto", "half-turns", "whole-runs")
+STEPS = "steps"  # what surge and heave have in place of half-turns
 
 
 def fit_yaw(
@@ -42,14 +46,99 @@ def fit_yaw(
     `figure_formats` (png, svg, pdf).
 
     `thrusters` and `arm` [m] turn thruster commands into moments; `fit_to` and `known` as in
-    `fits.yaw_fit.identify`. Raises LogError, RunError, FitError, SettingError or OutputError.
+    `fits.identify.identify`. Raises LogError, RunError, FitError, SettingError or OutputError.
     """
+    return _fit(
+        YAW, UNTRIMMED, {"arm": arm}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, known=known, out=out,
+        figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs, progress=progress,
+    )  # fmt: skip
+
+
+def fit_surge(
+    logs: Sequence[str | Path],
+    *,
+    columns: Path | ColumnMap | None = None,
+    thrusters: Path | ThrusterMap | None = None,
+    within: float | None = None,
+    fit_to: str = "auto",
+    known: Known = NOTHING_KNOWN,
+    out: Path | None = None,
+    figure_formats: tuple[str, ...] = ("png",),
+    overwrite: bool = False,
+    strict: bool = False,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> YawFit:
+    """Identify the surge model of a vehicle: distance against force, as `fit_yaw` does heading against moment.
+
+    Steps are followed for `within` [m] of their start, before the wall is felt; None: to their end. Thruster commands
+    become forces through the map `thrusters`. Raises as `fit_yaw`.
+    """
+    if within is not None and not within > 0:
+        raise SettingError(f"within is {within:g}; expected metres above 0")
+    return _fit(
+        SURGE, Trim(within), {"within": within}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to,
+        known=known, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs,
+        progress=progress,
+    )  # fmt: skip
+
+
+def fit_heave(
+    logs: Sequence[str | Path],
+    *,
+    columns: Path | ColumnMap | None = None,
+    thrusters: Path | ThrusterMap | None = None,
+    depths: tuple[float, float] | None = None,
+    fit_to: str = "auto",
+    known: Known = NOTHING_KNOWN,
+    out: Path | None = None,
+    figure_formats: tuple[str, ...] = ("png",),
+    overwrite: bool = False,
+    strict: bool = False,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> YawFit:
+    """Identify the heave model of a vehicle: depth against force, its buoyancy with it, as `fit_yaw` does heading.
+
+    Steps are followed while the depth [m] is in the window `depths`, clear of surface and bottom; None: to their end.
+    Thruster commands become forces through the map `thrusters`. Raises as `fit_yaw`.
+    """
+    if depths is not None and not depths[0] < depths[1]:
+        raise SettingError(f"depths are {depths[0]:g} and {depths[1]:g}; expected the smaller one first")
+    trim = UNTRIMMED if depths is None else Trim(None, *depths)
+    return _fit(
+        HEAVE, trim, {"depths": depths}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, known=known,
+        out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs, progress=progress,
+    )  # fmt: skip
+
+
+def _fit(
+    axis: Axis,
+    trim: Trim,
+    own: dict[str, object],
+    logs: Sequence[str | Path],
+    *,
+    columns: Path | ColumnMap | None,
+    thrusters: Path | ThrusterMap | None,
+    fit_to: str,
+    known: Known,
+    out: Path | None,
+    figure_formats: tuple[str, ...],
+    overwrite: bool,
+    strict: bool,
+    jobs: int,
+    progress: Progress,
+) -> YawFit:
+    """The fit of any motion; `own` are the options that only it has."""
     column_map = given_columns(columns)
-    drive = moment_maker(thrusters, arm, column_map)
-    campaign = load_half_turns(logs, column_map, drive, strict=strict, progress=progress, jobs=jobs)
+    arm, kind = own.get("arm"), FIT_TO[1] if fit_to == STEPS else fit_to
+    drive = moment_maker(thrusters, arm if isinstance(arm, int | float) else None, column_map, axis)
+    campaign = load_half_turns(
+        logs, column_map, drive, axis=axis, trim=trim, strict=strict, progress=progress, jobs=jobs
+    )
 
     def whole() -> Sequence[Run]:
-        runs = load_runs(logs, column_map, progress=progress, jobs=jobs).runs
+        runs = load_runs(logs, column_map, axis=axis, progress=progress, jobs=jobs).runs
         return runs if drive is None else [drive(run) for run in runs]
 
     def each(function: Callable[[str], OutputErrorFit], models: Sequence[str]) -> Sequence[OutputErrorFit]:
@@ -57,7 +146,10 @@ def fit_yaw(
 
     def work() -> YawFit:
         with told_beside(campaign.set_aside):
-            fit = identify_turns(campaign.turns, campaign.not_turned, whole, fit_to, known, each)
+            try:
+                fit = identify_turns(campaign.turns, campaign.not_turned, whole, kind, known, each)
+            except FitError as problem:
+                raise FitError(axis.say(str(problem))) from None
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside))
         if strict and fit.set_aside:
             raise refused_by_strict(fit.set_aside[0])
@@ -70,17 +162,18 @@ def fit_yaw(
     options = {
         "columns": columns,
         "thrusters": thrusters,
-        "arm": arm,
+        **own,
         "fit_to": fit_to,
         "known": known,
         "figure_formats": figure_formats,
         "strict": strict,
     }
+    command = f"fit-{axis.name}"
     with result_folder(
-        out, command="fit-yaw", options=options, inputs=inputs, seed=None, overwrite=overwrite
+        out, command=command, options=options, inputs=inputs, seed=None, overwrite=overwrite
     ) as folder:
         fit = work()
-        folder.write_json("yaw_model.json", fit.to_json())
+        folder.write_json(f"{axis.name}_model.json", fit.to_json())
         for name, content in yaw_report.files(fit, figure_formats):
             folder.write(name, content)
     return fit

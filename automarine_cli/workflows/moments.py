@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+from automarine_cli.axes import YAW, Axis
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.propulsion import drive_run_by_thrusters
@@ -13,17 +14,23 @@ from automarine_cli.runs.run import Run
 
 
 def moment_maker(
-    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap
+    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, axis: Axis = YAW
 ) -> Callable[[Run], Run] | None:
     """What makes the moment of thruster commands, at lever arm `arm` [m] (default: the column map's `arm_m`).
 
     None without a map: then the logs hold the moment. Raises SettingError where map or arm is given alone.
     """
+    if not axis.levered and arm is not None:
+        raise SettingError(
+            f"--arm is of yaw; in {axis.name} thrusters push as hard at any arm, so leave it out"
+        )
     if thrusters is None:
         if arm is not None:
             raise SettingError("--arm goes with the thrusters' map; give --thrusters MAP.json too")
         return None
     length = columns.defaults.get("arm_m") if arm is None else arm
+    if not axis.levered:
+        length = 1.0  # of no account
     if not isinstance(length, int | float):
         raise SettingError("--thrusters makes moments only with the thrusters' lever arm; give --arm METRES")
     known = load_thruster_map(thrusters) if isinstance(thrusters, Path) else thrusters
@@ -31,8 +38,12 @@ def moment_maker(
 
 
 def with_moments(
-    runs: Sequence[Run], thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap
+    runs: Sequence[Run],
+    thrusters: Path | ThrusterMap | None,
+    arm: float | None,
+    columns: ColumnMap,
+    axis: Axis = YAW,
 ) -> tuple[Run, ...]:
     """The runs driven through `thrusters`, or as they are; see `moment_maker`."""
-    drive = moment_maker(thrusters, arm, columns)
+    drive = moment_maker(thrusters, arm, columns, axis)
     return tuple(runs) if drive is None else tuple(drive(run) for run in runs)

@@ -23,7 +23,7 @@ from automarine_cli.workflows.compare import compare
 from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.diagnose_thrusters import diagnose_thrusters, is_thruster_map
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
-from automarine_cli.workflows.fit_yaw import fit_yaw
+from automarine_cli.workflows.fit_yaw import fit_heave, fit_surge, fit_yaw
 from automarine_cli.workflows.plan import plan
 from automarine_cli.workflows.run import run_campaign
 from automarine_cli.workflows.simulate import simulate
@@ -35,6 +35,8 @@ COMMANDS: Mapping[str, Callable[..., object]] = {
     "check": check,
     "fit-thrusters": fit_thrusters,
     "fit-yaw": fit_yaw,
+    "fit-surge": fit_surge,
+    "fit-heave": fit_heave,
     "validate": validate,
     "diagnose": diagnose,
     "simulate": simulate,

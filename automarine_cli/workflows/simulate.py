@@ -36,7 +36,8 @@ class Simulation(Shown):
             bollard = {"file": made.bollard.file} | {
                 key: value for key, value in bollard.items() if key not in ("folder", "name", "format")
             }
-        return {
+        axis = made.vehicle.axis
+        content = {
             "schema": SCHEMA,
             "simulated": label(made, self.seed),
             "seed": self.seed,
@@ -48,6 +49,7 @@ class Simulation(Shown):
             "campaign": to_mapping(made.campaign),
             "made": [_truth_of(run, number) for number, run in enumerate(self.runs, 1)],
         }
+        return dict(axis.named(content))
 
     def files(self) -> tuple[str, ...]:
         """What is written: the folders of logs, then the truth."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from automarine_cli.axes import Axis
 from automarine_cli.comparison.residuals import FreeRun
 from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.comparison.scores import SCORES, RunScore, rate_source
@@ -48,9 +49,10 @@ class Validation(Shown):
 
     def to_json(self) -> dict[str, Any]:
         """The result: schema automarine/validation/1."""
-        found = self.comparison
-        return {
+        found, axis = self.comparison, self.stored.axis
+        content = {
             "schema": SCHEMA,
+            **({} if axis.wraps else {"motion": axis.name}),
             "models": {number: self._model_json(scored) for number, scored in found.models.items()},
             "noise_floor_deg": found.floor,
             "best": found.best,
@@ -59,10 +61,11 @@ class Validation(Shown):
             "effects": list(self.stored.effects),
             "moment_unit": self.stored.moment_unit,
             "switch_offset": self.stored.switch_offset,
-            "scores": MEANING,
+            "scores": {name: axis.say(meaning) for name, meaning in MEANING.items()},
             "logs": {run.name: self._log_json(i) for i, run in enumerate(found.runs)},
             "runs": {"used": len(found.runs), "set_aside": [asdict(run) for run in self.set_aside]},
         }
+        return dict(axis.named(content))
 
     def tables(self) -> tuple[Table, ...]:
         """Models over all runs, then run by run."""
@@ -76,7 +79,7 @@ class Validation(Shown):
                 data[f"{name}_ci95"] = list(scored.overall[name].ci95 or ())
         data["diverged"] = list(scored.diverged)
         names = (run.name for run in self.comparison.runs)
-        data["runs"] = {name: _run_json(one) for name, one in zip(names, scored.scores)}
+        data["runs"] = {name: _run_json(one, self.stored.axis) for name, one in zip(names, scored.scores)}
         return data
 
     def _log_json(self, i: int) -> dict[str, Any]:
@@ -87,17 +90,17 @@ class Validation(Shown):
             "duration_s": float(run.time[-1] - run.time[0]),
             "noise_floor_deg": self.comparison.floors[i],
             "restarts": len(restarts.states),
-            "restarted_at": restarts.rule,
+            "restarted_at": self.stored.axis.say(restarts.rule),
             "restarted_horizon_s": restarts.horizon,
             "rate_from": rate_source(run),
         }
 
 
-def _run_json(one: RunScore) -> dict[str, Any]:
+def _run_json(one: RunScore, axis: Axis) -> dict[str, Any]:
     start = {
-        "heading_deg": float(np.rad2deg(one.start.heading)),
-        "rate_deg_s": float(np.rad2deg(one.start.rate)),
-        "how": one.start.how,
+        "heading_deg": float(axis.shown(one.start.heading)),
+        "rate_deg_s": float(axis.shown(one.start.rate)),
+        "how": axis.say(one.start.how),
     }
     return {**{name: one.value(name) for name in SCORES}, "diverged": one.diverged, "start": start}
 
@@ -128,8 +131,8 @@ def validate(
     """
     stored = load_yaw_models(model)
     names = given_columns(columns)
-    drive = moment_maker(thrusters, arm, names)
-    campaign = load_runs(logs, names, strict=strict, progress=progress, jobs=jobs)
+    drive = moment_maker(thrusters, arm, names, stored.axis)
+    campaign = load_runs(logs, names, axis=stored.axis, strict=strict, progress=progress, jobs=jobs)
     runs, aside = _usable(campaign.runs, stored, drive)
     if strict and aside:
         raise refused_by_strict(aside[0])
@@ -197,8 +200,8 @@ def _same_unit(runs: Sequence[Run], stored: StoredModels) -> None:
     for run in runs:
         if run.moment_unit != stored.moment_unit:
             raise ModelError(
-                f"{stored.source} was fitted to moments in {stored.moment_unit}, {run.source} gives them in "
-                f"{run.moment_unit}; there is no factor between the two. Validate with logs in "
+                f"{stored.source} was fitted to {stored.axis.say('moments')} in {stored.moment_unit}, {run.source} "
+                f"gives them in {run.moment_unit}; there is no factor between the two. Validate with logs in "
                 f"{stored.moment_unit}, or fit a model to logs in {run.moment_unit}"
             )
 

@@ -10,7 +10,7 @@ from automarine_cli.diagnosis.bins import Row, Variable
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.report.figures.diagnosis_words import BEFORE, MARK, in_words, verdict
-from automarine_cli.report.figures.style import PAGE_IN, house_style, new_figure
+from automarine_cli.report.figures.style import PAGE_IN, house_style, new_figure, said
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def where_figure(where: Where, diagnosis: Diagnosis) -> Figure:
     heat = figure.add_subplot(place[rows, :])
     _heat_map(figure, heat, where)
     out = sum(bool(variable.stands_out.any()) for variable in where.variables)
-    said = (
+    told = (
         f"The gap stands out against {out} of {len(where.variables)} variables (yellow)"
         if out
         else f"The gap stands out against none of {len(where.variables)} variables"
@@ -48,8 +48,8 @@ def where_figure(where: Where, diagnosis: Diagnosis) -> Figure:
         Patch(color=BEFORE, alpha=0.3, label="mean ± 2 standard errors (runs as units)"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
-    figure.suptitle(f"{said}. Verdict: {verdict(diagnosis)}")
-    return figure
+    figure.suptitle(f"{told}. Verdict: {verdict(diagnosis)}")
+    return said(figure, where.axis)
 
 
 NARROWEST = 0.04
@@ -101,18 +101,19 @@ def _look(row: Row) -> str:
 
 def _heat_map(figure: Figure, axes: Axes, where: Where) -> None:
     """Residual headings, runs in order of their moment by time."""
+    axis = where.axis
     order = np.argsort(where.mean_moment, kind="stable")
     ends = np.where(where.seen, where.time, 0.0).max(axis=1)
     grid = np.linspace(0.0, float(ends.max()), 240)
     image = np.full((len(order), len(grid)), np.nan)
     for line, i in enumerate(order):
-        time, gap = where.time[i][where.seen[i]], np.degrees(where.residual[i][where.seen[i]])
+        time, gap = where.time[i][where.seen[i]], axis.shown(where.residual[i][where.seen[i]])
         width = max(1, round(len(time) / 60))
         smooth = np.convolve(gap, np.ones(width), "same") / np.convolve(
             np.ones(len(gap)), np.ones(width), "same"
         )
         image[line] = np.where(grid <= time[-1], np.interp(grid, time, smooth), np.nan)
-    most = max(float(np.nanquantile(np.abs(image), 0.99)), np.degrees(where.floor))
+    most = max(float(np.nanquantile(np.abs(image), 0.99)), axis.shown(where.floor))
     mesh = axes.imshow(
         image, aspect="auto", origin="lower", cmap="PuOr", vmin=-most, vmax=most, interpolation="nearest",
         extent=(0.0, float(grid[-1]), -0.5, len(order) - 0.5),

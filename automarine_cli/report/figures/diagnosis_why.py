@@ -13,7 +13,7 @@ from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.naming_key import NamingKey
 from automarine_cli.diagnosis.trials import LEVEL
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, verdict
-from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure
+from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure, said
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def why_figure(diagnosis: Diagnosis, key: NamingKey) -> Figure:
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     figure.suptitle(f"Which missing effect would explain the gap. Verdict: {verdict(diagnosis)}")
-    return figure
+    return said(figure, diagnosis.study.base.axis)
 
 
 def _evidence(axes: Axes, diagnosis: Diagnosis) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.step_response import StepData
 from automarine_cli.fits.velocity_error import VelocityErrorFit
 from automarine_cli.fits.yaw_fit import YawFit
@@ -31,6 +32,7 @@ MOMENT_MAP = "cividis"
 def half_turns_figure(fit: YawFit) -> Figure:
     """Heading against time of every half-turn: kept part coloured by the size of the moment, what follows in
     grey."""
+    axis = fit.axis
     figure, axes = new_figure(1, 2, PAGE_IN, 3.2, sharey=True)
     scale, colours = _moment_scale(np.array([turn.moment for turn in fit.turns]))
     for ax, sign, side in zip(
@@ -42,11 +44,11 @@ def half_turns_figure(fit: YawFit) -> Figure:
             run, start = turn.step.run, turn.step.switch_mid
             first = turn.step.rest.start if turn.step.rest is not None else turn.kept.start
             after = slice(turn.kept.stop - 1, turn.step.stop)
-            zero = np.degrees(turn.start_heading)
+            zero = axis.shown(turn.start_heading)
             for part, style in ((slice(first, turn.kept.start + 1), "-"), (after, "-")):
                 ax.plot(
                     run.time[part] - start,
-                    np.degrees(run.heading[part]) - zero,
+                    axis.shown(run.heading[part]) - zero,
                     style,
                     color="0.82",
                     lw=0.7,
@@ -54,19 +56,21 @@ def half_turns_figure(fit: YawFit) -> Figure:
                 )
             ax.plot(
                 turn.time - start,
-                np.degrees(turn.heading) - zero,
+                axis.shown(turn.heading) - zero,
                 color=colours(abs(turn.moment)),
                 lw=0.9,
                 zorder=2,
             )
-        ax.axhline(sign * 180.0, color=COLOURS["vermilion"], lw=0.9, ls="--", zorder=3)
-        ax.set_title(side)
-        ax.set_xlabel("Time since the step [s]")
-    axes[0, 0].set_ylabel("Heading less start heading ψ − ψ₀ [deg]")
+        if axis.wraps:
+            ax.axhline(sign * 180.0, color=COLOURS["vermilion"], lw=0.9, ls="--", zorder=3)
+        ax.set_title(axis.say(side))
+        ax.set_xlabel(axis.say("Time since the step [s]"))
+    axes[0, 0].set_ylabel(axis.say("Heading less start heading ψ − ψ₀ [deg]"))
     axes[0, 1].plot([], [], color="0.82", label="rest, and what was cut")
-    axes[0, 1].plot([], [], color=COLOURS["vermilion"], ls="--", label="half a turn")
+    if axis.wraps:
+        axes[0, 1].plot([], [], color=COLOURS["vermilion"], ls="--", label="half a turn")
     legend(axes[0, 1], loc="lower right")
-    figure.colorbar(scale, ax=axes, label=f"Size of the moment |τ| [{fit.moment_unit}]", pad=0.01)
+    figure.colorbar(scale, ax=axes, label=axis.say(f"Size of the moment |τ| [{fit.moment_unit}]"), pad=0.01)
     return figure
 
 
@@ -74,13 +78,14 @@ def half_turns_figure(fit: YawFit) -> Figure:
 def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     """Steady yaw rate against moment with the three curves of Table 1, residuals below (the paper's Fig.
     7)."""
+    axis = fit.axis
     figure, axes = new_figure(2, 1, 4.6, 4.6, sharex=True, height_ratios=(2.4, 1.0))
     top, bottom = axes[:, 0]
     moment, rate = np.array([turn.moment for turn in fit.turns]), seed.tails.rate
     grid = np.linspace(min(moment.min(), 0.0), max(moment.max(), 0.0), 401) * 1.03
     top.plot(
         moment,
-        np.degrees(rate),
+        axis.shown(rate),
         "o",
         mfc="none",
         mec=MEASURED,
@@ -91,11 +96,10 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     for number in ("1", "2", "3"):
         if number not in seed.drag:
             continue
-        k_r, k_rr = seed.drag[number].drag
         look: dict[str, Any] = {"color": MODEL_COLOURS[number], "zorder": 4 if number == "2" else 3}
         top.plot(
             grid,
-            np.degrees(steady_rate(grid, k_r, k_rr)),
+            axis.shown(steady_rate(*seed.drag[number].acting(grid))),
             ls=MODEL_LINES[number],
             label=f"model {number}",
             **look,
@@ -104,9 +108,9 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
         bottom.plot(
             moment + shift, seed.drag[number].residuals, "^os"[int(number) - 1], ms=2.6, mec="none", **look
         )
-    top.set_ylabel("Steady yaw rate r [deg/s]")
-    bottom.set_ylabel(f"Residual [{fit.moment_unit}]")
-    bottom.set_xlabel(f"Yaw moment τ [{fit.moment_unit}]")
+    top.set_ylabel(axis.say("Steady yaw rate r [deg/s]"))
+    bottom.set_ylabel(axis.say(f"Residual [{fit.moment_unit}]"))
+    bottom.set_xlabel(axis.say(f"Yaw moment τ [{fit.moment_unit}]"))
     bottom.axhline(0.0, color="0.4", lw=0.6, zorder=1)
     legend(top, loc="upper left")
     return figure
@@ -115,6 +119,7 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
 @house_style
 def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     """Inertia of each run, mean at each moment, overall by both methods (the paper's Fig. 9)."""
+    axis = fit.axis
     models = [number for number in ("1", "3") if number in seed.inertia]
     figure, axes = new_figure(1, len(models), PAGE_IN, 3.0)
     moment = np.array([turn.moment for turn in fit.turns])
@@ -141,9 +146,9 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
         spread = np.array([*table.per_run, *ml.ci95])
         low, high = np.percentile(spread, [2, 98])
         ax.set_ylim(min(0.0, low), max(1.1 * high, high + 0.35 * np.ptp([low, high])))
-        ax.set_title(f"model {number}")
-        ax.set_xlabel(f"Yaw moment τ [{fit.moment_unit}]")
-    axes[0, 0].set_ylabel(f"Yaw inertia $I_r$ [{fit.moment_unit} s²]")
+        ax.set_title(axis.say(f"model {number}"))
+        ax.set_xlabel(axis.say(f"Yaw moment τ [{fit.moment_unit}]"))
+    axes[0, 0].set_ylabel(axis.say(f"Yaw inertia $I_r$ [{axis.unit_of('I_r', fit.moment_unit)}]"))
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
@@ -151,6 +156,7 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
 @house_style
 def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     """Heading against time times the root of the moment: one curve for all runs if model 3 holds."""
+    axis = fit.axis
     figure, axes = new_figure(2, 1, 4.6, 4.6, sharex=True, height_ratios=(2.4, 1.0))
     top, bottom = axes[:, 0]
     model = fit.output_error["3"]
@@ -160,28 +166,29 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     longest = 0.0
     for i, moment in enumerate(data.moment):
         used = data.seen[i] & (data.time[i] >= 0)
-        scaled = np.maximum(data.time[i][used] - late[i], 0.0) * np.sqrt(abs(moment))
-        turned = np.sign(moment) * data.heading[i][used]
+        acting, share = _acting(model, float(moment))
+        scaled = np.maximum(data.time[i][used] - late[i], 0.0) * np.sqrt(abs(acting) * share)
+        turned = np.sign(acting) * data.heading[i][used] * share
         curve = response(scaled, 1.0, inertia, 0.0, k_rr)[0]
         look: dict[str, Any] = {"color": colours(abs(moment)), "ms": 2.0, "mec": "none"}
-        top.plot(scaled, np.degrees(turned), "o", **look)
-        bottom.plot(scaled, np.degrees(turned - curve), "o", **look)
+        top.plot(scaled, axis.shown(turned), "o", **look)
+        bottom.plot(scaled, axis.shown(turned - curve), "o", **look)
         longest = max(longest, float(scaled.max(initial=0.0)))
     grid = np.linspace(0.0, longest, 400)
     name = r"$(I_r/k_{r|r|})\,\ln\cosh\,(s\,k_{r|r|}^{1/2}/I_r)$"
     top.plot(
         grid,
-        np.degrees(response(grid, 1.0, inertia, 0.0, k_rr)[0]),
+        axis.shown(response(grid, 1.0, inertia, 0.0, k_rr)[0]),
         color=COLOURS["vermilion"],
         lw=1.4,
         label=name,
     )
     bottom.axhline(0.0, color=COLOURS["vermilion"], lw=1.0)
-    top.set_ylabel("Heading turned sgn(τ)(ψ − ψ₀) [deg]")
-    bottom.set_ylabel("Off the curve [deg]")
-    bottom.set_xlabel(f"Scaled time s = t √|τ| [s ({fit.moment_unit})$^{{1/2}}$]")
+    top.set_ylabel(axis.say("Heading turned sgn(τ)(ψ − ψ₀) [deg]"))
+    bottom.set_ylabel(axis.say("Off the curve [deg]"))
+    bottom.set_xlabel(axis.say(f"Scaled time s = t √|τ| [s ({fit.moment_unit})$^{{1/2}}$]"))
     legend(top, loc="upper left")
-    figure.colorbar(scale, ax=axes, label=f"Size of the moment |τ| [{fit.moment_unit}]", pad=0.01)
+    figure.colorbar(scale, ax=axes, label=axis.say(f"Size of the moment |τ| [{fit.moment_unit}]"), pad=0.01)
     return figure
 
 
@@ -189,6 +196,7 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
 def whole_runs_figure(fit: YawFit) -> Figure:
     """Measured heading of each whole run, and the preferred model's with the disturbance that the fit allows
     it."""
+    axis = fit.axis
     count = len(fit.runs)
     shown = list(range(count))[:24]
     columns = min(3, len(shown))
@@ -198,10 +206,10 @@ def whole_runs_figure(fit: YawFit) -> Figure:
     for ax, i in zip(axes.flat, shown):
         run = fit.runs[i]
         time, fitted = run.time - run.time[0], fit.preferred.mixed.fitted[i][: len(run)]
-        ax.plot(time, np.degrees(run.heading), color=MEASURED, lw=2.0, label="measured")
+        ax.plot(time, axis.shown(run.heading), color=MEASURED, lw=2.0, label="measured")
         ax.plot(
             time,
-            np.degrees(fitted),
+            axis.shown(fitted),
             color=MODEL_COLOURS[number],
             ls=MODEL_LINES[number],
             lw=1.0,
@@ -211,11 +219,21 @@ def whole_runs_figure(fit: YawFit) -> Figure:
     for ax in axes.flat[len(shown) :]:
         ax.set_axis_off()
     for ax in axes[-1]:
-        ax.set_xlabel("Time in the run [s]")
+        ax.set_xlabel(axis.say("Time in the run [s]"))
     for ax in axes[:, 0]:
-        ax.set_ylabel("Heading ψ [deg]")
+        ax.set_ylabel(axis.say("Heading ψ [deg]"))
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     return figure
+
+
+def _acting(model: OutputErrorFit, moment: float) -> tuple[float, float]:
+    """What a run moves by, and its drag as a share of the middle of both ways: 1 where they do not differ."""
+    estimates = model.estimates
+    if "b" in estimates:
+        moment += estimates["b"].value
+    if "e" not in estimates:
+        return moment, 1.0
+    return moment, 1.0 + float(np.sign(moment)) * estimates["e"].value / estimates["k_rr"].value
 
 
 def _moment_scale(moment: Any) -> tuple[Any, Any]:

@@ -1,0 +1,37 @@
+"""`automarine fit-surge`: options in, one workflow call, tables out."""
+
+from pathlib import Path
+
+import click
+
+from automarine_cli.cli import options
+from automarine_cli.cli.fit_yaw import told
+
+
+@click.command("fit-surge", short_help="Step runs to drag, mass and a surge model.")
+@click.option(
+    "--within", type=click.FloatRange(min=0, min_open=True), metavar="METRES",
+    help="Follow each step for so many metres, before the wall is felt; without it to its end.",
+)  # fmt: skip
+@options.fit_options
+def fit_surge(
+    logs: tuple[str, ...], columns: Path | None, thrusters: Path | None, within: float | None, fit_to: str,
+    out: Path | None, overwrite: bool, strict: bool, jobs: int, as_json: bool,
+) -> object:  # fmt: skip
+    """Identify the surge model from step runs: distance against force, drag (Table 1) and mass (Table 2).
+
+    Logs hold distance_m and force_X_N (or X, normalised; or n_port and n_stbd with --thrusters). Each step is
+    fitted twice, as by fit-yaw; where drag ahead and astern differ, each has its own. Logs without steps are
+    fitted as whole runs.
+
+    \b
+    Example:
+      automarine fit-surge sample_runs/surge --within 3 -o out/surge
+    """
+    from automarine_cli.workflows import fit_yaw as workflow
+
+    result = workflow.fit_surge(
+        logs, columns=columns, thrusters=thrusters, within=within, fit_to=fit_to, out=out, overwrite=overwrite,
+        strict=strict, jobs=jobs, progress=options.terminal_progress(),
+    )  # fmt: skip
+    return told(result, out, as_json)

@@ -1,0 +1,73 @@
+"""Does drag differ between the two ways of a translation: ahead and astern, down and up?
+
+Both are fitted together, as their middle and half their difference, and pooled unless the difference stands out.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import stats
+
+from automarine_cli.axes import Axis
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.influence import degrees_of_freedom
+
+if TYPE_CHECKING:
+    from automarine_cli.fits.output_error import OutputErrorFit
+
+LEVEL = 0.05
+"""p-value below which the two ways are told apart."""
+
+
+@dataclass(frozen=True)
+class Ways:
+    """The drag of each way (`parameter`, k_r or k_rr, is what differs), and the test of their difference."""
+
+    parameter: str
+    drag: Mapping[str, Estimate]
+    p_value: float
+
+    @property
+    def differ(self) -> bool:
+        """Whether chance alone would hardly make them differ as much."""
+        return self.p_value < LEVEL
+
+    def to_json(self) -> dict[str, object]:
+        """For the result file."""
+        found = {way: {self.parameter: one.to_json()} for way, one in self.drag.items()}
+        return {"differ": self.differ, "p_value": self.p_value, **found}
+
+
+def by_way(fit: "Callable[[bool], OutputErrorFit]", axis: Axis, both: bool) -> "OutputErrorFit":
+    """The fit with drag by way where that differs, else pooled; `fit` takes which, `both` is whether both were gone."""
+    if not (axis.sided and both):
+        return fit(False)
+    apart = fit(True)
+    found = ways_of(apart, axis)
+    return replace(apart if found.differ else fit(False), ways=found)
+
+
+def ways_of(fit: "OutputErrorFit", axis: Axis) -> Ways:
+    """The drag of each way, and the test, from a fit of both: theta holds their middle and half their difference."""
+    names = list(fit.estimates)
+    main = "k_r" if fit.number == "1" else "k_rr"
+    i, j = names.index(main), names.index("e")
+    middle, half, covariance = fit.estimates[main].value, fit.estimates["e"].value, fit.covariance
+    runs, axes = len(fit.mixed.left_out), np.eye(len(fit.mixed.theta))
+
+    def dof(direction: np.ndarray) -> float:
+        return degrees_of_freedom(fit.mixed, direction) if runs > 2 else 1.0
+
+    drag = {}
+    for way, sign in zip(axis.ways, (1.0, -1.0)):
+        value, slope = (
+            middle + sign * half,
+            middle * axes[i] + sign * axes[j],
+        )  # phi holds the logarithm of the middle
+        deviation = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
+        of_log = deviation / max(value, 1e-3 * middle)
+        drag[way] = Estimate.from_log(value, of_log, dof(slope), fit.estimates[main].unit)
+    error = float(np.sqrt(max(covariance[j, j], 1e-300)))
+    return Ways(main, drag, float(2.0 * stats.t.sf(abs(half) / error, dof(axes[j]))))

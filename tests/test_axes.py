@@ -1,0 +1,56 @@
+"""What each motion calls things, and the keys of its files."""
+
+import pickle
+
+import pytest
+
+from automarine_cli.axes import AXES, HEAVE, SURGE, YAW, Axis
+
+TRANSLATIONS = (SURGE, HEAVE)
+
+
+@pytest.mark.parametrize("axis", AXES.values(), ids=str)
+def test_an_axis_is_one_object_in_every_process(axis: Axis) -> None:
+    assert pickle.loads(pickle.dumps(axis)) is axis
+
+
+def test_yaw_says_what_it_says() -> None:
+    assert YAW.say("The heading turns 3 degrees; k_r|r|, I_r [nu s²]") == (
+        "The heading turns 3 degrees; k_r|r|, I_r [nu s²]"
+    )
+    assert YAW.named({"I_r": 1, "k_rr": {"moment_unit": "nu"}}) == {"I_r": 1, "k_rr": {"moment_unit": "nu"}}
+
+
+def test_surge_and_heave_speak_of_force_and_metres() -> None:
+    said = "Inertial turn angle I_r/k_r|r|: 0.8 rad, whatever the moment's unit; heading noise 1.00°."
+    assert (
+        SURGE.say(said)
+        == "Inertial distance m_u/X_u|u|: 0.8 m, whatever the force's unit; distance noise 1.00 cm."
+    )
+    assert HEAVE.say("turned to port by $I_r$ and $k_{r|r|}$") == "moved up by $m_w$ and $Z_{w|w|}$"
+
+
+@pytest.mark.parametrize("axis", TRANSLATIONS, ids=str)
+def test_names_of_files_and_effects_are_left_alone(axis: Axis) -> None:
+    for name in ("bias-moment", "heading-moment", "logs/port/yaw.csv", "port_run", "thruster-map"):
+        assert axis.say(name) == name
+
+
+@pytest.mark.parametrize("axis", TRANSLATIONS, ids=str)
+def test_keys_come_back(axis: Axis) -> None:
+    content = {
+        "models": {"3": {"I_r": 1.0, "k_rr": {"value": 2.0}}},
+        "moment_unit": "N",
+        "heading_noise_deg": 1.0,
+    }
+    named = axis.named(content)
+    assert {"moment_unit", "heading_noise_deg", "I_r"}.isdisjoint({*named, *named["models"]["3"]})
+    assert axis.plain(named) == content
+
+
+@pytest.mark.parametrize("axis", TRANSLATIONS, ids=str)
+def test_units_are_those_of_a_force_over_speeds(axis: Axis) -> None:
+    assert [axis.unit_of(name, "N") for name in ("I_r", "k_r", "k_rr", "theta_c")] == [
+        "kg", "N s/m", "N s²/m²", "m",
+    ]  # fmt: skip
+    assert axis.unit_in("{moment} s²", "nu") == "nu s²/m²"
