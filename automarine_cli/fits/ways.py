@@ -23,10 +23,12 @@ LEVEL = 0.05
 
 @dataclass(frozen=True)
 class Ways:
-    """The drag of each way (`parameter`, k_r or k_rr, is what differs), and the test of their difference."""
+    """The drag of each way (`parameter`, k_r or k_rr, is what differs), the inertial distance I/k_rr of each [m] where
+    the model has one, and the test of their difference."""
 
     parameter: str
     drag: Mapping[str, Estimate]
+    distance: Mapping[str, Estimate]
     p_value: float
 
     @property
@@ -37,6 +39,8 @@ class Ways:
     def to_json(self) -> dict[str, object]:
         """For the result file."""
         found = {way: {self.parameter: one.to_json()} for way, one in self.drag.items()}
+        for way, one in self.distance.items():
+            found[way]["inertial_turn_angle_rad"] = one.to_json()
         return {"differ": self.differ, "p_value": self.p_value, **found}
 
 
@@ -60,7 +64,7 @@ def ways_of(fit: "OutputErrorFit", axis: Axis) -> Ways:
     def dof(direction: np.ndarray) -> float:
         return degrees_of_freedom(fit.mixed, direction) if runs > 2 else 1.0
 
-    drag = {}
+    drag, distance = {}, {}
     for way, sign in zip(axis.ways, (1.0, -1.0)):
         value, slope = (
             middle + sign * half,
@@ -69,5 +73,12 @@ def ways_of(fit: "OutputErrorFit", axis: Axis) -> Ways:
         deviation = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
         of_log = deviation / max(value, 1e-3 * middle)
         drag[way] = Estimate.from_log(value, of_log, dof(slope), fit.estimates[main].unit)
+        if main == "k_rr":
+            ratio = axes[0] - slope / max(value, 1e-3 * middle)
+            spread = float(np.sqrt(max(ratio @ covariance @ ratio, 0.0)))
+            inertia = fit.estimates["I_r"].value
+            distance[way] = Estimate.from_log(
+                inertia / max(value, 1e-3 * middle), spread, dof(ratio), axis.unit_of("theta_c")
+            )
     error = float(np.sqrt(max(covariance[j, j], 1e-300)))
-    return Ways(main, drag, float(2.0 * stats.t.sf(abs(half) / error, dof(axes[j]))))
+    return Ways(main, drag, distance, float(2.0 * stats.t.sf(abs(half) / error, dof(axes[j]))))

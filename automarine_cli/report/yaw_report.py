@@ -66,7 +66,9 @@ def _by_way(ways: Ways, axis: Axis) -> str:
     told = " and ".join(f"{interval(one)} {way}" for way, one in ways.drag.items())
     unit = next(iter(ways.drag.values())).unit
     if ways.differ:
-        return f"Drag differs between the ways (p = {ways.p_value:.2g}): {symbol} is {told} {unit}."
+        far = " and ".join(f"{interval(one)} m {way}" for way, one in ways.distance.items())
+        said = f"Drag differs between the ways (p = {ways.p_value:.2g}): {symbol} is {told} {unit}"
+        return f"{said}, the inertial distance {far}." if far else f"{said}."
     return f"Drag does not differ between the ways beyond chance (p = {ways.p_value:.2g}): {symbol} {told} {unit}."
 
 

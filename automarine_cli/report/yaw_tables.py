@@ -117,11 +117,16 @@ def inertia_table(
             *(interval(ml[m].inertial_turn_angle) if m in ml else MISSING for m in MODELS),
         ),
     ]
+    asked = {m: ml[m].ways for m in MODELS if m in ml} if axis.sided else {}
+    for way in axis.ways if axis.sided else ():
+        far = (ways.distance.get(way) if (ways := asked.get(m)) else None for m in MODELS)
+        cells = (MISSING if one is None else interval(one) for one in far)
+        rows.append((f"I_r/k_r|r| [rad] {way}, maximum likelihood", *cells))
     levels = sorted({level for table in tables.values() for level in table.per_moment}) if means else []
     for level in levels:
         row = (number(tables[m].per_moment[level]) if m in tables else MISSING for m in MODELS)
         rows.append((f"mean at {level:+.4g} {unit}", *row))
-    rules = (1, 4) if levels else (1,)
+    rules = (1, len(rows) - len(levels)) if levels else (1,)
     unit_note = f"I_r [{axis.unit_of('I_r', unit)}]; brackets are 95 % intervals"
     unit_note += "; means over the runs at each moment are by the velocity error." if levels else "."
     notes = (unit_note, *notes)
