@@ -54,8 +54,8 @@ def test_names_offered_are_there() -> None:
     assert set(am.__all__) <= set(dir(am))
     assert all(callable(getattr(am, name)) for name in am.__all__ if name not in ("__version__", "effects"))
     assert am.fit_yaw.__doc__ == fit_yaw.__doc__
-    with pytest.raises(AttributeError, match="has no attribute 'fit_surge'"):
-        _ = am.fit_surge  # type: ignore[attr-defined]
+    with pytest.raises(AttributeError, match="has no attribute 'fit_sway'"):
+        _ = am.fit_sway  # type: ignore[attr-defined]
 
 
 def test_the_result_is_the_workflows_own(logs: Path, results: dict[str, Any]) -> None:

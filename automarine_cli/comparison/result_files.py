@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from automarine_cli.axes import AXES, YAW
 from automarine_cli.comparison.side_by_side import Side
 from automarine_cli.fits.estimate import Estimate
 
@@ -16,12 +17,17 @@ def side(name: str, data: Mapping[str, Any], models: Sequence[str]) -> Side:
     Raises KeyError, TypeError, ValueError or AttributeError for a file that automarine did not write so.
     """
     schema = str(data["schema"])
-    if schema.startswith("automarine/yaw-model/"):
+    axis = AXES[str(data.get("motion", YAW.name))]
+    data = axis.plain(data)
+    if schema.startswith(f"automarine/{axis.name}-model/"):
         parameters, facts = _yaw(data, models)
     elif schema.startswith("automarine/thruster-map/"):
         parameters, facts = _thrusters(data)
     else:
         parameters, facts = _diagnosis(data)
+    if not axis.wraps:
+        parameters = {axis.say(key): one for key, one in parameters.items()}
+        facts = {axis.say(key): fact for key, fact in facts.items()}
     return Side(name, parameters, facts, int(data["runs"]["used"]))
 
 
@@ -39,6 +45,12 @@ def _yaw(data: Mapping[str, Any], models: Sequence[str]) -> Contents:
         for key, symbol in (*SYMBOLS.items(), ("inertial_turn_angle_rad", "I_r/k_r|r|")):
             if data["models"][number_].get(key) is not None:
                 parameters[f"{symbol}{beside}"] = Estimate.from_json(data["models"][number_][key])
+        for key, told in (
+            ("constant_force", "constant force"),
+            ("half_difference", "half the difference of drag"),
+        ):
+            if data["models"][number_].get(key) is not None:
+                parameters[f"{told}{beside}"] = Estimate.from_json(data["models"][number_][key])
     if data.get("gain_scatter"):
         parameters["scatter of thrust"] = Estimate.from_json(data["gain_scatter"])
     facts = {"preferred model": str(data["preferred"])}

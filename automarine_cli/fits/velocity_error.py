@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from automarine_cli.axes import Axis
 from automarine_cli.errors import FitError
-from automarine_cli.fits.drag import DragFit, fit_drag, fit_drag_by_way, regressors
-from automarine_cli.fits.estimate import Estimate
-from automarine_cli.fits.linear_mixed import solve_scaled
+from automarine_cli.fits.drag import DragFit, fit_drag, fit_drag_by_way
+from automarine_cli.fits.inertia_table import InertiaTable, inertia_table
 from automarine_cli.fits.step_response import StepData
 from automarine_cli.models.closed_form import inertia_from_velocity_error, response
 
@@ -39,15 +38,6 @@ class TailLines:
     rate: Floats
     error: Floats
     used: Mask
-
-
-@dataclass(frozen=True)
-class InertiaTable:
-    """Table 2 for one model: inertia of each run (R,), mean at each moment, overall with its interval."""
-
-    per_run: Floats
-    per_moment: Mapping[float, float]
-    overall: Estimate
 
 
 @dataclass(frozen=True)
@@ -107,7 +97,11 @@ def fit_velocity_error(
         fit = fit_drag_by_way(data.moment, tails.rate, model, moment_unit, axis)
         estimates = {name: one.holding_bias(bias[1]) for name, one in fit.estimates.items()}
         drag[model] = replace(fit, estimates=estimates)
-        table = None if model == "3+c" else _inertia_table(data.moment, tails, fit, moment_unit, axis)
+        table = (
+            None
+            if model == "3+c"
+            else inertia_table(data.moment, tails.rate, tails.error, fit, moment_unit, axis)
+        )
         if table is not None:
             inertia[model] = replace(table, overall=table.overall.holding_bias(bias[0]))
     return VelocityErrorFit(float(tail_from), bias, max(np.abs(bias)) <= BIAS_LIMIT, tails, drag, inertia)
@@ -263,57 +257,3 @@ def _starts(data: StepData) -> Floats:
         return ANGLES
     ways = np.abs(np.where(data.seen, data.heading, 0.0)).max(axis=1)
     return np.asarray(np.linspace(0.15, 0.95, 70) * ways.min())
-
-
-def _inertia_table(
-    moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str, axis: Axis
-) -> InertiaTable | None:
-    """Inertia of each run, mean at each moment and over all; standard error by the jackknife over runs, drag
-    refitted.
-
-    None where the drag has no steady rate at some moment: the least squares of model 2 may make k_rr negative.
-    """
-    per_run = inertia_from_velocity_error(tails.error, *drag.acting(moment))
-    levels = np.unique(moment)
-    per_moment = {float(level): float(per_run[moment == level].mean()) for level in levels}
-    if axis.wraps:
-        left_out = _inertia_without_each(moment, tails, drag.model)
-    else:
-        left_out = np.array([_inertia_without(i, moment, tails, drag) for i in range(len(moment))])
-    if not (np.all(np.isfinite(per_run)) and np.all(np.isfinite(left_out))):
-        return None
-    count = len(moment)
-    stderr = float(np.sqrt((count - 1) / count * np.sum((left_out - left_out.mean()) ** 2)))
-    overall = Estimate.from_stderr(float(per_run.mean()), stderr, count - 1, axis.unit_of("I_r", moment_unit))
-    return InertiaTable(per_run, per_moment, overall)
-
-
-def _inertia_without_each(moment: Floats, tails: TailLines, model: str) -> Floats:
-    """Mean inertia (R,) without each run in turn, drag refitted: from the normal equations less one row."""
-    x = regressors(tails.rate, model)
-    unit = np.abs(x).max(axis=0)
-    x = x / unit
-    values = solve_scaled(x.T @ x - x[:, :, None] * x[:, None, :], x.T @ moment - x * moment[:, None]) / unit
-    if model == "2":
-        means = [
-            np.delete(inertia_from_velocity_error(tails.error, moment, k_r, k_rr), i).mean()
-            for i, (k_rr, k_r) in enumerate(values)
-        ]
-        return np.array(means)
-    # equations 7 and 9: inertia goes with the square of k_r, or with k_rr
-    drag, power = ((1.0, 0.0), 2) if model == "1" else ((0.0, 1.0), 1)
-    each = inertia_from_velocity_error(tails.error, moment, *drag)
-    return np.asarray((each.sum() - each) / (len(each) - 1) * values[:, 0] ** power)
-
-
-def _inertia_without(i: int, moment: Floats, tails: TailLines, drag: DragFit) -> float:
-    """The same for a translation, without run `i`."""
-    keep = np.arange(len(moment)) != i
-    names = list(drag.estimates)
-    x = regressors(tails.rate[keep], drag.model, names)
-    values = np.linalg.lstsq(x, moment[keep], rcond=None)[0]
-    refitted = replace(
-        drag,
-        estimates={n: replace(drag.estimates[n], value=float(v)) for n, v in zip(names, values)},
-    )
-    return float(np.mean(inertia_from_velocity_error(tails.error[keep], *refitted.acting(moment[keep]))))

@@ -6,6 +6,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+from automarine_cli.axes import AXES
 from automarine_cli.comparison.result_files import shared_models, side
 from automarine_cli.comparison.side_by_side import Difference, Side, differences
 from automarine_cli.errors import ModelError, SettingError
@@ -24,7 +25,7 @@ SCHEMA = "automarine/comparison/1"
 FILES = ("comparison.json", "parameters.csv", "differences.csv", "comparison.md", "comparison.png")
 RESULTS = {
     "diagnosis.json": ("automarine/diagnosis/1", "diagnose"),
-    "yaw_model.json": ("automarine/yaw-model/1", "fit-yaw"),
+    **{f"{name}_model.json": (f"automarine/{name}-model/1", f"fit-{name}") for name in AXES},
     "thrusters.json": ("automarine/thruster-map/1", "fit-thrusters"),
 }
 STEPS = ("yaw", "thrusters", "diagnosis")
@@ -79,7 +80,7 @@ class _Found:
     @property
     def unit(self) -> str:
         """The unit of moments; nothing for thrusters."""
-        return str(self.data.get("moment_unit", ""))
+        return str(self.data.get("moment_unit", self.data.get("force_unit", "")))
 
 
 def compare(
@@ -184,7 +185,11 @@ def _refuse_mixtures(found: Sequence[_Found]) -> None:
 
 
 def _sides(found: Sequence[_Found]) -> tuple[Side, ...]:
-    models = shared_models([one.data for one in found]) if found[0].kind == "fit-yaw" else ()
+    models = (
+        shared_models([one.data for one in found])
+        if found[0].kind in [f"fit-{name}" for name in AXES]
+        else ()
+    )
     sides = []
     for one in found:
         try:

@@ -207,10 +207,6 @@ def _of_yaw(
                            "takes a map")  # fmt: skip
     axis = axis_of(target, data, origin)
     stored = yaw_models_from_json(data, origin.file)
-    if not stored.axis.wraps:
-        raise SettingError(
-            f"{origin.file} is a {stored.axis.name} model; only yaw models and thruster maps are exported"
-        )
     which = _one_of(stored.models, number or stored.preferred, "--number")
     origin = replace(origin, number=which)
     model = in_unit(target, stored.models[which], axis, settings, origin)

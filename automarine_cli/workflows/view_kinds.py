@@ -4,8 +4,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from automarine_cli.comparison.scores import SCORES
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.naming_key import naming_key
@@ -79,14 +77,16 @@ def _aligned(estimates: Mapping[str, Estimate]) -> Iterator[str]:
 
 
 def _yaw_lines(fit: YawFit) -> Iterator[str]:
-    to = "half-turns" if fit.turns else "whole runs"
+    axis = fit.axis
+    to = axis.say("half-turns") if fit.turns else "whole runs"
     used, aside = _counted(fit.used, "run"), len(fit.set_aside)
-    yield f"Yaw model {fit.preference.number}, fitted to {to} of {used}; {aside} set aside"
-    found = {SYMBOLS.get(name, name): one for name, one in fit.preferred.estimates.items()}
+    yield f"{axis.say('Yaw model')} {fit.preference.number}, fitted to {to} of {used}; {aside} set aside"
+    found = {axis.say(SYMBOLS.get(name, name)): one for name, one in fit.preferred.estimates.items()}
     if fit.inertial_turn_angle is not None:
-        found["I_r/k_r|r|"] = fit.inertial_turn_angle
+        found[axis.say("I_r/k_r|r|")] = fit.inertial_turn_angle
     yield from _aligned(found)
-    yield f"  heading noise {np.degrees(fit.preferred.noise):.2f} deg; {_counted(len(fit.warnings), 'warning')}"
+    noise = f"{axis.position} noise {axis.shown(fit.preferred.noise):.2f} {axis.unit}"
+    yield f"  {noise}; {_counted(len(fit.warnings), 'warning')}"
 
 
 def _yaw_rows(fit: YawFit) -> Iterator[Row]:
@@ -136,15 +136,19 @@ def _thruster_rows(fit: ThrusterFit) -> Iterator[Row]:
 
 
 def _validation_lines(result: Validation) -> Iterator[str]:
-    found = result.comparison
+    found, axis = result.comparison, result.stored.axis
     runs, aside = _counted(len(found.runs), "run"), len(result.set_aside)
     yield f"Validation on {runs}: model {found.best} is best; {aside} set aside"
     for model, scored in found.models.items():
         score = scored.overall["rmse_deg"]
         ends = "" if score.ci95 is None else f" [{number(score.ci95[0], 3)}, {number(score.ci95[1], 3)}]"
-        said = "runs away" if score.value is None else f"heading rmse {number(score.value, 3)}{ends} deg"
+        said = (
+            "runs away"
+            if score.value is None
+            else axis.say(f"heading rmse {number(score.value, 3)}{ends} deg")
+        )
         yield f"  model {model}  {said}"
-    yield f"  noise of the heading {number(found.floor, 3)} deg"
+    yield axis.say(f"  noise of the heading {number(found.floor, 3)} deg")
 
 
 def _validation_rows(result: Validation) -> Iterator[Row]:
