@@ -6,7 +6,7 @@ from math import pi, radians
 
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.planning.limits import Limits
-from automarine_cli.simulation.run_groups import Commands, moment_text, time_to_turn
+from automarine_cli.simulation.run_groups import Commands, Resistance, moment_text, time_to_turn
 
 TURNS = (1 / 3, 1 / 2, 2 / 3, 1.0)
 """Lengths of steps that are tried, as shares of how far they may turn."""
@@ -118,7 +118,7 @@ def _furthest(limits: Limits) -> float:
 def _seconds(model: YawModel, moment: float, degrees: float) -> float:
     """Time to turn so far from rest, by inertia and drag, on a tenth of a second."""
     k_r, k_rr = model.drag()
-    return max(round(time_to_turn(radians(degrees), moment, (model.inertia, k_r, k_rr)), 1), 0.5)
+    return max(round(time_to_turn(radians(degrees), moment, Resistance(model.inertia, k_r, k_rr)), 1), 0.5)
 
 
 def _step(model: YawModel, moment: float, degrees: float) -> Candidate:
