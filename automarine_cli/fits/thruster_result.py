@@ -73,6 +73,9 @@ class ThrusterFit(Shown):
         result["flagged"] = [
             self._flagged_json(int(index)) for index in np.flatnonzero(self.points.flag != "")
         ]
+        if np.any(np.isfinite(self.points.voltage)):
+            ends = np.nanmin(self.points.voltage), np.nanmax(self.points.voltage)
+            result["voltage_range_V"] = [float(volts) for volts in ends]
         if self.voltages:
             result["voltages"] = [
                 {"voltage_V": volts, **_square_json(one), **_scores_json(one)} for volts, one in self.voltages

@@ -26,7 +26,17 @@ _ALLOWED = (
         "cv_rmse_N",
         "full_scale_N",
     ),
-    *("forms", "chosen", "chosen_because", "n_unit", "tare", "flagged", "voltages", "voltage_exponent"),
+    *(
+        "forms",
+        "chosen",
+        "chosen_because",
+        "n_unit",
+        "tare",
+        "flagged",
+        "voltages",
+        "voltage_range_V",
+        "voltage_exponent",
+    ),
     *("notes", "runs", "points"),
 )
 

@@ -29,10 +29,13 @@ MOST_ROWS = 1000  # of a folded table: a page of ten thousand rows opens slowly 
 NEXT = "What to run next"
 
 
-def document(steps: Steps, title: str) -> str:
-    """The whole report in Markdown; places of pictures are relative to the folder that holds the step folders."""
+def document(steps: Steps, title: str, cautions: Sequence[str] = ()) -> str:
+    """The whole report in Markdown; places of pictures are relative to the folder that holds the step folders.
+
+    `cautions` are sentences about what does not fit together between the thruster tests and the vehicle.
+    """
     sections = {
-        "Thruster map": _thrusters(steps), "Yaw model": _yaw(steps), "Validation": _validation(steps),
+        "Thruster map": _thrusters(steps, cautions), "Yaw model": _yaw(steps), "Validation": _validation(steps),
         "Diagnosis": _diagnosis(steps), "Logs": _logs(steps), "Runs set aside": _set_aside(steps),
         NEXT: _next(steps), "How this was made": _made(steps),
     }  # fmt: skip
@@ -53,11 +56,11 @@ def fold(summary: str, *blocks: str) -> list[str]:
     return [f"<details><summary>{summary}</summary>", *blocks, "</details>"]
 
 
-def _thrusters(steps: Steps) -> list[str]:
+def _thrusters(steps: Steps, cautions: Sequence[str]) -> list[str]:
     if (step := steps.get("thrusters")) is None:
         return []
     body = re.sub(r"\A# .*\n", "", step.text("thrusters.md"))
-    return [picture(step, "thrusters"), body]
+    return [picture(step, "thrusters"), body, _bullets([escape(f"Caution: {line}") for line in cautions])]
 
 
 def _yaw(steps: Steps) -> list[str]:

@@ -26,6 +26,7 @@ def steps_table(rows: Sequence[tuple[str, str, str, str]]) -> Table:
     return Table("", ("step", "", "because", "result"), cells)
 
 
+ALIKE = 1.03  # voltages that differ by less are one, as in the thruster fit
 SAID = ("fit-yaw", "validate", "diagnose")
 
 
@@ -52,14 +53,28 @@ def cautions(thrusters: Path, supply: float | None) -> list[str]:
     if supply is None or not (thrusters / FILES["fit-thrusters"]).is_file():
         return []
     data: dict[str, Any] = dict(read_mapping(thrusters / FILES["fit-thrusters"]))
-    volts = [
-        one["voltage_V"] for one in data.get("voltages") or [] if isinstance(one, dict) and "voltage_V" in one
-    ]
-    if not volts or min(volts) <= supply <= max(volts):
+    if data.get("voltage_range_V") is None:
         return []
+    low, high = data["voltage_range_V"]
+    if low / ALIKE <= supply <= high * ALIKE:
+        return []
+    nearest = low if supply < low else high
+    tested = " to ".join(dict.fromkeys(number(one, 3) for one in (low, high)))
+    found = [
+        one["thrust_at_fixed_n"]["value"]
+        for one in (data.get("voltage_exponent") or {}).values()
+        if one and one["thrust_at_fixed_n"]
+    ]
+    power = sum(found) / len(found) if found else None
+    size = (
+        f" Thrust grows with the voltage to the power {number(power, 3)}, so expect it to be "
+        f"{number((supply / nearest) ** power, 3)} times that at {number(nearest, 3)} V."
+        if power
+        else ""
+    )
     return [
-        f"The thrusters were tested at {number(min(volts), 3)} to {number(max(volts), 3)} V, the vehicle's supply is "
-        f"{number(supply, 3)} V: its thrust is extrapolated. Test at the supply voltage."
+        f"The thrusters were tested at {tested} V, the vehicle's supply is {number(supply, 3)} V: the map is "
+        f"extrapolated.{size} Test at the supply voltage."
     ]
 
 

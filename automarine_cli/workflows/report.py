@@ -1,11 +1,13 @@
 """`report`: what the steps of a campaign left, as one page and as Markdown."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from automarine_cli.errors import OutputError
 from automarine_cli.pipeline import staging
+from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.report.campaign_page import document
 from automarine_cli.report.campaign_steps import RESULTS, read_steps
 from automarine_cli.report.html.page import page
@@ -13,6 +15,7 @@ from automarine_cli.report.html.page import page
 SCHEMA = "automarine/report/1"
 TITLE = "Yaw identification"
 FILES = ("report.html", "report.md")
+RUN = "run.json"  # what `automarine run` leaves beside the report
 
 
 @dataclass(frozen=True)
@@ -28,12 +31,12 @@ class Report:
         return {"schema": SCHEMA, "files": list(self.files), "steps": list(self.steps), "missing": missing}
 
 
-def report_files(folder: Path, *, title: str = TITLE) -> dict[str, str]:
-    """`report.html` and `report.md` of a campaign's folder, from its step folders alone.
+def report_files(folder: Path, *, title: str = TITLE, cautions: Sequence[str] = ()) -> dict[str, str]:
+    """`report.html` and `report.md` of a campaign's folder, from its step folders and the campaign's `cautions`.
 
     Steps without results are left out, and the report says so. Raises OutputError if there is none at all.
     """
-    return _made(folder, title).files
+    return _made(folder, title, cautions).files
 
 
 def report(folder: Path, *, title: str = TITLE, overwrite: bool = False) -> Report:
@@ -42,7 +45,7 @@ def report(folder: Path, *, title: str = TITLE, overwrite: bool = False) -> Repo
     there = [name for name in FILES if (folder / name).exists()]
     if there and not overwrite:
         raise OutputError(f"{folder} already holds {there[0]}; give --overwrite to replace it")
-    made = _made(folder, title)
+    made = _made(folder, title, _cautions(folder / RUN))
     with staging.one_sentence(folder):
         for name, text in made.files.items():
             new = folder / f".{name}.automarine-new"
@@ -52,7 +55,13 @@ def report(folder: Path, *, title: str = TITLE, overwrite: bool = False) -> Repo
     return made
 
 
-def _made(folder: Path, title: str) -> Report:
+def _cautions(record: Path) -> list[str]:
+    """What `run` cautioned against, where it made the folder."""
+    said = read_plain(record, "JSON", OutputError).get("cautions") if record.is_file() else None
+    return [str(line) for line in said] if isinstance(said, list) else []
+
+
+def _made(folder: Path, title: str, cautions: Sequence[str]) -> Report:
     steps = read_steps(folder)
-    text = document(steps, title)
+    text = document(steps, title, cautions)
     return Report({"report.html": page(text, folder, title), "report.md": text}, tuple(steps))

@@ -16,10 +16,10 @@ from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import has_bytes
 from automarine_cli.workflows.campaign_file import Campaign, read_campaign
 from automarine_cli.workflows.campaign_steps import NAMES, REPORT, STEPS, Step
+from automarine_cli.workflows.report import RUN as RESULT
 from automarine_cli.workflows.report import report_files
 
 SCHEMA = "automarine/run/1"
-RESULT = "run.json"
 COMMAND = "run"
 
 Did = Literal["starts", "made", "kept", "skipped", "refused"]
@@ -211,7 +211,7 @@ def _pages(out: Path, title: str, content: Mapping[str, Any]) -> Mapping[str, st
     """Name and content of the files of the report; none where no step has a result."""
     if not any("folder" in step for step in content["steps"]):
         return {}
-    return report_files(out, title=title)
+    return report_files(out, title=title, cautions=content["cautions"])
 
 
 def _refuse_others(campaign: Campaign, out: Path, overwrite: bool) -> None:
