@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from click.testing import Result
@@ -62,9 +63,23 @@ def edit(place: Path, old: str, new: str) -> None:
     file.write_text(text.replace(old, new), encoding="utf-8")
 
 
-def test_whole_campaign(place: Path) -> None:
+class Whole(NamedTuple):
+    """A campaign done to its end after its first steps, on one process: where, the result, and what was told."""
+
+    place: Path
+    result: CampaignRun
+    told: list[News]
+
+
+@pytest.fixture(scope="module")
+def whole(small: Path, tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    place = Path(shutil.copytree(small, tmp_path_factory.mktemp("whole") / "copy"))
     told: list[News] = []
-    first = again(place, until=None, tell=told.append)
+    return Whole(place, again(place, until=None, tell=told.append), told)
+
+
+def test_whole_campaign(whole: Whole) -> None:
+    place, first, told = whole
     assert fates(first) == {
         "check": "kept", "fit-thrusters": "kept", "fit-yaw": "kept",
         "validate": "made", "diagnose": "made", "report": "made",
@@ -89,10 +104,13 @@ def test_whole_campaign(place: Path) -> None:
     assert kept.says == first.says
 
 
-def test_same_bytes_on_two_processes_and_elsewhere(small: Path, tmp_path: Path) -> None:
-    shutil.copytree(small / "pool", tmp_path / "pool")
-    run_campaign(tmp_path / "pool" / "campaign.toml", out=tmp_path / "out", until=EARLY, jobs=2)
-    assert tree(tmp_path / "out") == tree(small / "out")
+def test_same_bytes_of_every_step_on_two_processes_and_elsewhere(whole: Whole, tmp_path: Path) -> None:
+    shutil.copytree(whole.place / "pool", tmp_path / "pool")
+    made = run_campaign(tmp_path / "pool" / "campaign.toml", out=tmp_path / "out", jobs=2)
+    assert set(fates(made).values()) == {"made"}
+    one, two = tree(whole.place / "out"), tree(tmp_path / "out")
+    assert [name for name in sorted(one | two) if one.get(name) != two.get(name)] == []
+    assert {"diagnosis/diagnosis.json", "validation/validation.json", "report.html", "run.json"} <= set(one)
 
 
 def test_nothing_runs_twice(place: Path) -> None:
