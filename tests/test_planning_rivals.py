@@ -8,7 +8,7 @@ import pytest
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.fitting import Fitting
-from automarine_cli.planning.rivals import Explanation, closest, fitted, is_off, splits, with_effect
+from automarine_cli.planning.rivals import Explanation, closest, fitted, shows, splits, with_effect
 
 BASE = YawModel.base("3", 1.018, [1.257])
 FITTING = Fitting(BASE, "diagnosis", np.deg2rad(1.0), 0.03, frame=BASE)
@@ -57,11 +57,11 @@ def test_steps_leave_a_tie_that_other_runs_split(
     assert many.misfit > few.misfit + 8.0
 
 
-def test_a_rival_that_imitates_best_by_vanishing_is_off() -> None:
+def test_a_rival_that_imitates_best_by_vanishing_does_not_show() -> None:
     """A spring only slows a turn; to water that turns along it is closest when there is none."""
     true = explanation("water-swirl", (0.1, 10.0))
-    assert is_off(rival_of(true, "tether-spring"))
-    assert not is_off(true)
+    assert not shows(rival_of(true, "tether-spring"), STEPS)
+    assert shows(true, STEPS)
 
 
 def test_mirrored_runs_split_as_well() -> None:

@@ -221,9 +221,13 @@ def covariance_of(hessian: Floats) -> Floats:
 
 
 def least_squares(weighted: Weighted, phi: Floats, bounds: Floats) -> Floats:
-    """Generalised least squares for phi within `bounds` (p, 2), by an active set that starts with every
-    parameter free."""
-    hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
+    """Generalised least squares for phi within `bounds` (p, 2)."""
+    return bounded_solution(weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0), phi, bounds)
+
+
+def bounded_solution(hessian: Floats, gradient: Floats, phi: Floats, bounds: Floats) -> Floats:
+    """The solution of H x = h within `bounds` (p, 2), from `phi`, by an active set that starts with every parameter
+    free."""
     new, free = phi.copy(), np.ones(len(phi), dtype=bool)
     while free.any():
         push = gradient[free] - hessian[np.ix_(free, ~free)] @ new[~free]

@@ -1,6 +1,6 @@
 """The next campaign: candidates, what each would tell, the choice among them, and what to expect of it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,6 +98,7 @@ def plan_campaign(
     choice = select(fitting, limits, largest, supply, before, wanted_ones, pairs, progress)
     slots = scheduled(in_order(choice.chosen, choice.check, seed), limits, supply)
     runs = [slot.candidate for slot in slots]
+    outcome = splits(pairs, runs)[0]
     per_run, of_grid = information(fitting, runs), information(fitting, grid_runs)
     return Campaign(
         fitting=fitting,
@@ -109,12 +110,12 @@ def plan_campaign(
         now=known.now,
         alone=predicted(fitting, per_run),
         together=_together(fitting, per_run, before, known) if _uses_earlier(known, fitting, limits) else {},
-        splits=splits(pairs, runs)[0],
+        splits=outcome,
         grid_splits=splits(pairs, grid_runs)[0],
         plan=curve_of("this plan", fitting, slots, per_run, before, limits),
         grid=curve_of("the paper's grid", fitting, grid, of_grid, before, limits),
         more=one_more(fitting, choice, slots, per_run, before, limits),
-        notes=known.notes,
+        notes=(*known.notes, *_short_of(outcome, limits)),
     )
 
 
@@ -133,6 +134,18 @@ def fitting_of(known: Known, limits: Limits) -> Fitting:
         limits.runs.rest_before_s,
         limits.battery.volts if limits.runs.voltages_V else None,
         base,
+    )
+
+
+def _short_of(outcome: Sequence[Split], limits: Limits) -> tuple[str, ...]:
+    """Sentences on explanations that these limits do not split."""
+    asked = limits.goal.evidence
+    return tuple(
+        f"Not split within these limits: {one.true} from {one.other} where {one.true} is true; {one.evidence:.1f} "
+        "of the "
+        f"{asked:g} asked for is expected. Allow more runs or time, or log what tells them apart directly."
+        for one in outcome
+        if one.evidence < asked
     )
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
+from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import Gram
 from automarine_cli.fits.mixed_model import derivatives
@@ -28,8 +29,11 @@ Floats = NDArray[np.float64]
 
 ROUNDS, HALVINGS = 20, 6
 SETTLED = 1e-4
+SEEN = 4.0
+"""Misfit without an effect from which it counts as seen: two standard errors of its size."""
 LOOSE = 3.0
 """Prior standard deviation of the other explanation's parameters while runs are chosen, in their own sizes."""
+NOTHING = Contest(np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 1)), np.eye(1))
 MOST_STARTS, FEW = 12, 8
 """Places from which the other explanation's fit may start, and runs on which they are compared."""
 
@@ -107,19 +111,14 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
     bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
     phi = np.clip(other.phi(problem), bounds[:, 0], bounds[:, 1])
     here, now = _about(true, other, candidates)
-    for _ in range(ROUNDS):
-        total = linear_mixed.Weighted(
-            here.hessian.sum(axis=0)[None], here.gradient.sum(axis=0)[None], *(np.zeros(1),) * 2, *(np.zeros((1, 1)),)
-            * 2, np.zeros((1, 1, len(free))),
-        )  # fmt: skip
-        step = np.zeros_like(phi)
-        step[free] = linear_mixed.least_squares(total, np.zeros(len(free)), (bounds - phi[:, None])[free])
+    for _ in range(ROUNDS if np.isfinite(now) else 0):
+        step = _step(here, (bounds - phi[:, None])[free])
         for _ in range(HALVINGS):
-            trial = phi + step
-            theta = problem.natural(trial)[:-1]
-            moved = replace(other, model=other.model.with_theta(theta))
+            trial = phi.copy()
+            trial[free] += step
+            moved = replace(other, model=other.model.with_theta(problem.natural(trial)[:-1]))
             there, then = _about(true, moved, candidates)
-            if np.isfinite(then) and then < now:
+            if then < now:
                 break
             step /= 2.0
         else:
@@ -130,11 +129,23 @@ def fitted(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
     return other, now
 
 
+def _step(here: Contest, bounds: Floats) -> Floats:
+    """Change of the free parameters (p,) to the best of the linearised contest, no bolder than their own sizes."""
+    whole = here.hessian.sum(axis=0) + here.ridge
+    step = linear_mixed.bounded_solution(whole, here.gradient.sum(axis=0), np.zeros(len(bounds)), bounds)
+    boldest = LOOSE * float(np.max(np.abs(step) * np.sqrt(np.diagonal(here.ridge))))
+    return step / max(boldest, 1.0)
+
+
 def _about(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tuple[Contest, float]:
-    """The contest about `other`, and its misfit there as it stands; the switches' common instant is left free."""
-    here = contest(true, other, candidates)
-    offset = here.hessian[:, -1, -1].sum()
-    pull = here.gradient[:, -1].sum()
+    """The contest about `other`, and its misfit there as it stands, infinite where its simulation runs away; the
+    switches' common instant is left free."""
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        try:
+            here = contest(true, other, candidates)
+        except FitError:
+            return NOTHING, np.inf
+    offset, pull = here.hessian[:, -1, -1].sum(), here.gradient[:, -1].sum()
     return here, float(here.square.sum() - pull**2 / max(offset, 1e-12))
 
 
@@ -144,8 +155,8 @@ def closest(
     """Of several starts the one whose fit comes closest: the best that the other explanation can do."""
     rough, few = [], candidates[:: max(1, len(candidates) // FEW)]
     for other in others:
-        here = contest(true, other, few)
-        rough.append(float(here.misfit(np.ones((1, len(few))))[0]))
+        here, now = _about(true, other, few)
+        rough.append(float(here.misfit(np.ones((1, len(few))))[0]) if np.isfinite(now) else np.inf)
     best = np.argsort(rough, kind="stable")[:2]
     found = [fitted(true, others[int(i)], candidates) for i in best]
     return min(found, key=lambda pair: pair[1])
@@ -169,15 +180,11 @@ def head_start(true: Explanation, other: Explanation, runs: int) -> float:
     return _penalty(other, runs) - _penalty(true, runs)
 
 
-def is_off(one: Explanation) -> bool:
-    """Whether the effect does nothing there: what can only imitate another by vanishing is no rival of it."""
-    term = next(term for term in one.fitting.model.terms if term.name == one.name)
-    effect = effects.get(one.name)
-    sizes = [
-        abs(value - p.off) > 1e-3 * max(abs(p.start), 1e-3)
-        for p, value, shape in zip(effect.parameters, term.values, effect.shapes) if not shape
-    ]  # fmt: skip
-    return bool(sizes) and not any(sizes)
+def shows(one: Explanation, candidates: Sequence[Candidate]) -> bool:
+    """Whether the effect is seen at all on these runs: what can imitate another only by vanishing is no rival of it."""
+    model = one.fitting.model
+    without = replace(model, terms=tuple(term for term in model.terms if term.name != one.name))
+    return fitted(one.fitting, replace(one.fitting, model=without), candidates)[1] > SEEN
 
 
 def _penalty(one: Explanation, runs: int) -> float:

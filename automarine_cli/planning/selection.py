@@ -22,7 +22,7 @@ from automarine_cli.planning.rivals import (
     closest,
     contest,
     head_start,
-    is_off,
+    shows,
     splits,
     with_effect,
 )
@@ -116,9 +116,10 @@ def pairs_of(known: Known, fitting: Fitting, grid: Sequence[Candidate], largest:
         terms = tuple(term for term in known.model.terms if term.name != doubt.effect)
         starts = with_effect(fitting, replace(known.model, terms=terms), doubt.rival, largest)
         true = Explanation(doubt.effect, replace(fitting, fit="diagnosis"))
-        other = Explanation(doubt.rival, closest(true.fitting, starts, grid[: len(grid) // 2])[0])
+        half = grid[: len(grid) // 2]
+        other = Explanation(doubt.rival, closest(true.fitting, starts, half)[0])
         found.append((true, other))
-        if not is_off(other):
+        if shows(other, half):
             found.append((other, true))
     return tuple(found)
 

@@ -20,6 +20,14 @@ def moment_maker(
 
     None without a map: then the logs hold the moment. Raises SettingError where map or arm is given alone.
     """
+    given = map_and_arm(thrusters, arm, columns, axis)
+    return None if given is None else partial(drive_run_by_thrusters, thrusters=given[0], arm=given[1])
+
+
+def map_and_arm(
+    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, axis: Axis = YAW
+) -> tuple[ThrusterMap, float] | None:
+    """The map and the lever arm [m] as given, or None without a map; see `moment_maker`."""
     if not axis.levered and arm is not None:
         raise SettingError(
             f"--arm is of yaw; in {axis.name} thrusters push as hard at any arm, so leave it out"
@@ -34,7 +42,7 @@ def moment_maker(
     if not isinstance(length, int | float):
         raise SettingError("--thrusters makes moments only with the thrusters' lever arm; give --arm METRES")
     known = load_thruster_map(thrusters) if isinstance(thrusters, Path) else thrusters
-    return partial(drive_run_by_thrusters, thrusters=known, arm=float(length))
+    return known, float(length)
 
 
 def with_moments(

@@ -5,7 +5,6 @@ from pathlib import Path
 
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap
-from automarine_cli.models.store import load_thruster_map
 from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.planning.budget import Supply
 from automarine_cli.planning.consumption import consumption
@@ -13,6 +12,7 @@ from automarine_cli.planning.drive import Drive, drive_of
 from automarine_cli.planning.known import Known
 from automarine_cli.planning.limits import Limits
 from automarine_cli.runs.thruster_test import Series
+from automarine_cli.workflows.moments import map_and_arm
 
 LARGEST_NU = 1.0
 """Largest moment of a normalised model where the limits do not say."""
@@ -22,13 +22,9 @@ def drive_for(
     thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, known: Known, limits: Limits
 ) -> Drive | None:
     """How the thrusters make the model's moments, or None without a map. Raises SettingError, ModelError."""
-    if thrusters is None:
-        if arm is not None:
-            raise SettingError("--arm goes with the thrusters' map; give --thrusters MAP.json too")
+    given = map_and_arm(thrusters, arm, columns)
+    if given is None:
         return None
-    length = columns.defaults.get("arm_m") if arm is None else arm
-    if not isinstance(length, int | float):
-        raise SettingError("--thrusters makes moments only with the thrusters' lever arm; give --arm METRES")
     unit = 1.0
     if known.stored.moment_unit == "nu":
         if limits.thrusters.nu_in_Nm is None:
@@ -38,9 +34,8 @@ def drive_for(
                 "with thrusters.nu_in_Nm in the limits"
             )
         unit = limits.thrusters.nu_in_Nm
-    found = load_thruster_map(thrusters) if isinstance(thrusters, Path) else thrusters
     equal = limits.thrusters.pairing == "equal-thrust"
-    return drive_of(found, float(length), limits.thrusters.largest_command, equal, unit)
+    return drive_of(*given, limits.thrusters.largest_command, equal, unit)
 
 
 def largest_moment(known: Known, limits: Limits, drive: Drive | None) -> float:

@@ -1,7 +1,8 @@
 """`make bench`: accuracy against the Cramer-Rao bound, coverage of intervals, speed. Prints tables and writes
 out/bench.json.
 
-Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [thrusters] [effects] [startup] [simulator] [fit]
+Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [thrusters] [effects] [planning] [startup] [simulator]
+[fit]
        [many] [diagnose] [reading] [memory] [broken] [cluster] [--jobs N] [--campaigns N] [--repeats N] [--full]
 """
 
@@ -21,13 +22,14 @@ from coverage_thrusters import thruster_coverage
 from efficiency import efficiency
 from growth import diagnose, many
 from interval_coverage import coverage
+from planning import planning
 from reading import broken, memory, reading
 from speed import Result, fit, simulator, startup
 
 from automarine_cli.cli.echo import terminal_progress
 from automarine_cli.pipeline.progress import Progress
 
-CAMPAIGNS = {"efficiency": 200, "coverage": 300, "thrusters": 300, "effects": 40}
+CAMPAIGNS = {"efficiency": 200, "coverage": 300, "thrusters": 300, "effects": 40, "planning": 50}
 SECTIONS = (
     *CAMPAIGNS,
     "startup",
@@ -47,7 +49,9 @@ def run_section(
 ) -> Result:
     """Tables and plain results of one section."""
     if name in CAMPAIGNS:
-        measure = dict(zip(CAMPAIGNS, (efficiency, coverage, thruster_coverage, effect_coverage)))[name]
+        measure = dict(zip(CAMPAIGNS, (efficiency, coverage, thruster_coverage, effect_coverage, planning)))[
+            name
+        ]
         return measure(campaigns or CAMPAIGNS[name], jobs, progress)
     if name == "reading":
         return reading(repeats, full, progress)
@@ -70,7 +74,9 @@ def main() -> None:
         "--jobs", type=int, default=min(2, os.cpu_count() or 1), help="processes (default: 2)"
     )
     parser.add_argument(
-        "--campaigns", type=int, help="simulated campaigns a case, instead of 200, 300 or (effects) 40"
+        "--campaigns",
+        type=int,
+        help="simulated campaigns a case, instead of 200, 300, 40 (effects) or 50 (planning)",
     )
     parser.add_argument("--repeats", type=int, default=5, help="of which the median counts (default: 5)")
     parser.add_argument(
