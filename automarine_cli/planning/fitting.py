@@ -18,7 +18,7 @@ from automarine_cli.fits.mixed_model import Problem
 from automarine_cli.fits.step_response import step_data, step_problem
 from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
 from automarine_cli.models.closed_form import response
-from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
+from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.layout import as_run
 from automarine_cli.runs.half_turn import MARGIN_IN_SIGMA, MOST_REST
@@ -77,13 +77,15 @@ class Fitting:
         if self.fit == "half-turns":
             return self._half_turns(candidates)
         if self.fit == "diagnosis":
-            return _study(tuple(candidates), self.base, self.rate, self.rest, self.voltage).problem(
-                self.model
-            )
+            return self._study(candidates).problem(self.model)
         runs = self.runs(candidates)
         largest = max(float(np.abs(run.command).max()) for run in runs)
         batch = make_batch(runs, min(0.1, step_for(self.model, largest)))
         return whole_run_problem(self.model, batch, np.array([starts_at_rest(run) for run in runs]))
+
+    def _study(self, candidates: Sequence[Candidate]) -> Study:
+        drag = (self.base.inertia, self.base.terms, self.base.moment_unit)
+        return _study(tuple(candidates), drag, self.rate, self.rest, self.voltage)
 
     def _half_turns(self, candidates: Sequence[Candidate]) -> Problem:
         """As `fit-yaw` trims them: from the rest to the first half-turn, less three standard deviations."""
@@ -126,9 +128,14 @@ class Fitting:
 
 @lru_cache(maxsize=64)
 def _study(
-    candidates: tuple[Candidate, ...], base: YawModel, rate: float, rest: float, voltage: float | None
+    candidates: tuple[Candidate, ...],
+    drag: tuple[float, tuple[Term, ...], str],
+    rate: float,
+    rest: float,
+    voltage: float | None,
 ) -> Study:
     """The candidates as a diagnosis would have them; kept, since many models are tried on the same runs."""
-    unit, signals = base.moment_unit, () if voltage is None else ("voltage",)
+    base, signals = YawModel(*drag), () if voltage is None else ("voltage",)
+    unit = base.moment_unit
     runs = tuple(as_run(one, rate=rate, rest=rest, unit=unit, voltage=voltage) for one in candidates)
     return Study(runs, base, False, signals)
