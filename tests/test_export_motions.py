@@ -1,5 +1,6 @@
 """Surge and heave in the names of each target: the writers, on models made here; reading files back by hand."""
 
+import json
 import re
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from automarine_cli.exports.base import NAMES, Origin, Settings, Written, YawSub
 from automarine_cli.exports.frames import in_enu
 from automarine_cli.exports.prepare import axis_of, in_unit, refuse_inertia, split
 from automarine_cli.models.yaw_model import YawModel, steady_rate
+from automarine_cli.workflows.export import export
 
 MASS, OWN, LINEAR, QUADRATIC, SKEW = 16.0, 9.5, 4.2, 21.0, 1.5
 PLACES = {"surge": 0, "heave": 2, "yaw": 5}
@@ -182,3 +184,53 @@ def test_normalised_forces_need_their_size_in_newtons() -> None:
         in_unit(targets.get("uuv"), model, axis, Settings(), origin)
     found = in_unit(targets.get("uuv"), model, axis, Settings(newton_metres_per_nu=8.0), origin)
     assert (found.inertia, found.drag(), found.moment_unit) == (16.0, (4.0, 24.0), "N")
+
+
+def fitted(folder: Path, motion: str, number: str = "3", **more: float) -> Path:
+    """A file as fit-surge and fit-heave write it."""
+    force, letter = NAMES[motion].force, NAMES[motion].rate_letter
+    drag = {"1": {f"{force}_{letter}": LINEAR}, "3": {f"{force}_{letter}{letter}": QUADRATIC}}[number]
+    constant = {"constant_force": 0.0} if motion == "heave" else {}
+    entry = {f"m_{letter}": MASS, "half_difference": SKEW, **drag, **constant, **more}
+    content = {"schema": f"automarine/{motion}-model/1", "motion": motion, "force_unit": "N"}
+    path = folder / f"{motion}_model.json"
+    path.write_text(json.dumps(content | {"models": {number: entry}, "preferred": number}))
+    return path
+
+
+@pytest.mark.parametrize(("motion", "frame", "sign"), [
+    ("surge", "NED", 1.0), ("surge", "ENU", 1.0), ("heave", "NED", 1.0), ("heave", "ENU", -1.0),
+])  # fmt: skip
+def test_a_fitted_file_goes_out_in_both_frames(tmp_path: Path, motion: str, frame: str, sign: float) -> None:
+    path = fitted(tmp_path, motion)
+    found = export(path, to="gz-sim", rigid_inertia=OWN, frame=frame)
+    plugin = ET.fromstring(found.text).find(".//plugin")
+    assert plugin is not None and found.left_out == ()
+    linear = {"surge": "xU", "heave": "zW"}[motion]
+    assert number_in(plugin, f"{linear}abs{linear[1]}") == -QUADRATIC
+    assert number_in(plugin, f"{linear}{linear[1]}") == -sign * SKEW
+    assert export(path, to="gz-sim", rigid_inertia=OWN, frame=frame).text == found.text
+    card = export(path, to="card", frame=frame).text
+    assert "| drag-asymmetry e | half the difference of quadratic drag" in card
+    assert f"| {sign * SKEW:.4f} | " in card
+
+
+@pytest.mark.parametrize("motion", ["surge", "heave"])
+def test_linear_drag_that_differs_both_ways(tmp_path: Path, motion: str) -> None:
+    path, force, letter = fitted(tmp_path, motion, "1"), NAMES[motion].force, NAMES[motion].rate_letter
+    text = export(path, to="mss", rigid_inertia=OWN).text
+    assert constants_of(text)[f"{force}_abs{letter}"] == -SKEW and f"{force}_abs{letter} |{letter}|" in text
+    with pytest.raises(SettingError, match="uuv cannot represent linear-drag-asymmetry"):
+        export(path, to="uuv", rigid_inertia=OWN)
+
+
+def test_heave_without_its_constant_force_is_refused_by_a_simulator(tmp_path: Path) -> None:
+    path = fitted(tmp_path, "heave", constant_force=-2.0)
+    with pytest.raises(SettingError) as problem:
+        export(path, to="gz-sim", rigid_inertia=OWN)
+    assert str(problem.value) == (
+        "heave_model.json: gz-sim cannot represent bias-moment (it is the vehicle's weight less its buoyancy: set mass "
+        "and volume of your model by it); give --allow-partial to write the file without, or take --to python, which "
+        "has them"
+    )
+    assert constants_of(export(path, to="mss", rigid_inertia=OWN).text)["Z_0"] == -2.0

@@ -20,6 +20,7 @@ BASE = {
     "quadratic-drag": "k_rr",
     "bias-moment": "constant_force",
     "drag-asymmetry": "half_difference",
+    "linear-drag-asymmetry": "half_difference",
 }
 """Where a model's own terms stand in its entry of the file; the last two only in surge and heave."""
 HEADER = ("parameter", "meaning", "value", "standard error", "95 % interval", "unit")

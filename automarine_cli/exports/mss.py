@@ -1,8 +1,9 @@
 """Fossen's Marine Systems Simulator and its Python twin: constants with the names and signs of SNAME derivatives.
 
-(I_z - N_rdot) r' = tau_N + N_r r + N_rr |r| r + N_rrr r^3 + N_r2 r^2 + N_0: derivatives of the hydrodynamic moment, so
-damping and added inertia are negative. Sources: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion
-Control, sections 6.3 and 6.4; MSS, CRAFT/USV/models/otter.m (Nr, Nrdot); Norrbin (1971) for N_rrr.
+(I_z - N_rdot) r' = tau_N + N_r r + N_rr |r| r + N_rrr r^3 + N_r2 r^2 + N_absr |r| + N_0: derivatives of the
+hydrodynamic moment, so damping and added inertia are negative. Sources: Fossen (2021), Handbook of Marine Craft
+Hydrodynamics and Motion Control, sections 6.3 and 6.4; MSS, CRAFT/USV/models/otter.m (Nr, Nrdot); Norrbin (1971) for
+N_rrr.
 """
 
 from automarine_cli import effects
@@ -18,7 +19,7 @@ from automarine_cli.exports.base import (
     plain,
 )
 
-MORE = ("cubic-drag", "drag-asymmetry", "bias-moment")
+MORE = ("cubic-drag", "drag-asymmetry", "linear-drag-asymmetry", "bias-moment")
 
 
 def write(subject: YawSubject) -> Written:
@@ -31,6 +32,7 @@ def write(subject: YawSubject) -> Written:
         "quadratic-drag": (f"{force}_{r}{r}", f"|{r}| {r}", "quadratic damping"),
         "cubic-drag": (f"{force}_{r}{r}{r}", f"{r}^3", "cubic damping"),
         "drag-asymmetry": (f"{force}_{r}2", f"{r}^2", "asymmetric damping"),
+        "linear-drag-asymmetry": (f"{force}_abs{r}", f"|{r}|", "asymmetric damping"),
         "bias-moment": (f"{force}_0", "", "constant"),
     }
     rows = [(own, rigid, subject.unit, "rigid"), (f"{force}_{r}dot", -added, subject.unit, "added")]

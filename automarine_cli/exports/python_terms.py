@@ -38,6 +38,7 @@ LINES: Mapping[str, Lines] = {
     "bias-moment": Lines(moment="+ {b}"),
     "coulomb-drag": Lines(moment=f"- {{c}} * np.tanh(r / {CREEP})"),
     "drag-asymmetry": Lines(moment="- {e} * s**2"),
+    "linear-drag-asymmetry": Lines(moment="- {e} * abs(s)"),
     "tether-spring": Lines(moment="- {kappa} * (psi - psi0)"),
     "heading-moment": Lines(moment="+ {b} * np.sin(psi) + {c} * np.cos(psi)"),
     "thrust-loss": Lines(moment="- {b} * abs(N) ** 0.5 * r"),
