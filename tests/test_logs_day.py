@@ -49,3 +49,17 @@ def test_a_day_in_one_log_becomes_runs_that_give_back_the_vehicle(tmp_path: Path
     for name, true in (("I_r", INERTIA), ("k_rr", K_RR)):
         assert abs(found[name].value - true) < 4 * found[name].stderr, (name, found[name])
         assert found[name].stderr < 0.03 * true
+    assert "readings" not in fit.to_json()["runs"]  # a table: nothing was held
+
+
+def test_what_there_is_to_know_of_the_reading_is_in_every_result(tmp_path: Path) -> None:
+    (tmp_path / "day.bin").write_bytes(dataflash(day(noise=0.4), without=("RATE", "IMU", "EV")))
+    (tmp_path / "columns.toml").write_text(COLUMNS)
+    columns = tmp_path / "columns.toml"
+    fit = am.fit_yaw(tmp_path / "day.bin", columns=columns)
+    told = "on the clock of ATT, last values held: RCOU 0.003 s old in the median, 0.003 s at most; BAT"
+    found = am.validate(tmp_path / "day.bin", columns=columns, model=fit, figures=False)
+    for content in (fit.to_json(), found.to_json()):
+        (reading,) = content["runs"]["readings"]
+        assert reading["file"] == "day.bin" and reading["notes"][0].startswith(told)
+    assert am.check(tmp_path / "day.bin", columns=columns).runs[0].notes[0].startswith(told)

@@ -21,7 +21,7 @@ from automarine_cli.fits.yaw_cautions import Caution
 from automarine_cli.models.store import CONSTANT, DIFFERENCE, schema_of
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.runs.half_turn import HalfTurn
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import Run, SetAside, readings
 
 Floats = NDArray[np.float64]
 KEYS = {"b": CONSTANT, "e": DIFFERENCE}
@@ -93,7 +93,11 @@ class YawFit(Shown):
             "heading_noise_deg": float(axis.shown(fit.noise)),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
             "warnings": list(self.warnings),
-            "runs": {"used": self.used, "set_aside": [asdict(run) for run in self.set_aside]},
+            "runs": {
+                "used": self.used,
+                "set_aside": [asdict(run) for run in self.set_aside],
+                **readings(self.runs or [turn.step.run for turn in self.turns]),
+            },
         }
         return dict(axis.named(content))
 

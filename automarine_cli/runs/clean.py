@@ -90,6 +90,7 @@ def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapp
         extras=extras,
         counts=counts,
         notes=table.notes + _coarse_clock(counts),
+        reading=table.notes,
         axis=axis,
     )
 

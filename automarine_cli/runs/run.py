@@ -1,6 +1,6 @@
 """`Run`: one log of one test, cleaned and frozen; and what becomes of a run that does not serve."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -35,7 +35,8 @@ class Run:
     the commanded yaw moment, held until the next sample, or None where the log has thruster commands instead.
     `extras` holds every other numeric column (`yaw_rate` [rad/s], `n_port`, `n_stbd`, `voltage` [V], `surge`,
     `sway` [m/s], ...). `counts` says what cleaning did (name -> number), `notes` what a person should know.
-    In a run of another motion (`axis`) `heading` is the position [m] and `moment` the force.
+    `reading` are those of the notes that tell how the log was read, such as signs that were turned and how old held
+    values are. In a run of another motion (`axis`) `heading` is the position [m] and `moment` the force.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Run:
     extras: Mapping[str, Floats] = field(default_factory=dict)
     counts: Mapping[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    reading: tuple[str, ...] = ()
     axis: Axis = YAW
 
     def __post_init__(self) -> None:
@@ -108,3 +110,11 @@ class Run:
             moment=None if self.moment is None else self.moment[start:stop],
             extras={name: column[start:stop] for name, column in self.extras.items()},
         )
+
+
+def readings(runs: Iterable[Run]) -> dict[str, list[dict[str, object]]]:
+    """`{"readings": [{"file", "notes"}]}` for a result: what to know of the reading of each log; {} for nothing."""
+    told = {run.source: run.reading for run in runs if run.reading}
+    return (
+        {"readings": [{"file": file, "notes": list(notes)} for file, notes in told.items()]} if told else {}
+    )

@@ -28,7 +28,7 @@ from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report import diagnosis_report, diagnosis_tables, thruster_diagnosis
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.workflows.diagnose_thrusters import ThrusterDiagnosis, diagnose_thrusters, is_thruster_map
 from automarine_cli.workflows.moments import with_moments
 
@@ -80,6 +80,7 @@ class YawDiagnosis(Shown):
             "runs": {
                 "used": len(self.diagnosis.study.runs),
                 "set_aside": [asdict(run) for run in self.set_aside],
+                **readings(self.diagnosis.study.runs),
             },
         }
         return dict(axis.named(content))

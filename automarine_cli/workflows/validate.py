@@ -26,7 +26,7 @@ from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.report.validation_tables import overall_table, run_table, score_table
 from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.workflows.moments import moment_maker
 
 SCHEMA = "automarine/validation/1"
@@ -63,7 +63,11 @@ class Validation(Shown):
             "switch_offset": self.stored.switch_offset,
             "scores": {name: axis.say(meaning) for name, meaning in MEANING.items()},
             "logs": {run.name: self._log_json(i) for i, run in enumerate(found.runs)},
-            "runs": {"used": len(found.runs), "set_aside": [asdict(run) for run in self.set_aside]},
+            "runs": {
+                "used": len(found.runs),
+                "set_aside": [asdict(run) for run in self.set_aside],
+                **readings(found.runs),
+            },
         }
         return dict(axis.named(content))
 
