@@ -15,9 +15,21 @@ from reader_contract import RECORDERS, Recorder, judge_cut_recording, judge_reco
 from vehicle_logs import Dive, dive
 
 from automarine_cli.errors import AutomarineError, LogError
-from automarine_cli.logs import ColumnMap, LogFile, column_rules, read_log, require_motion
+from automarine_cli.logs import (
+    ColumnMap,
+    ColumnRule,
+    LogFile,
+    column_rules,
+    is_thruster_test,
+    read_log,
+    require_motion,
+    require_thruster,
+)
 from automarine_cli.runs.load import load_runs, read_runs
 
+VOLTS = {  # what stands in for a load cell
+    "ardupilot": "voltage_V", "can": "Battery.Volt", "px4": "battery_status.voltage_v", "ros": "/battery.voltage",
+}  # fmt: skip
 EVERY = pytest.mark.parametrize("suffix", RECORDERS)
 
 
@@ -195,3 +207,15 @@ def test_the_column_maps_of_the_page_work(tmp_path: Path, suffix: str, number: i
     require_motion(table)
     assert not any("the file has no such column" in note for note in table.notes)
     assert len(pages_maps()) == 4
+
+
+@EVERY
+def test_a_thruster_test_is_on_the_clock_of_its_force(tmp_path: Path, suffix: str) -> None:
+    """With a control signal and a force named, a recording is a thruster test, whatever else was on."""
+    content, told = made(suffix)
+    port = told.columns.columns["n_port"]
+    rules = {"n": port, "force_N": ColumnRule(VOLTS[told.extra])}
+    table = read_log(recorded(tmp_path, suffix, content), replace(told.columns, columns=rules))
+    assert is_thruster_test(table) and "heading" not in table.columns
+    np.testing.assert_allclose(table.columns["force"], dive().voltage, atol=2e-3)
+    require_thruster(table)

@@ -3,6 +3,7 @@
 import contextlib
 import importlib
 import io
+import warnings
 from collections.abc import Iterator
 from types import ModuleType
 
@@ -12,7 +13,9 @@ from automarine_cli.errors import LogError
 def needed(module: str, extra: str, source: str, what: str) -> ModuleType:
     """The module of a library that the extra `extra` brings. Raises LogError that says how to install it."""
     try:
-        return importlib.import_module(module)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # theirs are none of the user's
+            return importlib.import_module(module)
     except ImportError:
         raise LogError(
             f"{source}: {what} are read by {module.partition('.')[0]}, which is not installed; "
@@ -24,7 +27,9 @@ def needed(module: str, extra: str, source: str, what: str) -> ModuleType:
 def unsound_is_refused(source: str, what: str, mend: str = "copy the file again") -> Iterator[None]:
     """Whatever a library raises or prints over a damaged file becomes one LogError. An interrupt stays one."""
     try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        quiet = io.StringIO()
+        with contextlib.redirect_stdout(quiet), contextlib.redirect_stderr(quiet), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             yield
     except (LogError, MemoryError):
         raise

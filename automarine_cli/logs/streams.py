@@ -5,7 +5,7 @@ the last known values are is told.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -89,7 +89,14 @@ def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
     Rows count the messages of that stream. Raises LogError that lists what the file holds where there is neither.
     """
     streams = [stream for stream in found.streams if len(stream.time)]
-    also = {name: column for stream in reversed(streams) for name, column in stream.also.items()}
+    if _is_bollard(columns):  # nothing turns in it, though a compass may have been on
+        streams = [one for one in map(_without_heading, streams) if one.columns]
+    also = {
+        name: column
+        for stream in reversed(streams)
+        for name, column in stream.also.items()
+        if column in stream.columns
+    }
     master = _master(streams, also, columns)
     if master is None:
         there = (
@@ -117,13 +124,25 @@ def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
 
 def _master(streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnMap) -> Stream | None:
     names = (name for stream in streams for name in stream.columns)
-    for quantity in (motion_of(names, columns.columns).position, "heading", "force"):
+    bollard = ("force",) if _is_bollard(columns) else ()
+    for quantity in (*bollard, motion_of(names, columns.columns).position, "heading", "force"):
         mapped = [columns.columns[name].source for name in names_of(quantity) if name in columns.columns]
         for name in [*(also.get(one, one) for one in mapped), *names_of(quantity)]:
             for stream in streams:
                 if name in stream.columns:
                     return stream
     return None
+
+
+def _is_bollard(columns: ColumnMap) -> bool:
+    """Whether the column map names what a thruster test has and a motion has not: control signal and force."""
+    named = {CANONICAL[name].quantity for name in columns.columns if name in CANONICAL}
+    return named >= {"n", "force"}
+
+
+def _without_heading(stream: Stream) -> Stream:
+    kept = {name: c for name, c in stream.columns.items() if name not in names_of("heading")}
+    return replace(stream, columns=kept)
 
 
 def _held(stream: Stream, master: Stream) -> NDArray[np.int64]:
