@@ -67,6 +67,7 @@ def words_of(
         "moment": "force",
         "moments": "forces",
         "inertia": "mass",
+        "an inertia": "a mass",
         "inertial turn angle": "inertial distance",
         "inertial turn angles": "inertial distances",
         "turned angle": "distance covered",

@@ -9,7 +9,10 @@ from automarine_cli.cli import options
 from automarine_cli.cli.echo import CampaignTeller, end_with
 
 MOST_NAMED = 12  # campaigns whose folders are named at the end
-STEPS = ("check", "fit-thrusters", "fit-yaw", "validate", "diagnose", "report")
+STEPS = (
+    "check", "fit-thrusters", "fit-yaw", "validate", "diagnose", "fit-surge", "validate-surge", "diagnose-surge",
+    "fit-heave", "validate-heave", "diagnose-heave", "report",
+)  # fmt: skip
 
 
 @click.command("run", short_help="Every step of a campaign, and one report.")
@@ -34,7 +37,8 @@ def run(
     ctx: click.Context, campaigns: tuple[Path, ...], until: str | None, force: bool, recorded: Path | None,
     inputs: tuple[Path, ...], out: Path | None, overwrite: bool, jobs: int, cluster: str | None, as_json: bool,
 ) -> object:  # fmt: skip
-    """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report.
+    """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report; with sections
+    [surge] and [heave] their fit, validation and diagnosis too.
 
     Each step has a folder of its own in DIR. A step is kept if its result is there and neither its inputs nor its
     settings nor versions have changed; for every other step the reason is told. `automarine init` writes a

@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from itertools import islice
 
+from automarine_cli.axes import AXES
 from automarine_cli.pipeline.manifest import Manifest
 from automarine_cli.pipeline.outputs import file_stems
 from automarine_cli.report.campaign_steps import StepResult
@@ -16,6 +17,7 @@ Steps = Mapping[str, StepResult]
 ALT = {
     "thrusters": "Thrust of one thruster against its control signal: measured points, fitted curves, residuals below",
     "half_turns": "Heading against time of every half-turn: the part that was fitted in colour, what was cut in grey",
+    "steps": "Heading against time of every half-turn: the part that was fitted in colour, what was cut in grey",
     "drag": "Steady yaw rate against yaw moment: one point a run, the curves of models 1, 2 and 3, residuals below",
     "inertia": "Yaw inertia of each run against its moment, with the overall value of both methods",
     "collapse": "Heading against time times the root of the moment: all runs on one curve if model 3 holds",
@@ -24,6 +26,7 @@ ALT = {
     "why": "Evidence for each effect of the library, and how the runs' own drag and inertia drift",
     "before_after": "The gap before and after the missing effect was added, against the noise of the heading",
 }
+FIGURES = ("drag", "inertia", "half_turns", "steps", "collapse", "whole_runs")
 SHOWN_OPEN, MOST_SHOWN = 6, 40  # runs whose validation figure stands open, and that are in the page at all
 MOST_ROWS = 1000  # of a folded table: a page of ten thousand rows opens slowly and is read by nobody
 NEXT = "What to run next"
@@ -36,7 +39,7 @@ def document(steps: Steps, title: str, cautions: Sequence[str] = ()) -> str:
     """
     sections = {
         "Thruster map": _thrusters(steps, cautions), "Yaw model": _yaw(steps), "Validation": _validation(steps),
-        "Diagnosis": _diagnosis(steps), "Logs": _logs(steps), "Runs set aside": _set_aside(steps),
+        "Diagnosis": _diagnosis(steps), **_of_force(steps), "Logs": _logs(steps), "Runs set aside": _set_aside(steps),
         NEXT: _next(steps), "How this was made": _made(steps),
     }  # fmt: skip
     parts = [f"# {escape(title)}", *summary(steps), missing_sentence(steps)]
@@ -45,10 +48,23 @@ def document(steps: Steps, title: str, cautions: Sequence[str] = ()) -> str:
     return "\n\n".join(part.strip() for part in parts if part.strip()) + "\n"
 
 
+def _of_force(steps: Steps) -> dict[str, list[str]]:
+    """The sections of surge and heave."""
+    return {
+        heading: blocks
+        for motion in ("surge", "heave")
+        for heading, blocks in (
+            (f"{motion.capitalize()} model", _yaw(steps, motion)),
+            (f"Validation in {motion}", _validation(steps, f"{motion}_validation")),
+            (f"Diagnosis in {motion}", _diagnosis(steps, f"{motion}_diagnosis")),
+        )
+    }
+
+
 def picture(step: StepResult, stem: str, alt: str = "") -> str:
     """The line that shows a figure of a step; nothing if it was not drawn."""
     kinds = [kind for kind in ("png", "svg") if (step.folder / f"{stem}.{kind}").is_file()]
-    return f"![{escape(alt or ALT[stem])}]({step.name}/{stem}.{kinds[0]})" if kinds else ""
+    return f"![{escape(alt or step.axis.say(ALT[stem]))}]({step.name}/{stem}.{kinds[0]})" if kinds else ""
 
 
 def fold(summary: str, *blocks: str) -> list[str]:
@@ -63,47 +79,50 @@ def _thrusters(steps: Steps, cautions: Sequence[str]) -> list[str]:
     return [picture(step, "thrusters"), body, _bullets([escape(f"Caution: {line}") for line in cautions])]
 
 
-def _yaw(steps: Steps) -> list[str]:
-    if (step := steps.get("yaw")) is None:
+def _yaw(steps: Steps, name: str = "yaw") -> list[str]:
+    if (step := steps.get(name)) is None:
         return []
+    say = step.axis.say
     blocks = [escape(str(step.at("preferred_because")))]
     if step.at("inertial_turn_angle_rad") is not None:
         turn = interval(step.estimate("inertial_turn_angle_rad"))
         blocks.append(
-            f"The inertial turn angle I_r/k_r|r| is {escape(turn)} rad, whatever the unit of the moment."
+            say(f"The inertial turn angle I_r/k_r|r| is {escape(turn)} rad, whatever the unit of the moment.")
         )
+    if step.data.get("buoyancy"):
+        blocks.append(escape(str(step.at("buoyancy", "says"))))
     tables = [
         re.sub(r"\A\*\*(.*)\*\*", r"### \1", step.text(f"{table}.md")) for table in ("table1", "table2")
     ]
     noted = "\n".join(tables)
     warnings = [escape(str(line)) for line in step.at("warnings")]
     blocks += [*tables, _bullets([f"Warning: {line}" for line in warnings if line not in noted])]
-    figures = [picture(step, stem) for stem in ("drag", "inertia", "half_turns", "collapse", "whole_runs")]
+    figures = [picture(step, stem) for stem in FIGURES]
     return [*blocks, "### Figures of the fit", *figures]
 
 
-def _validation(steps: Steps) -> list[str]:
-    if (step := steps.get("validation")) is None:
+def _validation(steps: Steps, name: str = "validation") -> list[str]:
+    if (step := steps.get(name)) is None:
         return []
-    names = [str(name) for name in step.at("logs")]
+    names = [str(one) for one in step.at("logs")]
     shown = [
         picture(
             step,
             f"validation_{stem}",
-            f"Run {name}: measured and simulated heading, their difference, the moment",
+            f"Run {one}: " + step.axis.say("measured and simulated heading, their difference, the moment"),
         )
-        for name, stem in islice(zip(names, file_stems(names)), MOST_SHOWN)
+        for one, stem in islice(zip(names, file_stems(names)), MOST_SHOWN)
     ]
     blocks = [step.text("validation.md"), "### Run by run", *shown[:SHOWN_OPEN]]
     if shown[SHOWN_OPEN:]:
         blocks += fold(f"{len(shown) - SHOWN_OPEN} more runs", *shown[SHOWN_OPEN:])
     if len(names) > MOST_SHOWN:
-        blocks.append(f"The figures of {len(names) - MOST_SHOWN} more runs are in the folder validation.")
+        blocks.append(f"The figures of {len(names) - MOST_SHOWN} more runs are in the folder {step.name}.")
     return blocks
 
 
-def _diagnosis(steps: Steps) -> list[str]:
-    if (step := steps.get("diagnosis")) is None:
+def _diagnosis(steps: Steps, name: str = "diagnosis") -> list[str]:
+    if (step := steps.get(name)) is None:
         return []
     body, _ = _without_next(step)
     body = re.sub(r"\A# .*\n", "", body)
@@ -149,9 +168,10 @@ def _set_aside(steps: Steps) -> list[str]:
 
 
 def _next(steps: Steps) -> list[str]:
-    warnings = [str(line) for line in steps["yaw"].at("warnings")] if "yaw" in steps else []
+    warnings = [str(line) for name in AXES if name in steps for line in steps[name].at("warnings")]
     said = [escape(line) for line in warnings if re.search(r"\badd\b", line, flags=re.IGNORECASE)]
-    blocks = [_bullets(said), _without_next(steps["diagnosis"])[1] if "diagnosis" in steps else ""]
+    diagnoses = ("diagnosis", *(f"{name}_diagnosis" for name in AXES))
+    blocks = [_bullets(said), *(_without_next(steps[name])[1] for name in diagnoses if name in steps)]
     lines = [block.strip() for block in blocks if block.strip()]
     return (
         ["\n".join(lines)]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from automarine_cli.axes import AXES, YAW, Axis
 from automarine_cli.errors import OutputError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
@@ -19,10 +20,21 @@ RESULTS = {
 }
 """Folder of each step: its result file, how that file's schema begins, and what it is in words."""
 
+OF_FORCE = {
+    folder: (file, schema, words)
+    for motion in ("surge", "heave")
+    for folder, file, schema, words in (
+        (motion, f"{motion}_model.json", f"automarine/{motion}-model/", f"a {motion} model"),
+        (f"{motion}_validation", "validation.json", "automarine/validation/", f"a validation in {motion}"),
+        (f"{motion}_diagnosis", "diagnosis.json", "automarine/diagnosis/", f"a diagnosis in {motion}"),
+    )
+}
+"""The same of the steps that only campaigns with surge or heave have."""
+
 
 @dataclass(frozen=True)
 class StepResult:
-    """One step's folder: its result file and its manifest (None if there is none)."""
+    """One step's folder: its result file, under yaw's keys, and its manifest (None if there is none)."""
 
     name: str
     folder: Path
@@ -30,9 +42,14 @@ class StepResult:
     manifest: Manifest | None
 
     @property
+    def axis(self) -> Axis:
+        """The motion that it is of."""
+        return AXES.get(self.name.partition("_")[0], YAW)
+
+    @property
     def file(self) -> str:
         """The result file, as messages name it."""
-        return f"{self.name}/{RESULTS[self.name][0]}"
+        return f"{self.name}/{(RESULTS | OF_FORCE)[self.name][0]}"
 
     def at(self, *keys: str | int) -> Any:
         """A value in the result file. Raises OutputError with its place if it is not there."""
@@ -74,7 +91,7 @@ def read_steps(folder: Path) -> dict[str, StepResult]:
     """The steps that are there, by folder name in their order. Raises OutputError if there is none, or for a file
     that automarine did not write so."""
     found = {}
-    for name, (file, schema, _) in RESULTS.items():
+    for name, (file, schema, _) in (RESULTS | OF_FORCE).items():
         path = folder / name / file
         if not path.is_file():
             continue
@@ -84,6 +101,7 @@ def read_steps(folder: Path) -> dict[str, StepResult]:
                 f"{name}/{file}: schema is {data.get('schema')!r}; expected {schema}1. Run that step again"
             )
         manifest = path.with_name(MANIFEST)
+        data = AXES.get(name.partition("_")[0], YAW).plain(data)
         found[name] = StepResult(
             name, folder / name, data, read_manifest(manifest) if manifest.is_file() else None
         )

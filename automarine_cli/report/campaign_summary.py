@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator, Mapping
 
+from automarine_cli.axes import AXES
 from automarine_cli.pipeline.words import listed
-from automarine_cli.report.campaign_steps import RESULTS, StepResult
+from automarine_cli.report.campaign_steps import OF_FORCE, RESULTS, StepResult
 from automarine_cli.report.diagnosis_page import escape
 from automarine_cli.report.tables import interval, number
 
@@ -26,11 +27,33 @@ def summary(steps: Steps) -> Iterator[str]:
     ]
     if said:
         yield " ".join(said)
+    for motion in ("surge", "heave"):
+        yield from _of_force(steps, motion)
+
+
+def _of_force(steps: Steps, motion: str) -> Iterator[str]:
+    """The same paragraph of surge or heave."""
+    model, judged = steps.get(motion), steps.get(f"{motion}_validation")
+    parts = []
+    if model is not None:
+        said = _yaw(model)
+        parts.append(f"In {motion}, {said}.")
+        if model.data.get("buoyancy"):
+            parts.append(escape(str(model.at("buoyancy", "says"))))
+    found = [_predicts(judged, model), _lacks({**steps, "diagnosis": steps.get(f"{motion}_diagnosis")})]
+    parts += [AXES[motion].say(one) for one in found if one]
+    if parts:
+        yield " ".join(parts)
 
 
 def missing_sentence(steps: Steps) -> str:
     """Which steps left nothing to report."""
-    missing = [words for name, (_, _, words) in RESULTS.items() if name not in steps]
+    only_force = any(name in steps for name in OF_FORCE) and "yaw" not in steps
+    missing = [
+        words
+        for name, (_, _, words) in RESULTS.items()
+        if name not in steps and not (only_force and name in ("yaw", "validation", "diagnosis"))
+    ]
     return f"Not in this report, for want of results: {listed(missing)}." if missing else ""
 
 
@@ -43,14 +66,23 @@ def _identified(steps: Steps) -> str:
 
 def _yaw(step: StepResult) -> str:
     model = str(step.at("preferred"))
+    say = step.axis.say
     found = [
-        f"**{name} = {escape(interval(estimate))}** {estimate.unit}"
+        f"**{say(name)} = {escape(interval(estimate))}** {estimate.unit}"
         for key, name in NAMES.items()
         if key in step.at("models", model)
         for estimate in [step.estimate("models", model, key)]
     ]
     runs = step.at("runs", "used")
-    return f"model {escape(model)} ({LAWS.get(model, 'drag')}) serves best on {runs} runs, with {' and '.join(found)}"
+    law = say(LAWS.get(model, "drag"))
+    law = law if step.axis.wraps else law.replace("|r| r", _speed(step)).replace(" r", f" {_speed(step)[-1]}")
+    return f"model {escape(model)} ({law}) serves best on {runs} runs, with {' and '.join(found)}"
+
+
+def _speed(step: StepResult) -> str:
+    """|u| u or |w| w."""
+    letter = step.axis.say("k_r")[-1]
+    return f"|{letter}| {letter}"
 
 
 def _thrust(step: StepResult) -> str:
@@ -100,7 +132,7 @@ def _seen(step: StepResult, fitted: StepResult | None) -> str:
     return " that was not fitted" if step.at("runs", "used") == 1 else " that were not fitted"
 
 
-def _lacks(steps: Steps) -> str:
+def _lacks(steps: Mapping[str, StepResult | None]) -> str:
     if (step := steps.get("diagnosis")) is None:
         return ""
     unit, words = ("deg", "degrees") if "before_deg" in step.at("gap", "fitted_runs") else ("N", "newtons")

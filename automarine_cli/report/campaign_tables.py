@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from automarine_cli.axes import AXES, YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.recipe import read_mapping
 from automarine_cli.report.tables import MISSING, Table, number
@@ -15,6 +16,7 @@ FILES = {
     "validate": "validation.json",
     "diagnose": "diagnosis.json",
 }
+FILES |= {f"fit-{name}": f"{name}_model.json" for name in ("surge", "heave")}
 
 
 def steps_table(rows: Sequence[tuple[str, str, str, str]]) -> Table:
@@ -42,8 +44,10 @@ def campaigns_table(rows: Sequence[tuple[str, Mapping[str, str], Sequence[str]]]
 def outcome(step: str, folder: Path) -> str:
     """The result of a step in a few words; empty where its file cannot be read."""
     try:
-        data: dict[str, Any] = dict(read_mapping(folder / FILES[step]))
-        return _IN_WORDS[step](data)
+        command = step if step in FILES else step.rpartition("-")[0]
+        axis = AXES.get(step.rpartition("-")[2], YAW)
+        data: dict[str, Any] = axis.plain(dict(read_mapping(folder / FILES[command])))
+        return axis.say(_IN_WORDS["fit-yaw" if command == f"fit-{axis.name}" else command](data))
     except (SettingError, KeyError, TypeError, AttributeError):
         return ""
 

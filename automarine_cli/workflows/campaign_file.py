@@ -64,17 +64,44 @@ class Yaw:
 
 
 @dataclass(frozen=True)
+class Force:
+    """Logs of surge or heave, where their force comes from, and what of the runs is fitted."""
+
+    steps: tuple[str, ...] = ()
+    manoeuvres: tuple[str, ...] = ()
+    validation: tuple[str, ...] = ()
+    force: Literal["logged", "thrusters"] = "logged"
+    fit_to: Literal["auto", "steps", "whole-runs"] = "auto"
+
+
+@dataclass(frozen=True)
+class Surge(Force):
+    """How far a step of surge is followed [m], before the wall is felt."""
+
+    within: float | None = None
+
+
+@dataclass(frozen=True)
+class Heave(Force):
+    """Between which depths [m] a step of heave is followed."""
+
+    depths: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
 class CampaignFile:
     """A campaign: its logs, how to read them, and the settings of the steps."""
 
     schema: str
-    logs: Logs
+    logs: Logs = Logs()
     title: str = ""
     vehicle: Vehicle = Vehicle()
     columns: Mapping[str, Any] = field(default_factory=dict)
     can: Mapping[str, Any] = field(default_factory=dict)
     thrusters: Thrusters = Thrusters()
     yaw: Yaw = Yaw()
+    surge: Surge | None = None
+    heave: Heave | None = None
     seed: int = 0
     strict: bool = False
 
@@ -83,7 +110,8 @@ class CampaignFile:
             raise SettingError(f"schema is {self.schema!r}; expected {SCHEMA!r}")
         if self.seed < 0:
             raise SettingError(f"seed is {self.seed}; expected 0 or more")
-        if not any((self.logs.thrusters, self.logs.steps, self.logs.manoeuvres)):
+        of_forces = [one.steps or one.manoeuvres for one in (self.surge, self.heave) if one is not None]
+        if not any((self.logs.thrusters, self.logs.steps, self.logs.manoeuvres, *of_forces)):
             raise SettingError("logs: no logs are named; give thrusters, steps or manoeuvres")
         if self.thrusters.map is not None and self.logs.thrusters:
             raise SettingError("thrusters.map and logs.thrusters are both given; expected one of them")
@@ -115,15 +143,30 @@ class Campaign:
         """The thruster map that is at hand, if one is."""
         return None if self.asked.thrusters.map is None else self.path.parent / self.asked.thrusters.map
 
-    def files(self, *kinds: str) -> list[LogFile]:
-        """The logs of these kinds together. Raises SettingError with the key for logs that are not there."""
+    @property
+    def forces(self) -> dict[str, Force]:
+        """Surge and heave, if the campaign has them, by name."""
+        both = {"surge": self.asked.surge, "heave": self.asked.heave}
+        return {name: one for name, one in both.items() if one is not None}
+
+    def every_log(self) -> list[LogFile]:
+        """The logs of all kinds and motions."""
+        found = self.files("thrusters", "steps", "manoeuvres", "validation")
+        for motion in self.forces:
+            found += self.files("steps", "manoeuvres", "validation", motion=motion)
+        return found
+
+    def files(self, *kinds: str, motion: str = "logs") -> list[LogFile]:
+        """The logs of these kinds together, in yaw or of another `motion`. Raises SettingError with the key for logs
+        that are not there."""
         found: list[str] = []
+        section = getattr(self.asked, motion)
         for kind in kinds:
-            places = [self._place(one) for one in getattr(self.asked.logs, kind)]
+            places = [self._place(one) for one in getattr(section, kind)]
             try:
                 found += places if not places or find_logs(places) else []
             except LogError as problem:
-                raise SettingError(f"{printable(self.path.name)}: logs.{kind}: {problem}") from None
+                raise SettingError(f"{printable(self.path.name)}: {motion}.{kind}: {problem}") from None
         return find_logs(found) if found else []
 
     def _place(self, entry: str) -> str:

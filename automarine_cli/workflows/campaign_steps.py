@@ -3,6 +3,7 @@
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,11 @@ from automarine_cli.logs import ColumnMap, LogFile
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.reuse import manifest_of, why_made_again
 from automarine_cli.runs.load import has_bytes
-from automarine_cli.workflows.campaign_file import Campaign
+from automarine_cli.workflows.campaign_file import Campaign, Heave, Surge
 from automarine_cli.workflows.check import check
 from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
-from automarine_cli.workflows.fit_yaw import fit_yaw
+from automarine_cli.workflows.fit_yaw import fit_heave, fit_surge, fit_yaw
 from automarine_cli.workflows.validate import validate
 
 FIGURES = ("png", "svg")  # for a person, and for the report
@@ -58,16 +59,27 @@ def _default(value: object) -> object:
 
 @dataclass(frozen=True)
 class Step:
-    """A step of every campaign: the command, its folder, and what makes its plan (or says why there is none)."""
+    """A step of every campaign, or of those with logs of `motion`: its name, its folder, what makes its plan (or says
+    why there is none), and the command, by default of the step's name."""
 
     name: str
     folder: str
     plan: Callable[[Campaign, Path], Plan | str]
+    motion: str = ""
+    does: str = ""
+
+    @property
+    def command(self) -> str:
+        """The command that it runs."""
+        return self.does or self.name
+
+    def belongs_to(self, campaign: Campaign) -> bool:
+        """Whether the campaign has such a step."""
+        return not self.motion or self.motion in campaign.forces
 
 
 def _check(campaign: Campaign, out: Path) -> Plan | str:
-    logs = campaign.files("thrusters", "steps", "manoeuvres", "validation")
-    return Plan(check, logs, {"columns": campaign.columns, "strict": campaign.asked.strict})
+    return Plan(check, campaign.every_log(), {"columns": campaign.columns, "strict": campaign.asked.strict})
 
 
 def _fit_thrusters(campaign: Campaign, out: Path) -> Plan | str:
@@ -138,12 +150,64 @@ def _drive(campaign: Campaign, out: Path) -> dict[str, object] | None:
     return {"thrusters": thrusters, "arm": campaign.asked.vehicle.arm_m}
 
 
+def _fit_force(campaign: Campaign, out: Path, motion: str) -> Plan | str:
+    asked = campaign.forces[motion]
+    logs = campaign.files("steps", motion=motion) or campaign.files("manoeuvres", motion=motion)
+    if not logs:
+        return f"the campaign names no step runs and no manoeuvres of {motion}"
+    drive = _map_for(campaign, out, motion)
+    if drive is None:
+        return "its forces need the thruster map, and fit-thrusters gave none"
+    own: dict[str, object] = {"within": asked.within} if isinstance(asked, Surge) else {}
+    if isinstance(asked, Heave):
+        own = {"depths": asked.depths}
+    work: Callable[..., object] = fit_surge if motion == "surge" else fit_heave
+    return Plan(work, logs, {**_common(campaign), **drive, **own, "fit_to": asked.fit_to})
+
+
+def _judge_force(campaign: Campaign, out: Path, motion: str, work: Callable[..., object]) -> Plan | str:
+    """Validation or diagnosis of surge or heave."""
+    kinds = ("validation",) if work is validate else ("steps", "manoeuvres")
+    logs, held = campaign.files(*kinds, motion=motion), campaign.files("validation", motion=motion)
+    if not logs:
+        return f"the campaign names no {' and no '.join(kinds)} of {motion}"
+    model, drive = out / motion / f"{motion}_model.json", _map_for(campaign, out, motion)
+    if not model.is_file() or drive is None:
+        return f"it needs the {motion} model, and fit-{motion} gave none"
+    more: dict[str, object] = {"hold_out": held} if held and work is diagnose else {}
+    return Plan(
+        work, logs, {**_common(campaign), **drive, "model": model, "seed": campaign.asked.seed, **more}
+    )
+
+
+def _map_for(campaign: Campaign, out: Path, motion: str) -> dict[str, object] | None:
+    """The map that makes forces of thruster commands; empty where forces are logged, None without a map."""
+    if campaign.forces[motion].force == "logged":
+        return {}
+    thrusters = campaign.map or out / "thrusters" / "thrusters.json"
+    return {"thrusters": thrusters} if campaign.map is not None or thrusters.is_file() else None
+
+
+def _of_force(motion: str) -> tuple[Step, ...]:
+    """The steps of surge or heave, in a campaign with such logs."""
+    return (
+        Step(f"fit-{motion}", motion, partial(_fit_force, motion=motion), motion),
+        *(
+            Step(f"{command}-{motion}", f"{motion}_{folder}", partial(_judge_force, motion=motion, work=work),
+                 motion, command)
+            for command, folder, work in (("validate", "validation", validate), ("diagnose", "diagnosis", diagnose))
+        ),
+    )  # fmt: skip
+
+
 STEPS = (
     Step("check", "check", _check),
     Step("fit-thrusters", "thrusters", _fit_thrusters),
     Step("fit-yaw", "yaw", _fit_yaw),
     Step("validate", "validation", _validate),
     Step("diagnose", "diagnosis", _diagnose),
+    *_of_force("surge"),
+    *_of_force("heave"),
 )
 REPORT = "report"
 NAMES = (*(step.name for step in STEPS), REPORT)

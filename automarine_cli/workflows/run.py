@@ -109,7 +109,9 @@ def _run(
     progress: Progress, tell: Tell,
 ) -> CampaignRun:  # fmt: skip
     news: list[News] = []
-    names = NAMES if until is None else NAMES[: NAMES.index(until) + 1]
+    ours = {step.name for step in STEPS if step.belongs_to(campaign)} | {REPORT}
+    asked = NAMES if until is None else NAMES[: NAMES.index(until) + 1]
+    names = [name for name in asked if name in ours]
     for number, step in enumerate((one for one in STEPS if one.name in names), 1):
 
         def said(did: Did, why: str = "", number: int = number, name: str = step.name) -> News:
@@ -138,20 +140,20 @@ def _do(
     folder = out / step.folder
     plan = step.plan(campaign, out)
     if isinstance(plan, str):
-        gone = remove_results(folder, step.name)
+        gone = remove_results(folder, step.command)
         return said("skipped", plan + ("; its former result was removed" if gone else ""))
-    why = plan.why(folder, step.name)
+    why = plan.why(folder, step.command)
     if why is None and not force:
         return said("kept", "inputs, settings and versions unchanged")
     why = why or "--force"
     said("starts", why)
-    ours = (found := manifest_of(folder)) is not None and found.command == step.name
+    ours = (found := manifest_of(folder)) is not None and found.command == step.command
     try:
         plan.run(out=folder, overwrite=overwrite or ours, jobs=jobs, progress=progress)
     except OutputError:
         raise
     except AutomarineError as refusal:
-        remove_results(folder, step.name)
+        remove_results(folder, step.command)
         return said("refused", str(refusal))
     return said("made", why)
 
@@ -185,7 +187,7 @@ def _report(
     campaign: Campaign, out: Path, content: dict[str, Any], force: bool, number: int, tell: Tell
 ) -> News:
     """The last step: one page of what is in the step folders, and the record of the whole run."""
-    logs = campaign.files("thrusters", "steps", "manoeuvres", "validation")
+    logs = campaign.every_log()
     inputs = [Input(campaign.path.name, campaign.path, "campaign")]
     inputs += [Input(file.name, file.path) for file in logs if has_bytes(file)]
     inputs += [] if campaign.map is None else [Input(campaign.map.name, campaign.map, "thrusters")]

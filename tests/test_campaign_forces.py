@@ -1,0 +1,70 @@
+"""`run` takes surge and heave as further sections of a campaign file."""
+
+from pathlib import Path
+
+import pytest
+from conftest import SAMPLE_RUNS
+
+from automarine_cli.errors import SettingError
+from automarine_cli.workflows.campaign_file import read_campaign
+from automarine_cli.workflows.report import report_files
+from automarine_cli.workflows.run import run_campaign
+
+HEAVE = f"""
+schema = "automarine/campaign/1"
+title = "Up and down"
+[heave]
+steps = ["{SAMPLE_RUNS / "heave"}"]
+validation = ["{SAMPLE_RUNS / "heave_validation"}"]
+depths = [0, 3.6]
+"""
+
+
+def test_heave_has_steps_and_a_report_of_its_own(tmp_path: Path) -> None:
+    file, out = tmp_path / "campaign.toml", tmp_path / "out"
+    file.write_text(HEAVE)
+    made = run_campaign(file, out=out, until="validate-heave")
+    did = {one.step: one.did for one in made.news}
+    assert list(did) == [
+        "check",
+        "fit-thrusters",
+        "fit-yaw",
+        "validate",
+        "diagnose",
+        "fit-heave",
+        "validate-heave",
+    ]
+    assert (did["fit-heave"], did["validate-heave"], did["fit-yaw"]) == ("made", "made", "skipped")
+    assert (
+        made.says["fit-heave"].startswith("model 3: Z_w|w| 45")
+        and "cm free run" in made.says["validate-heave"]
+    )
+    again = run_campaign(file, out=out, until="validate-heave")
+    assert {one.step: one.did for one in again.news}["validate-heave"] == "kept"
+    report = report_files(out)["report.md"]
+    for said in (
+        "## Heave model",
+        "In heave, model 3",
+        "Buoyancy: a constant force of 2",
+        "## Validation in heave",
+    ):
+        assert said in report
+    assert "## Yaw model" not in report and "heave/steps.png" in report
+
+
+def test_a_campaign_of_yaw_alone_has_no_other_steps() -> None:
+    assert read_campaign(SAMPLE_RUNS / "pool_day.toml").forces == {}
+    assert set(read_campaign(SAMPLE_RUNS / "forces.toml").forces) == {"surge", "heave"}
+
+
+@pytest.mark.parametrize(("line", "why"), [
+    ("within = 3.0", "within"), ("depths = [1.0]", "depths"), ('force = "guessed"', "force"),
+    ('steps = ["no"]', "heave.steps"),
+])  # fmt: skip
+def test_what_makes_no_sense_is_refused_with_its_key(tmp_path: Path, line: str, why: str) -> None:
+    file = tmp_path / "campaign.toml"
+    key = line.partition(" ")[0]
+    kept = "\n".join(one for one in HEAVE.splitlines() if not one.startswith(key))
+    file.write_text(f"{kept}\n{line}\n")
+    with pytest.raises(SettingError, match=why):
+        run_campaign(file)
