@@ -37,26 +37,30 @@ def estimate(value: float, relative: float) -> dict[str, Any]:
     return {"value": value, "stderr": relative * value, "ci95": [0.9 * value, 1.1 * value], "unit": "nu s²"}
 
 
+MODEL = {
+    "schema": "automarine/yaw-model/1", "moment_unit": "nu", "preferred": "3",
+    "models": {"3": {"I_r": estimate(1.018, 0.02), "k_rr": estimate(1.257, 0.02)}},
+    "inertial_turn_angle_rad": estimate(0.81, 0.01), "heading_noise_deg": 1.0,
+    "gain_scatter": estimate(0.03, 0.2), "runs": {"used": 12, "set_aside": []},
+}  # fmt: skip
+DIAGNOSIS = {
+    "schema": "automarine/diagnosis/1", "verdict": "named", "moment_unit": "nu",
+    "effects": [{
+        "name": "dead-band", "parameters": {"width": estimate(0.03, 0.1)},
+        "rivals": [{"name": "coulomb-drag", "confidence": 0.4, "split_by": ""}],
+    }],
+    "base": {"I_r": {"after": estimate(1.0, 0.02)}, "k_rr": {"after": estimate(1.25, 0.02)}},
+}  # fmt: skip
+
+
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
-    return write(tmp_path / "yaw_model.json", {
-        "schema": "automarine/yaw-model/1", "moment_unit": "nu", "preferred": "3",
-        "models": {"3": {"I_r": estimate(1.018, 0.02), "k_rr": estimate(1.257, 0.02)}},
-        "inertial_turn_angle_rad": estimate(0.81, 0.01), "heading_noise_deg": 1.0,
-        "gain_scatter": estimate(0.03, 0.2), "runs": {"used": 12, "set_aside": []},
-    })  # fmt: skip
+    return write(tmp_path / "yaw_model.json", MODEL)
 
 
 @pytest.fixture
 def diagnosis(tmp_path: Path) -> Path:
-    return write(tmp_path / "diagnosis.json", {
-        "schema": "automarine/diagnosis/1", "verdict": "named", "moment_unit": "nu",
-        "effects": [{
-            "name": "dead-band", "parameters": {"width": estimate(0.03, 0.1)},
-            "rivals": [{"name": "coulomb-drag", "confidence": 0.4, "split_by": ""}],
-        }],
-        "base": {"I_r": {"after": estimate(1.0, 0.02)}, "k_rr": {"after": estimate(1.25, 0.02)}},
-    })  # fmt: skip
+    return write(tmp_path / "diagnosis.json", DIAGNOSIS)
 
 
 @pytest.fixture
@@ -66,15 +70,22 @@ def limits(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Plan, Path]:
+    """One plan within short limits, and the folder that holds it, its model and its limits."""
+    folder = tmp_path_factory.mktemp("planned")
+    (folder / "limits.toml").write_text(SHORT)
+    model = write(folder / "yaw_model.json", MODEL)
+    return am.plan(model, limits=folder / "limits.toml", out=folder / "plan"), folder
+
+
 def write(path: Path, data: object) -> Path:
     path.write_text(json.dumps(data))
     return path
 
 
-def test_what_is_written(run: Run, model: Path, limits: Path, tmp_path: Path) -> None:
-    out = tmp_path / "plan"
-    done = run("plan", model, "--limits", limits, "-o", out)
-    assert done.exit_code == 0, done.output
+def test_what_is_written(made: tuple[Plan, Path]) -> None:
+    out = made[1] / "plan"
     told = json.loads((out / "plan.json").read_text())
     rows = list(csv.DictReader((out / "plan.csv").read_text().splitlines()))
     assert [row["name"] for row in rows] == [one["name"] for one in told["planned"]]
@@ -88,8 +99,8 @@ def test_what_is_written(run: Run, model: Path, limits: Path, tmp_path: Path) ->
     assert json.loads((out / "manifest.json").read_text())["command"] == "plan"
 
 
-def test_every_limit_is_kept_and_one_is_used_up(model: Path, limits: Path) -> None:
-    told = am.plan(model, limits=limits).to_json()
+def test_every_limit_is_kept_and_one_is_used_up(made: tuple[Plan, Path]) -> None:
+    told = made[0].to_json()
     totals = told["totals"]
     assert totals["runs"] <= 9 and totals["motion_s"] <= 70 and totals["pool_min"] <= 16
     assert totals["battery_left_Ah"] >= 0.2 * 0.12
@@ -100,40 +111,82 @@ def test_every_limit_is_kept_and_one_is_used_up(model: Path, limits: Path) -> No
     )
 
 
-def test_new_runs_narrow_what_is_known(model: Path, limits: Path) -> None:
-    told = am.plan(model, limits=limits).to_json()["parameters"]
-    for name, one in told.items():
+def test_new_runs_narrow_what_is_known(made: tuple[Plan, Path]) -> None:
+    for name, one in made[0].to_json()["parameters"].items():
         assert one["with_earlier_runs"]["stderr"] < min(one["now"]["stderr"], one["new_runs"]["stderr"]), name
 
 
-def test_one_parameter_is_narrowed_more_when_it_alone_is_wanted(model: Path, limits: Path) -> None:
-    both, alone = am.plan(model, limits=limits), am.plan(model, limits=limits, parameters="k_rr")
-    errors = [made.campaign.plan.percent["k_rr"][-1] for made in (alone, both)]
+def test_the_terminal_says_the_same(run: Run, made: tuple[Plan, Path]) -> None:
+    folder = made[1]
+    done = run("plan", folder / "yaw_model.json", "--limits", folder / "limits.toml", "--json")
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout) == json.loads((folder / "plan" / "plan.json").read_text())
+
+
+def test_it_is_made_again_from_its_manifest(run: Run, made: tuple[Plan, Path]) -> None:
+    done = run("run", "--from", made[1] / "plan", "--inputs", made[1])
+    assert done.exit_code == 0, done.output
+    assert "files have the bytes recorded" in done.stdout
+
+
+def test_one_parameter_is_narrowed_more_when_it_alone_is_wanted(made: tuple[Plan, Path]) -> None:
+    folder = made[1]
+    alone = am.plan(folder / "yaw_model.json", limits=folder / "limits.toml", parameters="k_rr", seed=1)
+    errors = [one.campaign.plan.percent["k_rr"][-1] for one in (alone, made[0])]
     assert errors[0] <= errors[1] * 1.001
     assert alone.to_json()["planned_for"] == ["k_rr"]
 
 
-def test_the_same_bytes_each_time_and_another_order_for_another_seed(
-    model: Path, limits: Path, tmp_path: Path
-) -> None:
-    for name, seed in (("one", 0), ("two", 0), ("three", 1)):
-        am.plan(model, limits=limits, out=tmp_path / name, seed=seed)
-    one, two, three = (
-        {path.relative_to(tmp_path / name): path.read_bytes() for path in (tmp_path / name).rglob("*.*")}
-        for name in ("one", "two", "three")
-    )
-    assert one == two
-    assert one[Path("plan.csv")] != three[Path("plan.csv")]
+def test_another_seed_draws_another_order_of_the_same_runs(made: tuple[Plan, Path]) -> None:
+    folder = made[1]
+    other = am.plan(folder / "yaw_model.json", limits=folder / "limits.toml", seed=1).campaign
+    own = made[0].campaign
+    first, second = ([one.label for one in campaign.candidates] for campaign in (own, other))
+    assert first != second and sorted(first) == sorted(second)
 
 
-def test_it_can_be_rehearsed(model: Path, limits: Path, tmp_path: Path) -> None:
+def test_it_can_be_rehearsed(made: tuple[Plan, Path]) -> None:
     """The specification holds the runs of the sheet, at their times and start headings."""
-    made = am.plan(model, limits=limits, out=tmp_path / "plan")
-    rehearsed = am.simulate(tmp_path / "plan" / "plan.toml")
-    slots = made.campaign.slots
+    place = made[1] / "plan" / "plan.toml"
+    rehearsed, slots = am.simulate(place), made[0].campaign.slots
     assert [run.plan.name for run in rehearsed.runs] == [slot.name for slot in slots]
     assert [run.plan.start for run in rehearsed.runs] == pytest.approx([slot.begins for slot in slots])
-    assert read_specification(tmp_path / "plan" / "plan.toml").scatter.gain == pytest.approx(0.03)
+    assert read_specification(place).scatter.gain == pytest.approx(0.03)
+
+
+def test_thrusters_and_their_current(run: Run, model: Path, tmp_path: Path) -> None:
+    """Commands go through the map, moments stay within it, and the battery is counted from the tests' current."""
+    curves = {
+        side: {"a": a, "p": 2.0, "n_0": 0.0, "n_sat": None}
+        for side, a in (("forward", 2.6e-4), ("backward", 0.7e-4))
+    }
+    thrusters = write(tmp_path / "thrusters.json", {
+        "schema": "automarine/thruster-map/1", "form": "square", "forward": {"a": {"value": 2.6e-4}},
+        "backward": {"a": {"value": 0.7e-4}}, "parameters": curves,
+    })  # fmt: skip
+    rows = ["n,force_N,current_A"]
+    for n in range(-150, 151, 25):
+        force = (2.6e-4 if n > 0 else -0.7e-4) * n * n
+        rows.append(f"{n},{force:.6f},{(2.0 + 3.0 * abs(force) ** 1.5) / 24:.6f}")
+    (tmp_path / "bollard.csv").write_text("\n".join(rows) + "\n")
+    (tmp_path / "limits.toml").write_text(
+        SHORT.replace("largest = 1.2\n", "") + "[thrusters]\nlargest_command = 150\nnu_in_Nm = 0.3\n"
+    )
+    done = run(
+        "plan", model, "--limits", tmp_path / "limits.toml", "--thrusters", thrusters, "--arm", 0.11,
+        "--thruster-tests", tmp_path / "bollard.csv", "-o", tmp_path / "plan",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    told = json.loads((tmp_path / "plan" / "plan.json").read_text())
+    most = 0.11 * 2 * 0.7e-4 * 150**2 / 0.3
+    sizes = [abs(moment) for one in told["planned"] for moment, _ in one["commands"]]
+    assert 0.99 * most < max(sizes) <= most
+    rows = (tmp_path / "plan" / told["planned"][0]["command_file"]).read_text().splitlines()
+    assert rows[0] == "time_s,n_port,n_stbd"
+    port, starboard = (float(cell) for cell in rows[2].split(",")[1:])
+    assert 0.11 * (2.6e-4 * port**2 + 0.7e-4 * starboard**2) == pytest.approx(0.3 * max(sizes), rel=1e-4)
+    force = 0.3 * max(sizes) / 0.22
+    assert f"{2 * 3.0 * force**1.5 / 24:.3g} A more" in told["notes"][0]
 
 
 def test_a_diagnosis_is_split_first(model: Path, diagnosis: Path, limits: Path, tmp_path: Path) -> None:
@@ -229,9 +282,22 @@ def test_other_refusals(model: Path, tmp_path: Path) -> None:
         am.plan(write(tmp_path / "none.json", {"schema": "other"}))
 
 
+def test_a_rival_that_planned_runs_cannot_show_is_left_open(
+    model: Path, diagnosis: Path, limits: Path
+) -> None:
+    told = json.loads(diagnosis.read_text())
+    told["effects"][0]["rivals"] = [{"name": "cross-coupling"}]
+    made: Plan = am.plan(model, diagnosis=write(diagnosis, told), limits=limits)
+    assert "cross-coupling is left open: it needs the column 'surge'" in made.to_json()["notes"][1]
+    held = json.loads(model.read_text())
+    held["effects"] = [{"name": "cross-coupling", "parameters": {"c": 0.05}}]
+    with pytest.raises(ModelError, match="cross-coupling needs the column 'surge'"):
+        am.plan(write(model, held))
+
+
 def test_nothing_open_is_said(model: Path, diagnosis: Path, limits: Path) -> None:
     told = json.loads(diagnosis.read_text())
     told["effects"] = []
     made: Plan = am.plan(model, diagnosis=write(diagnosis, told), limits=limits)
-    assert "leaves no rivals open" in made.to_json()["notes"][1]
+    assert "leaves no rivals open to split" in made.to_json()["notes"][1]
     assert made.campaign.splits == ()

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli import effects
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.planning.budget import Supply
@@ -125,6 +126,8 @@ def fitting_of(known: Known, limits: Limits) -> Fitting:
     noise = limits.logger.noise_deg or known.noise_deg or NOISE_DEG
     given = limits.logger.gain_scatter
     scatter = known.scatter if given is None else given
+    names = (*(term.name for term in known.model.terms), *(doubt.rival for doubt in known.doubts))
+    electric = limits.runs.voltages_V or any("voltage" in effects.get(name).needs for name in names)
     return Fitting(
         known.model,
         limits.runs.fit if known.model == base else "diagnosis",
@@ -132,7 +135,7 @@ def fitting_of(known: Known, limits: Limits) -> Fitting:
         SCATTER if scatter is None else scatter,
         limits.logger.rate_hz,
         limits.runs.rest_before_s,
-        limits.battery.volts if limits.runs.voltages_V else None,
+        limits.battery.volts if electric else None,
         base,
     )
 

@@ -28,6 +28,9 @@ LOOSE = 3.0
 zero."""
 
 
+NO_RIVALS = "The diagnosis leaves no rivals open to split, so the runs are chosen to narrow the intervals."
+
+
 @dataclass(frozen=True)
 class Doubt:
     """An effect that a diagnosis named, and another that its runs cannot exclude."""
@@ -88,14 +91,31 @@ def read_known(model: Path, diagnosis: Path | None) -> Known:
         for effect, values in added:
             chosen = chosen.with_effect(effect, values)
         now = {**now, **(found.base if added else {}), **found.estimates}
-        doubts = found.doubts
         if added:
             now.pop(ANGLE, None)
+        doubts = tuple(one for one in found.doubts if not _lacking(one.rival))
+        notes = tuple(
+            f"{one.rival} is left open: it needs the column {_lacking(one.rival)[0]!r}, which planned runs do not have."
+            for one in found.doubts
+            if one not in doubts
+        )
         if not doubts:
-            notes = ("The diagnosis leaves no rivals open, so the runs are chosen to narrow the intervals.",)
+            notes = (*notes, NO_RIVALS)
+    for term in chosen.terms:
+        if _lacking(term.name):
+            raise ModelError(
+                f"{name}: {term.name} needs the column {_lacking(term.name)[0]!r}, which planned runs do not "
+                "have; plan "
+                "from the model without it"
+            )
     return Known(
         stored, chosen, now, _size(noise), _size(spread), used if isinstance(used, int) else 0, doubts, notes
     )
+
+
+def _lacking(effect: str) -> list[str]:
+    """Columns that an effect needs and planned runs do not have."""
+    return [need for need in effects.get(effect).needs if need != "voltage"]
 
 
 def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:
