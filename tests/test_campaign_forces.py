@@ -1,5 +1,6 @@
 """`run` takes surge and heave as further sections of a campaign file."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ from conftest import SAMPLE_RUNS
 
 from automarine_cli.errors import SettingError
 from automarine_cli.workflows.campaign_file import read_campaign
+from automarine_cli.workflows.init import init
 from automarine_cli.workflows.report import report_files
 from automarine_cli.workflows.run import run_campaign
 
@@ -50,6 +52,25 @@ def test_heave_has_steps_and_a_report_of_its_own(tmp_path: Path) -> None:
     ):
         assert said in report
     assert "## Yaw model" not in report and "heave/steps.png" in report
+
+
+def test_init_writes_the_sections_that_run_takes(tmp_path: Path) -> None:
+    for name in ("surge", "surge_validation", "heave", "heave_validation", "hidden_surge"):
+        shutil.copytree(SAMPLE_RUNS / name, tmp_path / name)
+    started = init(tmp_path)
+    assert started.questions == ()
+    campaign = read_campaign(tmp_path / "campaign.toml")
+    assert set(campaign.forces) == {"surge", "heave"} and campaign.asked.logs.steps == ()
+    counts = {
+        (motion, kind): len(campaign.files(kind, motion=motion))
+        for motion in campaign.forces
+        for kind in ("steps", "manoeuvres", "validation")
+    }
+    assert counts == {
+        ("surge", "steps"): 34, ("surge", "manoeuvres"): 4, ("surge", "validation"): 3,
+        ("heave", "steps"): 1, ("heave", "manoeuvres"): 0, ("heave", "validation"): 3,
+    }  # fmt: skip
+    assert started.to_json()["surge"]["validation"][0].endswith("surge_validation/falling.csv")
 
 
 def test_a_campaign_of_yaw_alone_has_no_other_steps() -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+from automarine_cli.axes import AXES, YAW, Axis
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, is_thruster_test, read_log
 from automarine_cli.logs.canonical import CANONICAL
@@ -19,25 +20,31 @@ from automarine_cli.runs.run import SetAside
 from automarine_cli.workflows.campaign_file import Logs
 
 NEEDED = ("time", "heading", "moment")
-YAW = (*NEEDED, "yaw_rate", "voltage")
+OF_YAW = (*NEEDED, "yaw_rate", "voltage")
 BOLLARD = ("n", "force", "time", "voltage")
 HELD_BACK = ("valid", "hold", "verif")  # how folders of runs begin that no fit may see
+VALIDATION = "_validation"  # and how they may end
 TURNED_ROUND = 0.8  # share of the steps that turn against their moment, from which a sign is asked for
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Logs with the same columns: whether they are thruster tests, and what each column does over all of them."""
+    """Logs with the same columns: whether they are thruster tests, what each column does over all of them, and of which
+    motion they are (surge and heave only by columns of those names).
+    """
 
     names: tuple[str, ...]
     bollard: bool
     files: tuple[LogFile, ...]
     seen: Mapping[str, Span]
+    axis: Axis = YAW
 
 
 @dataclass(frozen=True)
 class Look:
-    """Everything that was seen: what the columns are taken for, the runs of each yaw log, what could not be read."""
+    """Everything that was seen: what the columns are taken for, the runs of each yaw log, what could not be read; and
+    the logs of surge and heave, by motion and kind.
+    """
 
     folder: Path
     layouts: tuple[Layout, ...]
@@ -46,6 +53,7 @@ class Look:
     runs: Mapping[LogFile, tuple[RunKind, ...]]
     set_aside: tuple[SetAside, ...]
     placed: Mapping[str, tuple[LogFile, ...]] = field(default_factory=dict)
+    forces: Mapping[str, Mapping[str, tuple[LogFile, ...]]] = field(default_factory=dict)
 
     @property
     def thrusters_drive(self) -> bool:
@@ -56,7 +64,8 @@ class Look:
     @property
     def turns(self) -> tuple[int, int]:
         """How many stretches from rest turned with, and against, the sign of their moment."""
-        kinds = [kind for runs in self.runs.values() for kind in runs]
+        forces = {file for kinds in self.forces.values() for files in kinds.values() for file in files}
+        kinds = [kind for file, runs in self.runs.items() if file not in forces for kind in runs]
         return sum(kind.with_moment for kind in kinds), sum(kind.against for kind in kinds)
 
     @property
@@ -70,14 +79,21 @@ def look_at(folder: Path, files: Sequence[LogFile], jobs: int = 1, progress: Pro
     """Look at every log: its columns first, then its runs by what the columns are taken for, then its kind."""
     seen = ordered_map(_columns_of, files, jobs, progress=progress, stage="looking at columns")
     aside = [one for one in seen if isinstance(one, SetAside)]
-    groups: dict[tuple[tuple[str, ...], bool], list[tuple[LogFile, dict[str, Span]]]] = {}
+    groups: dict[tuple[tuple[str, ...], bool, str], list[tuple[LogFile, dict[str, Span]]]] = {}
     for file, one in zip(files, seen):
         if not isinstance(one, SetAside):
-            groups.setdefault(one[:2], []).append((file, one[2]))
-    layouts = tuple(
-        Layout(names, bollard, tuple(file for file, _ in group), _together([spans for _, spans in group]))
-        for (names, bollard), group in sorted(groups.items(), key=lambda item: -len(item[1]))
+            groups.setdefault(one[:3], []).append((file, one[3]))
+    every = tuple(
+        Layout(
+            names,
+            bollard,
+            tuple(file for file, _ in group),
+            _together([spans for _, spans in group]),
+            AXES[motion],
+        )
+        for (names, bollard, motion), group in sorted(groups.items(), key=_yaw_first)
     )
+    layouts = tuple(layout for layout in every if layout.axis.wraps)
     columns, lacking = _recognised(layouts)
     rules = ColumnMap({one.key: ColumnRule(one.source, one.unit) for one in columns if not one.as_named})
     yaw = [file for layout in layouts if not layout.bollard for file in layout.files]
@@ -86,16 +102,23 @@ def look_at(folder: Path, files: Sequence[LogFile], jobs: int = 1, progress: Pro
     )
     aside += [one for _, bad in found for one in bad]
     runs = dict(zip(yaw, (good for good, _ in found)))
-    return _placed(Look(folder, layouts, columns, lacking, runs, tuple(aside)), files)
+    look = Look(folder, every, columns, lacking, runs, tuple(aside))
+    return _with_forces(_placed(look, files), files)
 
 
-def _columns_of(file: LogFile) -> tuple[tuple[str, ...], bool, dict[str, Span]] | SetAside:
-    """Names, whether it is a thruster test, and what the columns of a log do; or why it cannot be read."""
+def _yaw_first(group: tuple[tuple[tuple[str, ...], bool, str], Sequence[object]]) -> tuple[bool, int]:
+    """The order of layouts: those of yaw, and of them those with more logs."""
+    (_, _, motion), logs = group
+    return motion != YAW.name, -len(logs)
+
+
+def _columns_of(file: LogFile) -> tuple[tuple[str, ...], bool, str, dict[str, Span]] | SetAside:
+    """Names, whether it is a thruster test, the motion, and what the columns of a log do; or why it cannot be read."""
     try:
-        table = read_log(file)
+        table = read_log(file, axis=None)
     except LogError as error:
         return unreadable(file, error)
-    return table.names, is_thruster_test(table), spans(table)
+    return table.names, is_thruster_test(table), table.axis.name, spans(table)
 
 
 def _together(seen: Sequence[Mapping[str, Span]]) -> dict[str, Span]:
@@ -132,12 +155,14 @@ def _wanted(layout: Layout) -> tuple[str, ...]:
         sides = [recognise(side, layout.names, layout.seen) for side in ("n_port", "n_stbd")]
         if all(sides):
             return ("time", "heading", "n_port", "n_stbd", "yaw_rate", "voltage")
-    return YAW
+    return OF_YAW
 
 
-def _runs_of(file: LogFile, columns: ColumnMap) -> tuple[tuple[RunKind, ...], list[SetAside]]:
+def _runs_of(
+    file: LogFile, columns: ColumnMap, axis: Axis = YAW
+) -> tuple[tuple[RunKind, ...], list[SetAside]]:
     try:
-        runs, aside = read_runs(LogFile(file.path, file.name, False), columns)
+        runs, aside = read_runs(LogFile(file.path, file.name, False), columns, axis)
     except LogError as error:  # a guess that does not fit this log
         return (), [unreadable(file, error)]
     return tuple(kind_of(run) for run in runs), aside
@@ -148,21 +173,48 @@ def _placed(look: Look, files: Sequence[LogFile]) -> Look:
     bollard = {file for layout in look.layouts if layout.bollard for file in layout.files}
     placed: dict[str, list[LogFile]] = {kind: [] for kind in Logs.__dataclass_fields__}
     for file in files:
-        kinds = Counter(run.kind for run in look.runs.get(file, ()))
-        if file in bollard:
-            placed["thrusters"].append(file)
-        elif not kinds or set(kinds) == {"idle"}:
-            continue
-        elif any(part.lower().startswith(HELD_BACK) for part in file.name.split("/")):
-            placed["validation"].append(file)
-        else:
-            placed["manoeuvres" if kinds["manoeuvre"] else "steps"].append(file)
+        kind = "thrusters" if file in bollard else _kind_of(file, look.runs.get(file, ()))
+        if kind:
+            placed[kind].append(file)
     return replace(look, placed={kind: tuple(found) for kind, found in placed.items()})
 
 
-def moments_of(look: Look, kind: str) -> str:
-    """`18 runs, moments -1.2 to 1.2 nu`, for the comment beside the logs of a kind."""
-    runs = [run for file in look.placed[kind] for run in look.runs.get(file, ())]
+def _kind_of(file: LogFile, runs: Sequence[RunKind]) -> str:
+    """The kind of test that a log of runs holds; none where nothing is commanded."""
+    kinds = Counter(run.kind for run in runs)
+    if not kinds or set(kinds) == {"idle"}:
+        return ""
+    if any(
+        part.lower().startswith(HELD_BACK) or part.lower().endswith(VALIDATION)
+        for part in file.name.split("/")
+    ):
+        return "validation"
+    return "manoeuvres" if kinds["manoeuvre"] else "steps"
+
+
+def _with_forces(look: Look, files: Sequence[LogFile]) -> Look:
+    """The look with the logs of surge and heave, each under its motion and kind."""
+    forces: dict[str, dict[str, list[LogFile]]] = {}
+    aside, runs = list(look.set_aside), dict(look.runs)
+    for layout in look.layouts:
+        for file in layout.files if not layout.axis.wraps else ():
+            runs[file], bad = _runs_of(file, ColumnMap(), layout.axis)
+            aside += bad
+            kind = _kind_of(file, runs[file])
+            if kind:
+                sections = {name: list[LogFile]() for name in ("steps", "manoeuvres", "validation")}
+                forces.setdefault(layout.axis.name, sections)[kind].append(file)
+    order = {file: i for i, file in enumerate(files)}
+    told = {
+        motion: {kind: tuple(sorted(found, key=lambda file: order[file])) for kind, found in kinds.items()}
+        for motion, kinds in sorted(forces.items(), reverse=True)
+    }
+    return replace(look, forces=told, runs=runs, set_aside=tuple(aside))
+
+
+def moments_of(look: Look, files: Sequence[LogFile]) -> str:
+    """`18 runs, -1.2 to 1.2 nu`, for the comment beside the logs of a kind."""
+    runs = [run for file in files for run in look.runs.get(file, ())]
     if not runs:
         return ""
     low, high = min(run.low for run in runs), max(run.high for run in runs)

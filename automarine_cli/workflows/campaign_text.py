@@ -20,9 +20,20 @@ SAY = {
 }
 
 
-def campaign_text(look: Look, entries: Mapping[str, Sequence[str]]) -> str:
-    """The file's content; `entries` are the folders, globs and files under `[logs]`."""
-    parts = (_head(look), _vehicle(look), _logs(look, entries), _columns(look), _settings(look, entries))
+def campaign_text(
+    look: Look,
+    entries: Mapping[str, Sequence[str]],
+    forces: Mapping[str, Mapping[str, Sequence[str]]] | None = None,
+) -> str:
+    """The file's content; `entries` are folders, globs and files under `[logs]`, `forces` those of other motions."""
+    parts = (
+        _head(look),
+        _vehicle(look),
+        _logs(look, entries),
+        _columns(look),
+        _settings(look, entries),
+        *(_force(look, motion, kinds) for motion, kinds in (forces or {}).items()),
+    )
     return "\n".join(line for part in parts for line in part) + "\n"
 
 
@@ -70,13 +81,30 @@ def _logs(look: Look, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
     yield _beside("[logs]", "files, folders and globs, relative to this file")
     for kind, places in entries.items():
         files = look.placed[kind]
-        told = moments_of(look, kind)
+        told = moments_of(look, files)
         seen = f"{len(files)} log{'s' * (len(files) != 1)}" + (f", {told}" if told else "")
         if not files and kind == "validation":
             seen = "none found in a folder called validation; move runs here that no fit may see"
         yield _beside(_list(kind, places), f"{SAY[kind]}: {seen}")
     yield from _without_place(look)
     yield ""
+
+
+def _force(look: Look, motion: str, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """The section of surge or heave."""
+    yield ""
+    yield _beside(f"[{motion}]", "position against force; everything else as in yaw")
+    for kind, places in entries.items():
+        files = look.forces[motion][kind]
+        told = moments_of(look, files)
+        seen = f"{len(files)} log{'s' * (len(files) != 1)}" + (f", {told}" if told else "")
+        yield _beside(_list(kind, places), f"{SAY[kind].replace('moment', 'force')}: {seen}")
+    if motion == "surge":
+        yield _beside("# within = 3.0", "metres from the start of a step, before the wall is felt")
+    else:
+        yield _beside(
+            "# depths = [0.3, 2.5]", "metres: follow steps between them, clear of surface and bottom"
+        )
 
 
 def _list(key: str, places: Sequence[str]) -> str:

@@ -2,7 +2,7 @@
 
 import os
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,10 @@ class Started:
             "schema": SCHEMA,
             "logs": sum(len(layout.files) for layout in self.look.layouts),
             "placed": {kind: [file.name for file in files] for kind, files in self.look.placed.items()},
+            **{
+                motion: {kind: [file.name for file in files] for kind, files in kinds.items()}
+                for motion, kinds in self.look.forces.items()
+            },
             "columns": [
                 {
                     "column": one.source,
@@ -59,6 +63,8 @@ class Started:
     def tables(self) -> tuple[Table | str, ...]:
         """How many logs of each kind, what the columns are taken for, and what is asked."""
         kinds = tuple((kind, str(len(files))) for kind, files in self.look.placed.items())
+        for motion, placed in self.look.forces.items():
+            kinds += tuple((f"{motion}: {kind}", str(len(files))) for kind, files in placed.items() if files)
         columns = tuple((one.source, one.key, one.seen, one.open or "sure") for one in self.look.columns)
         count = len(self.questions)
         asked = f"{count} question{'s' * (count != 1)} to answer: {', '.join(self.questions)}." if count else (
@@ -91,7 +97,9 @@ def init(
     if not files:
         raise LogError(f"{folder}: the only logs here are in folders of results; give a folder of logs")
     look = look_at(folder, files, jobs, progress)
-    text = campaign_text(look, _entries(look, files, target))
+    entries = _entries(look.placed, look, files, target)
+    forces = {motion: _entries(kinds, look, files, target) for motion, kinds in look.forces.items()}
+    text = campaign_text(look, entries, forces)
     if write:
         write_whole(target, text)
     return Started(look, text, tuple(open_questions(tomllib.loads(text))))
@@ -104,7 +112,9 @@ def _is_result(path: Path, folder: Path) -> bool:
     return any(manifest is not None and manifest.command not in MAKE_LOGS for manifest in found)
 
 
-def _entries(look: Look, files: Sequence[LogFile], target: Path) -> dict[str, list[str]]:
+def _entries(
+    placed: Mapping[str, Sequence[LogFile]], look: Look, files: Sequence[LogFile], target: Path
+) -> dict[str, list[str]]:
     """What stands under `[logs]`: folders, globs and files, relative to the campaign file."""
     home = target.parent.resolve()
     base = Path(os.path.relpath(look.folder.resolve(), home)).as_posix()
@@ -112,7 +122,7 @@ def _entries(look: Look, files: Sequence[LogFile], target: Path) -> dict[str, li
     everywhere = list(inner.values())
     return {
         kind: list(_below(base, places_of([inner[file] for file in found], everywhere)))
-        for kind, found in look.placed.items()
+        for kind, found in placed.items()
     }
 
 
