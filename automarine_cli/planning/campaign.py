@@ -158,8 +158,7 @@ def _uses_earlier(known: Known, fitting: Fitting, limits: Limits) -> bool:
 
 def _together(fitting: Fitting, per_run: Floats, before: Floats, known: Known) -> dict[str, Estimate]:
     """Estimates of the new runs and the earlier ones fitted together."""
-    covariance = np.asarray(
-        np.linalg.inv(np.linalg.pinv(reported_covariance(moving(per_run)), hermitian=True) + before)
-    )
+    new = reported_covariance(moving(per_run))
+    covariance = np.asarray(np.linalg.inv(np.linalg.pinv(new, hermitian=True) + before))
     dof = float(max(len(per_run) + known.used - 1, 1))
     return told(fitting, covariance, dict.fromkeys(directions(fitting), dof))

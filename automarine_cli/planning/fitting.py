@@ -30,6 +30,8 @@ Floats = NDArray[np.float64]
 
 Fit = Literal["whole-runs", "half-turns", "diagnosis"]
 
+HELD_OUT = 0.25
+"""Share of the runs that `diagnose` does not fit, where no others are given to be held out."""
 QUIET = 1e-5
 """Disturbance moment of a pool, as a factor of the fits: none."""
 
@@ -64,6 +66,11 @@ class Fitting:
         return max(
             (n for n, own in BASE_TERMS.items() if names[: len(own)] == own), key=lambda n: len(BASE_TERMS[n])
         )
+
+    @property
+    def fitted(self) -> float:
+        """Share of the runs that is fitted: `diagnose` holds a quarter out to judge by."""
+        return 1.0 - HELD_OUT if self.fit == "diagnosis" else 1.0
 
     def runs(self, candidates: Sequence[Candidate]) -> list[Run]:
         """The candidates as runs."""

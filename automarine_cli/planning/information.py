@@ -54,13 +54,16 @@ def free_in(fitting: Fitting) -> NDArray[np.bool_]:
 
 
 def information(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
-    """Information of each candidate on the free parameters, in the coordinates of the search, (K, p, p)."""
+    """Information of each candidate on the free parameters, in the coordinates of the search, (K, p, p).
+
+    Where a share of the runs is held out of the fit, each counts for what it tells on average.
+    """
     free = np.flatnonzero(free_in(fitting))
     found = np.zeros((len(candidates), len(free), len(free)))
     for places in alike(candidates).values():
         problem = fitting.problem([candidates[i] for i in places])
         found[places] = _of_problem(problem, fitting, free)
-    return found
+    return fitting.fitted * found
 
 
 def _of_problem(problem: Problem, fitting: Fitting, free: NDArray[np.int64]) -> Floats:

@@ -92,11 +92,9 @@ def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> C
         left = np.where(problem.seen, wanted - headings, 0.0)
         gram = Gram.of(by_phi, by_run, left, problem.seen.sum(axis=1)).keep(free)
         weighted = linear_mixed.weigh(gram, problem.effects, other.variances(problem))
-        square[places], gradient[places], hessian[places] = (
-            weighted.square,
-            weighted.gradient,
-            weighted.hessian,
-        )
+        square[places] = other.fitted * weighted.square
+        gradient[places] = other.fitted * weighted.gradient
+        hessian[places] = other.fitted * weighted.hessian
     sizes = np.where(other.on_log, 1.0, np.maximum(np.abs(np.append(other.model.theta, 0.3)), 1e-3))[free]
     return Contest(square, gradient, hessian, np.diag(1.0 / (LOOSE * sizes) ** 2))
 

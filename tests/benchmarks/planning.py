@@ -18,6 +18,7 @@ import numpy as np
 from campaigns import INERTIA, K_RR
 from numpy.typing import NDArray
 
+from automarine_cli.diagnosis.diagnose import split_off
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.fits.estimate import Estimate
@@ -209,7 +210,8 @@ def lead(item: tuple[str, bool, int]) -> float:
     name, of_plan, index = item
     campaign, true, other = splitting(name)
     campaign = campaign if of_plan else grid_of(campaign)
-    study = study_of(make_runs(made_of(campaign), 9000 + index), MODEL)
+    fitted, _ = split_off(make_runs(made_of(campaign), 9000 + index), index)
+    study = study_of(fitted, MODEL)
     costs, base = [], study.fit(MODEL)
     for model in (true, other):
         own = model.terms[-1]
