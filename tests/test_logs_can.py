@@ -2,6 +2,8 @@
 
 import json
 import random
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -152,3 +154,17 @@ def test_a_dbc_that_is_none_is_refused(tmp_path: Path) -> None:
         (tmp_path / "columns.toml").write_text(text)
         with pytest.raises(LogError, match=sentence):
             read_column_map(tmp_path / "columns.toml")
+
+
+def test_an_object_of_no_length_does_not_hold_the_reader_for_ever(tmp_path: Path) -> None:
+    """A torn BLF file; python-can's own reader stays at such an object."""
+    good = capture(".blf", dive())
+    at = 144 + 32  # the file's header and the container's
+    whole = bytearray(zlib.decompress(good[at:]))
+    second = whole.find(b"LOBJ", 2000)
+    whole[second + 6 : second + 12] = bytes([9, 0, 0, 0, 0, 0])  # an unknown version, no bytes
+    packed = zlib.compress(bytes(whole))
+    head = bytearray(good[:at])
+    head[144 + 8 : 144 + 12] = struct.pack("<I", 32 + len(packed))
+    with pytest.raises(LogError, match=r"dive\.blf: "):
+        read(tmp_path, bytes(head) + packed, "dive.blf")

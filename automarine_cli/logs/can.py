@@ -26,6 +26,7 @@ from automarine_cli.logs.streams import Recording, Stream, on_one_clock
 from automarine_cli.logs.table import Floats
 from automarine_cli.pipeline.words import listed, printable
 
+OBJECT, OBJECT_HEAD = b"LOBJ", 16  # how an object in a BLF file begins, and bytes of its shortest header
 Name = tuple[int, bool]  # identifier, and whether it is an extended one
 Captured = Mapping[Name, tuple[Floats, list[bytes]]]
 Reader = Callable[[Path, str], tuple[Captured, tuple[str, ...]]]
@@ -107,8 +108,24 @@ def _vector(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:
             captured, sound = frames_of(can.ASCReader(text))
     else:
         with path.open("rb") as binary:
-            captured, sound = frames_of(can.BLFReader(binary))
+            captured, sound = frames_of(_guarded(can.BLFReader)(binary))
     return captured, () if sound else ("the capture is cut short or damaged: frames after that are not read",)
+
+
+def _guarded(reader: Any) -> Any:
+    """A BLF reader that ends at an object which says it is shorter than its own header: python-can's stays there."""
+
+    class Guarded(reader):
+        def _parse_data(self, data: bytes) -> Iterator[Any]:
+            at = data.find(OBJECT)
+            while at >= 0:
+                size = int.from_bytes(data[at + 8 : at + 12], "little")
+                if size < OBJECT_HEAD and at + 12 <= len(data):
+                    raise ValueError("an object of no length")
+                at = data.find(OBJECT, at + len(OBJECT))
+            yield from super()._parse_data(data)
+
+    return Guarded
 
 
 def _slcan(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:
