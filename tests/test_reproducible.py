@@ -74,6 +74,7 @@ def recipes(pool: str, turn: int) -> dict[str, list[str]]:
             "--hold-out", f"{pool}/second_test.csv",
         ],
         "campaign": ["simulate", f"{pool}/campaign.toml", "--seed", "5"],
+        "slices": ["slice", *[f"{pool}/{name}" for name in MANOEUVRES][::turn], "--by", "moment"],
     }  # fmt: skip
 
 
