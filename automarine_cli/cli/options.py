@@ -138,7 +138,10 @@ model_option = click.option(
 """`model`: Path."""
 
 thrusters_option = click.option(
-    "--thrusters", type=FILE, metavar="FILE", help="A thrusters.json: makes the moment of n_port and n_stbd."
+    "--thrusters",
+    type=FILE,
+    metavar="FILE",
+    help="A thrusters.json: makes the moment of n_port and n_stbd, or the force of these or n_vert.",
 )
 """`thrusters`: Path or None."""
 

@@ -53,6 +53,11 @@ class Trim:
         margin = MARGIN_IN_SIGMA * noise
         return np.asarray(far | (position < self.low - margin) | (position > self.high + margin))
 
+    def of_whole(self, run: Run) -> Run:
+        """A whole run of a translation as far as it is followed."""
+        out = self.beyond(run.heading, float(run.heading[0]), run.noise, run.axis)
+        return run.cut(0, int(np.argmax(out))) if not run.axis.wraps and out.any() else run
+
     def ended(self, axis: Axis) -> str:
         """What ended a step that was cut, in words."""
         return HALF_TURN if axis.wraps else WAY if self.reach is not None else WINDOW

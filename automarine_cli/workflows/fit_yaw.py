@@ -55,24 +55,15 @@ def fit_yaw(
 
 
 def fit_surge(
-    logs: Sequence[str | Path],
-    *,
-    columns: Path | ColumnMap | None = None,
-    thrusters: Path | ThrusterMap | None = None,
-    within: float | None = None,
-    fit_to: str = "auto",
-    known: Known = NOTHING_KNOWN,
-    out: Path | None = None,
-    figure_formats: tuple[str, ...] = ("png",),
-    overwrite: bool = False,
-    strict: bool = False,
-    jobs: int = 1,
+    logs: Sequence[str | Path], *, columns: Path | ColumnMap | None = None, thrusters: Path | ThrusterMap | None = None,
+    within: float | None = None, fit_to: str = "auto", known: Known = NOTHING_KNOWN, out: Path | None = None,
+    figure_formats: tuple[str, ...] = ("png",), overwrite: bool = False, strict: bool = False, jobs: int = 1,
     progress: Progress = silent,
-) -> YawFit:
+) -> YawFit:  # fmt: skip
     """Identify the surge model of a vehicle: distance against force, as `fit_yaw` does heading against moment.
 
-    Steps are followed for `within` [m] of their start, before the wall is felt; None: to their end. Thruster commands
-    become forces through the map `thrusters`. Raises as `fit_yaw`.
+    Steps and whole runs are followed for `within` [m] of their start, before the wall is felt; None: to their end.
+    Thruster commands become forces through the map `thrusters`. Raises as `fit_yaw`.
     """
     if within is not None and not within > 0:
         raise SettingError(f"within is {within:g}; expected metres above 0")
@@ -84,23 +75,15 @@ def fit_surge(
 
 
 def fit_heave(
-    logs: Sequence[str | Path],
-    *,
-    columns: Path | ColumnMap | None = None,
-    thrusters: Path | ThrusterMap | None = None,
-    depths: tuple[float, float] | None = None,
-    fit_to: str = "auto",
-    known: Known = NOTHING_KNOWN,
-    out: Path | None = None,
-    figure_formats: tuple[str, ...] = ("png",),
-    overwrite: bool = False,
-    strict: bool = False,
-    jobs: int = 1,
-    progress: Progress = silent,
-) -> YawFit:
+    logs: Sequence[str | Path], *, columns: Path | ColumnMap | None = None, thrusters: Path | ThrusterMap | None = None,
+    depths: tuple[float, float] | None = None, fit_to: str = "auto", known: Known = NOTHING_KNOWN,
+    out: Path | None = None, figure_formats: tuple[str, ...] = ("png",), overwrite: bool = False,
+    strict: bool = False, jobs: int = 1, progress: Progress = silent,
+) -> YawFit:  # fmt: skip
     """Identify the heave model of a vehicle: depth against force, its buoyancy with it, as `fit_yaw` does heading.
 
-    Steps are followed while the depth [m] is in the window `depths`, clear of surface and bottom; None: to their end.
+    Steps and whole runs are followed while the depth [m] is in the window `depths`, clear of surface and bottom; None:
+    to their end.
     Thruster commands become forces through the map `thrusters`. Raises as `fit_yaw`.
     """
     if depths is not None and not depths[0] < depths[1]:
@@ -139,7 +122,7 @@ def _fit(
 
     def whole() -> Sequence[Run]:
         runs = load_runs(logs, column_map, axis=axis, progress=progress, jobs=jobs).runs
-        return runs if drive is None else [drive(run) for run in runs]
+        return [trim.of_whole(run if drive is None else drive(run)) for run in runs]
 
     def each(function: Callable[[str], OutputErrorFit], models: Sequence[str]) -> Sequence[OutputErrorFit]:
         return ordered_map(function, models, jobs, progress=progress, stage="fitting models")
