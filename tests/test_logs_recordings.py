@@ -219,3 +219,5 @@ def test_a_thruster_test_is_on_the_clock_of_its_force(tmp_path: Path, suffix: st
     assert is_thruster_test(table) and "heading" not in table.columns
     np.testing.assert_allclose(table.columns["force"], dive().voltage, atol=2e-3)
     require_thruster(table)
+    both = replace(told.columns, columns=rules | dict(told.columns.columns))  # as in a campaign file
+    assert not is_thruster_test(read_log(recorded(tmp_path, suffix, content), both))

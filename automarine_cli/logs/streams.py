@@ -1,7 +1,7 @@
 """Streams of messages, each on its own clock, become one table on the clock of the heading.
 
-A command is held until the next one, never interpolated, and so is every other value but yaw rate and speeds; how old
-the last known values are is told.
+A command is held until the next one, never interpolated, and so is every other value but what moves on meanwhile
+(`MOTION`); how old the last known values are is told.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from automarine_cli.axes import AXES
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, motion_of, names_of
 from automarine_cli.logs.columns import ColumnMap
@@ -19,14 +20,7 @@ from automarine_cli.logs.formats import RawLog
 from automarine_cli.logs.table import Floats
 from automarine_cli.pipeline.words import listed, printable
 
-MOTION = (
-    "yaw_rate",
-    "surge",
-    "sway",
-    "heave",
-    "distance",
-    "depth",
-)  # a heading wraps: it is never interpolated
+MOTION = ("yaw_rate", "surge", "sway", "heave", "distance", "depth")  # no heading: it wraps
 
 
 @dataclass(frozen=True)
@@ -89,15 +83,17 @@ def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
     Rows count the messages of that stream. Raises LogError that lists what the file holds where there is neither.
     """
     streams = [stream for stream in found.streams if len(stream.time)]
-    if _is_bollard(columns):  # nothing turns in it, though a compass may have been on
-        streams = [one for one in map(_without_heading, streams) if one.columns]
     also = {
         name: column
         for stream in reversed(streams)
         for name, column in stream.also.items()
         if column in stream.columns
     }
-    master = _master(streams, also, columns)
+    bollard = _is_bollard(streams, also, columns)
+    if bollard:  # nothing turns in it, though a compass may have been on
+        streams = [one for one in map(_without_heading, streams) if one.columns]
+        also = {name: column for name, column in also.items() if column not in names_of("heading")}
+    master = _master(streams, also, columns, bollard)
     if master is None:
         there = (
             f"found the {found.kind} {listed(found.holds)}" if found.holds else f"it holds no {found.kind}"
@@ -122,10 +118,12 @@ def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
     )  # fmt: skip
 
 
-def _master(streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnMap) -> Stream | None:
+def _master(
+    streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnMap, bollard: bool
+) -> Stream | None:
     names = (name for stream in streams for name in stream.columns)
-    bollard = ("force",) if _is_bollard(columns) else ()
-    for quantity in (*bollard, motion_of(names, columns.columns).position, "heading", "force"):
+    motion = (motion_of(names, columns.columns).position, "heading")
+    for quantity in ("force",) if bollard else (*motion, "force"):
         mapped = [columns.columns[name].source for name in names_of(quantity) if name in columns.columns]
         for name in [*(also.get(one, one) for one in mapped), *names_of(quantity)]:
             for stream in streams:
@@ -134,10 +132,16 @@ def _master(streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnM
     return None
 
 
-def _is_bollard(columns: ColumnMap) -> bool:
-    """Whether the column map names what a thruster test has and a motion has not: control signal and force."""
-    named = {CANONICAL[name].quantity for name in columns.columns if name in CANONICAL}
-    return named >= {"n", "force"}
+def _is_bollard(streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnMap) -> bool:
+    """Whether the file holds what the column map calls control signal and force, and nothing it calls a command."""
+    there = {name for stream in streams for name in stream.columns} | set(also)
+    named = {
+        CANONICAL[name].quantity
+        for name, rule in columns.columns.items()
+        if name in CANONICAL and rule.source in there
+    }
+    commands = {name for axis in AXES.values() for name in (axis.command, *axis.thrusters)}
+    return named >= {"n", "force"} and not named & commands
 
 
 def _without_heading(stream: Stream) -> Stream:
