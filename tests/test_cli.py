@@ -239,11 +239,12 @@ TABLE = "Drag\n\nmodel    k\n----------\n1      1.5\n"
 
 
 class Outcome:
-    """A result with one run set aside."""
+    """A result with twelve runs set aside, three of them for one reason."""
 
     def to_json(self) -> dict[str, Any]:
         """The result file's content."""
-        aside = [{"file": "steps/a.csv", "run": f"r{i}", "why": "never moved"} for i in range(10)]
+        whys = ["never moved", *(f"turned {i} degrees" for i in range(9)), "never moved", "never moved"]
+        aside = [{"file": "steps/a.csv", "run": f"r{i}", "why": why} for i, why in enumerate(whys)]
         return {"schema": "automarine/trial/1", "k": 1.5, "runs": {"used": 3, "set_aside": aside}}
 
 
@@ -278,11 +279,16 @@ def test_json_is_all_there_is_on_standard_output() -> None:
 
 def test_runs_set_aside_are_counted_and_named() -> None:
     lines = say().stderr.splitlines()
-    assert lines[:2] == ["Set aside: 10 runs", "  steps/a.csv, run r0: never moved"]
+    assert lines[:3] == [
+        "Set aside: 12 runs",
+        "  steps/a.csv, run r0, and 2 more: never moved",
+        "  steps/a.csv, run r1: turned 0 degrees",
+    ]
     assert lines[-1] == "  and 2 more (-v lists all)"
     loud = say("-v").stderr.splitlines()
     assert loud[0] == "read logs: 1"
-    assert len(loud) == 12
+    assert len(loud) == 14
+    assert loud[2] == "  steps/a.csv, run r0: never moved"
 
 
 def test_quiet_says_nothing() -> None:

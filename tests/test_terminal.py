@@ -68,7 +68,11 @@ def test_colours_only_on_a_terminal(tmp_path: Path) -> None:
         assert plain.startswith("Yaw runs\n") and ESCAPE not in plain
     status, refused = on_terminal("check", tmp_path)
     assert status == 1
-    assert refused.startswith(f"{ESCAPE}31m{ESCAPE}1mError:{ESCAPE}0m ") and refused.count("\n") == 1
+    head = f"{ESCAPE}31m{ESCAPE}1mError:{ESCAPE}0m "
+    assert refused.startswith(head)
+    told = refused.removeprefix(head)
+    assert len(told.splitlines()) > 1 and max(map(len, told.splitlines())) <= 80
+    assert "no logs in this directory; give files that end in" in " ".join(told.split())
 
 
 def test_a_campaign_on_a_terminal_and_in_a_pipe(tmp_path: Path, run: Callable[..., Result]) -> None:

@@ -127,21 +127,32 @@ def _stage_lines(stage: str, done: int, total: int) -> None:
 
 
 def echo_set_aside(set_aside: Iterable[Any]) -> None:
-    """Count and name on standard error the runs left out: `SetAside`s, or the dicts of a result file."""
+    """Count and name on standard error the runs left out: `SetAside`s, or the dicts of a result file.
+
+    A reason that many runs share is said once; with -v every run has its line.
+    """
     runs = [run if isinstance(run, dict) else vars(run) for run in set_aside]
     if not runs or verbosity_level() < 0:
         return
-    shown = runs if verbosity_level() > 0 else runs[:SHOWN]
     head = f"Set aside: {len(runs)} run{'s' if len(runs) > 1 else ''}"
     click.echo(coloured(head, sys.stderr, "yellow"), err=True)
+    alike: dict[object, list[Any]] = {}
+    for i, run in enumerate(runs):
+        alike.setdefault(i if verbosity_level() > 0 else run["why"], []).append(run)
+    shown = list(alike.values()) if verbosity_level() > 0 else list(alike.values())[:SHOWN]
     width = width_of(sys.stderr)
-    for run in shown:
-        name = run["file"] if run["run"] in ("", run["file"]) else f"{run['file']}, run {run['run']}"
-        click.echo(
-            "  " + folded(f"{name}: {run['why']}", width and width - 2).replace("\n", "\n  "), err=True
+    for first, *others in shown:
+        name = (
+            first["file"] if first["run"] in ("", first["file"]) else f"{first['file']}, run {first['run']}"
         )
-    if len(shown) < len(runs):
-        click.echo(f"  and {len(runs) - len(shown)} more (-v lists all)", err=True)
+        name += f", and {len(others)} more" if others else ""
+        line = folded(f"{name}: {first['why']}", width and width - 2)
+        click.echo("  " + line.replace("\n", "\n  "), err=True)
+    left = len(runs) - sum(map(len, shown))
+    if left:
+        click.echo(f"  and {left} more (-v lists all)", err=True)
+    elif len(shown) < len(runs):
+        click.echo("  (-v lists all)", err=True)
 
 
 def echo_result(

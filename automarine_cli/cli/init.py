@@ -1,10 +1,12 @@
 """`automarine init`: a folder in, one workflow call, a campaign file and its questions out."""
 
+import sys
 from pathlib import Path
 
 import click
 
 from automarine_cli.cli import options
+from automarine_cli.cli.terminal import folded, width_of
 
 
 @click.command("init", short_help="Look at a folder of logs and write a campaign file.")
@@ -39,5 +41,6 @@ def init(folder: Path, out: Path | None, overwrite: bool, jobs: int, as_json: bo
     if not as_json and options.verbosity_level() >= 0:
         place = folder / workflow.NAME if out is None else out
         first = "Answer the questions in it, then: " if result.questions else "Next: "
-        click.echo(f"Written: {place}. {first}automarine run {place} -o results")
+        said = f"Written: {place}. {first}automarine run {place} -o results"
+        click.echo(folded(said, width_of(sys.stdout)))
     return result

@@ -1,6 +1,7 @@
 """What a terminal is told apart from a pipe by: its width, colours, and an error that stands out."""
 
 import os
+import re
 import sys
 import textwrap
 from typing import IO, Any, TextIO
@@ -8,6 +9,8 @@ from typing import IO, Any, TextIO
 import click
 
 NARROWEST = 30
+LABEL = re.compile(r"\S.*? {2,}(?=\S)")
+TIED = "\N{NO-BREAK SPACE}"  # a number stays with its per cent
 
 
 def width_of(stream: TextIO) -> int | None:
@@ -22,12 +25,25 @@ def width_of(stream: TextIO) -> int | None:
 
 
 def folded(sentence: str, width: int | None) -> str:
-    """A sentence on as many lines as it needs, the later ones indented; unchanged for a pipe."""
-    if width is None or len(sentence) <= width or "\n" in sentence:
+    """Sentences on as many lines as each needs, the later ones indented below where its text begins; unchanged for
+    a pipe."""
+    if width is None:
         return sentence
-    return textwrap.fill(
-        sentence, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    lines = sentence.split("\n")
+    return "\n".join(_filled(line, width, labelled=len(lines) > 1) for line in lines)
+
+
+def _filled(line: str, width: int, *, labelled: bool) -> str:
+    """One line; where it may begin with a label, `label    text`, its text stays right of that."""
+    if len(line) <= width:
+        return line
+    label = LABEL.match(line) if labelled else None
+    indent = " " * len(label[0]) if label else "  "
+    tied = line.replace(" %", TIED + "%")
+    filled = textwrap.fill(
+        tied, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
+    return filled.replace(TIED, " ")
 
 
 def coloured(text: str, stream: TextIO, colour: str, **style: Any) -> str:
@@ -49,9 +65,10 @@ class Refusal(click.ClickException):
     """What is refused, in one sentence; `Error:` is red on a terminal."""
 
     def show(self, file: IO[Any] | None = None) -> None:
-        """Print the sentence on standard error."""
+        """Print the sentence on standard error, folded on a terminal."""
+        said = folded(f"Error: {self.format_message()}", width_of(sys.stderr))
         head = coloured("Error:", sys.stderr, "red", bold=True)
-        click.echo(f"{head} {self.format_message()}", file=file, err=file is None)
+        click.echo(f"{head}{said.removeprefix('Error:')}", file=file, err=file is None)
 
 
 class WrongUsage(click.UsageError):

@@ -70,8 +70,25 @@ def _sentence(table: LogTable, lacking: Sequence[str]) -> str:
     return (
         f"{table.source}: no {what}; found the columns {listed(table.names)}{_held(table)}; expected {expected}. "
         + "".join(f"{note[0].upper()}{note[1:]}. " for note in unmet)
-        + f"{hint} under [columns] in a file and give it with --columns FILE.toml"
+        + (
+            _meant_for(table, lacking)
+            or f"{hint} under [columns] in a file and give it with --columns FILE.toml"
+        )
     )
+
+
+def _meant_for(table: LogTable, lacking: Sequence[str]) -> str:
+    """What the table is instead, and the command that reads it; empty where its columns make no whole log."""
+    if set(lacking) == {"time"}:
+        return ""
+
+    def has(*quantities: str) -> bool:
+        return all(set(names_of(one)) & set(table.names) for one in quantities)
+
+    for axis in AXES.values():
+        if has(axis.position) and (has(axis.command) or has(*axis.thrusters)):
+            return f"This is a log of {axis.name}: give it to automarine fit-{axis.name}"
+    return "This is a thruster test: give it to automarine fit-thrusters" if has("n", "force") else ""
 
 
 def _held(table: LogTable) -> str:

@@ -122,7 +122,7 @@ class Table:
     def to_text(self, width: int | None = None) -> str:
         """Aligned columns for a terminal of that width; None: as wide as they are."""
         grid = [[_one_line(str(cell)) for cell in row] for row in (self.header, *self.rows)]
-        lines = [_one_line(self.title), ""] if self.title else []
+        lines = [*_noted(_one_line(self.title), width), ""] if self.title else []
         lines += text_table(grid, self._right(), self.rules, width)
         if self.notes:
             lines += ["", *(line for note in self.notes for line in _noted(note, width))]
@@ -181,7 +181,9 @@ _LATEX = {
 def _noted(note: str, width: int | None) -> list[str]:
     if width is None or len(note) <= width:
         return [note]
-    return textwrap.wrap(note, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+    tied = note.replace(" %", "\N{NO-BREAK SPACE}%")
+    lines = textwrap.wrap(tied, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
 
 
 def _one_line(text: str) -> str:
