@@ -30,6 +30,17 @@ def test_surge_and_heave_speak_of_force_and_metres() -> None:
     assert HEAVE.say("turned to port by $I_r$ and $k_{r|r|}$") == "moved up by $m_w$ and $Z_{w|w|}$"
 
 
+def test_equations_and_labels_have_the_letters_of_the_motion() -> None:
+    assert SURGE.equation("-k_rr |r| r") == "-X_uu |u| u" and HEAVE.equation("-e r²") == "-e r²".replace(
+        "r", "w"
+    )
+    assert YAW.equation("-k_rr |r| r") == "-k_rr |r| r"
+    assert (
+        HEAVE.say(r"Size of the moment |τ|, $s\sqrt{k_{r|r|}}/I_r)$")
+        == r"Size of the force |Z|, $s\sqrt{Z_{w|w|}}/m_w)$"
+    )
+
+
 @pytest.mark.parametrize("axis", TRANSLATIONS, ids=str)
 def test_names_of_files_and_effects_are_left_alone(axis: Axis) -> None:
     for name in ("bias-moment", "heading-moment", "logs/port/yaw.csv", "port_run", "thruster-map"):

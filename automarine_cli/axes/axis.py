@@ -72,6 +72,13 @@ class Axis:
         """A sentence about yaw in the words of this motion."""
         return self._said.sub(lambda found: self._own[found[0]], text) if self.words else text
 
+    def equation(self, text: str) -> str:
+        """An equation of yaw in the letters of this motion."""
+        if not self.words:
+            return text
+        named = re.sub(r"\b(?:k_r+|I_r|psi)\b", lambda found: self.say(found[0]), text)
+        return re.sub(r"(?<![a-zA-Z_])r(?![a-zA-Z_])", self.words["k_r"][-1], self.say(named))
+
     def key(self, name: str) -> str:
         """A key of yaw's result files as this motion has it."""
         return self.keys.get(name, name)
@@ -120,6 +127,8 @@ class Axis:
 
 def _word(text: str) -> str:
     """A pattern of the text as a whole word, and no part of a name of a file or of an effect (`bias-moment`)."""
+    if not text.isascii():  # Greek letters and degree signs stand as they like
+        return re.escape(text)
     before = r"(?<![\w/-])" if text[0].isalpha() else ""
     after = r"(?![\w|/]|[.-]\w)" if text[-1].isalnum() else ""
     return before + re.escape(text) + after

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from automarine_cli import effects
+from automarine_cli.axes import Axis
 from automarine_cli.diagnosis import verdict as judge
 from automarine_cli.diagnosis.advice import general_advice
 from automarine_cli.diagnosis.diagnose import Diagnosis
@@ -41,7 +42,7 @@ def page(diagnosis: Diagnosis, where: Where, key: NamingKey, budget: Mapping[str
         "## The gap before and after",
         gap_table(diagnosis).to_markdown(),
         "![Before and after](before_after.png)",
-        budget_table(budget).to_markdown(),
+        budget_table(budget).said(axis).to_markdown(),
     ]
     parts += ["## What remains", _remains(diagnosis, budget)]
     parts += ["## What to run next", _next(diagnosis)]
@@ -105,7 +106,7 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     )
     if not effect.rivals:
         sure += " No other effect of the library comes near."
-    lines = [effect.says, f"`{say(card.equation)}`", table.to_markdown(), sure]
+    lines = [effect.says, f"`{diagnosis.study.base.axis.equation(card.equation)}`", table.to_markdown(), sure]
     for rival in effect.rivals:
         lines.append(
             f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}."
@@ -158,7 +159,7 @@ def _moves(diagnosis: Diagnosis) -> str:
     if not diagnosis.effects:
         table = Table(
             "", ("parameter", "estimate and 95 % interval", "unit"),
-            tuple((axis.say(name), interval(e), e.unit) for name, e in before.items()),
+            tuple((_called(name, axis), interval(e), e.unit) for name, e in before.items()),
         )  # fmt: skip
         return "Nothing was added; the base model fitted to these runs is\n\n" + table.to_markdown()
     after = judge.base_estimates(diagnosis.study, diagnosis.found.final)
@@ -170,7 +171,7 @@ def _moves(diagnosis: Diagnosis) -> str:
         )
         rows.append(
             (
-                axis.say(name),
+                _called(name, axis),
                 interval(old),
                 interval(new),
                 f"{change:+.1%}" if np.isfinite(change) else MISSING,
@@ -178,7 +179,7 @@ def _moves(diagnosis: Diagnosis) -> str:
             )
         )
         if abs(new.value - old.value) > LARGE_MOVE * float(np.hypot(old.stderr, new.stderr)):
-            moved.append(axis.say(name))
+            moved.append(_called(name, axis))
     table = Table("", ("parameter", "base model", "with what was missing", "change", "unit"), tuple(rows))
     said = (
         f"{' and '.join(moved)} moved by more than the uncertainty: the base model had been absorbing what is missing."
@@ -186,6 +187,11 @@ def _moves(diagnosis: Diagnosis) -> str:
         else "No base parameter moved by more than its uncertainty."
     )
     return table.to_markdown() + "\n" + said
+
+
+def _called(name: str, axis: Axis) -> str:
+    """A base parameter as people call it."""
+    return {"b": "constant force", "e": "half the difference of drag"}.get(name, axis.say(name))
 
 
 def _remains(diagnosis: Diagnosis, budget: Mapping[str, float]) -> str:

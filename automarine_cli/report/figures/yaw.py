@@ -23,6 +23,7 @@ from automarine_cli.report.figures.style import (
     house_style,
     legend,
     new_figure,
+    said,
 )
 
 MOMENT_MAP = "cividis"
@@ -189,7 +190,7 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     bottom.set_xlabel(axis.say(f"Scaled time s = t √|τ| [s ({fit.moment_unit})$^{{1/2}}$]"))
     legend(top, loc="upper left")
     figure.colorbar(scale, ax=axes, label=axis.say(f"Size of the moment |τ| [{fit.moment_unit}]"), pad=0.01)
-    return figure
+    return said(figure, axis)
 
 
 @house_style
