@@ -56,7 +56,7 @@ def test_one_run_more_of_any_kind_never_widens(plain: Campaign) -> None:
 
 
 def test_a_voltage_exponent_is_split_from_a_sag_by_runs_at_another_voltage() -> None:
-    limits = replace(LIMITS, runs=Runs(voltages_V=(19.0,)))
+    limits = replace(LIMITS, runs=Runs(voltages_V=(19.0,), kinds=("step", "other-voltage")))
     model = MODEL.with_effect("voltage-exponent", (1.2, 24.0))
     made = planned(limits, model, (Doubt("voltage-exponent", "battery-sag"),))
     assert any(one.kind == "other-voltage" for one in made.candidates)
@@ -65,7 +65,7 @@ def test_a_voltage_exponent_is_split_from_a_sag_by_runs_at_another_voltage() -> 
 
 
 def test_what_the_limits_do_not_split_is_said() -> None:
-    limits = replace(LIMITS, pool=Pool(minutes=4, runs=3))
+    limits = replace(LIMITS, pool=Pool(minutes=4, runs=3), runs=Runs(kinds=("step", "coast-down")))
     made = planned(
         limits, MODEL.with_effect("thruster-lag", (0.06,)), (Doubt("thruster-lag", "input-delay"),)
     )
