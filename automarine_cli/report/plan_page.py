@@ -16,6 +16,10 @@ FIT = {
 """What the runs are for, by fit."""
 
 
+EARLIER = (
+    "The earlier runs count by the intervals in the model's file, which holds no correlations but that of inertia and "
+    "quadratic drag."
+)
 HOLDS_OUT = (
     "`automarine diagnose` holds a quarter of the runs out to judge by, and that is counted; with other logs for "
     "`--hold-out` all runs are fitted, and the intervals come out a seventh narrower."
@@ -73,6 +77,7 @@ def _assumptions(campaign: Campaign, source: str, rehearsal: str) -> Sequence[st
         f"{100 * fitting.scatter:.3g} % "
         "from run to run; start heading, gain of the run and the instant of every change are fitted for each run.",
         source,
+        *([EARLIER] if campaign.together else []),
         *([HOLDS_OUT] if fitting.fit == "diagnosis" else []),
         *([rehearsal] if rehearsal else []),
         *campaign.notes,
