@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import vehicle_logs
 from reader_contract import log
 from vehicle_logs import dataflash, dive, telemetry
 
@@ -103,3 +104,34 @@ def test_a_log_of_a_descent_is_on_the_clock_of_its_depth(tmp_path: Path) -> None
     both = rules.columns | {"n_port": ColumnRule("RCOU.C1"), "n_stbd": ColumnRule("RCOU.C2")}
     turning = read_log(log(tmp_path, dataflash(dive()), "dive.bin"), ColumnMap(both), axis=None)
     assert turning.axis.position == "heading" and len(turning) == 200
+
+
+def test_what_was_sent_before_the_recording_paused_says_nothing_of_after(tmp_path: Path) -> None:
+    """Two stretches of one log, 400 s apart; the mode, told when it changes, lasts."""
+    first = dive()
+    parts = [dataflash(first, without=("EV", "IMU"))]
+    at = parts[0].find(b"\xa3\x95\x10")  # what follows the FMT messages
+    later = replace(
+        first, time=first.time + 400, command_time=first.command_time + 400.2, voltage_time=first.voltage_time + 400,
+        modes=(), arming=(),
+    )  # fmt: skip
+    table = flash(tmp_path, parts[0] + dataflash(later, without=("EV", "IMU"))[at:], n="RCOU.C1")
+    assert len(table) == 400
+    blank = np.flatnonzero(np.isnan(table.columns["n"]))
+    assert blank.tolist() == [200, 201]
+    assert not np.isnan(table.columns["voltage"]).any()
+    assert table.states["mode"].names[table.states["mode"].code[200]] == "ALT_HOLD"
+    assert "RCOU 0.13 s old in the median, 0.23 s at most" in table.notes[0]
+
+
+def test_the_integral_of_a_controller_is_no_number_of_a_sensor(tmp_path: Path) -> None:
+    formats = dict(vehicle_logs.FORMATS)
+    try:
+        vehicle_logs.FORMATS["PIDY"] = (19, "Qff", "TimeUS,P,I")
+        extra = b"".join(vehicle_logs._message("PIDY", i * 10**5 + 10**6, 0.5, 0.01 * i) for i in range(50))
+        head = vehicle_logs._message("FMT", 19, 19, b"PIDY", b"Qff", b"TimeUS,P,I")
+        table = flash(tmp_path, head + extra + dataflash(dive(), without=("EV", "PIDY")))
+    finally:
+        vehicle_logs.FORMATS.clear()
+        vehicle_logs.FORMATS.update(formats)
+    assert "PIDY (50)" in table.holds and "IMU[1] (200)" in table.holds

@@ -115,7 +115,7 @@ def test_commands_that_begin_late_are_missing_until_then(tmp_path: Path, suffix:
         np.isnan(table.columns["n_port"][:unknown]).all()
         and not np.isnan(table.columns["n_port"][unknown + 1 :]).any()
     )
-    assert f"none in the first {unknown} rows" in " ".join(table.notes)
+    assert f"none in {unknown} rows" in " ".join(table.notes)
 
 
 @EVERY

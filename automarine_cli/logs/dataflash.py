@@ -27,7 +27,11 @@ LAYOUT = np.dtype(
 )
 SECONDS = {"TimeUS": 1e6, "TimeMS": 1e3}  # counts a second
 ARMING, DISARMED = (10, 11, 15), 11  # events
-INSTANCE = ("I", "Instance", "Inst")  # the field that tells several sensors of one kind apart
+INSTANCE = (
+    "I",
+    "Instance",
+    "Inst",
+)  # the byte that tells several sensors of one kind apart (a PID's I is none)
 TAKEN = {"ATT": {"Yaw": "heading_deg"}, "RATE": {"Y": "yaw_rate_deg_s"}, "BAT": {"Volt": "voltage_V"}}
 INSTEAD = {"RATE": ("IMU", {"GyrZ": "yaw_rate_rad_s"}), "BAT": ("CURR", {"Volt": "voltage_V"})}
 """Messages of which fields are taken under canonical names, and what serves where they are not."""
@@ -68,7 +72,7 @@ def _messages(
         rows = whole[np.array(places[kind])[:, None] + np.arange(layout.itemsize)]
         table = np.ascontiguousarray(rows).view(layout)[:, 0]
         fields = {key: _field(table[key], factor) for key, factor in factors.items()}
-        one_of = next((key for key in INSTANCE if key in fields), None)
+        one_of = next((key for key in INSTANCE if key in fields and layout[key] == np.uint8), None)
         if one_of is None:
             found[name] = fields
             continue

@@ -20,6 +20,7 @@ from automarine_cli.logs.formats import RawLog
 from automarine_cli.logs.table import Floats
 from automarine_cli.pipeline.words import listed, printable
 
+PAUSE = 5.0  # s without a heading: the recorder stood still
 MOTION = ("yaw_rate", "surge", "sway", "heave", "distance", "depth")  # no heading: it wraps
 
 
@@ -155,7 +156,18 @@ def _held(stream: Stream, master: Stream) -> NDArray[np.int64]:
         return np.arange(len(master.time))
     order = np.argsort(stream.time, kind="stable")
     place = np.searchsorted(stream.time[order], master.time, side="right") - 1
-    return np.where(place >= 0, order[place], -1)
+    known = place >= 0
+    if not stream.lasting:  # what was sent before the recording paused says nothing of after
+        known &= stream.time[order[place]] > _paused(master.time)
+    return np.where(known, order[place], -1)
+
+
+def _paused(time: Floats) -> Floats:
+    """For each row since when a message is of the time after the last pause [s], -inf without one; shape (N,)."""
+    last = np.full(len(time), -np.inf)
+    after = np.flatnonzero(np.diff(time) > PAUSE) + 1
+    last[after] = time[after] - PAUSE
+    return np.maximum.accumulate(last)
 
 
 def _brought(
@@ -163,7 +175,8 @@ def _brought(
 ) -> pa.ChunkedArray:
     if values.dtype.kind == "f":
         if moves and np.all(np.diff(stream.time) >= 0):
-            return _array(np.interp(master.time, stream.time, values, left=np.nan))
+            values = np.interp(master.time, stream.time, values)
+            return _array(np.where(held >= 0, values, np.nan))
         return _array(np.where(held >= 0, values[held], np.nan))
     words, code = np.unique(values.astype(str), return_inverse=True)
     rows = pa.array(np.maximum(code[held], 0), mask=held < 0)
@@ -181,9 +194,9 @@ def _age(stream: Stream, master: Stream, held: NDArray[np.int64], interpolated: 
         return f"{name} begins only after the last row"
     age = master.time[known] - stream.time[held[known]]
     late = len(held) - int(np.count_nonzero(known))
-    first = f", none in the first {late} rows" if late else ""
+    lacking = f", none in {late} row{'s' * (late != 1)}" if late else ""
     how = ", interpolated" * interpolated
-    return f"{name} {np.median(age):.2g} s old in the median, {age.max():.2g} s at most{first}{how}"
+    return f"{name} {np.median(age):.2g} s old in the median, {age.max():.2g} s at most{lacking}{how}"
 
 
 def _moving(columns: ColumnMap) -> set[str]:
