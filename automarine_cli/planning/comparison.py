@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.planning.fitting import Fitting
-from automarine_cli.planning.information import directions, labels, stderr_along
+from automarine_cli.planning.information import relative_directions, stderr_along
 from automarine_cli.planning.limits import Limits
 from automarine_cli.planning.schedule import Slot
 from automarine_cli.planning.selection import Choice
@@ -64,12 +64,7 @@ def one_more(
 
 
 def _percent(fitting: Fitting, information: Floats) -> dict[str, float]:
-    """Standard error of each parameter in percent of it (of one, where it is zero)."""
+    """Standard error of each parameter in percent of it."""
     covariance = np.asarray(np.linalg.inv(information))
-    values = dict(zip(labels(fitting), zip(fitting.model.theta, fitting.on_log)))
-    found = {}
-    for name, direction in directions(fitting).items():
-        value, on_log = values.get(name, (1.0, True))
-        stderr = stderr_along(covariance, direction)
-        found[name] = 100.0 * stderr / (1.0 if on_log else abs(value) or 1.0)
-    return found
+    wanted = relative_directions(fitting)
+    return {name: 100.0 * stderr_along(covariance, direction) for name, direction in wanted.items()}

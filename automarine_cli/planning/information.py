@@ -139,6 +139,15 @@ def directions(fitting: Fitting) -> dict[str, Floats]:
     return found
 
 
+def relative_directions(fitting: Fitting) -> dict[str, Floats]:
+    """The same, in shares of the parameter's value where it is not told on the logarithm (in ones where it is zero)."""
+    values, logarithms, _ = _parameters(fitting)
+    return {
+        name: direction if logarithms[name] else direction / (abs(values[name]) or 1.0)
+        for name, direction in directions(fitting).items()
+    }
+
+
 def told(fitting: Fitting, covariance: Floats, dof: Mapping[str, float]) -> dict[str, Estimate]:
     """Estimates with this covariance (p, p) of the search's coordinates, as fits tell them."""
     values, logarithms, units = _parameters(fitting)

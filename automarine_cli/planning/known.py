@@ -16,7 +16,7 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.plain_data import read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.fitting import Fitting
-from automarine_cli.planning.information import ANGLE, OFFSET, directions, labels, names_of
+from automarine_cli.planning.information import ANGLE, OFFSET, labels, names_of, relative_directions
 
 Floats = NDArray[np.float64]
 
@@ -154,8 +154,11 @@ def information_now(fitting: Fitting, now: Mapping[str, Estimate], use: bool) ->
 
 
 def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
-    """The directions (p, m) whose intervals count: `names`, or every parameter. Raises ModelError for another name."""
-    known = directions(fitting)
+    """The directions (p, m) whose intervals count, in shares of the parameters: of `names`, or of every parameter.
+
+    Raises ModelError for another name.
+    """
+    known = relative_directions(fitting)
     for name in names:
         if name not in known:
             raise ModelError(f"the model has no parameter {name!r} to plan for; it has {', '.join(known)}")

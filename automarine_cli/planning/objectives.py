@@ -50,7 +50,7 @@ class Intervals:
         whole = base + more
         inverse = np.linalg.inv(whole)
         ran = np.flatnonzero(counts)
-        told = np.linalg.inv(whole) @ self.known
+        told = inverse @ self.known
         each = np.linalg.inv(whole[:, None] - self.information[ran]) @ self.information[ran]
         told = told + np.tensordot(each, counts[ran], axes=((1,), (0,)))
         told = told + np.linalg.inv(whole - more) @ more

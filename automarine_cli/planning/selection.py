@@ -38,6 +38,9 @@ MARGIN = 1.3
 """By how much more evidence is asked for, and again when a choice fell short: what is linear in the choice is not
 quite."""
 
+QUANTILE = 2.2
+"""Half width of an interval in standard errors: Student's t where about a dozen runs carry it."""
+
 DRIFT = "shows drift over the day"
 NARROW = "narrows the intervals"
 
@@ -93,7 +96,7 @@ def select(
     progress("choosing runs", 1, 2)
     each = information(fitting, spread)
     goal = limits.goal.half_width_percent
-    intervals = Intervals(each, before, wanted, None if goal is None else goal / 196.0)
+    intervals = Intervals(each, before, wanted, None if goal is None else goal / (100.0 * QUANTILE))
     near = np.where([one.turns for one in found], 0.0, shop.most)
     counts = choose(intervals, replace(shop, fixed=split, most=near))
     progress("choosing runs", 2, 2)
