@@ -168,3 +168,14 @@ def test_an_object_of_no_length_does_not_hold_the_reader_for_ever(tmp_path: Path
     head[144 + 8 : 144 + 12] = struct.pack("<I", 32 + len(packed))
     with pytest.raises(LogError, match=r"dive\.blf: "):
         read(tmp_path, bytes(head) + packed, "dive.blf")
+
+
+def test_a_signal_that_does_not_fit_its_message_is_left_out(tmp_path: Path) -> None:
+    """Such a DBC is in use; everything else in it is read."""
+    (tmp_path / "wide.dbc").write_text(DBC.read_text().replace(
+        "BO_ 768", ' SG_ Wide : 40|16@1+ (1,0) [0|1] "" Vehicle\nBO_ 768'
+    ))  # fmt: skip
+    table = read(
+        tmp_path, capture(".slcan", dive()), columns=ColumnMap(CAN.columns, dbc=str(tmp_path / "wide.dbc"))
+    )
+    assert "Battery.Volt" in table.names and "Battery.Wide" not in table.names

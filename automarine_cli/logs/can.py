@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.can_signals import Bits, bits_of, raw_of, values_of, words_of
+from automarine_cli.logs.can_signals import Bits, bits_of, places_of, raw_of, values_of, words_of
 from automarine_cli.logs.canonical import LABELS
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
@@ -137,7 +137,7 @@ def _database(library: Any, columns: ColumnMap) -> list[Any]:
     path = Path(columns.dbc)
     name = printable(path.name)
     try:
-        return list(library.database.load_file(path, database_format="dbc").messages)
+        return list(library.database.load_file(path, database_format="dbc", strict=False).messages)
     except OSError as problem:
         raise LogError(
             f"{columns.source or 'the column map'}: can.dbc is {name}, which cannot be opened ({problem.strerror}); "
@@ -161,6 +161,8 @@ def _streams(message: Any, time: Floats, frames: list[bytes], columns: ColumnMap
     by_name = {signal.name: signal for signal in message.signals}
     groups: dict[tuple[str, tuple[int, ...]], dict[str, Any]] = {}
     for signal in message.signals:
+        if places_of(signal).max() >= bits.shape[1]:  # a DBC in use may describe more than a frame holds
+            continue
         key = (signal.multiplexer_signal or "", tuple(signal.multiplexer_ids or ()))
         groups.setdefault(key, {})[f"{message.name}.{signal.name}"] = signal
     for (switch, ids), signals in groups.items():
