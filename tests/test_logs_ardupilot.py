@@ -39,6 +39,7 @@ def test_the_gyro_stands_in_for_rate_and_events_for_arm(tmp_path: Path) -> None:
     np.testing.assert_allclose(table.columns["yaw_rate"], usual.columns["yaw_rate"], atol=1e-6)
     np.testing.assert_array_equal(table.states["armed"].code, usual.states["armed"].code)
     assert "IMU[1] (200)" in table.holds and "IMU[1].GyrZ" not in table.names
+    assert "RCOU.C3" in table.names and "RCOU.C4" not in table.names
 
 
 def test_any_field_can_be_named(tmp_path: Path) -> None:

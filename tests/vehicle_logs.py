@@ -53,7 +53,7 @@ FORMATS = {  # name: type, characters, columns
     "FMT": (128, "BBnNZ", "Type,Length,Name,Format,Columns"),
     "ATT": (10, "QccccCCCC", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,ErrRP,ErrYaw"),
     "RATE": (11, "Qfff", "TimeUS,YDes,Y,YOut"),
-    "RCOU": (12, "QHHH", "TimeUS,C1,C2,C3"),
+    "RCOU": (12, "QHHHH", "TimeUS,C1,C2,C3,C4"),
     "BAT": (13, "QBff", "TimeUS,Instance,Volt,Curr"),
     "MODE": (14, "QMBB", "TimeUS,Mode,ModeNum,Rsn"),
     "ARM": (15, "QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method"),
@@ -89,7 +89,7 @@ def dataflash(dive: Dive, without: tuple[str, ...] = ("EV", "IMU")) -> bytes:
         rows.append((t - 0.02, "RATE", (0.0, rate, 0.0)))
         rows += [(t - 0.02, "IMU", (i, 0.0, 0.0, np.deg2rad(rate) + i)) for i in (0, 1)]
     for t, port, stbd in zip(dive.command_time, dive.port, dive.stbd):
-        rows.append((t, "RCOU", (int(port), int(stbd), 1500)))
+        rows.append((t, "RCOU", (int(port), int(stbd), 1500, 0)))
     for t, volt in zip(dive.voltage_time, dive.voltage):
         rows += [(t, "BAT", (0, volt, 3.0)), (t, "BAT", (1, 5.0, 0.1))]
     rows += [(t, "MODE", (mode, mode, 1)) for t, mode in dive.modes]

@@ -150,6 +150,8 @@ def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple
     for name, message in messages.items():
         time = _clock(message)
         fields = {key: values for key, values in message.items() if key not in SECONDS}
+        if name == "RCOU":  # channels that nothing is connected to are always at 0
+            fields = {key: values for key, values in fields.items() if values.any()}
         if time is not None:
             stream = taken(name, time, fields, own.get(name, {}), columns, keep=name == "RCOU")
             streams += [] if stream is None else [stream]
