@@ -10,8 +10,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, and for the 
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cache, partial
+from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -254,24 +254,24 @@ def splits(count: int, jobs: int, progress: Progress) -> tuple[Table, dict[str, 
     return Table(title, header, tuple(rows), (2, 4)), {"campaigns": count, "rows": results}
 
 
-@dataclass(frozen=True)
-class _Part:
-    """One table and how many of the campaigns it takes."""
-
-    measure: Any
-    share: float
-
-
-PARTS = {"intervals": _Part(ratios, 1.0), "precision": _Part(precision, 1.0), "splits": _Part(splits, 0.2)}
+PARTS = {"intervals": (ratios, 1.0), "precision": (precision, 1.0), "splits": (splits, 0.2)}
+"""Each table, and how many of the campaigns it takes."""
 
 
 def planning(count: int, jobs: int, progress: Progress) -> tuple[list[Table], dict[str, Any]]:
     """Tables and plain results of `count` campaigns a case; a fifth of them where explanations are fitted."""
     tables, results = [], {}
-    for name, part in PARTS.items():
-        table, results[name] = partial(part.measure, max(2, round(part.share * count)), jobs, progress)()
+    for name in PARTS:
+        table, results[name] = part(name, count, jobs, progress)
         tables.append(table)
     return tables, results
+
+
+def part(name: str, count: int, jobs: int, progress: Progress) -> tuple[Table, dict[str, Any]]:
+    """One table, with its share of the campaigns."""
+    measure, share = PARTS[name]
+    found: tuple[Table, dict[str, Any]] = measure(max(2, round(share * count)), jobs, progress)
+    return found
 
 
 def main() -> None:
@@ -284,8 +284,8 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
     parser.add_argument("--campaigns", type=int, default=50, help="simulated campaigns a case (default: 50)")
     options = parser.parse_args()
-    for table in planning(options.campaigns, options.jobs, terminal_progress())[0]:
-        print(table.to_text())
+    for name in PARTS:
+        print(part(name, options.campaigns, options.jobs, terminal_progress())[0].to_text(), flush=True)
 
 
 if __name__ == "__main__":
