@@ -146,7 +146,10 @@ def base_estimates(study: Study, trial: Trial) -> dict[str, Estimate]:
         "I_r": estimate_of(trial.fit, covariance, 0, study.base.axis.unit_of("I_r", trial.model.moment_unit))
     }
     for term in study.base.terms:
-        found |= parameter_estimates(study, trial, term.name)
+        own = parameter_estimates(study, trial, term.name)
+        if not study.base.axis.wraps:  # the constant force is the first b
+            own = {name: one for name, one in own.items() if name not in found}
+        found |= own
     return found
 
 

@@ -191,6 +191,8 @@ def _moves(diagnosis: Diagnosis) -> str:
 
 def _called(name: str, axis: Axis) -> str:
     """A base parameter as people call it."""
+    if axis.wraps:
+        return name
     return {"b": "constant force", "e": "half the difference of drag"}.get(name, axis.say(name))
 
 

@@ -70,7 +70,10 @@ class YawDiagnosis(Shown):
             ],
             "threshold": found.rounds[0].threshold,
             "base": {
-                KEYS.get(name, name): {"before": before[name].to_json(), "after": moved[name].to_json()}
+                name if axis.wraps else KEYS.get(name, name): {
+                    "before": before[name].to_json(),
+                    "after": moved[name].to_json(),
+                }
                 for name in before
             },
             "smallest_visible": {k: v for k, v in self.diagnosis.detectable.items() if np.isfinite(v)},
