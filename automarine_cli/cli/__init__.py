@@ -128,6 +128,9 @@ def _forget_stdout() -> None:
 def automarine() -> None:
     """From pool logs of an ROV or AUV to its thruster map and yaw model, and to why they disagree.
 
+    With logs of your own begin with `automarine init`, which writes a file for `automarine run`; to look around, with
+    the example below. The help of every command ends with an example.
+
     A LOG is a file (.csv, .csv.gz, .parquet or a vehicle's own), a directory (searched recursively) or a quoted glob.
 
     \b

@@ -24,7 +24,8 @@ FORMS = (*FORM_NAMES, *(f"{name}-saturation" for name in FORM_NAMES))
     type=click.Choice(("auto", *FORMS)),
     default="auto",
     show_default=True,
-    help="Thrust curve of the map; auto chooses by cross-validation.",
+    metavar="FORM",
+    help=f"Thrust curve of the map: {', '.join(FORMS)}; or auto, which chooses by cross-validation.",
 )
 @options.out_option
 @options.overwrite_option

@@ -81,7 +81,7 @@ out_option = click.option(
 )
 """`out`: Path or None."""
 
-overwrite_option = click.option("--overwrite", is_flag=True, help="Replace results that are in DIR already.")
+overwrite_option = click.option("--overwrite", is_flag=True, help="Replace results that are there already.")
 """`overwrite`: bool."""
 
 seed_option = click.option(

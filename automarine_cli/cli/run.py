@@ -19,7 +19,9 @@ STEPS = (
 @click.argument(
     "campaigns", nargs=-1, metavar="[CAMPAIGN.toml]...", type=click.Path(exists=True, dir_okay=False, path_type=Path)
 )  # fmt: skip
-@click.option("--until", type=click.Choice(STEPS), help="Stop after this step.")
+@click.option(
+    "--until", type=click.Choice(STEPS), metavar="STEP", help=f"Stop after this step: {', '.join(STEPS)}."
+)
 @click.option("--force", is_flag=True, help="Run every step, also where nothing has changed.")
 @click.option(
     "--from", "recorded", type=click.Path(exists=True, path_type=Path), metavar="MANIFEST",
