@@ -93,6 +93,9 @@ def test_whole_campaign(whole: Whole) -> None:
     )
     assert first.says["check"] == "10 logs, 10 runs, 1 without a half-turn"
     assert first.says["fit-yaw"].startswith("model 3: k_r|r| 1.2")
+    assert first.says["diagnose"].startswith("nothing missing")  # though one run never moved
+    (stuck,) = json.loads(found["diagnosis/diagnosis.json"])["runs"]["set_aside"]
+    assert stuck["run"] == "tau_-0.6_still" and "never moved" in stuck["why"]
     assert json.loads(found["run.json"]) == first.to_json()
     assert verify([place / "out"], inputs=[place]).whole
     held_out = json.loads(found["diagnosis/diagnosis.json"])["held_out"]

@@ -42,9 +42,8 @@ def run(
     """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report; with sections
     [surge] and [heave] their fit, validation and diagnosis too.
 
-    Each step has a folder of its own in DIR. A step is kept if its result is there and neither its inputs nor its
-    settings nor versions have changed; for every other step the reason is told. `automarine init` writes a
-    campaign file.
+    Each step has a folder of its own in DIR. A step is kept if its result is there and its inputs, settings and
+    versions have not changed; for every other the reason is told. `automarine init` writes a campaign file.
 
     Several campaigns, a fleet or a season, have a folder each in DIR and an overview of all; --jobs N does so many at
     a time, --cluster ADDRESS sends them with their logs to a Dask scheduler. One that is refused stops no other.

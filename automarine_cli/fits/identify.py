@@ -20,6 +20,7 @@ from automarine_cli.fits.yaw_warnings import fit_warnings, step_warnings, told
 from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, half_turns
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import find_steps, released
+from automarine_cli.runs.stuck import without_stuck
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
 
@@ -152,10 +153,12 @@ def _fit_model(
 
 def _fit_whole(runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, each: Map) -> YawFit:
     serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in runs]
-    moving = tuple(run for run, good in zip(runs, serves) if good)
+    kept, stuck = without_stuck([run for run, good in zip(runs, serves) if good])
+    moving = tuple(kept)
     short = tuple(
         SetAside(run.source, run.name, _too_little(run)) for run, good in zip(runs, serves) if not good
     )
+    short += stuck
     if not moving:
         raise RunError(
             f"none of {_counted(len(runs), 'run')} serves for a fit; {_reasons(short)}look at them with "

@@ -29,6 +29,7 @@ from automarine_cli.report import diagnosis_report, diagnosis_tables, thruster_d
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside, readings
+from automarine_cli.runs.stuck import without_stuck
 from automarine_cli.workflows.diagnose_thrusters import ThrusterDiagnosis, diagnose_thrusters, is_thruster_map
 from automarine_cli.workflows.moments import with_moments
 
@@ -282,6 +283,8 @@ def _runs(
             f"{', '.join(sorted(units))}; fit a model to these logs first, or map their {axis.say('moment')} with "
             "--columns"
         )
-    if strict and campaign.set_aside:
-        raise refused_by_strict(campaign.set_aside[0])
-    return list(runs), campaign.set_aside, campaign.inputs
+    moving, stuck = without_stuck(runs)
+    aside = (*campaign.set_aside, *stuck)
+    if strict and aside:
+        raise refused_by_strict(aside[0])
+    return moving, aside, campaign.inputs

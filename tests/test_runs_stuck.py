@@ -1,0 +1,68 @@
+"""Runs that stood still where others moved are told apart from runs that nothing could move; both ways alike."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_runs import mirrored, step_run
+
+from automarine_cli.fits.identify import identify
+from automarine_cli.runs.run import Run
+from automarine_cli.runs.stuck import without_stuck
+
+
+def still(moment: float, name: str, seed: int = 0) -> Run:
+    """A run whose thrusters did not start: noise about one heading."""
+    made = step_run(moment, seed=seed)
+    noise = np.radians(1.0) * np.random.default_rng(seed).normal(size=len(made))
+    return replace(made, heading=0.7 + noise, name=name)
+
+
+def named(run: Run, name: str) -> Run:
+    return replace(run, name=name)
+
+
+def both_ways(runs: list[Run]) -> list[list[Run]]:
+    """The runs, and the same turning the other way."""
+    return [runs, [replace(mirrored(run), name=run.name) for run in runs]]
+
+
+def test_a_run_that_others_outdo_with_less_is_stuck() -> None:
+    runs = [named(step_run(0.5), "moved"), still(0.5, "as much"), still(0.8, "more"), still(0.3, "less")]
+    for some in both_ways(runs):
+        kept, aside = without_stuck(some)
+        assert [run.name for run in kept] == ["moved", "less"]  # 0.3 may lie within a dead band
+        assert [one.run for one in aside] == ["as much", "more"]
+        assert all("though run moved did under no more; check thrusters" in one.why for one in aside)
+        assert (
+            f"a moment of {some[1].command.sum() / abs(some[1].command.sum()) * 0.5:.4g} nu" in aside[0].why
+        )
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        still(0.5, "other"),  # nothing moves: a dead band, or a tether, and no fault of one run
+        named(mirrored(step_run(0.5)), "other"),  # the other side says nothing of this one
+        named(step_run(0.7), "other"),  # more moment may do what less does not
+        named(step_run(0.5, length=60.0), "other"),  # and so may more time
+    ],
+)
+def test_what_has_no_weaker_run_that_moved_is_kept(other: Run) -> None:
+    for runs in both_ways([still(0.5, "still"), other]):
+        kept, aside = without_stuck(runs)
+        assert (kept, aside) == (runs, ())
+
+
+def test_a_vehicle_that_holds_its_heading_is_not_stuck() -> None:
+    held = still(0.5, "held")
+    driven = np.where(np.arange(len(held)) % 7 < 3, 0.5, -0.4)
+    kept, aside = without_stuck([replace(held, moment=driven), named(step_run(0.3), "moved")])
+    assert len(kept) == 2 and aside == ()
+
+
+def test_a_stuck_run_does_not_spoil_a_fit_of_whole_runs() -> None:
+    good = [named(step_run(m, seed=i), f"r{i}") for i, m in enumerate((-1.0, -0.6, -0.3, 0.3, 0.6, 1.0))]
+    fit = identify([*good, still(0.6, "stuck", seed=9)], fit_to="whole-runs")
+    assert [one.run for one in fit.set_aside] == ["stuck"]
+    assert fit.preferred.gain_scatter.value < 0.05
