@@ -198,3 +198,16 @@ def test_options_that_make_no_sense_are_refused() -> None:
         fit_heave(LOGS["heave"], depths=(3.0, 1.0))
     with pytest.raises(SettingError, match="metres above 0"):
         fit_surge(LOGS["surge"], within=0.0)
+
+
+def test_results_show_themselves_in_the_words_of_their_motion(surge: tuple[YawFit, Path]) -> None:
+    said = repr(surge[0])
+    assert said.startswith("Surge model 3, fitted to steps of 20 runs; 0 set aside")
+    assert (
+        "X_u|u|" in said
+        and "m_u/X_u|u|" in said
+        and "half difference" in said
+        and "distance noise 1.0" in said
+    )
+    frame = surge[0].to_frame()
+    assert {"m_u", "X_uu", "half_difference"} <= set(frame["parameter"])

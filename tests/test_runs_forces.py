@@ -23,6 +23,7 @@ from automarine_cli.simulation.specification import specification_from
 from automarine_cli.workflows.check import check
 from automarine_cli.workflows.fit_yaw import fit_heave, fit_surge
 from automarine_cli.workflows.moments import moment_maker
+from automarine_cli.workflows.simulate import simulate
 
 MAP = ThrusterMap("square", Curve(0.002), Curve(0.001))
 HEAVE_SPEC = {
@@ -156,3 +157,35 @@ def test_logs_of_another_motion_are_refused_with_what_is_lacking(fit: object) ->
     name = "surge" if fit is fit_surge else "heave"
     with pytest.raises(LogError, match=f"no {'distance' if name == 'surge' else 'depth'} and {name} force"):
         fit([SAMPLE_RUNS / "steps" / "tau_+0.1_a.csv", SAMPLE_RUNS / "steps"])  # type: ignore[operator]
+
+
+def test_a_logger_of_metres_does_to_them_what_one_of_degrees_does(tmp_path: Path) -> None:
+    spec = {
+        **HEAVE_SPEC, "logger": {"noise_m": 0.0, "quantisation_m": 0.02, "glitch": 0.02, "speed_noise_m_s": 0.01},
+        "scatter": {"start_depth_m": 0.5}, "runs": [{"kind": "step", "name": "Z", "forces": [12.0], "travel_m": 2.5}],
+    }  # fmt: skip
+    made = simulate(specification_from(spec), out=tmp_path / "out")
+    log = tmp_path / "out" / "runs" / "Z_+12.0.csv"
+    assert log.read_text().splitlines()[1] == "time_s,depth_m,force_Z_N,heave_m_s"
+    run = read(log, HEAVE)
+    np.testing.assert_allclose(run.heading / 0.02, np.round(run.heading / 0.02), atol=1e-6)
+    assert run.counts["glitches"] == made.runs[0].log.glitches > 0
+    assert run.heading[0] == 0.5 and 2.9 < run.heading.max() < 3.1
+    assert np.allclose(np.gradient(run.heading, run.time)[40:-2], run.extras["heave"][40:-2], atol=0.2)
+    truth = made.to_json()
+    assert truth["vehicle"]["motion"] == "heave" and truth["logger"]["quantisation_m"] == 0.02  # type: ignore[index]
+    assert "m_w" in truth["vehicle"] and "start_depth_m" in truth["made"][0]  # type: ignore[operator, index]
+
+
+@pytest.mark.parametrize(("change", "why"), [
+    ({"motion": "sway"}, "vehicle.motion: found \"sway\", expected yaw or surge or heave"),
+    ({"m_w": -1.0}, "m_w is -1; expected more than 0"),
+    ({"half_difference": 60.0}, "half_difference is not below Z_ww"),
+    ({"k_rr": 1.0}, "unknown key 'k_rr'; in heave it is 'Z_ww'"), ({"motion": "surge"}, "unknown key"),
+])  # fmt: skip
+def test_specifications_are_refused_in_the_words_of_their_motion(change: dict[str, object], why: str) -> None:
+    runs = [{"kind": "step", "forces": [12.0], "travel_m": 2.5}]
+    vehicle = {**HEAVE_SPEC["vehicle"], **change}  # type: ignore[dict-item]
+    with pytest.raises(SettingError) as problem:
+        specification_from({**HEAVE_SPEC, "vehicle": vehicle, "runs": runs})
+    assert why in str(problem.value), str(problem.value)

@@ -91,6 +91,15 @@ class Axis:
         """Content of this motion's file under yaw's keys."""
         return renamed(content, {own: key for key, own in reversed(list(self.keys.items()))})
 
+    def misnamed(self, content: Any) -> str:
+        """A key of yaw in this motion's file, however deep, that it calls otherwise; none: nothing."""
+        if isinstance(content, Mapping):
+            wrong = next((str(key) for key in content if self.keys.get(key, key) != key), "")
+            return wrong or next(filter(None, map(self.misnamed, content.values())), "")
+        if isinstance(content, list | tuple):
+            return next(filter(None, map(self.misnamed, content)), "")
+        return ""
+
     def unit_of(self, parameter: str, command_unit: str = "nu") -> str:
         """Unit of a parameter (`k_r`, `k_rr`, `k_rrr`, `I_r`, `tau`, `theta_c`, `b`, `e`)."""
         if self.wraps:

@@ -82,6 +82,10 @@ def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels
     """
     top = _object(data, where)
     axis = _checked_schema(top, where)
+    if wrong := axis.misnamed(top):
+        raise ModelError(
+            f"{where}: unknown key {_told(wrong)}; in {axis.name} it is {_told(axis.key(wrong))}"
+        )
     try:
         return _models(axis.plain(top), where, axis)
     except ModelError as error:

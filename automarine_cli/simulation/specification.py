@@ -232,6 +232,8 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
         raise SettingError(f"{where}: vehicle.motion: found {told(motion)}, expected {' or '.join(AXES)}")
     if axis.wraps:
         return _specification(mapping, where, _Raw)
+    if wrong := axis.misnamed(mapping):
+        raise SettingError(f"{where}: unknown key {wrong!r}; in {axis.name} it is {axis.key(wrong)!r}")
     try:
         return _specification(_with_defaults(axis.plain(mapping), axis), where, _RawForce)
     except SettingError as problem:

@@ -4,13 +4,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from automarine_cli.axes import Axis
 from automarine_cli.comparison.scores import SCORES
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.thruster_result import ThrusterFit
-from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.fits.yaw_fit import KEYS, YawFit
 from automarine_cli.report import (
     compare_tables,
     diagnosis_tables,
@@ -81,7 +82,8 @@ def _yaw_lines(fit: YawFit) -> Iterator[str]:
     to = axis.say("half-turns") if fit.turns else "whole runs"
     used, aside = _counted(fit.used, "run"), len(fit.set_aside)
     yield f"{axis.say('Yaw model')} {fit.preference.number}, fitted to {to} of {used}; {aside} set aside"
-    found = {axis.say(SYMBOLS.get(name, name)): one for name, one in fit.preferred.estimates.items()}
+    names = {**SYMBOLS, **({} if axis.wraps else {name: key.replace("_", " ") for name, key in KEYS.items()})}
+    found = {axis.say(names.get(name, name)): one for name, one in fit.preferred.estimates.items()}
     if fit.inertial_turn_angle is not None:
         found[axis.say("I_r/k_r|r|")] = fit.inertial_turn_angle
     yield from _aligned(found)
@@ -92,7 +94,8 @@ def _yaw_lines(fit: YawFit) -> Iterator[str]:
 def _yaw_rows(fit: YawFit) -> Iterator[Row]:
     for model, ml in fit.output_error.items():
         for name, one in ml.estimates.items():
-            yield {"model": model, "method": "maximum likelihood", "parameter": name} | _numbers(one)
+            called = _called(name, fit.axis)
+            yield {"model": model, "method": "maximum likelihood", "parameter": called} | _numbers(one)
     if fit.seed_method is None:
         return
     for model, drag in fit.seed_method.drag.items():
@@ -102,7 +105,13 @@ def _yaw_rows(fit: YawFit) -> Iterator[Row]:
         if model in fit.seed_method.inertia:
             found["I_r"] = fit.seed_method.inertia[model].overall
         for name, one in found.items():
-            yield {"model": model, "method": "velocity error", "parameter": name} | _numbers(one)
+            called = _called(name, fit.axis)
+            yield {"model": model, "method": "velocity error", "parameter": called} | _numbers(one)
+
+
+def _called(name: str, axis: Axis) -> str:
+    """A parameter as the result file calls it."""
+    return name if axis.wraps else axis.key(KEYS.get(name, name))
 
 
 def _yaw_figures(fit: YawFit) -> Figures:
@@ -155,7 +164,8 @@ def _validation_rows(result: Validation) -> Iterator[Row]:
     found = result.comparison
     for model, scored in found.models.items():
         for run, one in zip(found.runs, scored.scores):
-            yield {"run": run.name, "model": model} | {name: one.value(name) for name in SCORES}
+            scores: Row = {run.axis.key(name): one.value(name) for name in SCORES}
+            yield {"run": run.name, "model": model} | scores
 
 
 def _validation_figures(result: Validation) -> Figures:
