@@ -101,6 +101,10 @@ class YawFit(Shown):
         }
         return dict(axis.named(content))
 
+    def called(self, name: str) -> str:
+        """A parameter as the result file calls it."""
+        return name if self.axis.wraps else self.axis.key(KEYS.get(name, name))
+
     @property
     def buoyancy(self) -> "Buoyancy | None":
         """The constant force of the preferred model; None for motions without one."""
@@ -120,7 +124,7 @@ class YawFit(Shown):
             "switch_offset": fit.offset.to_json(),
             "heading_noise_deg": float(self.axis.shown(fit.noise)),
             "covariance": covariance_json(
-                [self.axis.key(KEYS.get(name, name)) for name in fit.estimates],
+                [self.called(name) for name in fit.estimates],
                 fit.mixed.theta,
                 fit.mixed.positive,
                 fit.covariance,

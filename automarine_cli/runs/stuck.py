@@ -22,7 +22,10 @@ def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]
     moved = [run for run in runs if _moved(run)]
     kept, aside = [], []
     for run in runs:
-        other = None if _moved(run) else _moved_by_no_more(run, moved)
+        free = run.axis.constant or _moved(
+            run
+        )  # under a constant force the smaller command may be what moves
+        other = None if free else _moved_by_no_more(run, moved)
         if other is None:
             kept.append(run)
         else:

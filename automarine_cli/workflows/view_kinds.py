@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from automarine_cli.axes import Axis
 from automarine_cli.comparison.scores import SCORES
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.naming_key import naming_key
@@ -94,8 +93,9 @@ def _yaw_lines(fit: YawFit) -> Iterator[str]:
 def _yaw_rows(fit: YawFit) -> Iterator[Row]:
     for model, ml in fit.output_error.items():
         for name, one in ml.estimates.items():
-            called = _called(name, fit.axis)
-            yield {"model": model, "method": "maximum likelihood", "parameter": called} | _numbers(one)
+            yield {"model": model, "method": "maximum likelihood", "parameter": fit.called(name)} | _numbers(
+                one
+            )
     if fit.seed_method is None:
         return
     for model, drag in fit.seed_method.drag.items():
@@ -105,13 +105,7 @@ def _yaw_rows(fit: YawFit) -> Iterator[Row]:
         if model in fit.seed_method.inertia:
             found["I_r"] = fit.seed_method.inertia[model].overall
         for name, one in found.items():
-            called = _called(name, fit.axis)
-            yield {"model": model, "method": "velocity error", "parameter": called} | _numbers(one)
-
-
-def _called(name: str, axis: Axis) -> str:
-    """A parameter as the result file calls it."""
-    return name if axis.wraps else axis.key(KEYS.get(name, name))
+            yield {"model": model, "method": "velocity error", "parameter": fit.called(name)} | _numbers(one)
 
 
 def _yaw_figures(fit: YawFit) -> Figures:
