@@ -11,6 +11,7 @@ import numpy as np
 from scipy import stats
 
 from automarine_cli.axes import Axis
+from automarine_cli.errors import FitError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.influence import degrees_of_freedom
 
@@ -48,7 +49,10 @@ def by_way(fit: "Callable[[bool], OutputErrorFit]", axis: Axis, both: bool) -> "
     """The fit with drag by way where that differs, else pooled; `fit` takes which, `both` is whether both were gone."""
     if not (axis.sided and both):
         return fit(False)
-    apart = fit(True)
+    try:
+        apart = fit(True)
+    except FitError:  # a model that is far off may run away with one way more than with both together
+        return fit(False)
     found = ways_of(apart, axis)
     return replace(apart if found.differ else fit(False), ways=found)
 
