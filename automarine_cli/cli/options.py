@@ -133,7 +133,7 @@ model_option = click.option(
     type=FILE,
     required=True,
     metavar="FILE",
-    help="A yaw_model.json of a fit (for diagnose also a thrusters.json).",
+    help="A yaw_model.json, surge_model.json or heave_model.json of a fit (for diagnose also a thrusters.json).",
 )
 """`model`: Path."""
 
