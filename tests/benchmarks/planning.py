@@ -61,7 +61,7 @@ CASES = {
 HIDDEN = {
     "dead-band": ((0.03, 0.0), "coulomb-drag"),
     "thruster-lag": ((0.1,), "input-delay"),
-    "water-swirl": ((0.04, 10.0, 0.0), "tether-spring"),
+    "water-swirl": ((0.02, 10.0, 0.0), "tether-spring"),
 }
 """What is hidden, and what it is mistaken for after the paper's grid."""
 
