@@ -134,28 +134,27 @@ def _steps(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidat
                 yield _step(model, side * size, share * _furthest(limits))
 
 
+def _first_parts(model: YawModel, limits: Limits, largest: float) -> Iterator[tuple[float, float, str]]:
+    """Moment, seconds and label of the steps after which a run goes on."""
+    for size in levels(limits, largest)[1::2]:
+        for share in (1 / 3, 2 / 3):
+            degrees = share * limits.pool.turn_deg
+            for side in (1, -1):
+                label = f"{moment_text(side * size)}_{degrees:.0f}deg"
+                yield side * size, _seconds(model, size, degrees), label
+
+
 def _coast_downs(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
     constant = model.inertia / max(largest, 1e-12) * float(steady_rate(largest, *model.drag()))
     coast = round(min(max(COAST_CONSTANTS * constant, COAST_S[0]), COAST_S[1]), 1)
-    for size in levels(limits, largest)[1::2]:
-        for share in (1 / 3, 2 / 3):
-            degrees = share * limits.pool.turn_deg
-            for side in (1, -1):
-                hold = _seconds(model, size, degrees)
-                label = f"coast_{moment_text(side * size)}_{degrees:.0f}deg"
-                yield Candidate("coast-down", label, ((side * size, hold), (0.0, coast)))
+    for moment, hold, label in _first_parts(model, limits, largest):
+        yield Candidate("coast-down", f"coast_{label}", ((moment, hold), (0.0, coast)))
 
 
 def _reversals(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
-    for size in levels(limits, largest)[1::2]:
-        for share in (1 / 3, 2 / 3):
-            degrees = share * limits.pool.turn_deg
-            for side in (1, -1):
-                hold = _seconds(model, size, degrees)
-                label = f"reversal_{moment_text(side * size)}_{degrees:.0f}deg"
-                yield Candidate(
-                    "reversal", label, ((side * size, hold), (-side * size, round(1.5 * hold, 1)))
-                )
+    for moment, hold, label in _first_parts(model, limits, largest):
+        back = round(1.5 * hold, 1)
+        yield Candidate("reversal", f"reversal_{label}", ((moment, hold), (-moment, back)))
 
 
 def _ramps(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
