@@ -1,13 +1,14 @@
 """The figure of `plan`: precision against minutes in the pool."""
 
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from automarine_cli.planning.campaign import Campaign
 from automarine_cli.planning.limits import KINDS
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure
 
 MOST_PANELS, PER_ROW = 4, 3
+NARROW = 5.0  # highest over lowest value up to which even ticks suit a logarithmic axis
 TICKS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
 FEWEST_RUNS = 3
 """Runs below which a curve is not drawn: nothing is known yet."""
@@ -36,7 +37,8 @@ def plan_figure(campaign: Campaign) -> Figure:
                 mfc="none" if mark != "x" else None, label=f"plan and one {curve.name}",
             )  # fmt: skip
         ax.set_yscale("log")
-        ax.yaxis.set_major_locator(LogLocator(subs=TICKS))
+        low, high = ax.get_ylim()
+        ax.yaxis.set_major_locator(MaxNLocator(5) if high < NARROW * low else LogLocator(subs=TICKS))
         ax.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         ax.yaxis.set_minor_formatter(NullFormatter())
         ax.set_title(SYMBOLS.get(name, name.replace("_", " ")), loc="left")

@@ -134,7 +134,7 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
             ms=4,
             color=COLOURS["vermilion"],
             mec="none",
-            label="mean at one moment",
+            label=axis.say("mean at one moment"),
         )
         ends = moment.min() * 1.05, moment.max() * 1.05
         for estimate, colour, name in (
