@@ -111,7 +111,7 @@ def test_two_planted_effects_are_both_named() -> None:
 
 
 def test_voltage_is_named_where_it_was_varied() -> None:
-    """Something more may be claimed by chance in one of twenty; not in most of three."""
+    """Something more may be claimed by chance in one of a hundred; not in most of three."""
     n, volts = np.tile(EVERY_OTHER, 3), np.repeat([12.0, 14.0, 16.0], 20)
 
     def truth(n: np.ndarray) -> np.ndarray:
@@ -135,7 +135,7 @@ def test_sag_is_named_where_the_order_was_random() -> None:
 
 
 def test_nothing_planted_nothing_named() -> None:
-    """A claim in one of twenty is what the threshold allows; here one of twelve at most."""
+    """A claim in one of a hundred is what the threshold allows; here one of twelve at most."""
     claims = [diagnose_thrusters(logs(square, seed), SQUARE, seed=seed) for seed in range(12)]
     assert sum(result.verdict != "nothing-missing" for result in claims) <= 1
     one = claims[0]

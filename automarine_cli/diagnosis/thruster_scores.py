@@ -24,8 +24,9 @@ from automarine_cli.fits.thruster_curves import jacobian
 from automarine_cli.fits.thruster_points import Floats, Ints
 from automarine_cli.models.thruster_forms import Curve
 
-NULLS = 999
-CHANCE = 0.05
+NULLS = 1999
+CHANCE = 0.01
+"""Share of tables without a missing effect in which one is claimed; fewer cannot be told with eight levels."""
 DEAD = np.concatenate([np.arange(0.005, 0.05, 0.005), np.arange(0.05, 0.42, 0.025)])
 """Dead bands tried [share of the largest command]."""
 POWERS = (-0.8, -0.6, -0.4, -0.2, -0.1, -0.05, -0.02, 0.02, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8)

@@ -179,7 +179,8 @@ def candidates(result: ThrusterDiagnosis) -> Table:
         )
         for trial in trials
     )
-    note = f"Chance reaches an evidence of {number(look.scores.threshold, 3)} in one of twenty maps without any effect."
+    chance = number(look.scores.threshold, 3)
+    note = f"Chance reaches an evidence of {chance} in one of a hundred maps without any effect."
     header = ("effect", "direction", "evidence", "p", "cross-validated error [% of full scale]")
     return Table("Candidates alone", header, rows, notes=(note,))
 

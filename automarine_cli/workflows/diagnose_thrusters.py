@@ -56,12 +56,12 @@ def diagnose_thrusters(
     `jobs` changes nothing: a table of levels is quick. Raises LogError, RunError, FitError, ModelError, OutputError.
     """
     column_map = given_columns(columns)
-    base, with_voltage = _base(model)
+    base, with_voltage, of_map = _base(model)
     loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)
     held = load_thruster_logs(hold_out, column_map, strict=strict, progress=progress) if hold_out else None
     if held is not None:
         loaded = _apart(loaded, held)
-    count = _thrusters(thrusters_per_test, column_map)
+    count = _thrusters(thrusters_per_test, column_map, of_map)
     rule = column_map.columns.get("n")
 
     def judged() -> ThrusterDiagnosis:
@@ -109,12 +109,13 @@ def diagnose_thrusters(
     return result
 
 
-def _base(model: Path) -> tuple[ThrusterMap, bool]:
-    """The map, and whether its file says how thrust follows the voltage."""
+def _base(model: Path) -> tuple[ThrusterMap, bool, int]:
+    """The map, whether its file says how thrust follows the voltage, and how many thrusters pulled in its tests."""
     data = read_plain(model, "JSON", ModelError)
     found = ThrusterMap.from_json(data, model.name)
-    voltage = data.get("voltage_exponent")
-    return found, isinstance(voltage, dict) and "reference_V" in voltage
+    voltage, count = data.get("voltage_exponent"), data.get("thrusters_per_test")
+    known = isinstance(voltage, dict) and "reference_V" in voltage
+    return found, known, count if isinstance(count, int) and count >= 1 else 1
 
 
 def _apart(loaded: ThrusterLogs, held: ThrusterLogs) -> ThrusterLogs:
@@ -128,9 +129,9 @@ def _apart(loaded: ThrusterLogs, held: ThrusterLogs) -> ThrusterLogs:
     return ThrusterLogs(records, loaded.set_aside, inputs, loaded.missing)
 
 
-def _thrusters(given: int | None, columns: ColumnMap) -> int:
-    """Equal thrusters that pulled together: the option, else the column map's default, else 1."""
-    value = columns.defaults.get("thrusters_per_test", 1) if given is None else given
+def _thrusters(given: int | None, columns: ColumnMap, of_map: int) -> int:
+    """Equal thrusters that pulled together: the option, else the column map's default, else as in the map's tests."""
+    value = columns.defaults.get("thrusters_per_test", of_map) if given is None else given
     if isinstance(value, str) or value != int(value) or value < 1:
         raise SettingError(
             f"thrusters_per_test is {value!r}; expected a whole number of thrusters, 1 or more"
