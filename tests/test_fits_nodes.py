@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from made_campaigns import PAPER, Vehicle, campaign
+from made_campaigns import ODD_MOMENTS, PAPER, Vehicle, both_ways, campaign
 from made_runs import mirrored
 
 from automarine_cli.fits import nodes as room
@@ -123,3 +123,31 @@ def test_short_runs_keep_their_samples() -> None:
     data = half_turn_data(turns)
     few = data.seen.sum(axis=1).max()
     assert data.nodes(int(few)) is None
+
+
+@pytest.mark.parametrize("number", "23")
+@pytest.mark.parametrize("side", ["as it is", "mirrored"])
+def test_many_runs_fitted_in_two_steps_are_fitted_as_in_one(
+    number: str, side: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = campaign(3 * tuple(both_ways(ODD_MOMENTS)), seed=4, gain_scatter=0.05, vehicle=VEHICLES[number])
+    data = half_turn_data(half_turns(runs if side == "as it is" else [mirrored(run) for run in runs])[0])
+    once = fit_half_turns(data, number, START, "nu", Known())
+    monkeypatch.setattr(output_error, "MANY_RUNS", 35)
+    monkeypatch.setattr(output_error, "ITERATIONS_OF_MANY", 60)  # few runs take as many as they take at once
+    asked: list[int] = []
+    some = StepData.some
+    monkeypatch.setattr(StepData, "some", lambda self, count: asked.append(count) or some(self, count))
+    twice = fit_half_turns(data, number, START, "nu", Known())
+    assert asked == [17]
+    for name, estimate in once.estimates.items():
+        assert abs(twice.estimates[name].value - estimate.value) < 2e-2 * estimate.stderr
+
+
+def test_some_runs_are_drawn_from_both_sides_and_keep_their_order() -> None:
+    data = _logged("3", "as it is")
+    few = data.some(6)
+    places = [data.names.index(name) for name in few.names]
+    assert places == sorted(places) and len(set(places)) == 6
+    assert few.moment == pytest.approx(data.moment[places]) and len(set(np.sign(few.moment))) == 2
+    assert data.some(99) is data

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from automarine_cli.axes import YAW
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.drag import FEWEST_A_WAY
-from automarine_cli.fits.output_error import OutputErrorFit, fit_half_turns, fit_whole_runs, prefer
+from automarine_cli.fits.output_error import MANY_RUNS, OutputErrorFit, fit_half_turns, fit_whole_runs, prefer
 from automarine_cli.fits.step_response import Known, StepData, half_turn_data
 from automarine_cli.fits.velocity_error import VelocityErrorFit, fit_velocity_error
 from automarine_cli.fits.ways import by_way
@@ -99,7 +99,8 @@ def _fit_steps(
     unit, axis = turns[0].step.run.moment_unit, turns[0].step.run.axis
     data = half_turn_data(turns)
     zero = np.zeros(len(turns))
-    rough = fit_velocity_error(data, zero, moment_unit=unit, models=("1", "3"))
+    few = data.some(MANY_RUNS // 2)
+    rough = fit_velocity_error(few, zero[: len(few.names)], moment_unit=unit, models=("1", "3"))
     start = (_inertia_to_begin_with(rough), rough.drag["1"].drag[0], rough.drag["3"].drag[1])
     constant = {model: fit.estimates["b"].value for model, fit in rough.drag.items() if axis.constant}
     both = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= FEWEST_A_WAY)

@@ -28,6 +28,8 @@ NO_MOTION = (
     "the runs show no motion that a model could be fitted to; look at the logs with `automarine check`"
 )
 SMALLEST_FACTOR = 1e-5
+FEW = 4
+"""Run effects up to which equations are solved row by row, all runs at once."""
 FLAT = 1e-4
 """Slope of the deviance that counts as none, by variances in units of their own standard errors."""
 
@@ -116,14 +118,17 @@ def weigh(gram: Gram, effects: RunEffects, variances: Floats) -> Weighted:
     scale = effects.deviation(variances)
     q = scale.shape[1]
     try:
-        root = np.linalg.cholesky(_kernel(gram, scale, s2))
+        root = np.asarray(np.linalg.cholesky(_kernel(gram, scale, s2)), dtype=np.float64)
     except np.linalg.LinAlgError:
         raise FitError(NO_MOTION) from None
-    inverse = np.linalg.inv(root)
-    of_phi = inverse @ (scale[:, :, None] * np.swapaxes(gram.jv, 1, 2))
-    of_w = (inverse @ (scale * gram.vw)[:, :, None])[:, :, 0]
     present = np.divide(gram.present, scale, out=np.zeros_like(scale), where=scale > 0)
-    of_present = (inverse @ present[:, :, None])[:, :, 0]
+    p = gram.jv.shape[1]
+    right = np.empty((len(scale), q, p + 2 + q))
+    right[:, :, :p] = scale[:, :, None] * np.swapaxes(gram.jv, 1, 2)
+    right[:, :, p], right[:, :, p + 1], right[:, :, p + 2 :] = scale * gram.vw, present, np.eye(q)
+    solved = _forward(root, right)
+    of_phi, of_w, of_present, inverse = np.split(solved, [p, p + 1, p + 2], axis=2)
+    of_w, of_present = of_w[:, :, 0], of_present[:, :, 0]
     back = np.swapaxes(inverse, 1, 2)
     log_det = (gram.count - q) * np.log(s2) + 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
     return Weighted(
@@ -136,6 +141,19 @@ def weigh(gram: Gram, effects: RunEffects, variances: Floats) -> Weighted:
         means=present + (back @ (of_w - s2 * of_present)[:, :, None])[:, :, 0],
         by_phi=back @ of_phi,
     )
+
+
+def _forward(root: Floats, right: Floats) -> Floats:
+    """X of L X = B for lower triangles L (R, q, q) and B (R, q, m): with few rows one after the other for all runs."""
+    q = root.shape[1]
+    if q > FEW:
+        return np.asarray(np.linalg.solve(root, right))
+    out = right
+    for i in range(q):
+        for j in range(i):
+            out[:, i] -= root[:, i, j, None] * out[:, j]
+        out[:, i] /= root[:, i, i, None]
+    return out
 
 
 def _dot(by_phi: Floats, vector: Floats) -> Floats:

@@ -25,6 +25,9 @@ ENOUGH_RUNS = 8
 """From this many runs on, standard errors are the jackknife's alone; with fewer the larger of it and the
 likelihood's."""
 
+MANY_RUNS, ITERATIONS_OF_MANY = 400, 20
+"""More runs than these are fitted in two steps, some and then all, of which the second needs few iterations."""
+
 MOST_GROWTH = 1e6
 """Of a standard error by leaving runs out; beyond it the runs say nothing at all."""
 
@@ -83,9 +86,16 @@ def fit_half_turns(
 def _fit_at_nodes(
     data: StepData, number: str, known: Known, begin: Floats, sided: bool
 ) -> tuple[Problem, MixedFit]:
-    """The fit to all samples, by as few nodes a run as show its answer exactly, or by the samples where none do."""
+    """The fit to all samples, by as few nodes a run as show its answer exactly, or by the samples where none do.
+
+    That of very many runs begins where that of some of them ended.
+    """
     whole, theta = step_problem(data, number, known, sided=sided), begin
     start: dict[str, Any] = {"noise": 0.02, "factors": np.array([0.03, 0.5])}
+    if len(data.names) > MANY_RUNS:
+        first = _fit_at_nodes(data.some(MANY_RUNS // 2), number, known, begin, sided)[1]
+        theta = np.append(first.theta[:-1], begin[-1])  # of instants few runs say little
+        start |= {"noise": first.noise, "iterations": ITERATIONS_OF_MANY}
     for count in COUNTS:
         nodes = data.nodes(count)
         if nodes is None:

@@ -52,6 +52,22 @@ class StepData:
             self._nodes[count] = nodes_of(self.time, self.heading, self.seen, self.interval, count)
         return self._nodes[count]
 
+    def some(self, count: int) -> "StepData":
+        """So many of the half-turns, drawn evenly whatever their order; all if there are no more."""
+        if len(self.names) <= count:
+            return self
+        drawn = np.sort(np.random.default_rng(0).permutation(len(self.names))[:count])
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in drawn),
+            time=self.time[drawn],
+            heading=self.heading[drawn],
+            seen=self.seen[drawn],
+            moment=self.moment[drawn],
+            interval=self.interval[drawn],
+            _nodes={},
+        )
+
 
 @dataclass(frozen=True)
 class Known:
