@@ -125,10 +125,9 @@ def _tested(
     column: Column, cut: Floats, middle: Floats, rows: list[Row], chance: Floats
 ) -> tuple[Variable, Floats]:
     """The variable with p-values from the largest |t| that chance gives over all its bins and rows."""
-    ordered = np.sort(chance)
     found = []
     for row in rows:
-        above = len(chance) - np.searchsorted(ordered, np.abs(row.t) * (1 - 1e-12), side="left")
+        above = _as_large(chance, np.abs(row.t))
         found.append(replace(row, p=np.asarray((1.0 + above) / (1.0 + len(chance)), dtype=float)))
     p_value = min(float(row.p.min()) for row in found)
     nothing = np.zeros(len(middle), dtype=bool)
@@ -138,13 +137,19 @@ def _tested(
     return variable, chance
 
 
+def _as_large(chance: Floats, values: Floats) -> NDArray[np.int64]:
+    """How many draws give as much as each value or more. Few runs have few different draws, so many are the same but
+    for rounding, which must not decide."""
+    return np.asarray(len(chance) - np.searchsorted(np.sort(chance), values * (1 - 1e-9), side="left"))
+
+
 def over_variables(found: list[tuple[Column, Variable, Floats]]) -> list[tuple[Column, Variable]]:
     """Step-down least p over the variables (Westfall and Young 1993): like Holm's, but variables that say the same,
     such as run order and clock, count once because all are judged in the same draws."""
     if not found:
         return []
     draws = len(found[0][2])
-    null = np.array([(draws - np.argsort(np.argsort(chance))) / draws for _, _, chance in found])
+    null = np.array([_as_large(chance, chance) / draws for _, _, chance in found])
     order = sorted(range(len(found)), key=lambda i: found[i][1].p_value)
     corrected, least = {}, 0.0
     for rank, i in enumerate(order):

@@ -18,6 +18,7 @@ from automarine_cli.models.thruster_forms import SQUARE, Form
 LOW = np.array([0.0, 0.0, 0.3, 0.3])
 HIGH = np.array([np.inf, 0.8, 4.0, 1.0])
 OFF = np.array([1.0, 0.0, SQUARE, 1.0])
+AS_GOOD = 1e-6  # relative difference of sums of squares that counts as none
 STARTS = 5
 STEPS = 60
 SMALL = 1e-9
@@ -54,7 +55,9 @@ def fit_direction(magnitude: Floats, thrust: Floats, weights: Floats, form: Form
         else (flat, _sse(x, thrust, repeated, flat))
     )
     values, sse = values.reshape(starts.shape), sse.reshape(starts.shape[:2])
-    best = np.argmin(sse, axis=1)
+    # of those as good as the best the one with least dead band and saturation: levels left out may not show either
+    as_good = sse <= sse.min(axis=1, keepdims=True) * (1.0 + AS_GOOD)
+    best = np.argmax(np.where(as_good, values[:, :, 3] - values[:, :, 1], -np.inf), axis=1)
     return Fits(values[np.arange(len(weights)), best], scale)
 
 
