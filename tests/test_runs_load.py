@@ -11,6 +11,7 @@ from made_runs import step_run, written
 
 from automarine_cli.errors import LogError, RunError
 from automarine_cli.logs import ColumnMap, ColumnRule
+from automarine_cli.runs import load
 from automarine_cli.runs.load import Campaign, load_runs
 from automarine_cli.runs.run import Run
 
@@ -238,7 +239,8 @@ def test_thruster_commands_instead_of_a_moment(tmp_path: Path) -> None:
         _ = found.command
 
 
-def test_the_same_on_one_and_two_jobs(tmp_path: Path) -> None:
+def test_the_same_on_one_and_two_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("automarine_cli.runs.load.PAYS_FROM_S", 0.0)
     for i in range(4):
         written(replace(step_run(0.5, seed=i), name=f"r{i}"), tmp_path / f"r{i}.csv")
     (tmp_path / "bad.csv").write_text("x\n1\n")
@@ -255,3 +257,20 @@ def test_signs_are_mirrored_by_the_column_map(tmp_path: Path) -> None:
     (found,) = load_runs([written(run, tmp_path / "run.csv")], columns).runs
     np.testing.assert_array_equal(found.command, -run.command)
     np.testing.assert_allclose(np.diff(found.heading), -np.diff(run.heading), atol=1e-9)
+
+
+def test_processes_are_started_only_where_they_pay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    stream = load.ordered_stream
+
+    def noted(read, files, jobs, **how):  # type: ignore[no-untyped-def]
+        asked.append(jobs)
+        return stream(read, files, 1, **how)
+
+    monkeypatch.setattr(load, "ordered_stream", noted)
+    written(step_run(0.5), tmp_path / "a.csv")
+    load.load_runs([tmp_path], jobs=2)
+    monkeypatch.setattr(load, "SECONDS_A_LOG", 10.0)
+    load.load_runs([tmp_path], jobs=2)
+    load.load_runs([tmp_path], jobs=1)
+    assert asked == [1, 2, 1]

@@ -27,6 +27,7 @@ from automarine_cli.runs.sense import clock_trouble
 Kept = TypeVar("Kept")
 
 MOST_REASONS = 3  # reasons shown when nothing is left
+SECONDS_A_LOG, BYTES_A_SECOND, PAYS_FROM_S = 1e-3, 1.5e8, 3.0  # of reading, on a plain machine
 NAMED_APART = "another run of this campaign has the same name; the file's name was put in front"
 
 
@@ -113,7 +114,9 @@ def _gathered(
     """What is read of all files, and what is set aside."""
     kept: list[Kept] = []
     aside: list[SetAside] = []
-    for good, bad in ordered_stream(read, files, jobs, progress=progress, stage="reading logs"):
+    for good, bad in ordered_stream(
+        read, files, _paying(files, jobs), progress=progress, stage="reading logs"
+    ):
         kept += good
         aside += bad
     if strict and aside:
@@ -121,6 +124,12 @@ def _gathered(
     if not kept:
         raise none_left(len(files), aside)
     return kept, tuple(aside)
+
+
+def _paying(files: Sequence[LogFile], jobs: int) -> int:
+    """`jobs` where they pay, else one: to start processes takes longer than to read few logs."""
+    size = sum(file.path.stat().st_size for file in files if has_bytes(file)) if jobs > 1 else 0
+    return jobs if SECONDS_A_LOG * len(files) + size / BYTES_A_SECOND > PAYS_FROM_S else 1
 
 
 def _read_trimmed(
