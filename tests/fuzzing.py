@@ -259,7 +259,7 @@ def _of_vehicles() -> dict[str, Kind]:
     """Recordings of vehicles whose libraries are installed, read with the names that their columns have."""
     found = {}
     for suffix, told in RECORDERS.items():
-        if find_spec(told.library) is not None:
+        if find_spec(told.package) is not None:
             good = cache(partial(told.write, dive()))
             found[f"recording {suffix}"] = Kind(
                 good, suffix, partial(judge_recording, columns=told.columns), 20

@@ -61,7 +61,7 @@ class Recorder:
     """
 
     write: Callable[..., bytes]
-    library: str
+    package: str
     extra: str
     columns: ColumnMap
     heading: tuple[str, ...]
@@ -171,14 +171,14 @@ def judge_bad_files(folder: Path, suffix: str) -> None:
 
 def recorded(folder: Path, suffix: str, content: bytes, *, named: bool = True) -> LogFile:
     """A recording of these bytes; the test is skipped where its library is not installed."""
-    pytest.importorskip(RECORDERS[suffix].library)
+    pytest.importorskip(RECORDERS[suffix].package)
     return log(folder, content, f"dive{suffix}", named=named)
 
 
 def judge_recording(folder: Path, suffix: str, mirrored: bool) -> None:
     """Every stream comes back on the heading's clock: motion as it was, commands held, their age told."""
     made, told = dive(mirrored), RECORDERS[suffix]
-    pytest.importorskip(told.library)
+    pytest.importorskip(told.package)
     table = read_log(recorded(folder, suffix, told.write(made)), told.columns)
     np.testing.assert_allclose(table.columns["time"] - told.starts, made.time, atol=told.clock)
     error = np.rad2deg(table.columns["heading"]) - made.heading - told.turned
@@ -215,7 +215,7 @@ def judge_states(table: LogTable, made: Dive, told: Recorder) -> None:
 def judge_cut_recording(folder: Path, suffix: str) -> None:
     """Cut at any byte it is read as far as it goes, or refused in one line."""
     told = RECORDERS[suffix]
-    pytest.importorskip(told.library)
+    pytest.importorskip(told.package)
     whole = told.write(dive())
     full = read_log(recorded(folder, suffix, whole), told.columns)
     lengths = set()

@@ -11,6 +11,7 @@ from small_campaign import make_small_campaign
 
 from automarine_cli.errors import SettingError
 from automarine_cli.workflows import campaigns as room
+from automarine_cli.workflows.campaign_file import read_campaign
 from automarine_cli.workflows.campaigns import names_of, run_campaigns
 from automarine_cli.workflows.rerun import rerun
 from automarine_cli.workflows.run import run_campaign
@@ -88,6 +89,30 @@ def test_processes_and_parcels_give_the_same_bytes(
     again = run_campaigns(all_three, out=tmp_path / "parcels", until=EARLY, cluster="tcp://there:1")
     assert len(ran) == 2 and not any(season in path.parents for path in ran)
     assert tree(tmp_path / "parcels") == tree(done) and len(again.refused) == 1
+
+
+def test_a_parcel_holds_all_that_a_campaign_needs(tmp_path: Path) -> None:
+    """Logs of every motion, the thruster map at hand and the DBC, under the names by which the campaign finds them."""
+    for name in ("steps/a.csv", "ahead/b.csv", "down/c.csv", "drift/d.csv", "map.json", "bus/vehicle.dbc"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(name, encoding="utf-8")
+    (tmp_path / "campaign.toml").write_text(
+        'schema = "automarine/campaign/1"\n[logs]\nsteps = ["steps"]\n[thrusters]\nmap = "map.json"\n'
+        '[can]\ndbc = "bus/vehicle.dbc"\n[surge]\nsteps = ["ahead"]\n'
+        '[heave]\nmanoeuvres = ["down"]\nvalidation = ["drift"]\n',
+        encoding="utf-8",
+    )
+    task = room._packed(room._Task("day", tmp_path / "campaign.toml", tmp_path / "out" / "day", {}))
+    assert task.refused == "" and task.parcel is not None
+    there = tmp_path / "there"
+    task.parcel.unpack(there)
+    campaign = read_campaign(there / room.place_of(tmp_path / "campaign.toml"))
+    assert [log.path.read_text() for log in campaign.every_log()] == [
+        "steps/a.csv", "ahead/b.csv", "down/c.csv", "drift/d.csv"
+    ]  # fmt: skip
+    assert {role: path.read_text() for role, path in campaign.beside.items()} == {
+        "thrusters": "map.json", "dbc": "bus/vehicle.dbc"
+    }  # fmt: skip
 
 
 def test_what_is_done_is_kept_and_a_changed_log_is_not(season: Path, tmp_path: Path) -> None:

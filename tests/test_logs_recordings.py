@@ -36,7 +36,7 @@ EVERY = pytest.mark.parametrize("suffix", RECORDERS)
 def made(suffix: str, given: Dive | None = None, without: tuple[str, ...] = ()) -> tuple[bytes, Recorder]:
     """A recording of a dive, and what is known of its format."""
     told = RECORDERS[suffix]
-    pytest.importorskip(told.library)
+    pytest.importorskip(told.package)
     return told.write(given or dive(), without), told
 
 
@@ -136,13 +136,13 @@ def test_a_missing_library_is_told_with_what_installs_it(
     tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     content, told = made(suffix)
-    for module in [name for name in sys.modules if name.partition(".")[0] == told.library] + [told.library]:
+    for module in [name for name in sys.modules if name.partition(".")[0] == told.package] + [told.package]:
         monkeypatch.setitem(sys.modules, module, None)
     file = recorded_without_library(tmp_path, suffix, content)
     sentence = refusal(file)
     assert (
         sentence.startswith(f"dive{suffix}: ")
-        and f"read by {told.library}, which is not installed" in sentence
+        and f"read by {told.package}, which is not installed" in sentence
     )
     assert sentence.endswith(f"say pip install 'automarine[{told.extra}]'")
 

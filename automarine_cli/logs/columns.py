@@ -99,7 +99,7 @@ def database(can: Mapping[str, object], path: Path) -> str:
     given = can.get("dbc", "")
     if not isinstance(given, str) or (can and not given.strip()):
         raise LogError(f"{name}: can.dbc is {_kind(given)}; expected the place of a DBC file in quotes")
-    return str(path.parent.resolve() / given) if given else ""
+    return str(path.parent.absolute() / given) if given else ""
 
 
 def _table(table: object, key: str, name: str) -> dict[str, object]:

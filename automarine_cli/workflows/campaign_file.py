@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from automarine_cli.axes import YAW
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs
 from automarine_cli.logs.columns import database
@@ -62,6 +63,11 @@ class Yaw:
     moment: Literal["logged", "thrusters"] = "logged"
     fit_to: Literal["auto", "half-turns", "whole-runs"] = "auto"
 
+    @property
+    def logged(self) -> bool:
+        """Whether the logs hold the moment itself."""
+        return self.moment == "logged"
+
 
 @dataclass(frozen=True)
 class Force:
@@ -72,6 +78,11 @@ class Force:
     validation: tuple[str, ...] = ()
     force: Literal["logged", "thrusters"] = "logged"
     fit_to: Literal["auto", "steps", "whole-runs"] = "auto"
+
+    @property
+    def logged(self) -> bool:
+        """Whether the logs hold the force itself."""
+        return self.force == "logged"
 
 
 @dataclass(frozen=True)
@@ -149,6 +160,16 @@ class Campaign:
         both = {"surge": self.asked.surge, "heave": self.asked.heave}
         return {name: one for name, one in both.items() if one is not None}
 
+    def settings(self, motion: str) -> Yaw | Force:
+        """The settings of a motion that the campaign has."""
+        return self.asked.yaw if motion == YAW.name else self.forces[motion]
+
+    @property
+    def beside(self) -> dict[str, Path]:
+        """Files that it needs beside its logs, by role: the thruster map at hand, the DBC of CAN logs."""
+        both = {"thrusters": self.map, "dbc": self.columns.database}
+        return {role: path for role, path in both.items() if path is not None}
+
     def every_log(self) -> list[LogFile]:
         """The logs of all kinds and motions."""
         found = self.files("thrusters", "steps", "manoeuvres", "validation")
@@ -156,17 +177,18 @@ class Campaign:
             found += self.files("steps", "manoeuvres", "validation", motion=motion)
         return found
 
-    def files(self, *kinds: str, motion: str = "logs") -> list[LogFile]:
-        """The logs of these kinds together, in yaw or of another `motion`. Raises SettingError with the key for logs
-        that are not there."""
+    def files(self, *kinds: str, motion: str = YAW.name) -> list[LogFile]:
+        """The logs of these kinds together, of one `motion`. Raises SettingError with the key for logs that are not
+        there."""
         found: list[str] = []
-        section = getattr(self.asked, motion)
+        key = "logs" if motion == YAW.name else motion
+        section = getattr(self.asked, key)
         for kind in kinds:
             places = [self._place(one) for one in getattr(section, kind)]
             try:
                 found += places if not places or find_logs(places) else []
             except LogError as problem:
-                raise SettingError(f"{printable(self.path.name)}: {motion}.{kind}: {problem}") from None
+                raise SettingError(f"{printable(self.path.name)}: {key}.{kind}: {problem}") from None
         return find_logs(found) if found else []
 
     def _place(self, entry: str) -> str:

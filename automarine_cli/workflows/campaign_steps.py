@@ -7,11 +7,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from automarine_cli.axes import AXES, YAW
 from automarine_cli.logs import ColumnMap, LogFile
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.reuse import manifest_of, why_made_again
 from automarine_cli.runs.load import has_bytes
-from automarine_cli.workflows.campaign_file import Campaign, Heave, Surge
+from automarine_cli.workflows.campaign_file import Campaign
 from automarine_cli.workflows.check import check
 from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
@@ -19,6 +20,8 @@ from automarine_cli.workflows.fit_yaw import fit_heave, fit_surge, fit_yaw
 from automarine_cli.workflows.validate import validate
 
 FIGURES = ("png", "svg")  # for a person, and for the report
+FITS: Mapping[str, Callable[..., object]] = {"yaw": fit_yaw, "surge": fit_surge, "heave": fit_heave}
+RUNS = {"steps": "step runs", "manoeuvres": "manoeuvres", "validation": "validation runs"}
 
 
 @dataclass(frozen=True)
@@ -100,78 +103,26 @@ def _fit_thrusters(campaign: Campaign, out: Path) -> Plan | str:
     )
 
 
-def _fit_yaw(campaign: Campaign, out: Path) -> Plan | str:
-    logs = campaign.files("steps") or campaign.files("manoeuvres")
-    if not logs:
-        return "the campaign names no step runs and no manoeuvres"
-    drive = _drive(campaign, out)
-    if drive is None:
-        return "its moments need the thruster map, and fit-thrusters gave none"
-    return Plan(fit_yaw, logs, {**_common(campaign), **drive, "fit_to": campaign.asked.yaw.fit_to})
-
-
-def _validate(campaign: Campaign, out: Path) -> Plan | str:
-    logs = campaign.files("validation")
-    if not logs:
-        return "the campaign names no validation runs"
-    return _with_model(validate, logs, campaign, out)
-
-
-def _diagnose(campaign: Campaign, out: Path) -> Plan | str:
-    logs = campaign.files("steps", "manoeuvres")
-    if not logs:
-        return "the campaign names no step runs and no manoeuvres"
-    held = campaign.files("validation")
-    return _with_model(diagnose, logs, campaign, out, **({"hold_out": held} if held else {}))
-
-
-def _with_model(
-    work: Callable[..., object], logs: list[LogFile], campaign: Campaign, out: Path, **more: object
-) -> Plan | str:
-    model, drive = out / "yaw" / "yaw_model.json", _drive(campaign, out)
-    if not model.is_file() or drive is None:
-        return "it needs the yaw model, and fit-yaw gave none"
-    return Plan(
-        work, logs, {**_common(campaign), **drive, "model": model, "seed": campaign.asked.seed, **more}
-    )
-
-
-def _common(campaign: Campaign) -> dict[str, object]:
-    return {"columns": campaign.columns, "figure_formats": FIGURES, "strict": campaign.asked.strict}
-
-
-def _drive(campaign: Campaign, out: Path) -> dict[str, object] | None:
-    """The settings that make moments of thruster commands; empty where moments are logged, None without a map."""
-    if campaign.asked.yaw.moment == "logged":
-        return {}
-    thrusters = campaign.map or out / "thrusters" / "thrusters.json"
-    if campaign.map is None and not thrusters.is_file():
-        return None
-    return {"thrusters": thrusters, "arm": campaign.asked.vehicle.arm_m}
-
-
-def _fit_force(campaign: Campaign, out: Path, motion: str) -> Plan | str:
-    asked = campaign.forces[motion]
+def _fit(campaign: Campaign, out: Path, motion: str) -> Plan | str:
     logs = campaign.files("steps", motion=motion) or campaign.files("manoeuvres", motion=motion)
     if not logs:
-        return f"the campaign names no step runs and no manoeuvres of {motion}"
-    drive = _map_for(campaign, out, motion)
+        return _none_named(("steps", "manoeuvres"), motion)
+    drive = _drive(campaign, out, motion)
     if drive is None:
-        return "its forces need the thruster map, and fit-thrusters gave none"
-    own: dict[str, object] = {"within": asked.within} if isinstance(asked, Surge) else {}
-    if isinstance(asked, Heave):
-        own = {"depths": asked.depths}
-    work: Callable[..., object] = fit_surge if motion == "surge" else fit_heave
-    return Plan(work, logs, {**_common(campaign), **drive, **own, "fit_to": asked.fit_to})
+        driven = "moments" if motion == YAW.name else "forces"
+        return f"its {driven} need the thruster map, and fit-thrusters gave none"
+    asked = campaign.settings(motion)
+    own = {key: getattr(asked, key) for key in ("within", "depths") if hasattr(asked, key)}
+    return Plan(FITS[motion], logs, {**_common(campaign), **drive, **own, "fit_to": asked.fit_to})
 
 
-def _judge_force(campaign: Campaign, out: Path, motion: str, work: Callable[..., object]) -> Plan | str:
-    """Validation or diagnosis of surge or heave."""
+def _judge(campaign: Campaign, out: Path, motion: str, work: Callable[..., object]) -> Plan | str:
+    """Validation or diagnosis."""
     kinds = ("validation",) if work is validate else ("steps", "manoeuvres")
     logs, held = campaign.files(*kinds, motion=motion), campaign.files("validation", motion=motion)
     if not logs:
-        return f"the campaign names no {' and no '.join(kinds)} of {motion}"
-    model, drive = out / motion / f"{motion}_model.json", _map_for(campaign, out, motion)
+        return _none_named(kinds, motion)
+    model, drive = out / motion / f"{motion}_model.json", _drive(campaign, out, motion)
     if not model.is_file() or drive is None:
         return f"it needs the {motion} model, and fit-{motion} gave none"
     more: dict[str, object] = {"hold_out": held} if held and work is diagnose else {}
@@ -180,34 +131,46 @@ def _judge_force(campaign: Campaign, out: Path, motion: str, work: Callable[...,
     )
 
 
-def _map_for(campaign: Campaign, out: Path, motion: str) -> dict[str, object] | None:
-    """The map that makes forces of thruster commands; empty where forces are logged, None without a map."""
-    if campaign.forces[motion].force == "logged":
+def _none_named(kinds: tuple[str, ...], motion: str) -> str:
+    of_motion = "" if motion == YAW.name else f" of {motion}"
+    return f"the campaign names no {' and no '.join(RUNS[kind] for kind in kinds)}{of_motion}"
+
+
+def _common(campaign: Campaign) -> dict[str, object]:
+    return {"columns": campaign.columns, "figure_formats": FIGURES, "strict": campaign.asked.strict}
+
+
+def _drive(campaign: Campaign, out: Path, motion: str) -> dict[str, object] | None:
+    """The settings that make moments or forces of thruster commands; none where they are logged, None without a map."""
+    if campaign.settings(motion).logged:
         return {}
     thrusters = campaign.map or out / "thrusters" / "thrusters.json"
-    return {"thrusters": thrusters} if campaign.map is not None or thrusters.is_file() else None
+    if campaign.map is None and not thrusters.is_file():
+        return None
+    arm = {"arm": campaign.asked.vehicle.arm_m} if AXES[motion].levered else {}
+    return {"thrusters": thrusters, **arm}
 
 
-def _of_force(motion: str) -> tuple[Step, ...]:
-    """The steps of surge or heave, in a campaign with such logs."""
+def _of(motion: str) -> tuple[Step, ...]:
+    """The steps of one motion: every campaign has those of yaw, others those of which they have logs."""
+    yaw = motion == YAW.name
+    after, before, only = ("", "", "") if yaw else (f"-{motion}", f"{motion}_", motion)
+    judged = (("validate", "validation", validate), ("diagnose", "diagnosis", diagnose))
     return (
-        Step(f"fit-{motion}", motion, partial(_fit_force, motion=motion), motion),
+        Step(f"fit-{motion}", motion, partial(_fit, motion=motion), only),
         *(
-            Step(f"{command}-{motion}", f"{motion}_{folder}", partial(_judge_force, motion=motion, work=work),
-                 motion, command)
-            for command, folder, work in (("validate", "validation", validate), ("diagnose", "diagnosis", diagnose))
+            Step(
+                f"{command}{after}", before + folder, partial(_judge, motion=motion, work=work), only, command
+            )
+            for command, folder, work in judged
         ),
-    )  # fmt: skip
+    )
 
 
 STEPS = (
     Step("check", "check", _check),
     Step("fit-thrusters", "thrusters", _fit_thrusters),
-    Step("fit-yaw", "yaw", _fit_yaw),
-    Step("validate", "validation", _validate),
-    Step("diagnose", "diagnosis", _diagnose),
-    *_of_force("surge"),
-    *_of_force("heave"),
+    *(step for motion in AXES for step in _of(motion)),
 )
 REPORT = "report"
 NAMES = (*(step.name for step in STEPS), REPORT)

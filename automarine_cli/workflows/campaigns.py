@@ -153,11 +153,10 @@ def _done(task: _Task) -> tuple[Outcome, None]:
 
 
 def _packed(task: _Task) -> _Task:
-    """The task with the bytes of its campaign: the file, its logs, a map at hand, and the results so far."""
+    """The task with the bytes of its campaign: its file, logs and what they need, and the results so far."""
     try:
         campaign = read_campaign(task.campaign)
-        logs = campaign.files("thrusters", "steps", "manoeuvres", "validation")
-        paths = [task.campaign, *(log.path for log in logs), *([campaign.map] if campaign.map else [])]
+        paths = [task.campaign, *(log.path for log in campaign.every_log()), *campaign.beside.values()]
         before = [path for path in task.out.rglob("*") if path.is_file()]
         return replace(task, parcel=packed([*paths, *before]))
     except AutomarineError as refusal:

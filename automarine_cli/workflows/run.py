@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from automarine_cli.errors import AutomarineError, OutputError, SettingError
-from automarine_cli.pipeline.manifest import MANIFEST, Input, sha256
+from automarine_cli.pipeline.manifest import MANIFEST, Input, given_as, sha256
 from automarine_cli.pipeline.outputs import json_text, refuse_unfit, result_folder
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.reuse import manifest_of, remove_results, why_made_again
@@ -190,7 +190,7 @@ def _report(
     logs = campaign.every_log()
     inputs = [Input(campaign.path.name, campaign.path, "campaign")]
     inputs += [Input(file.name, file.path) for file in logs if has_bytes(file)]
-    inputs += [] if campaign.map is None else [Input(campaign.map.name, campaign.map, "thrusters")]
+    inputs += given_as(**campaign.beside)
     why = why_made_again(out, command=COMMAND, options={}, seed=None, inputs=inputs)
     if why is None and (out / RESULT).read_text(encoding="utf-8") != json_text(content):
         why = "results of the steps changed"
