@@ -240,7 +240,7 @@ def test_thruster_commands_instead_of_a_moment(tmp_path: Path) -> None:
 
 
 def test_the_same_on_one_and_two_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("automarine_cli.runs.load.PAYS_FROM_S", 0.0)
+    monkeypatch.setattr("automarine_cli.runs.load.PAYS_FROM", 0)
     for i in range(4):
         written(replace(step_run(0.5, seed=i), name=f"r{i}"), tmp_path / f"r{i}.csv")
     (tmp_path / "bad.csv").write_text("x\n1\n")
@@ -270,7 +270,7 @@ def test_processes_are_started_only_where_they_pay(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(load, "ordered_stream", noted)
     written(step_run(0.5), tmp_path / "a.csv")
     load.load_runs([tmp_path], jobs=2)
-    monkeypatch.setattr(load, "SECONDS_A_LOG", 10.0)
+    monkeypatch.setattr(load, "PAYS_FROM", 0)
     load.load_runs([tmp_path], jobs=2)
     load.load_runs([tmp_path], jobs=1)
     assert asked == [1, 2, 1]

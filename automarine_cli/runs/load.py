@@ -27,7 +27,7 @@ from automarine_cli.runs.sense import clock_trouble
 Kept = TypeVar("Kept")
 
 MOST_REASONS = 3  # reasons shown when nothing is left
-SECONDS_A_LOG, BYTES_A_SECOND, PAYS_FROM_S = 1e-3, 1.5e8, 3.0  # of reading, on a plain machine
+PAYS_FROM = 3000  # logs from which processes are started to read them
 NAMED_APART = "another run of this campaign has the same name; the file's name was put in front"
 
 
@@ -127,9 +127,9 @@ def _gathered(
 
 
 def _paying(files: Sequence[LogFile], jobs: int) -> int:
-    """`jobs` where they pay, else one: to start processes takes longer than to read few logs."""
-    size = sum(file.path.stat().st_size for file in files if has_bytes(file)) if jobs > 1 else 0
-    return jobs if SECONDS_A_LOG * len(files) + size / BYTES_A_SECOND > PAYS_FROM_S else 1
+    """`jobs` where they pay, else one: to start processes takes longer than to read few logs, and of few large ones
+    handing over what was read takes as long as reading it."""
+    return jobs if len(files) > PAYS_FROM else 1
 
 
 def _read_trimmed(
