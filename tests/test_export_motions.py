@@ -13,7 +13,7 @@ import pytest
 from export_readers import constants_of, number_in, yaml_of
 
 from automarine_cli import exports as targets
-from automarine_cli.axes import AXES
+from automarine_cli.dofs import DOFS
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import NAMES, Origin, Settings, Written, YawSubject
 from automarine_cli.exports.frames import in_enu
@@ -27,10 +27,10 @@ PLACES = {"surge": 0, "heave": 2, "yaw": 5}
 
 def subject(motion: str, target: str, form: str, **change: Any) -> YawSubject:
     """A model with both drags and an asymmetry, in newtons."""
-    model = YawModel.base("2", MASS, [QUADRATIC, LINEAR], AXES[motion].units[1])
+    model = YawModel.base("2", MASS, [QUADRATIC, LINEAR], DOFS[motion].units.forces[1])
     settings = Settings(rigid_inertia=OWN)
     frame = targets.get(target).frames[0]
-    made = YawSubject(Origin("model.json", "0" * 64, "2"), model, frame, form, settings, axis=AXES[motion])
+    made = YawSubject(Origin("model.json", "0" * 64, "2"), model, frame, form, settings, dof=DOFS[motion])
     return YawSubject(**{**vars(made), **change})
 
 
@@ -42,7 +42,7 @@ def written(motion: str, target: str, form: str, **change: Any) -> Written:
 
 
 def test_every_motion_has_names_and_a_place_of_its_own() -> None:
-    assert set(NAMES) == set(AXES) and {name: one.index for name, one in NAMES.items()} == PLACES
+    assert set(NAMES) == set(DOFS) and {name: one.index for name, one in NAMES.items()} == PLACES
 
 
 @pytest.mark.parametrize(("motion", "linear", "absolute", "dot", "fluid"), [
@@ -102,8 +102,8 @@ def test_derivatives_have_the_motions_letters(motion: str, force: str, letter: s
 
 def test_heave_turns_over_in_enu_and_surge_does_not() -> None:
     model = subject("heave", "mss", "python").model.with_effect("bias-moment", [2.0])
-    assert in_enu(model, AXES["heave"]).terms[-1].values == (-2.0,)
-    assert in_enu(model, AXES["surge"]) == model
+    assert in_enu(model, DOFS["heave"]).terms[-1].values == (-2.0,)
+    assert in_enu(model, DOFS["surge"]) == model
 
 
 @pytest.mark.parametrize("motion", ["surge", "heave"])
@@ -152,37 +152,37 @@ def test_what_a_target_does_not_take_is_refused() -> None:
     with pytest.raises(SettingError) as problem:
         axis_of(targets.get("stonefish"), data, origin)
     assert str(problem.value) == "surge_model.json is a model of surge; --to stonefish takes models of yaw"
-    assert axis_of(targets.get("uuv"), data, origin) is AXES["surge"]
+    assert axis_of(targets.get("uuv"), data, origin) is DOFS["surge"]
 
 
 def test_a_mass_that_holds_water_is_not_a_links_mass() -> None:
     one = subject("surge", "gz-sim", "fluid-added-mass")
     with pytest.raises(SettingError) as problem:
-        refuse_inertia(targets.get("gz-sim"), None, one.model, one.axis, one.origin)
+        refuse_inertia(targets.get("gz-sim"), None, one.model, one.dof, one.origin)
     assert str(problem.value) == (
         "model.json: the identified mass, 16, holds the water that moves along; as a link's mass it would weigh on the "
         "vehicle: give the vehicle's own with --rigid-inertia"
     )
-    refuse_inertia(targets.get("mss"), None, one.model, one.axis, one.origin)
+    refuse_inertia(targets.get("mss"), None, one.model, one.dof, one.origin)
 
 
 def test_the_constant_force_of_heave_is_for_mass_and_volume() -> None:
     one = subject("heave", "uuv", "urdf")
     kept, (left,) = split(
-        targets.get("uuv"), one.model.with_effect("bias-moment", [-2.0]), one.axis, Settings()
+        targets.get("uuv"), one.model.with_effect("bias-moment", [-2.0]), one.dof, Settings()
     )
     assert kept == one.model.terms and left.name == "bias-moment"
     assert left.why == "it is the vehicle's weight less its buoyancy: set mass and volume of your model by it"
 
 
 def test_normalised_forces_need_their_size_in_newtons() -> None:
-    axis, origin = AXES["surge"], Origin("surge_model.json", "0" * 64)
+    dof, origin = DOFS["surge"], Origin("surge_model.json", "0" * 64)
     model = YawModel.base("2", 2.0, [3.0, 0.5])
     with pytest.raises(
         SettingError, match=r"its forces are normalised \(nu\) and uuv needs newtons; give .* \[N\]"
     ):
-        in_unit(targets.get("uuv"), model, axis, Settings(), origin)
-    found = in_unit(targets.get("uuv"), model, axis, Settings(newton_metres_per_nu=8.0), origin)
+        in_unit(targets.get("uuv"), model, dof, Settings(), origin)
+    found = in_unit(targets.get("uuv"), model, dof, Settings(newton_metres_per_nu=8.0), origin)
     assert (found.inertia, found.drag(), found.moment_unit) == (16.0, (4.0, 24.0), "N")
 
 

@@ -99,12 +99,12 @@ def test_a_log_of_a_descent_is_on_the_clock_of_its_depth(tmp_path: Path) -> None
     """Named together with the vertical command, the depth is the position; its own samples stay as they are."""
     columns = {"depth_m": "BAT.Volt", "n_vert": "RCOU.C3"}
     rules = ColumnMap({name: ColumnRule(source) for name, source in columns.items()})
-    table = read_log(log(tmp_path, dataflash(dive()), "dive.bin"), rules, axis=None)
-    assert table.axis.position == "depth" and len(table) == 42
+    table = read_log(log(tmp_path, dataflash(dive()), "dive.bin"), rules, dof=None)
+    assert table.dof.position == "depth" and len(table) == 42
     np.testing.assert_allclose(table.columns["depth"], dive().voltage, rtol=1e-6)
     both = rules.columns | {"n_port": ColumnRule("RCOU.C1"), "n_stbd": ColumnRule("RCOU.C2")}
-    turning = read_log(log(tmp_path, dataflash(dive()), "dive.bin"), ColumnMap(both), axis=None)
-    assert turning.axis.position == "heading" and len(turning) == 200
+    turning = read_log(log(tmp_path, dataflash(dive()), "dive.bin"), ColumnMap(both), dof=None)
+    assert turning.dof.position == "heading" and len(turning) == 200
 
 
 def test_what_was_sent_before_the_recording_paused_says_nothing_of_after(tmp_path: Path) -> None:

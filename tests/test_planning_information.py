@@ -91,8 +91,8 @@ def test_one_run_more_never_widens(fit: str) -> None:
         for i, (size, side) in enumerate(((0.3, 1), (0.6, -1), (1.2, 1), (1.0, -1)))
     ]
     told = information(fitting, runs)
-    for axis in np.eye(told.shape[1]):
-        errors = [axis @ np.linalg.inv(told[:count].sum(axis=0)) @ axis for count in (2, 3, 4)]
+    for dof in np.eye(told.shape[1]):
+        errors = [dof @ np.linalg.inv(told[:count].sum(axis=0)) @ dof for count in (2, 3, 4)]
         assert errors == sorted(errors, reverse=True)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import SAMPLE_RUNS
 
-from automarine_cli.axes import HEAVE, SURGE, YAW
+from automarine_cli.dofs import HEAVE, SURGE, YAW
 from automarine_cli.errors import LogError, RunError, SettingError
 from automarine_cli.fits.identify import identify
 from automarine_cli.logs import ColumnMap, LogFile, read_log
@@ -42,8 +42,8 @@ def log(folder: Path, header: str, *columns: np.ndarray) -> Path:
     return path
 
 
-def read(path: Path, axis: object = SURGE) -> Run:
-    (run,) = load_runs([path], axis=axis).runs  # type: ignore[arg-type]
+def read(path: Path, dof: object = SURGE) -> Run:
+    (run,) = load_runs([path], dof=dof).runs  # type: ignore[arg-type]
     return run
 
 
@@ -55,7 +55,7 @@ def test_a_position_of_many_metres_is_not_wrapped(tmp_path: Path) -> None:
     distance, force = 8.0 * way(), np.where(np.arange(100) < 20, 0.0, 4.0)
     run = read(log(tmp_path, "distance_m,force_X_N,surge_m_s", distance, force, distance * 0))
     np.testing.assert_allclose(run.heading, distance, atol=1e-4)
-    assert (run.axis, run.moment_unit) == (SURGE, "N") and set(run.extras) == {"surge"}
+    assert (run.dof, run.moment_unit) == (SURGE, "N") and set(run.extras) == {"surge"}
 
 
 def test_a_spike_of_a_turn_in_metres_is_a_spike() -> None:
@@ -70,22 +70,22 @@ def test_a_log_of_both_is_read_as_asked(tmp_path: Path) -> None:
     path = log(
         tmp_path, "heading_deg,tau,depth_m,force_Z_N", way() * 100, way() * 0 + 1, way(), way() * 0 + 5
     )
-    as_yaw, as_heave = (read_log(LogFile(path, "log.csv", True), axis=axis) for axis in (YAW, HEAVE))
+    as_yaw, as_heave = (read_log(LogFile(path, "log.csv", True), dof=dof) for dof in (YAW, HEAVE))
     assert "depth_m" in as_yaw.extras and as_yaw.moment_unit == "nu"
     assert set(as_heave.columns) == {"time", "depth", "force_Z"} and as_heave.moment_unit == "N"
-    assert read_log(LogFile(path, "log.csv", True), axis=None).axis is YAW
+    assert read_log(LogFile(path, "log.csv", True), dof=None).dof is YAW
 
 
-@pytest.mark.parametrize(("axis", "header", "force"), [
+@pytest.mark.parametrize(("dof", "header", "force"), [
     (SURGE, "distance_m,n_port,n_stbd", 0.002 * 60**2 - 0.001 * 20**2), (HEAVE, "depth_m,n_vert", 0.002 * 60**2),
 ])  # fmt: skip
-def test_thrusters_push_together(tmp_path: Path, axis: object, header: str, force: float) -> None:
+def test_thrusters_push_together(tmp_path: Path, dof: object, header: str, force: float) -> None:
     commands = [np.full(100, 60.0), np.full(100, -20.0)][: header.count("n_")]
-    run = read(log(tmp_path, header, way(), *commands), axis)
+    run = read(log(tmp_path, header, way(), *commands), dof)
     assert run.moment is None
     driven = drive_run_by_thrusters(run, MAP, 1.0)
     assert driven.moment_unit == "N" and np.allclose(driven.command, force)
-    bare = Run("a", "b", run.time, run.heading, None, "", axis=run.axis)
+    bare = Run("a", "b", run.time, run.heading, None, "", dof=run.dof)
     with pytest.raises(RunError, match="no thruster command"):
         drive_run_by_thrusters(bare, MAP, 1.0)
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_runs import mirrored, step_run
 
-from automarine_cli.axes import YAW
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
 from automarine_cli.runs import clean as room

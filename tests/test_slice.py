@@ -157,7 +157,7 @@ def test_a_log_of_another_motion_is_cut_by_its_force(tmp_path: Path) -> None:
     made = am.slice_log(tmp_path / "dive.csv", by="moment", out=tmp_path / "out")
     assert [(cut.rows, cut.state) for cut in made.cuts] == [((12, 71), "+4")]
     (back,) = find_logs([tmp_path / "out/runs"])
-    table = read_log(back, axis=None)
+    table = read_log(back, dof=None)
     np.testing.assert_array_equal(table.columns["depth"], frame.depth_m[10:])
     np.testing.assert_array_equal(table.columns["force_Z"], force[10:])
     assert back.path.read_text().splitlines()[1] == "time_s,depth_m,force_Z_N"

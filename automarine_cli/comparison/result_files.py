@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from automarine_cli.axes import AXES, YAW
 from automarine_cli.comparison.side_by_side import Side
+from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.fits.estimate import Estimate
 
 SYMBOLS = {"k_rr": "k_r|r|", "k_r": "k_r", "I_r": "I_r"}
@@ -17,17 +17,17 @@ def side(name: str, data: Mapping[str, Any], models: Sequence[str]) -> Side:
     Raises KeyError, TypeError, ValueError or AttributeError for a file that automarine did not write so.
     """
     schema = str(data["schema"])
-    axis = AXES[str(data.get("motion", YAW.name))]
-    data = axis.plain(data)
-    if schema.startswith(f"automarine/{axis.name}-model/"):
+    dof = DOFS[str(data.get("motion", YAW.name))]
+    data = dof.plain(data)
+    if schema.startswith(f"automarine/{dof.name}-model/"):
         parameters, facts = _yaw(data, models)
     elif schema.startswith("automarine/thruster-map/"):
         parameters, facts = _thrusters(data)
     else:
         parameters, facts = _diagnosis(data)
-    if not axis.wraps:
-        parameters = {axis.say(key): one for key, one in parameters.items()}
-        facts = {axis.say(key): fact for key, fact in facts.items()}
+    if not dof.wraps:
+        parameters = {dof.say(key): one for key, one in parameters.items()}
+        facts = {dof.say(key): fact for key, fact in facts.items()}
     return Side(name, parameters, facts, int(data["runs"]["used"]))
 
 

@@ -57,7 +57,7 @@ def suggest(study: Study, final: Trial, rival: Trial, name: str, rival_name: str
     sigma = sigmas[kind]
     if sigma < TELLS:
         sentence = (
-            f"{study.base.axis.say(NOT_TELLING)} "
+            f"{study.base.dof.say(NOT_TELLING)} "
             f"(the best of them, {kind}, parts {name} from {rival_name} by {sigma:.1f} sigma)"
         )
     else:
@@ -101,12 +101,12 @@ def extra_runs(study: Study) -> dict[str, Run]:
     )
     large, middle, small = float(sizes.max()), float(np.median(sizes)), float(sizes.min())
     period = float(np.median([run.sample_period for run in study.runs]))
-    unit, axis = study.base.moment_unit, study.base.axis
+    unit, dof = study.base.moment_unit, study.base.dof
     start, clock = _next_start(study), max(float(run.time[-1]) for run in study.runs) + 60.0
     inertia, (k_r, k_rr) = study.base.inertia, study.base.drag()
     rate = max(float(steady_rate(large, k_r, k_rr)), 1e-3)
     turn = float(np.clip(6.0 * inertia * rate / large, TURN, LONGEST / 3))
-    long = float(np.clip((LONG_TURN if axis.wraps else LONG_WAY) / rate, turn, LONGEST))
+    long = float(np.clip((LONG_TURN if dof.wraps else LONG_WAY) / rate, turn, LONGEST))
     low = max(min(small, 0.5 * middle), 0.02 * large)
 
     def run(
@@ -118,7 +118,7 @@ def extra_runs(study: Study) -> dict[str, Run]:
             key: np.full(len(t), float(np.mean([np.mean(r.extras[key]) for r in study.runs])))
             for key in study.signals
         }
-        return Run(name, "extra", t + at, psi, np.asarray(command(t), dtype=float), unit, extras, axis=axis)
+        return Run(name, "extra", t + at, psi, np.asarray(command(t), dtype=float), unit, extras, dof=dof)
 
     def step(tau: float, end: float, after: float = 0.0) -> Command:
         return lambda t: np.where(t < REST, 0.0, np.where(t < REST + end, tau, after))
@@ -140,8 +140,8 @@ def extra_runs(study: Study) -> dict[str, Run]:
         ),
         "a rest record of 60 s with the thrusters idle": run("rest", 60.0, lambda t: 0.0 * t),
     }
-    if not axis.wraps:
-        kinds = {axis.say(kind): one for kind, one in kinds.items() if "start heading" not in kind}
+    if not dof.wraps:
+        kinds = {dof.say(kind): one for kind, one in kinds.items() if "start heading" not in kind}
     if "voltage" in study.signals:
         low_run = run("voltage", REST + turn, step(large, turn))
         volts = LOW_VOLTAGE * low_run.extras["voltage"]
@@ -185,19 +185,19 @@ def general_advice(study: Study, detectable: Mapping[str, float]) -> tuple[str, 
         advice.append("Add two coast-downs: they part a dead-band from Coulomb drag and show thrust loss.")
     if reversals < 2:
         advice.append("Add two reversals at full moment: lags, delay and swirl show most there.")
-    axis = study.base.axis
-    if even > 0.7 and axis.wraps:
+    dof = study.base.dof
+    if even > 0.7 and dof.wraps:
         advice.append("Start runs from other headings: a compass and a current show only against heading.")
     if len(sides - {0.0}) < 2:
         advice.append(
             "Turn to both sides: asymmetry and bias need the other sign."
-            if axis.wraps
+            if dof.wraps
             else "Go both ways: asymmetry and bias need the other sign."
         )
     if rests == 0:
         advice.append("Add one rest record of a minute: bias, current and gyro drift show without any model.")
     if not study.signals:
         advice.append("Log the supply voltage: without it a sag is told from drag only by chance.")
-    return tuple(axis.say(line) for line in advice) or (
+    return tuple(dof.say(line) for line in advice) or (
         "The campaign has every kind of run; more of the same narrows the intervals.",
     )

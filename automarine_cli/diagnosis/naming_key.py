@@ -97,7 +97,7 @@ def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
     first_step, moment = first_steps(study)
     drag = slice(1, len(study.base.theta))
     weight = np.where(problem.positive[drag], 1.0, base.fit.theta[drag])  # all drag terms by the same factor
-    if study.base.axis.constant:
+    if study.base.dof.has_constant:
         own_force = [study.base.parameter_names[1:].index("b")]
         weight[own_force] = 0.0
     scale = problem.effects.scale.copy()

@@ -53,7 +53,7 @@ class Study:
     @cached_property
     def time(self) -> Floats:
         """Time of each sample since the run's first one [s], (R, N), also while somebody held the vehicle."""
-        if not self.base.axis.constant:
+        if not self.base.dof.has_constant:
             return self.batch.time
         time = np.zeros(self.batch.seen.shape)
         for row, run in zip(time, self.runs):

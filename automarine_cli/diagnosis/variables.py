@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
 from automarine_cli.diagnosis.study import Study
+from automarine_cli.dofs import Dof
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class Column:
 def columns(study: Study, fitted: Floats) -> list[Column]:
     """Every variable of the runs of `study`; `fitted` (R, N) are headings smooth enough to differentiate [rad]."""
     batch = study.batch
-    seen, time, axis = batch.seen, study.time, study.base.axis
+    seen, time, dof = batch.seen, study.time, study.base.dof
     moment = commanded(study)
     start = np.array([float(np.median(run.heading[:5])) for run in study.runs])
     measured = np.where(seen, batch.heading, np.nan)
@@ -52,13 +52,13 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
     found = [
         Column("time-since-command-change", "s", _since_change(moment, time)),
         Column("time-in-run", "s", time),
-        Column("turned-angle", axis.unit, axis.shown(fitted - fitted[:, :1])),
-        Column("heading", axis.unit, _once_round(axis.shown(measured), axis)),
-        Column("yaw-rate", f"{axis.unit}/s", axis.shown(rates(fitted, time, seen))),
+        Column("turned-angle", dof.units.shown, dof.shown(fitted - fitted[:, :1])),
+        Column("heading", dof.units.shown, _once_round(dof.shown(measured), dof)),
+        Column("yaw-rate", f"{dof.units.shown}/s", dof.shown(rates(fitted, time, seen))),
         Column("moment", study.base.moment_unit, moment),
         Column("moment", study.base.moment_unit, of_runs(study)),
         Column("moment-size", study.base.moment_unit, np.abs(of_runs(study))),
-        Column("start-heading", axis.unit, _once_round(axis.shown(start), axis)),
+        Column("start-heading", dof.units.shown, _once_round(dof.shown(start), dof)),
         Column("run-order", "", order),
         Column("campaign-clock", "s", clock),
     ]
@@ -67,7 +67,7 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
         values = np.full(seen.shape, np.nan)
         for row, run in zip(values, study.runs):
             row[: len(run)] = run.extras[name]
-        scale = axis.shown(1.0) if name == "yaw_rate" else 1.0
+        scale = dof.shown(1.0) if name == "yaw_rate" else 1.0
         found.append(_of_run_or_sample(name.replace("_", "-"), UNITS.get(name, ""), scale * values))
     columns_ = [
         Column(c.name, c.unit, c.values if c.of_the_run else np.where(seen, c.values, np.nan)) for c in found
@@ -79,9 +79,9 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
     return list(kept.values())
 
 
-def _once_round(shown: Floats, axis: Axis) -> Floats:
+def _once_round(shown: Floats, dof: Dof) -> Floats:
     """Headings within a turn; positions that never come back as they are."""
-    return shown % 360.0 if axis.wraps else shown
+    return shown % 360.0 if dof.wraps else shown
 
 
 def of_runs(study: Study) -> Floats:

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from automarine_cli import effects
-from automarine_cli.axes import YAW, Axis
 from automarine_cli.diagnosis.gap import Gap, residuals
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Trial
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import estimate_of
 from automarine_cli.fits.whole_runs import varying_terms
@@ -122,7 +122,7 @@ def parameter_estimates(study: Study, trial: Trial, name: str) -> dict[str, Esti
     for term in trial.model.terms:
         for parameter in effects.get(term.name).parameters:
             if term.name == name:
-                unit = parameter.unit_for(trial.model.moment_unit, trial.model.axis)
+                unit = parameter.unit_for(trial.model.moment_unit, trial.model.dof)
                 found[parameter.name] = estimate_of(trial.fit, covariance, at, unit)
             at += 1
     for i, varying in enumerate(varying_terms(trial.model)):
@@ -143,11 +143,11 @@ def base_estimates(study: Study, trial: Trial) -> dict[str, Estimate]:
     """Estimates of inertia and the base model's drag."""
     covariance = study.covariance(trial.model, trial.fit)
     found = {
-        "I_r": estimate_of(trial.fit, covariance, 0, study.base.axis.unit_of("I_r", trial.model.moment_unit))
+        "I_r": estimate_of(trial.fit, covariance, 0, study.base.dof.unit_of("I_r", trial.model.moment_unit))
     }
     for term in study.base.terms:
         own = parameter_estimates(study, trial, term.name)
-        if not study.base.axis.wraps:  # the constant force is the first b
+        if not study.base.dof.wraps:  # the constant force is the first b
             own = {name: one for name, one in own.items() if name not in found}
         found |= own
     return found
@@ -175,22 +175,22 @@ def named_effects(
             NamedRival(
                 rival.name,
                 weight * float(np.exp(-0.5 * rival.behind)),
-                split_by.get((name, rival.name), study.base.axis.say(effects.get(name).separated_by)),
+                split_by.get((name, rival.name), study.base.dof.say(effects.get(name).separated_by)),
             )
             for rival in own
         )
         sure = weight * (1.0 - found.p_values.get(name, LEVEL))
         parameters = parameter_estimates(study, found.final, name)
         p_value = found.p_values.get(name, LEVEL)
-        says = study.base.axis.say(effects.get(name).says)
+        says = study.base.dof.say(effects.get(name).says)
         named.append(NamedEffect(name, says, parameters, sure, p_value, rivals))
     return tuple(named)
 
 
-def gap_json(gap: Gap, axis: Axis = YAW) -> dict[str, float]:
+def gap_json(gap: Gap, dof: Dof = YAW) -> dict[str, float]:
     """The contract's form, in degrees."""
     return {
-        "before_deg": float(axis.shown(gap.before)),
-        "after_deg": float(axis.shown(gap.after)),
-        "noise_floor_deg": float(axis.shown(gap.floor)),
+        "before_deg": float(dof.shown(gap.before)),
+        "after_deg": float(dof.shown(gap.after)),
+        "noise_floor_deg": float(dof.shown(gap.floor)),
     }

@@ -14,11 +14,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW, Axis
 from automarine_cli.diagnosis.bins import Variable, of_runs, of_samples, over_variables
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.variables import Column, columns, direction
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram
 from automarine_cli.fits.mixed_model import derivatives
@@ -48,12 +48,12 @@ class Region:
     share: float
     seen_in: str
 
-    def to_json(self, axis: Axis = YAW) -> dict[str, object]:
+    def to_json(self, dof: Dof = YAW) -> dict[str, object]:
         """The contract's form, in degrees; for a translation in its words, still under yaw's keys."""
         return {
-            "variable": axis.say(self.variable), "from": self.low, "to": self.high, "unit": self.unit,
-            "gap_deg": float(axis.shown(self.gap)), "p_value": self.p_value, "runs": list(self.runs),
-            "share": self.share, "seen_in": axis.say(self.seen_in),
+            "variable": dof.say(self.variable), "from": self.low, "to": self.high, "unit": self.unit,
+            "gap_deg": float(dof.shown(self.gap)), "p_value": self.p_value, "runs": list(self.runs),
+            "share": self.share, "seen_in": dof.say(self.seen_in),
         }  # fmt: skip
 
 
@@ -78,13 +78,13 @@ class Where:
     seen: NDArray[np.bool_]
     floor: float
     moment_unit: str
-    axis: Axis = YAW
+    dof: Dof = YAW
 
 
 def find_where(study: Study, base: Trial, seed: int) -> Where:
     """Look at the gap of `base` on the runs of `study` against every variable; `seed` draws the signs."""
     residual, moment = gaps(study, base)
-    batch, axis = study.batch, study.base.axis
+    batch, dof = study.batch, study.base.dof
     raw = without_gains(study, base)
     fitted = np.where(batch.seen, batch.heading - residual, 0.0)
     sign = np.where(batch.seen, direction(study), 0.0)
@@ -93,8 +93,8 @@ def find_where(study: Study, base: Trial, seed: int) -> Where:
     drawn = random.random((PERMUTATIONS, len(study.runs)))
     found: list[tuple[Column, Variable, Floats]] = []
     kinds = {
-        "heading": (axis.unit, axis.shown(residual)),
-        "thrust": (axis.unit, axis.shown(raw)),
+        "heading": (dof.units.shown, dof.shown(residual)),
+        "thrust": (dof.units.shown, dof.shown(raw)),
         "moment": (study.base.moment_unit, moment),
     }
     for column in columns(study, fitted):
@@ -126,7 +126,7 @@ def find_where(study: Study, base: Trial, seed: int) -> Where:
         seen=batch.seen,
         floor=study.floor,
         moment_unit=study.base.moment_unit,
-        axis=axis,
+        dof=dof,
     )
 
 

@@ -27,7 +27,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 
 Floats = NDArray[np.float64]
 
@@ -83,9 +83,9 @@ class Parameter:
         power = 0.5 if self.unit.startswith("({moment})^1/2") else 1.0 if "{moment}" in self.unit else 0.0
         return float(value * largest**power)
 
-    def unit_for(self, moment_unit: str, axis: Axis = YAW) -> str:
+    def unit_for(self, moment_unit: str, dof: Dof = YAW) -> str:
         """Unit in print for logs whose moment, or force, is in `moment_unit`."""
-        return axis.unit_in(self.unit, moment_unit)
+        return dof.unit_in(self.unit, moment_unit)
 
 
 @dataclass(slots=True)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from automarine_cli import __version__, effects
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.models.yaw_model import YawModel
 
@@ -100,7 +100,7 @@ class Origin:
 class YawSubject:
     """A model to be written: already in the file's frame and moment unit, with what the target carries alone.
 
-    `axis` is its motion; `data` is the model file's content under yaw's keys, for a card; `logs` are name and hash of
+    `dof` is its motion; `data` is the model file's content under yaw's keys, for a card; `logs` are name and hash of
     the logs it was fitted to, None where that is not known.
     """
 
@@ -110,7 +110,7 @@ class YawSubject:
     form: str
     settings: Settings
     left_out: tuple[LeftOut, ...] = ()
-    axis: Axis = YAW
+    dof: Dof = YAW
     data: Mapping[str, Any] | None = None
     logs: tuple[tuple[str, str], ...] | None = None
 
@@ -126,7 +126,7 @@ class YawSubject:
     def equation_of(self, effect: str) -> str:
         """An effect's equation in the letters of the motion and in letters of ASCII."""
         text = plain(effects.get(effect).equation)
-        return self.names.said(re.sub(r"\bk_r+\b", lambda one: self.axis.key(one[0]), text))
+        return self.names.said(re.sub(r"\bk_r+\b", lambda one: self.dof.key(one[0]), text))
 
     @property
     def inertias(self) -> tuple[float, float]:
@@ -137,12 +137,12 @@ class YawSubject:
     @property
     def names(self) -> Names:
         """What the field calls the motion."""
-        return NAMES[self.axis.name]
+        return NAMES[self.dof.name]
 
     @property
     def unit(self) -> str:
         """Unit of inertia, in plain letters."""
-        return plain(self.axis.unit_of("I_r", self.model.moment_unit))
+        return plain(self.dof.unit_of("I_r", self.model.moment_unit))
 
     def about_inertia(self) -> str:
         """The sentence on how the inertia is told."""
@@ -158,7 +158,7 @@ class YawSubject:
     def about_entries(self) -> str:
         """The sentence on what was not identified, for vectors and matrices of all six motions."""
         return (
-            f"Only the entries of {self.axis.name} (the {self.names.place} ones) are identified: all others are "
+            f"Only the entries of {self.dof.name} (the {self.names.place} ones) are identified: all others are "
             "placeholders; merge with the values of your model."
         )
 
@@ -239,7 +239,7 @@ def head(subject: YawSubject | MapSubject, equation: str, notes: Iterable[str]) 
     ]
     if isinstance(subject, YawSubject):
         unit, rate = subject.model.moment_unit, subject.names.rate
-        lines.append(f"Units: {subject.axis.say('moment')} {unit}, rate {rate}, inertia {subject.unit}.")
+        lines.append(f"Units: {subject.dof.say('moment')} {unit}, rate {rate}, inertia {subject.unit}.")
         lines += [f"Left out: {one.name}: {one.why}." for one in subject.left_out]
     return [line.encode("ascii", "backslashreplace").decode("ascii") for line in (*lines, *notes)]
 

@@ -33,10 +33,10 @@ def write(subject: YawSubject) -> Written:
     data = subject.data or {}
     entry = _mapping(_mapping(data.get("models")).get(subject.origin.number))
     parts = [
-        f"# Model of {subject.axis.name}: {_code(subject.origin.file)}\n",
+        f"# Model of {subject.dof.name}: {_code(subject.origin.file)}\n",
         f"Model {subject.origin.number} of the file, written by automarine {__version__}. SHA-256 of the file: "
         f"{subject.origin.sha256}.\n",
-        f"- Unit of {subject.axis.say('moment')}: {subject.model.moment_unit}\n"
+        f"- Unit of {subject.dof.say('moment')}: {subject.model.moment_unit}\n"
         f"- Frame: {FRAMES[subject.frame]}\n- {_signs(subject)}\n",
         "## Parameters\n",
         Table("", HEADER, tuple(_rows(subject, entry, data))).to_markdown(),
@@ -56,7 +56,7 @@ def write(subject: YawSubject) -> Written:
 
 
 def _signs(subject: YawSubject) -> str:
-    names, moments = subject.names, subject.axis.say("moments")
+    names, moments = subject.names, subject.dof.say("moments")
     return names.said(
         f"Signs: {names.inertia} r' = {names.force} + the {moments} of the effects; drag coefficients are positive and "
         f"act against the rate r. {names.inertia} is the sum of rigid and added inertia."
@@ -67,9 +67,9 @@ def _rows(
     subject: YawSubject, entry: Mapping[str, Any], data: Mapping[str, Any]
 ) -> Iterator[tuple[str, ...]]:
     """One row a parameter; uncertainties turn with the frame and the unit as the values do."""
-    factor, axis = subject.settings.newton_metres_per_nu or 1.0, subject.axis
+    factor, dof = subject.settings.newton_metres_per_nu or 1.0, subject.dof
     inertia = [x * factor for x in _told(entry.get("I_r"))]
-    unit = axis.unit_of("I_r", subject.model.moment_unit)
+    unit = dof.unit_of("I_r", subject.model.moment_unit)
     yield _row(subject.names.inertia, "rigid and added together", inertia, unit)
     added = data.get("effects")
     found = {_mapping(one).get("name"): _mapping(one) for one in added} if isinstance(added, list) else {}
@@ -82,7 +82,7 @@ def _rows(
         for i, p in enumerate(parameters):
             value = term.values[i]
             spread, ends = abs(told[1][i]), sorted((told[2][i], told[3][i]))
-            name = f"{term.name} {axis.key(p.name)}"
+            name = f"{term.name} {dof.key(p.name)}"
             yield _row(name, _meaning(subject, p, value), [value, spread, *ends], _unit(subject, p))
 
 
@@ -91,7 +91,7 @@ def _turned(subject: YawSubject, term: Term, column: list[float]) -> tuple[float
     model = YawModel(1.0, (Term(term.name, tuple(column)),))
     if subject.settings.newton_metres_per_nu is not None:
         model = in_newton_metres(model, subject.settings.newton_metres_per_nu)
-    return (in_enu(model, subject.axis) if subject.frame == "ENU" else model).terms[0].values
+    return (in_enu(model, subject.dof) if subject.frame == "ENU" else model).terms[0].values
 
 
 def _told(estimate: object, value: float = 0.0) -> list[float]:
@@ -116,11 +116,11 @@ def _row(name: str, meaning: str, told: list[float], unit: str) -> tuple[str, ..
 
 def _meaning(subject: YawSubject, parameter: Parameter, value: float) -> str:
     law = f": {parameter.choices[int(value)]}" if parameter.choices else ""
-    return subject.axis.say(parameter.meaning) + law
+    return subject.dof.say(parameter.meaning) + law
 
 
 def _unit(subject: YawSubject, parameter: Parameter) -> str:
-    return subject.axis.unit_in(parameter.unit, subject.model.moment_unit)
+    return subject.dof.unit_in(parameter.unit, subject.model.moment_unit)
 
 
 def _covariance(subject: YawSubject, entry: Mapping[str, Any]) -> str:
@@ -141,9 +141,9 @@ def _range(subject: YawSubject, data: Mapping[str, Any]) -> str:
     if len(moments) != 2:
         return f"{NO_RANGE}\n"
     factor = subject.settings.newton_metres_per_nu or 1.0
-    sign = -1.0 if subject.frame == "ENU" and subject.axis.name != "surge" else 1.0
+    sign = -1.0 if subject.frame == "ENU" and subject.dof.name != "surge" else 1.0
     low, high = sorted(sign * factor * x for x in moments)
-    moment = subject.axis.say("moment")
+    moment = subject.dof.say("moment")
     lines = [f"- {moment}: {number(low)} to {number(high)} {subject.model.moment_unit}"]
     if len(rates) == 2:
         low, high = sorted(sign * x for x in rates)
@@ -154,7 +154,7 @@ def _range(subject: YawSubject, data: Mapping[str, Any]) -> str:
 
 
 def _effects(subject: YawSubject) -> str:
-    said = {name: subject.axis.say(effects.get(name).says) for name in subject.values}
+    said = {name: subject.dof.say(effects.get(name).says) for name in subject.values}
     lines = [f"- {name}: {_code(subject.equation_of(name))}. {says}" for name, says in said.items()]
     lines += [f"- left out: {one.name}: {one.why}" for one in subject.left_out]
     return "\n".join(lines) + "\n"

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from automarine_cli import effects
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.effects.base import EVEN, ODD
 from automarine_cli.errors import ModelError
 from automarine_cli.models.yaw_model import Term, YawModel
@@ -26,12 +26,12 @@ MIXED: dict[str, Callable[[Values], Values]] = {
 """Effects of which a mirror negates some parameters."""
 
 
-def in_enu(model: YawModel, axis: Axis = YAW) -> YawModel:
+def in_enu(model: YawModel, dof: Dof = YAW) -> YawModel:
     """The model, given in NED, for yaw angle, rate and moment (or another motion's) in ENU; its own inverse.
 
     Raises ModelError for an effect whose mirror image nobody has written down here.
     """
-    if axis.name == "surge":
+    if dof.name == "surge":
         return model
     return replace(model, terms=tuple(_mirrored(term) for term in model.terms))
 

@@ -22,7 +22,7 @@ TAGS = {"yaw": ("nR", "rr", "izz"), "surge": ("xU", "xx", "mass"), "heave": ("zW
 def write(subject: YawSubject) -> Written:
     """The SDF text. Raises SettingError where the added inertia would make the simulation unstable."""
     rigid, added = subject.inertias
-    linear, entry, own = TAGS[subject.axis.name]
+    linear, entry, own = TAGS[subject.dof.name]
     dot, rate = f"{linear[0]}Dot{linear[1]}", linear[1]
     if subject.form == DERIVATIVE and added >= rigid:
         raise SettingError(
@@ -43,7 +43,7 @@ def write(subject: YawSubject) -> Written:
     fluid = f"        <fluid_added_mass>\n          <{entry}>{number(added)}</{entry}>\n        </fluid_added_mass>\n"
     notes = (
         subject.about_inertia(),
-        f"No axis but {subject.axis.name} is identified: the other entries are placeholders; merge with the values of "
+        f"No axis but {subject.dof.name} is identified: the other entries are placeholders; merge with the values of "
         f"your model. Needs a gz-sim that reads {linear}abs{rate} (since 2023) and, for fluid_added_mass, the DART "
         "engine.",
     )

@@ -19,7 +19,7 @@ from automarine_cli.exports.base import (
 
 def write(subject: YawSubject) -> Written:
     """The YAML text."""
-    index, yaw = subject.names.index, subject.axis.name == "yaw"
+    index, yaw = subject.names.index, subject.dof.name == "yaw"
     notes = (subject.about_inertia(), subject.about_entries())
     rigid, added = subject.inertias
     linear, quadratic = subject.value("linear-drag"), subject.value("quadratic-drag")

@@ -26,7 +26,7 @@ def write(subject: YawSubject) -> Written:
     """The Python or MATLAB text."""
     force, r = subject.names.force, subject.names.rate_letter
     rigid, added = subject.inertias
-    own = "I_z" if subject.axis.name == "yaw" else "m"
+    own = "I_z" if subject.dof.name == "yaw" else "m"
     terms = {
         "linear-drag": (f"{force}_{r}", r, "linear damping"),
         "quadratic-drag": (f"{force}_{r}{r}", f"|{r}| {r}", "quadratic damping"),
@@ -40,10 +40,10 @@ def write(subject: YawSubject) -> Written:
     for effect, (name, factor, told) in terms.items():
         if effect in DRAG or effect in subject.values:
             value = subject.value(effect) if effect == "bias-moment" else -subject.value(effect)
-            unit = subject.axis.unit_in(effects.get(effect).parameters[0].unit, subject.model.moment_unit)
+            unit = subject.dof.unit_in(effects.get(effect).parameters[0].unit, subject.model.moment_unit)
             rows.append((name, value, plain(unit), told))
             equation += f" + {name} {factor}".rstrip()
-    moment = subject.axis.say("moment")
+    moment = subject.dof.say("moment")
     signs = f"Signs: derivatives of the hydrodynamic {moment}; damping and added inertia are negative."
     notes = (signs, subject.about_inertia())
     sign, end = ("%", ";") if subject.form == "matlab" else ("#", "")

@@ -6,7 +6,7 @@ from typing import Any
 
 from automarine_cli import effects
 from automarine_cli import exports as targets
-from automarine_cli.axes import AXES, YAW, Axis
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import DRAG, LeftOut, Origin, Settings, Target
 from automarine_cli.exports.units import in_newton_metres
@@ -23,45 +23,45 @@ WHY = {
 }
 
 
-def in_unit(target: Target, model: YawModel, axis: Axis, settings: Settings, origin: Origin) -> YawModel:
+def in_unit(target: Target, model: YawModel, dof: Dof, settings: Settings, origin: Origin) -> YawModel:
     """The model in the target's unit of moment. Raises SettingError where its size is not told, or told twice."""
-    factor, unit = settings.newton_metres_per_nu, axis.units[1]
-    full = "newton metres" if axis.levered else "newtons"
+    factor, unit = settings.newton_metres_per_nu, dof.units.forces[1]
+    full = "newton metres" if dof.levered else "newtons"
     if model.moment_unit == unit and factor is not None:
         raise SettingError(
             f"{origin.file} is in {full} already; --newton-metres-per-nu is for the unit nu, so leave it out"
         )
     if model.moment_unit == "nu" and target.si and factor is None:
         raise SettingError(
-            f"{origin.file}: its {axis.say('moments')} are normalised (nu) and {target.name} needs {full}; give "
-            f"--newton-metres-per-nu with the {axis.say('moment')} [{unit}] that one nu stands for, as a bollard test "
-            f"{'and the thrusters' + chr(39) + ' arm tell' if axis.levered else 'tells'} it"
+            f"{origin.file}: its {dof.say('moments')} are normalised (nu) and {target.name} needs {full}; give "
+            f"--newton-metres-per-nu with the {dof.say('moment')} [{unit}] that one nu stands for, as a bollard test "
+            f"{'and the thrusters' + chr(39) + ' arm tell' if dof.levered else 'tells'} it"
         )
     return model if factor is None else in_newton_metres(model, factor, unit)
 
 
-def axis_of(target: Target, data: Mapping[str, Any], origin: Origin) -> Axis:
+def axis_of(target: Target, data: Mapping[str, Any], origin: Origin) -> Dof:
     """The motion of a model file. Raises SettingError for one that the target does not take."""
     schema = str(data.get("schema", ""))
-    axis = next((one for name, one in AXES.items() if schema.startswith(f"automarine/{name}-model/")), YAW)
-    if axis.name not in target.axes:
+    dof = next((one for name, one in DOFS.items() if schema.startswith(f"automarine/{name}-model/")), YAW)
+    if dof.name not in target.axes:
         raise SettingError(
-            f"{origin.file} is a model of {axis.name}; --to {target.name} takes models of {listed(target.axes)}"
+            f"{origin.file} is a model of {dof.name}; --to {target.name} takes models of {listed(target.axes)}"
         )
-    return axis
+    return dof
 
 
 def split(
-    target: Target, model: YawModel, axis: Axis, settings: Settings
+    target: Target, model: YawModel, dof: Dof, settings: Settings
 ) -> tuple[tuple[Term, ...], tuple[LeftOut, ...]]:
     """Terms that the target carries, and the others; an effect that is switched off is nobody's loss."""
     live = [term for term in _merged(model.terms) if _matters(term)]
-    kept = tuple(term for term in live if not _why_not(target, term, axis, settings))
+    kept = tuple(term for term in live if not _why_not(target, term, dof, settings))
     lost = (term for term in live if term not in kept)
-    return kept, tuple(LeftOut(term.name, _why_not(target, term, axis, settings)) for term in lost)
+    return kept, tuple(LeftOut(term.name, _why_not(target, term, dof, settings)) for term in lost)
 
 
-def _why_not(target: Target, term: Term, axis: Axis, settings: Settings) -> str:
+def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
     """Why the target cannot carry a term; empty where it can."""
     effect = effects.get(term.name)
     carried = target.carries_with(settings) if target.carries_with else target.carries
@@ -70,7 +70,7 @@ def _why_not(target: Target, term: Term, axis: Axis, settings: Settings) -> str:
     if term.name in carried:
         return ""
     named = WHY_NAMED | dict(target.why)
-    if axis.constant and term.name == "bias-moment":
+    if dof.has_constant and term.name == "bias-moment":
         return WHY_CONSTANT
     if term.name in named:
         return named[term.name]
@@ -103,9 +103,9 @@ def cannot(target: Target, left_out: tuple[LeftOut, ...], origin: Origin) -> str
     )
 
 
-def refuse_inertia(target: Target, rigid: float | None, model: YawModel, axis: Axis, origin: Origin) -> None:
+def refuse_inertia(target: Target, rigid: float | None, model: YawModel, dof: Dof, origin: Origin) -> None:
     """Raise SettingError for a rigid inertia that is no part of the total, or for none where it is the mass."""
-    if rigid is None and target.si and not axis.levered:
+    if rigid is None and target.si and not dof.levered:
         raise SettingError(
             f"{origin.file}: the identified mass, {model.inertia:.4g}, holds the water that moves along; as a "
             "link's mass it would weigh on the vehicle: give the vehicle's own with --rigid-inertia"

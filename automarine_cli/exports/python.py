@@ -59,7 +59,7 @@ def write(subject: YawSubject) -> Written:
         head=commented(head(subject, equation(subject), ()), "#"),
         constants=inertia(subject) + "".join(constants(subject, term) for term in terms),
         start=in_letters(subject, "psi0=0.0, r0=0.0"),
-        position=subject.axis.say("heading").capitalize(),
+        position=subject.dof.say("heading").capitalize(),
         its_unit=subject.names.position,
         rate_unit=subject.names.rate,
         unit=subject.model.moment_unit,
@@ -96,8 +96,8 @@ def total(moments: list[str]) -> list[str]:
 
 def in_letters(subject: YawSubject, text: str) -> str:
     """Code or an equation of yaw with what the motion has for psi, r, N and moment."""
-    names, moment = subject.names, subject.axis.say("moment")
-    own = {"psi": POSITIONS[subject.axis.name], "r": names.rate_letter, "N": names.force, "moment": moment}
+    names, moment = subject.names, subject.dof.say("moment")
+    own = {"psi": POSITIONS[subject.dof.name], "r": names.rate_letter, "N": names.force, "moment": moment}
     return re.sub(r"\b(psi|r|N|moment)(0?)\b", lambda one: own[one[1]] + one[2], text)
 
 
@@ -145,14 +145,14 @@ def constants(subject: YawSubject, term: Term) -> str:
         (
             constant(subject, term, p),
             number(value),
-            subject.axis.unit_in(p.unit, subject.model.moment_unit),
+            subject.dof.unit_in(p.unit, subject.model.moment_unit),
             p.meaning,
         )
         for p, value in zip(effects.get(term.name).parameters, term.values)
         if not p.choices
     )
     return "".join(
-        f"{name} = {value}  # {plain(unit)}: {subject.axis.say(plain(meaning))}\n"
+        f"{name} = {value}  # {plain(unit)}: {subject.dof.say(plain(meaning))}\n"
         for name, value, unit, meaning in lines
     )
 
@@ -160,7 +160,7 @@ def constants(subject: YawSubject, term: Term) -> str:
 def constant(subject: YawSubject, term: Term, parameter: Parameter) -> str:
     """The constant's name: K_RR of the drags, THRUST_LOSS_B of others."""
     own = parameter.name.startswith("k_r")
-    name = subject.axis.key(parameter.name) if own else f"{term.name}_{parameter.name}"
+    name = subject.dof.key(parameter.name) if own else f"{term.name}_{parameter.name}"
     return name.replace("-", "_").upper()
 
 

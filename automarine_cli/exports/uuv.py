@@ -22,7 +22,7 @@ from automarine_cli.exports.base import (
 
 def write(subject: YawSubject) -> Written:
     """The URDF or the YAML text."""
-    index, yaw = subject.names.index, subject.axis.name == "yaw"
+    index, yaw = subject.names.index, subject.dof.name == "yaw"
     notes = (subject.about_inertia(), subject.about_entries())
     rigid, added = subject.inertias
     linear = at_place(-subject.value("linear-drag"), index)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.errors import FitError
 from automarine_cli.fits.estimate import Estimate
 
@@ -63,9 +63,9 @@ class NestedTest:
     p_value: float
 
 
-def columns_of(model: str, axis: Axis = YAW, sided: bool = False) -> tuple[str, ...]:
+def columns_of(model: str, dof: Dof = YAW, sided: bool = False) -> tuple[str, ...]:
     """Parameters of a drag model of a motion: `b` is the constant force, `e` half the difference between the ways."""
-    return (*COLUMNS[model], *(("b",) if axis.constant else ()), *(("e",) if sided else ()))
+    return (*COLUMNS[model], *(("b",) if dof.has_constant else ()), *(("e",) if sided else ()))
 
 
 def regressors(rate: Floats, model: str, names: Sequence[str] = ()) -> Floats:
@@ -75,17 +75,17 @@ def regressors(rate: Floats, model: str, names: Sequence[str] = ()) -> Floats:
     return np.stack([known[name] for name in names or COLUMNS[model]], axis=1)
 
 
-def fit_drag_by_way(moment: Floats, rate: Floats, model: str, moment_unit: str, axis: Axis) -> DragFit:
+def fit_drag_by_way(moment: Floats, rate: Floats, model: str, moment_unit: str, dof: Dof) -> DragFit:
     """`fit_drag`; of a motion whose drag may differ between its two ways with that, where the points show it."""
     ways = np.sum(rate > 0), np.sum(rate < 0)
-    if not axis.sided or min(ways) < FEWEST_A_WAY or model not in ("1", "2", "3"):
-        return fit_drag(moment, rate, model, moment_unit, axis)
+    if not dof.directional or min(ways) < FEWEST_A_WAY or model not in ("1", "2", "3"):
+        return fit_drag(moment, rate, model, moment_unit, dof)
     try:
-        apart = fit_drag(moment, rate, model, moment_unit, axis, sided=True)
+        apart = fit_drag(moment, rate, model, moment_unit, dof, sided=True)
     except FitError:
-        return fit_drag(moment, rate, model, moment_unit, axis)
+        return fit_drag(moment, rate, model, moment_unit, dof)
     low, high = apart.estimates["e"].ci95
-    return apart if low > 0 or high < 0 else fit_drag(moment, rate, model, moment_unit, axis)
+    return apart if low > 0 or high < 0 else fit_drag(moment, rate, model, moment_unit, dof)
 
 
 def fit_drag(
@@ -93,14 +93,14 @@ def fit_drag(
     rate: Floats,
     model: str,
     moment_unit: str = "nu",
-    axis: Axis = YAW,
+    dof: Dof = YAW,
     sided: bool = False,
 ) -> DragFit:
     """Fit one drag model to steady points: moments (R,) and rates (R,) [rad/s].
 
     Raises FitError for fewer points than the model needs or points that cannot tell its terms apart.
     """
-    names = columns_of(model, axis, sided)
+    names = columns_of(model, dof, sided)
     x = regressors(rate, model, names)
     points, count = x.shape
     if points < count + 1 or np.linalg.matrix_rank(x / np.abs(x).max(axis=0)) < count:
@@ -117,7 +117,7 @@ def fit_drag(
     stderr = np.sqrt(np.diagonal(inverse @ score.T @ score @ inverse))
     sse = float(residuals @ residuals)
     estimates = {
-        name: Estimate.from_stderr(v, e, points - count, axis.unit_of(_like(name, model), moment_unit))
+        name: Estimate.from_stderr(v, e, points - count, dof.unit_of(_like(name, model), moment_unit))
         for name, v, e in zip(names, values, stderr)
     }
     return DragFit(model, estimates, sse, _aicc(sse, points, count), residuals)

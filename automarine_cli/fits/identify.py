@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.drag import FEWEST_A_WAY
 from automarine_cli.fits.output_error import MANY_RUNS, OutputErrorFit, fit_half_turns, fit_whole_runs, prefer
@@ -69,10 +69,10 @@ def identify_turns(
     sizes = len({round(abs(turn.moment), 9) for turn in turns})
     enough = len(turns) >= FEWEST_STEPS and sizes >= 2
     if fit_to == "half-turns" and not enough:
-        axis = turns[0].step.run.axis if turns else YAW
-        word = axis.say("half-turn")
+        dof = turns[0].step.run.dof if turns else YAW
+        word = dof.say("half-turn")
         raise RunError(
-            f"{_counted(len(turns), word)} at {_counted(sizes, 'size')} of {axis.say('moment')} serve, and at least "
+            f"{_counted(len(turns), word)} at {_counted(sizes, 'size')} of {dof.say('moment')} serve, and at least "
             f"{FEWEST_STEPS} at 2 are needed; "
             f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         )
@@ -96,13 +96,13 @@ def _reasons(set_aside: Sequence[SetAside]) -> str:
 def _fit_steps(
     turns: tuple[HalfTurn, ...], set_aside: tuple[SetAside, ...], known: Known, each: Map
 ) -> YawFit:
-    unit, axis = turns[0].step.run.moment_unit, turns[0].step.run.axis
+    unit, dof = turns[0].step.run.moment_unit, turns[0].step.run.dof
     data = half_turn_data(turns)
     zero = np.zeros(len(turns))
     few = data.some(MANY_RUNS // 2)
     rough = fit_velocity_error(few, zero[: len(few.names)], moment_unit=unit, models=("1", "3"))
     start = (_inertia_to_begin_with(rough), rough.drag["1"].drag[0], rough.drag["3"].drag[1])
-    constant = {model: fit.estimates["b"].value for model, fit in rough.drag.items() if axis.constant}
+    constant = {model: fit.estimates["b"].value for model, fit in rough.drag.items() if dof.has_constant}
     both = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= FEWEST_A_WAY)
     ask = partial(
         _fit_model, data=data, start=start, constant=constant, unit=unit, known=known, both=both
@@ -116,13 +116,13 @@ def _fit_steps(
         *seed_cautions(seed, fits[preference.number].gain_scatter.value),
         *fit_cautions(fits),
     )
-    cautions = tuple(replace(one, sentence=axis.say(one.sentence)) for one in cautions)
+    cautions = tuple(replace(one, sentence=dof.say(one.sentence)) for one in cautions)
     warnings = (
-        *(axis.say(one) for one in step_warnings(turns, seed, axis)),
+        *(dof.say(one) for one in step_warnings(turns, seed, dof)),
         *fit_warnings(fits, preference, data.names, noise),
         *told(cautions, preference),
     )
-    return YawFit(unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, cautions, axis)
+    return YawFit(unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, cautions, dof)
 
 
 def _inertia_to_begin_with(rough: VelocityErrorFit) -> float:
@@ -149,7 +149,7 @@ def _fit_model(
     def fit(sided: bool) -> OutputErrorFit:
         return fit_half_turns(data, number, begin, unit, known, always, sided)
 
-    return by_way(fit, data.axis, both)
+    return by_way(fit, data.dof, both)
 
 
 def _fit_whole(runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, each: Map) -> YawFit:
@@ -165,10 +165,10 @@ def _fit_whole(runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, ea
             f"none of {_counted(len(runs), 'run')} serves for a fit; {_reasons(short)}look at them with "
             "`automarine check`"
         )
-    axis = moving[0].axis
+    dof = moving[0].dof
     at_rest = np.array([starts_at_rest(run) for run in moving])
     fits = dict(zip("123", each(partial(_fit_whole_model, runs=moving, at_rest=at_rest), ("1", "2", "3"))))
-    why = axis.say(
+    why = dof.say(
         "The whole runs were fitted by output error, as asked (--fit-to whole-runs); steady rates and velocity "
         "errors are of half-turns only"
         if fit_to == "whole-runs"
@@ -178,15 +178,15 @@ def _fit_whole(runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, ea
     preference = prefer(fits)
     unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
     cautions = (*design_cautions(levels.tolist(), unit, of_steps=False), *fit_cautions(fits))
-    cautions = tuple(replace(one, sentence=axis.say(one.sentence)) for one in cautions)
+    cautions = tuple(replace(one, sentence=dof.say(one.sentence)) for one in cautions)
     warnings = (*fit_warnings(fits, preference, [run.name for run in moving]), *told(cautions, preference))
-    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, axis)
+    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, dof)
 
 
 def _too_little(run: Run) -> str:
     if len(run) < FEWEST_SAMPLES:
         return f"{len(run)} samples say nothing of drag or inertia; log for longer, at least {FEWEST_SAMPLES} samples"
-    return run.axis.say("no moment acts in this run; it shows the noise, but neither drag nor inertia")
+    return run.dof.say("no moment acts in this run; it shows the noise, but neither drag nor inertia")
 
 
 def _fit_whole_model(number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_]) -> OutputErrorFit:
@@ -195,7 +195,7 @@ def _fit_whole_model(number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_
     both = _both_ways(runs)
     for step in STEPS:
         batch = make_batch(runs, step)
-        fit = by_way(partial(fit_whole_runs, batch, number, at_rest), batch.axis, both)
+        fit = by_way(partial(fit_whole_runs, batch, number, at_rest), batch.dof, both)
         if step_for(fit.model, largest) >= 0.5 * step:
             return fit
     raise FitError(
@@ -214,7 +214,7 @@ def _both_ways(runs: Sequence[Run]) -> bool:
 
 def starts_at_rest(run: Run) -> bool:
     """Whether the run begins with the vehicle standing still at zero moment, or where a constant force acts at any."""
-    if run.axis.constant:
+    if run.dof.has_constant:
         return bool(released(run))
     steps = find_steps(run)
     return bool(steps) and steps[0].rest is not None and steps[0].rest.start <= 2

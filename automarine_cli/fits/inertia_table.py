@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.drag import DragFit, regressors
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.linear_mixed import solve_scaled
@@ -25,7 +25,7 @@ class InertiaTable:
 
 
 def inertia_table(
-    moment: Floats, rate: Floats, error: Floats, drag: DragFit, moment_unit: str, axis: Axis
+    moment: Floats, rate: Floats, error: Floats, drag: DragFit, moment_unit: str, dof: Dof
 ) -> InertiaTable | None:
     """Inertia of each run, mean at each moment and over all; standard error by the jackknife over runs, drag
     refitted.
@@ -35,7 +35,7 @@ def inertia_table(
     per_run = inertia_from_velocity_error(error, *drag.acting(moment))
     levels = np.unique(moment)
     per_moment = {float(level): float(per_run[moment == level].mean()) for level in levels}
-    if axis.wraps:
+    if dof.wraps:
         left_out = _without_each(moment, rate, error, drag.model)
     else:
         left_out = np.array([_without(i, moment, rate, error, drag) for i in range(len(moment))])
@@ -43,7 +43,7 @@ def inertia_table(
         return None
     count = len(moment)
     stderr = float(np.sqrt((count - 1) / count * np.sum((left_out - left_out.mean()) ** 2)))
-    overall = Estimate.from_stderr(float(per_run.mean()), stderr, count - 1, axis.unit_of("I_r", moment_unit))
+    overall = Estimate.from_stderr(float(per_run.mean()), stderr, count - 1, dof.unit_of("I_r", moment_unit))
     return InertiaTable(per_run, per_moment, overall)
 
 

@@ -101,7 +101,7 @@ def _pull_and_stiffness(
         return 0.5 * (sides[0][0] - sides[1][0]), 0.5 * (sides[0][1] - sides[1][1])
 
     axes = np.eye(len(fit.phi))[free]
-    by_phi = [slope(h * axis, none) for h, axis in zip(aside, axes)]
+    by_phi = [slope(h * dof, none) for h, dof in zip(aside, axes)]
     pull_phi, mean_phi = (np.stack(part, axis=2) / aside for part in zip(*by_phi))
     if not len(acts):
         return weighted.gradient[:, free], -pull_phi

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.influence import covariance_of_changes, degrees_of_freedom, left_out_changes
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
@@ -78,9 +78,9 @@ def fit_half_turns(
     """
     inertia, k_r, k_rr = start
     begins = {"I_r": inertia, "k_r": k_r, "k_rr": k_rr, "b": constant, "e": 0.0}
-    begin = np.array([*(begins[name] for name in base_names(number, data.axis, sided)), 0.0])
+    begin = np.array([*(begins[name] for name in base_names(number, data.dof, sided)), 0.0])
     problem, mixed = _fit_at_nodes(data, number, known, begin, sided)
-    return _outcome(number, problem, mixed, begin, moment_unit, data.axis, sided, of_half_turns=True)
+    return _outcome(number, problem, mixed, begin, moment_unit, data.dof, sided, of_half_turns=True)
 
 
 def _fit_at_nodes(
@@ -117,14 +117,14 @@ def fit_whole_runs(
     leads anywhere.
     """
     alone = len(batch.names) == 1
-    rough, axis = rough_model(number, batch, sided), batch.axis
+    rough, dof = rough_model(number, batch, sided), batch.dof
     problem = whole_run_problem(rough, batch, at_rest)
     pooled = without_gain(problem)
     factors = np.array([0.01, 0.5, 0.03])
     begin = np.append(rough.theta, 0.0)
     if alone:
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
-        return _outcome(number, pooled, only, begin, batch.moment_unit, axis, sided, of_half_turns=False)
+        return _outcome(number, pooled, only, begin, batch.moment_unit, dof, sided, of_half_turns=False)
     first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
     best = fit_mixed(
         problem,
@@ -133,7 +133,7 @@ def fit_whole_runs(
         factors=np.append(0.02, first.factors[1:]),
         run_effects=first.run_effects,
     )
-    return _outcome(number, problem, best, begin, batch.moment_unit, axis, sided, of_half_turns=False)
+    return _outcome(number, problem, best, begin, batch.moment_unit, dof, sided, of_half_turns=False)
 
 
 def run_covariance(mixed: MixedFit, problem: Problem | None = None) -> Floats:
@@ -175,7 +175,7 @@ def _outcome(
     mixed: MixedFit,
     start: Floats,
     moment_unit: str,
-    axis: Axis,
+    dof: Dof,
     sided: bool,
     *,
     of_half_turns: bool,
@@ -183,17 +183,17 @@ def _outcome(
     covariance = run_covariance(mixed, problem if of_half_turns else None)
     alone = float(problem.count.sum() - len(mixed.theta)) if len(problem.measured) == 1 else None
     axes = np.eye(len(mixed.theta))
-    names = base_names(number, axis, sided)
+    names = base_names(number, dof, sided)
     like = {"b": "tau", "e": "k_r" if number == "1" else "k_rr"}
     estimates = {
-        name: estimate_of(mixed, covariance, i, axis.unit_of(like.get(name, name), moment_unit), alone)
+        name: estimate_of(mixed, covariance, i, dof.unit_of(like.get(name, name), moment_unit), alone)
         for i, name in enumerate(names)
     }
     turn = None
     if "k_rr" in names and 1 not in mixed.at_bound:
         stderr = float(np.sqrt(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1]))
-        dof = alone or run_dof(mixed, axes[0] - axes[1])
-        turn = Estimate.from_log(mixed.theta[0] / mixed.theta[1], stderr, dof, axis.unit_of("theta_c"))
+        freedom = alone or run_dof(mixed, axes[0] - axes[1])
+        turn = Estimate.from_log(mixed.theta[0] / mixed.theta[1], stderr, freedom, dof.unit_of("theta_c"))
     gains = problem.effects.scale[:, problem.effects.factor == 0]
     if gains.any():
         low, high = mixed.factor_interval(0)
@@ -203,7 +203,7 @@ def _outcome(
     offset = estimate_of(mixed, covariance, len(mixed.theta) - 1, "sample interval", alone)
     if of_half_turns:
         offset = _in_interval(offset)
-    model = YawModel.base(number, mixed.theta[0], mixed.theta[1:-1], moment_unit, axis)
+    model = YawModel.base(number, mixed.theta[0], mixed.theta[1:-1], moment_unit, dof)
     return OutputErrorFit(
         number, model, estimates, turn, offset, scatter, mixed.noise, mixed, covariance, start
     )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.fits.linear_mixed import RunEffects
 from automarine_cli.fits.mixed_model import Problem
 from automarine_cli.fits.nodes import Nodes, nodes_of
@@ -43,7 +43,7 @@ class StepData:
     seen: NDArray[np.bool_]
     moment: Floats
     interval: Floats
-    axis: Axis = YAW
+    dof: Dof = YAW
     _nodes: dict[int, Nodes | None] = field(default_factory=dict, repr=False, compare=False)
 
     def nodes(self, count: int) -> Nodes | None:
@@ -99,8 +99,8 @@ def half_turn_data(turns: Sequence[HalfTurn]) -> StepData:
         headings.append(np.concatenate([run.heading[part] for part in kept]) - turn.start_heading)
         moments.append(turn.moment)
         intervals.append(turn.switch_to - turn.switch_from)
-    axis = turns[0].step.run.axis if turns else YAW
-    return replace(step_data(names, times, headings, moments, intervals), axis=axis)
+    dof = turns[0].step.run.dof if turns else YAW
+    return replace(step_data(names, times, headings, moments, intervals), dof=dof)
 
 
 def step_data(
@@ -133,7 +133,7 @@ def step_problem(
     moment, and the run's own part of z; the last two scatter by an estimated factor, which for instants that are
     uniform over their intervals is one.
     """
-    names = base_names(model, data.axis, sided)
+    names = base_names(model, data.dof, sided)
     main = "k_r" if model == "1" else "k_rr"
     time = (data if nodes is None else nodes).time[None]
     moment, interval = data.moment[None, :, None], data.interval[None, :, None]
@@ -143,7 +143,7 @@ def step_problem(
         late = interval * instant(columns[-1] + b[:, :, 2, None])
         gained = moment * np.exp(b[:, :, 1, None])
         own = dict(zip(names[1:], columns[1:]))
-        if data.axis.constant:
+        if data.dof.has_constant:
             gained = gained + own.pop("b")
         if sided:
             own[main] = np.maximum(own[main] + np.sign(gained) * own.pop("e"), LEAST_SHARE * own[main])

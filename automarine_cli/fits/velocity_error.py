@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.fits.drag import DragFit, fit_drag, fit_drag_by_way
 from automarine_cli.fits.inertia_table import InertiaTable, inertia_table
@@ -77,12 +77,12 @@ def fit_velocity_error(
             "carry Table 1; "
             "run at least 3 steps at 2 moments"
         )
-    axis = data.axis
+    dof = data.dof
     used = _last_share(time, data.seen, 0.3)
     noise = _noise_about_lines(time, data.heading, used)
     for _ in range(3):  # the reference that places the tail comes from the tail: two rounds settle it
         tails = tail_lines(time, data.heading, start_heading, used)
-        reference = _reference(data.moment, tails, axis)
+        reference = _reference(data.moment, tails, dof)
         tail_from, bias = _choose_tail(time, data, reference, noise)
         before, used = used, _tail_mask(time, data, reference, tail_from)
         if np.array_equal(used, before):
@@ -92,15 +92,15 @@ def fit_velocity_error(
     for model in models:
         if model in ("2", "3+c") and (len(data.moment) < 4 or len(np.unique(np.abs(data.moment))) < 2):
             continue
-        if model == "3+c" and axis.constant:  # its constant is part of every model there
+        if model == "3+c" and dof.has_constant:  # its constant is part of every model there
             continue
-        fit = fit_drag_by_way(data.moment, tails.rate, model, moment_unit, axis)
+        fit = fit_drag_by_way(data.moment, tails.rate, model, moment_unit, dof)
         estimates = {name: one.holding_bias(bias[1]) for name, one in fit.estimates.items()}
         drag[model] = replace(fit, estimates=estimates)
         table = (
             None
             if model == "3+c"
-            else inertia_table(data.moment, tails.rate, tails.error, fit, moment_unit, axis)
+            else inertia_table(data.moment, tails.rate, tails.error, fit, moment_unit, dof)
         )
         if table is not None:
             inertia[model] = replace(table, overall=table.overall.holding_bias(bias[0]))
@@ -149,9 +149,9 @@ class _Reference:
         return np.abs(self.answer(time, moment))
 
 
-def _reference(moment: Floats, tails: TailLines, axis: Axis) -> _Reference:
+def _reference(moment: Floats, tails: TailLines, dof: Dof) -> _Reference:
     """Model 1 or 3, whichever fits the first tails better, with its median inertia."""
-    fits = [fit_drag_by_way(moment, tails.rate, model, axis.units[0], axis) for model in ("1", "3")]
+    fits = [fit_drag_by_way(moment, tails.rate, model, dof.units.forces[0], dof) for model in ("1", "3")]
     best = min(fits, key=lambda fit: fit.sse)
     inertia = float(np.median(inertia_from_velocity_error(tails.error, *best.acting(moment))))
     if inertia <= 0 or max(best.drag) <= 0:
@@ -226,7 +226,7 @@ def _choose_tail(
     past = [np.searchsorted(np.abs(psi[: n + 1]), starts) for psi, n in zip(exact, last)]
     lines = _lines_to_the_end(time, exact, data.seen, np.minimum(past, few[:, None]))
     k_r, k_rr = like.drag
-    if data.axis.wraps:
+    if data.dof.wraps:
         linear, moment = k_rr == 0, data.moment[:, None]
         x = lines.rate if linear else np.abs(lines.rate) * lines.rate
         drag = (x * moment).sum(axis=0) / (x * x).sum(axis=0)
@@ -247,13 +247,13 @@ def _choose_tail(
 
 def _like(like: DragFit, data: StepData, rate: Floats, error: Floats) -> tuple[float, float]:
     """Inertia and drag of a translation by tails of these rates and velocity errors (R,), in the form of `like`."""
-    fit = fit_drag(data.moment, rate, like.model, axis=data.axis, sided="e" in like.estimates)
+    fit = fit_drag(data.moment, rate, like.model, dof=data.dof, sided="e" in like.estimates)
     return float(np.mean(inertia_from_velocity_error(error, *fit.acting(data.moment)))), max(fit.drag)
 
 
 def _starts(data: StepData) -> Floats:
     """Where a tail may start: angles in yaw, else shares of the way of the run that went least."""
-    if data.axis.wraps:
+    if data.dof.wraps:
         return ANGLES
     ways = np.abs(np.where(data.seen, data.heading, 0.0)).max(axis=1)
     return np.asarray(np.linspace(0.15, 0.95, 70) * ways.min())

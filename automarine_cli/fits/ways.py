@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.influence import degrees_of_freedom
@@ -45,19 +45,19 @@ class Ways:
         return {"differ": self.differ, "p_value": self.p_value, **found}
 
 
-def by_way(fit: "Callable[[bool], OutputErrorFit]", axis: Axis, both: bool) -> "OutputErrorFit":
+def by_way(fit: "Callable[[bool], OutputErrorFit]", dof: Dof, both: bool) -> "OutputErrorFit":
     """The fit with drag by way where that differs, else pooled; `fit` takes which, `both` is whether both were gone."""
-    if not (axis.sided and both):
+    if not (dof.directional and both):
         return fit(False)
     try:
         apart = fit(True)
     except FitError:  # a model that is far off may run away with one way more than with both together
         return fit(False)
-    found = ways_of(apart, axis)
+    found = ways_of(apart, dof)
     return replace(apart if found.differ else fit(False), ways=found)
 
 
-def ways_of(fit: "OutputErrorFit", axis: Axis) -> Ways:
+def ways_of(fit: "OutputErrorFit", dof: Dof) -> Ways:
     """The drag of each way, and the test, from a fit of both: theta holds their middle and half their difference."""
     names = list(fit.estimates)
     main = "k_r" if fit.number == "1" else "k_rr"
@@ -65,24 +65,24 @@ def ways_of(fit: "OutputErrorFit", axis: Axis) -> Ways:
     middle, half, covariance = fit.estimates[main].value, fit.estimates["e"].value, fit.covariance
     runs, axes = len(fit.mixed.left_out), np.eye(len(fit.mixed.theta))
 
-    def dof(direction: np.ndarray) -> float:
+    def freedom(direction: np.ndarray) -> float:
         return degrees_of_freedom(fit.mixed, direction) if runs > 2 else 1.0
 
     drag, distance = {}, {}
-    for way, sign in zip(axis.ways, (1.0, -1.0)):
+    for way, sign in zip(dof.words.ways, (1.0, -1.0)):
         value, slope = (
             middle + sign * half,
             middle * axes[i] + sign * axes[j],
         )  # phi holds the logarithm of the middle
         deviation = float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
         of_log = deviation / max(value, 1e-3 * middle)
-        drag[way] = Estimate.from_log(value, of_log, dof(slope), fit.estimates[main].unit)
+        drag[way] = Estimate.from_log(value, of_log, freedom(slope), fit.estimates[main].unit)
         if main == "k_rr":
             ratio = axes[0] - slope / max(value, 1e-3 * middle)
             spread = float(np.sqrt(max(ratio @ covariance @ ratio, 0.0)))
             inertia = fit.estimates["I_r"].value
             distance[way] = Estimate.from_log(
-                inertia / max(value, 1e-3 * middle), spread, dof(ratio), axis.unit_of("theta_c")
+                inertia / max(value, 1e-3 * middle), spread, freedom(ratio), dof.unit_of("theta_c")
             )
     error = float(np.sqrt(max(covariance[j, j], 1e-300)))
-    return Ways(main, drag, distance, float(2.0 * stats.t.sf(abs(half) / error, dof(axes[j]))))
+    return Ways(main, drag, distance, float(2.0 * stats.t.sf(abs(half) / error, freedom(axes[j]))))

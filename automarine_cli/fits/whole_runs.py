@@ -150,10 +150,10 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
         rows.append(np.stack([swing, window * np.abs(mean) * mean, window * mean, time_passed], axis=1))
         sides.append(push)
     x, y = np.concatenate(rows), np.concatenate(sides)
-    keep = {"1": [0, 2], "2": [0, 1, 2], "3": [0, 1]}[number] + [3] * batch.axis.constant
+    keep = {"1": [0, 2], "2": [0, 1, 2], "3": [0, 1]}[number] + [3] * batch.dof.has_constant
     values = np.linalg.lstsq(x[:, keep], y, rcond=None)[0] if len(y) >= len(keep) else np.ones(len(keep))
-    constant = [float(v) for v in values[len(keep) - batch.axis.constant :]]
-    values = values[: len(keep) - batch.axis.constant]
+    constant = [float(v) for v in values[len(keep) - batch.dof.has_constant :]]
+    values = values[: len(keep) - batch.dof.has_constant]
     left = np.sum((y - x[:, keep] @ [*values, *constant]) ** 2)
     if np.all(values < 0) and left < (1.0 - AGAINST) * np.sum(y**2):
         raise FitError(
@@ -163,4 +163,4 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
     scale = float(np.abs(batch.moment).max()) or 1.0
     values = np.where(values > 1e-3 * scale, values, 0.3 * scale)
     more = [*constant, *([0.0] if sided else [])]
-    return YawModel.base(number, values[0], [*values[1:], *more], batch.moment_unit, batch.axis)
+    return YawModel.base(number, values[0], [*values[1:], *more], batch.moment_unit, batch.dof)

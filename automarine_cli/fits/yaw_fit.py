@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.fits.drag import nested_test
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import (
@@ -50,7 +50,7 @@ class YawFit(Shown):
     set_aside: tuple[SetAside, ...]
     warnings: tuple[str, ...]
     cautions: tuple[Caution, ...]
-    axis: Axis = YAW
+    dof: Dof = YAW
 
     @property
     def preferred(self) -> OutputErrorFit:
@@ -76,12 +76,12 @@ class YawFit(Shown):
 
     def to_json(self) -> dict[str, object]:
         """The result file: schema automarine/yaw-model/1, or that of another motion."""
-        fit, turn, axis = self.preferred, self.inertial_turn_angle, self.axis
+        fit, turn, dof = self.preferred, self.inertial_turn_angle, self.dof
         content: dict[str, object] = {
-            "schema": schema_of(axis),
-            **({} if axis.wraps else {"motion": axis.name}),
+            "schema": schema_of(dof),
+            **({} if dof.wraps else {"motion": dof.name}),
             "moment_unit": self.moment_unit,
-            "fitted_to": axis.say("half-turns") if self.turns else "whole runs",
+            "fitted_to": dof.say("half-turns") if self.turns else "whole runs",
             "models": {number: self._model_json(number) for number in sorted(self.output_error)},
             "preferred": self.preference.number,
             "preferred_because": self.preference.because,
@@ -90,7 +90,7 @@ class YawFit(Shown):
             "effects": [],
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
-            "heading_noise_deg": float(axis.shown(fit.noise)),
+            "heading_noise_deg": float(dof.shown(fit.noise)),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
             "warnings": list(self.warnings),
             "runs": {
@@ -99,16 +99,16 @@ class YawFit(Shown):
                 **readings(self.runs or [turn.step.run for turn in self.turns]),
             },
         }
-        return dict(axis.named(content))
+        return dict(dof.named(content))
 
     def called(self, name: str) -> str:
         """A parameter as the result file calls it."""
-        return name if self.axis.wraps else self.axis.key(KEYS.get(name, name))
+        return name if self.dof.wraps else self.dof.key(KEYS.get(name, name))
 
     @property
     def buoyancy(self) -> "Buoyancy | None":
         """The constant force of the preferred model; None for motions without one."""
-        return Buoyancy(self.preferred.estimates["b"]) if self.axis.constant else None
+        return Buoyancy(self.preferred.estimates["b"]) if self.dof.has_constant else None
 
     def _model_json(self, number: str) -> dict[str, object]:
         fit = self.output_error[number]
@@ -122,7 +122,7 @@ class YawFit(Shown):
             "log_density_of_left_out_runs": float(fit.mixed.predictive.sum()),
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
-            "heading_noise_deg": float(self.axis.shown(fit.noise)),
+            "heading_noise_deg": float(self.dof.shown(fit.noise)),
             "covariance": covariance_json(
                 [self.called(name) for name in fit.estimates],
                 fit.mixed.theta,
@@ -154,7 +154,7 @@ class YawFit(Shown):
             "I_r_mean_at_moment": {
                 f"{level:g}": mean for level, mean in (table.per_moment if table else {}).items()
             },
-            "tail_from_deg": float(self.axis.shown(seed.tail_from)),
+            "tail_from_deg": float(self.dof.shown(seed.tail_from)),
         }
         return content
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.fits.drag import identity_gap
 from automarine_cli.fits.output_error import OutputErrorFit, Preference
 from automarine_cli.fits.velocity_error import BIAS_LIMIT, VelocityErrorFit
@@ -33,13 +33,13 @@ EARLY = (
 )
 
 
-def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, axis: Axis = YAW) -> list[str]:
+def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, dof: Dof = YAW) -> list[str]:
     """Sentences on the half-turns and on the paper's method: not steady, or a Table 1 that breaks its identity."""
     found = []
     if not seed.steady:
         found.append(
             "Half a turn is not enough to get steady: the best tail, from "
-            f"{axis.shown(seed.tail_from):.0f}° on, still leaves a bias of "
+            f"{dof.shown(seed.tail_from):.0f}° on, still leaves a bias of "
             f"{100 * max(map(abs, seed.bias)):.1f} %, more than {100 * BIAS_LIMIT:.1f} %; trust the maximum "
             "likelihood, which needs no tail."
         )
@@ -75,16 +75,16 @@ def fit_warnings(
     """Sentences on the preferred maximum likelihood: implausible, resting on one run, late, or leaving more than the
     `heading_noise` [rad] that the headings have by themselves. On its parameters see yaw_cautions.py."""
     fit = fits[preference.number]
-    axis = fit.model.axis
+    dof = fit.model.dof
     found = [*_one_run_that_decides(fit, names_of_runs), *_wild_gains(fit, names_of_runs)]
     if heading_noise and fit.noise > UNEXPLAINED * heading_noise:
         found.append(
-            f"Model {preference.number} leaves {axis.shown(fit.noise):.2g}° of the headings unexplained, which scatter "
-            f"by {axis.shown(heading_noise):.2g}° about smooth curves: something acts that it lacks, a delay perhaps; "
+            f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}° of the headings unexplained, which scatter "
+            f"by {dof.shown(heading_noise):.2g}° about smooth curves: something acts that it lacks, a delay perhaps; "
             "`automarine diagnose` looks for it."
         )
     turn = fit.inertial_turn_angle or fits["3"].inertial_turn_angle
-    low, high = axis.plausible
+    low, high = dof.limits.plausible
     if turn is not None and not low <= turn.value <= high:
         found.append(
             f"The inertial turn angle of {turn.value:.3g} rad lies outside {low:g} to {high:g} rad, where "
@@ -94,7 +94,7 @@ def fit_warnings(
     for i in fit.mixed.at_bound:
         if i == len(fit.estimates):
             found.append(LATE if fit.mixed.theta[i] > 0 else EARLY)
-    return [axis.say(one) for one in found]
+    return [dof.say(one) for one in found]
 
 
 def _one_run_that_decides(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> list[str]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import islice
 
-from automarine_cli.axes import AXES, YAW, Axis
+from automarine_cli.dofs import DOFS, YAW, Dof
 
 DEGREE = math.pi / 180
 STANDARD_GRAVITY = 9.80665  # m/s², exact by definition: 1 kgf in newtons
@@ -92,20 +92,20 @@ RUN, MODE, ARMED = "run", "mode", "armed"
 LABELS = (RUN, MODE, ARMED)  # columns of words, not of numbers
 
 
-def foreign(axis: Axis) -> frozenset[str]:
+def foreign(dof: Dof) -> frozenset[str]:
     """Quantities of the other motions, which a log of this one may hold under names that mean something else there."""
-    own = {axis.position, axis.command, *axis.thrusters}
-    others = {name for one in AXES.values() for name in (one.position, one.command, *one.thrusters)}
-    return frozenset(others - own) | {"heave"} - {axis.rate}
+    own = {dof.position, dof.command, *dof.thrusters}
+    others = {name for one in DOFS.values() for name in (one.position, one.command, *one.thrusters)}
+    return frozenset(others - own) | {"heave"} - {dof.velocity}
 
 
-def motion_of(names: Iterable[str], mapped: Iterable[str]) -> Axis:
+def motion_of(names: Iterable[str], mapped: Iterable[str]) -> Dof:
     """The motion that a log is of, by its column names and the canonical names mapped to; yaw where it may be that."""
     held = {CANONICAL[name].quantity for name in (*names, *mapped) if name in CANONICAL}
-    for axis in AXES.values():
-        if axis.position in held and (axis.command in held or held >= set(axis.thrusters)):
-            return axis
-    return next((axis for axis in AXES.values() if {axis.position, axis.command} & held), YAW)
+    for dof in DOFS.values():
+        if dof.position in held and (dof.command in held or held >= set(dof.thrusters)):
+            return dof
+    return next((dof for dof in DOFS.values() if {dof.position, dof.command} & held), YAW)
 
 
 # Words by which people call a quantity; only for suggestions, nothing is ever read by them.

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from automarine_cli.axes import AXES
+from automarine_cli.dofs import DOFS
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, likely_canonical, likely_column, names_of
 from automarine_cli.logs.table import LogTable
@@ -31,14 +31,14 @@ def require(table: LogTable, quantities: Sequence[str]) -> None:
 
 def require_motion(table: LogTable) -> None:
     """Refuse a table that is no log of its motion: time, position, and a moment or force or every thruster command."""
-    axis = table.axis
-    commands = [quantity for quantity in axis.thrusters if quantity in table.columns]
-    if axis.command in table.columns or len(commands) == len(axis.thrusters):
-        require(table, ("time", axis.position))
+    dof = table.dof
+    commands = [quantity for quantity in dof.thrusters if quantity in table.columns]
+    if dof.command in table.columns or len(commands) == len(dof.thrusters):
+        require(table, ("time", dof.position))
     elif commands:
-        require(table, ("time", axis.position, *axis.thrusters))
+        require(table, ("time", dof.position, *dof.thrusters))
     else:
-        require(table, ("time", axis.position, axis.command))
+        require(table, ("time", dof.position, dof.command))
 
 
 def require_thruster(table: LogTable) -> None:
@@ -48,7 +48,7 @@ def require_thruster(table: LogTable) -> None:
 
 def is_thruster_test(table: LogTable) -> bool:
     """Whether the table is, or seems meant as, a thruster test rather than a log of a motion."""
-    if table.axis.position in table.columns:
+    if table.dof.position in table.columns:
         return False
     return "force" in table.columns or (
         _guess(table, "force") is not None and _guess(table, "heading") is None
@@ -85,9 +85,9 @@ def _meant_for(table: LogTable, lacking: Sequence[str]) -> str:
     def has(*quantities: str) -> bool:
         return all(set(names_of(one)) & set(table.names) for one in quantities)
 
-    for axis in AXES.values():
-        if has(axis.position) and (has(axis.command) or has(*axis.thrusters)):
-            return f"This is a log of {axis.name}: give it to automarine fit-{axis.name}"
+    for dof in DOFS.values():
+        if has(dof.position) and (has(dof.command) or has(*dof.thrusters)):
+            return f"This is a log of {dof.name}: give it to automarine fit-{dof.name}"
     return "This is a thruster test: give it to automarine fit-thrusters" if has("n", "force") else ""
 
 
@@ -98,7 +98,7 @@ def _held(table: LogTable) -> str:
 
 def _expected(quantity: str) -> str:
     names = " or ".join(names_of(quantity))
-    thrusters = next((axis.thrusters for axis in AXES.values() if axis.command == quantity), ())
+    thrusters = next((dof.thrusters for dof in DOFS.values() if dof.command == quantity), ())
     return f"{names} or {'both ' * (len(thrusters) > 1)}{' and '.join(thrusters)}" if thrusters else names
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from automarine_cli.axes import AXES
+from automarine_cli.dofs import DOFS
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, motion_of, names_of
 from automarine_cli.logs.columns import ColumnMap
@@ -141,7 +141,7 @@ def _is_bollard(streams: Sequence[Stream], also: Mapping[str, str], columns: Col
         for name, rule in columns.columns.items()
         if name in CANONICAL and rule.source in there
     }
-    commands = {name for axis in AXES.values() for name in (axis.command, *axis.thrusters)}
+    commands = {name for dof in DOFS.values() for name in (dof.command, *dof.thrusters)}
     return named >= {"n", "force"} and not named & commands
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from automarine_cli import effects
-from automarine_cli.axes import AXES, YAW, Axis
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError
 from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
@@ -59,7 +59,7 @@ class StoredModels:
     switch_offset: float
     source: str
     effects: tuple[str, ...] = ()
-    axis: Axis = YAW
+    dof: Dof = YAW
 
 
 def load_yaw_models(path: Path) -> StoredModels:
@@ -81,23 +81,21 @@ def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels
     Raises ModelError.
     """
     top = _object(data, where)
-    axis = _checked_schema(top, where)
-    if wrong := axis.misnamed(top):
-        raise ModelError(
-            f"{where}: unknown key {_told(wrong)}; in {axis.name} it is {_told(axis.key(wrong))}"
-        )
+    dof = _checked_schema(top, where)
+    if wrong := dof.misnamed(top):
+        raise ModelError(f"{where}: unknown key {_told(wrong)}; in {dof.name} it is {_told(dof.key(wrong))}")
     try:
-        return _models(axis.plain(top), where, axis)
+        return _models(dof.plain(top), where, dof)
     except ModelError as error:
         place, _, rest = str(error).partition(where)  # a file may be called as it likes
-        raise ModelError(f"{place}{where}{axis.say(rest)}") from None
+        raise ModelError(f"{place}{where}{dof.say(rest)}") from None
 
 
-def _models(top: Mapping[str, object], where: str, axis: Axis) -> StoredModels:
+def _models(top: Mapping[str, object], where: str, dof: Dof) -> StoredModels:
     """The models of a motion, under yaw's keys."""
-    _refuse_unknown(top, _TOP if axis.wraps else (*_TOP, "motion", *ON_FORCE), where)
+    _refuse_unknown(top, _TOP if dof.wraps else (*_TOP, "motion", *ON_FORCE), where)
     entries = _object(_needed(top, "models", where), f"{where}: models")
-    unit = _moment_unit(top, entries, where, axis)
+    unit = _moment_unit(top, entries, where, dof)
     added = _effects(top.get("effects", []), f"{where}: effects")
     models = {}
     for number, entry in entries.items():
@@ -106,7 +104,7 @@ def _models(top: Mapping[str, object], where: str, axis: Axis) -> StoredModels:
             raise ModelError(f"{where}: models.{name}: unknown model; known are {', '.join(BASE_TERMS)}")
         if entry is not None:  # null: a model that could not be fitted
             models[number] = _with_effects(
-                _base(number, entry, unit, f"{where}: models.{number}", axis), added
+                _base(number, entry, unit, f"{where}: models.{number}", dof), added
             )
     if not models:
         raise ModelError(f"{where}: models: holds no model; expected one or more of {', '.join(BASE_TERMS)}")
@@ -124,24 +122,24 @@ def _models(top: Mapping[str, object], where: str, axis: Axis) -> StoredModels:
             f"between -{LATEST_SWITCH} and {LATEST_SWITCH}"
         )
     names = tuple(name for name, _ in added)
-    return StoredModels(models, preferred, unit, late, where, names, axis)
+    return StoredModels(models, preferred, unit, late, where, names, dof)
 
 
-def schema_of(axis: Axis) -> str:
+def schema_of(dof: Dof) -> str:
     """The schema of a motion's model file."""
-    return f"automarine/{axis.name}-model/1"
+    return f"automarine/{dof.name}-model/1"
 
 
-def _checked_schema(top: Mapping[str, object], where: str) -> Axis:
+def _checked_schema(top: Mapping[str, object], where: str) -> Dof:
     """The motion that the file's schema says."""
     schema = top.get("schema")
-    axis = next((one for one in AXES.values() if schema_of(one) == schema), None)
-    if axis is None:
+    dof = next((one for one in DOFS.values() if schema_of(one) == schema), None)
+    if dof is None:
         hint = "give the yaw_model.json that `automarine fit-yaw` writes"
         if isinstance(schema, str) and schema.startswith("automarine/thruster-map/"):
             hint = f"this is a thruster map; {hint}"
         raise ModelError(f"{where}: schema: found {_told(schema)}, expected {_told(SCHEMA)}; {hint}")
-    return axis
+    return dof
 
 
 def _refuse_unknown(entry: Mapping[str, object], known: tuple[str, ...], where: str) -> None:
@@ -154,23 +152,23 @@ def _refuse_unknown(entry: Mapping[str, object], known: tuple[str, ...], where: 
             raise ModelError(f"{where}: unknown key {_told(key)}; {hint}")
 
 
-def _moment_unit(top: Mapping[str, object], entries: Mapping[str, object], where: str, axis: Axis) -> str:
+def _moment_unit(top: Mapping[str, object], entries: Mapping[str, object], where: str, dof: Dof) -> str:
     """The moment's unit: said by the file, or in yaw told by the unit of an inertia."""
     unit = top.get("moment_unit")
-    if unit is None and axis.wraps:
+    if unit is None and dof.wraps:
         inertias = [entry.get("I_r") for entry in entries.values() if isinstance(entry, Mapping)]
         units = [one.get("unit") for one in inertias if isinstance(one, Mapping)]
         unit = next((one.removesuffix(" s²") for one in units if isinstance(one, str)), None)
-    if unit not in axis.units:
-        expected = " or ".join(_told(one) for one in axis.units)
+    if unit not in dof.units.forces:
+        expected = " or ".join(_told(one) for one in dof.units.forces)
         raise ModelError(f"{where}: moment_unit: found {_told(unit)}, expected {expected}")
     return str(unit)
 
 
-def _base(number: str, data: object, unit: str, where: str, axis: Axis) -> YawModel:
+def _base(number: str, data: object, unit: str, where: str, dof: Dof) -> YawModel:
     """Model `number` without effects. Model 2's linear term may have either sign, as in Table 1."""
     entry = _object(data, where)
-    _refuse_unknown(entry, _MODEL if axis.wraps else (*_MODEL, CONSTANT, DIFFERENCE, "sides"), where)
+    _refuse_unknown(entry, _MODEL if dof.wraps else (*_MODEL, CONSTANT, DIFFERENCE, "sides"), where)
     drags = [DRAG_NAMES[term] for term in BASE_TERMS[number]]
     for name in DRAG_NAMES.values():
         if entry.get(name) is not None and name not in drags:
@@ -184,11 +182,11 @@ def _base(number: str, data: object, unit: str, where: str, axis: Axis) -> YawMo
         if value < 0 and not (number == "2" and name == "k_r"):
             raise ModelError(f"{where}.{name}: found {value:g}, expected a drag of zero or more")
         values.append(value)
-    if axis.constant:
+    if dof.has_constant:
         values.append(_number(_needed(entry, CONSTANT, where), f"{where}.{CONSTANT}"))
-    if axis.sided and entry.get(DIFFERENCE) is not None:
+    if dof.directional and entry.get(DIFFERENCE) is not None:
         values.append(_number(entry[DIFFERENCE], f"{where}.{DIFFERENCE}"))
-    return YawModel.base(number, inertia, values, unit, axis)
+    return YawModel.base(number, inertia, values, unit, dof)
 
 
 def _effects(data: object, where: str) -> list[tuple[str, tuple[float, ...]]]:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from automarine_cli import effects
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.errors import ModelError
 
 Floats = NDArray[np.float64]
@@ -32,15 +32,15 @@ BASE_NAMES = {
 """What the one parameter of each of these terms is called in a fit."""
 
 
-def base_terms(number: str, axis: Axis = YAW, sided: bool = False) -> tuple[str, ...]:
+def base_terms(number: str, dof: Dof = YAW, sided: bool = False) -> tuple[str, ...]:
     """The terms of model `number` of a motion: drag, a constant force where one acts, and the asymmetry if `sided`."""
-    constant = ("bias-moment",) if axis.constant else ()
+    constant = ("bias-moment",) if dof.has_constant else ()
     return (*BASE_TERMS[number], *constant, *((ASYMMETRY[number],) if sided else ()))
 
 
-def base_names(number: str, axis: Axis = YAW, sided: bool = False) -> tuple[str, ...]:
+def base_names(number: str, dof: Dof = YAW, sided: bool = False) -> tuple[str, ...]:
     """The parameters of these terms, the inertia first."""
-    return ("I_r", *(BASE_NAMES[term] for term in base_terms(number, axis, sided)))
+    return ("I_r", *(BASE_NAMES[term] for term in base_terms(number, dof, sided)))
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Term:
 
 @dataclass(frozen=True)
 class YawModel:
-    """I_r r' = tau + moments of the terms; actuator, water and sensor effects are terms too. Of any motion (`axis`).
+    """I_r r' = tau + moments of the terms; actuator, water and sensor effects are terms too. Of any motion (`dof`).
 
     The parameter vector theta is (I_r, values of the first term, values of the second, ...).
     """
@@ -61,7 +61,7 @@ class YawModel:
     inertia: float
     terms: tuple[Term, ...]
     moment_unit: str = "nu"
-    axis: Axis = YAW
+    dof: Dof = YAW
 
     @classmethod
     def base(
@@ -70,13 +70,13 @@ class YawModel:
         inertia: float,
         values: Sequence[float] | Floats,
         moment_unit: str = "nu",
-        axis: Axis = YAW,
+        dof: Dof = YAW,
     ) -> "YawModel":
         """Model "1", "2" or "3" of the paper; `values` in the order of `base_terms`, sided if there is one more."""
-        sided = len(values) > len(base_terms(number, axis))
-        names = base_terms(number, axis, sided)
+        sided = len(values) > len(base_terms(number, dof))
+        names = base_terms(number, dof, sided)
         terms = tuple(Term(name, (float(value),)) for name, value in zip(names, values, strict=True))
-        return cls(float(inertia), terms, moment_unit, axis)
+        return cls(float(inertia), terms, moment_unit, dof)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -128,7 +128,7 @@ class YawModel:
     def acting(self, moment: Floats) -> tuple[Floats, Floats | float, Floats | float]:
         """What the vehicle moves by under each `moment`: that with the constant force, k_r and k_rr on its way."""
         k_r, k_rr = self.drag()
-        if self.axis.wraps:
+        if self.dof.wraps:
             return moment, k_r, k_rr
         found = {term.name: term.values[0] for term in self.terms}
         moment = moment + found.get("bias-moment", 0.0)

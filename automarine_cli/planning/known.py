@@ -69,8 +69,8 @@ def read_known(model: Path, diagnosis: Path | None) -> Known:
     name = printable(model.name)
     data = read_plain(model, "JSON", ModelError)
     stored = yaw_models_from_json(data, name)
-    if not stored.axis.wraps:
-        raise ModelError(f"{name} is a model of {stored.axis.name}; campaigns are planned from models of yaw")
+    if not stored.dof.wraps:
+        raise ModelError(f"{name} is a model of {stored.dof.name}; campaigns are planned from models of yaw")
     chosen = stored.models[stored.preferred]
     now = _stored_estimates(data, stored)
     noise, scatter = data.get("heading_noise_deg"), data.get("gain_scatter")

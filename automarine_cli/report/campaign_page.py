@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from itertools import islice
 
-from automarine_cli.axes import AXES
+from automarine_cli.dofs import DOFS
 from automarine_cli.pipeline.manifest import Manifest
 from automarine_cli.pipeline.outputs import file_stems
 from automarine_cli.report.campaign_steps import StepResult
@@ -64,7 +64,7 @@ def _of_force(steps: Steps) -> dict[str, list[str]]:
 def picture(step: StepResult, stem: str, alt: str = "") -> str:
     """The line that shows a figure of a step; nothing if it was not drawn."""
     kinds = [kind for kind in ("png", "svg") if (step.folder / f"{stem}.{kind}").is_file()]
-    return f"![{escape(alt or step.axis.say(ALT[stem]))}]({step.name}/{stem}.{kinds[0]})" if kinds else ""
+    return f"![{escape(alt or step.dof.say(ALT[stem]))}]({step.name}/{stem}.{kinds[0]})" if kinds else ""
 
 
 def fold(summary: str, *blocks: str) -> list[str]:
@@ -82,7 +82,7 @@ def _thrusters(steps: Steps, cautions: Sequence[str]) -> list[str]:
 def _yaw(steps: Steps, name: str = "yaw") -> list[str]:
     if (step := steps.get(name)) is None:
         return []
-    say = step.axis.say
+    say = step.dof.say
     blocks = [escape(str(step.at("preferred_because")))]
     if step.at("inertial_turn_angle_rad") is not None:
         turn = interval(step.estimate("inertial_turn_angle_rad"))
@@ -109,7 +109,7 @@ def _validation(steps: Steps, name: str = "validation") -> list[str]:
         picture(
             step,
             f"validation_{stem}",
-            f"Run {one}: " + step.axis.say("measured and simulated heading, their difference, the moment"),
+            f"Run {one}: " + step.dof.say("measured and simulated heading, their difference, the moment"),
         )
         for one, stem in islice(zip(names, file_stems(names)), MOST_SHOWN)
     ]
@@ -168,9 +168,9 @@ def _set_aside(steps: Steps) -> list[str]:
 
 
 def _next(steps: Steps) -> list[str]:
-    warnings = [str(line) for name in AXES if name in steps for line in steps[name].at("warnings")]
+    warnings = [str(line) for name in DOFS if name in steps for line in steps[name].at("warnings")]
     said = [escape(line) for line in warnings if re.search(r"\badd\b", line, flags=re.IGNORECASE)]
-    diagnoses = ("diagnosis", *(f"{name}_diagnosis" for name in AXES))
+    diagnoses = ("diagnosis", *(f"{name}_diagnosis" for name in DOFS))
     blocks = [_bullets(said), *(_without_next(steps[name])[1] for name in diagnoses if name in steps)]
     lines = [block.strip() for block in blocks if block.strip()]
     return (

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from automarine_cli.axes import AXES, YAW, Axis
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import OutputError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
@@ -42,9 +42,9 @@ class StepResult:
     manifest: Manifest | None
 
     @property
-    def axis(self) -> Axis:
+    def dof(self) -> Dof:
         """The motion that it is of."""
-        return AXES.get(self.name.partition("_")[0], YAW)
+        return DOFS.get(self.name.partition("_")[0], YAW)
 
     @property
     def file(self) -> str:
@@ -101,7 +101,7 @@ def read_steps(folder: Path) -> dict[str, StepResult]:
                 f"{name}/{file}: schema is {data.get('schema')!r}; expected {schema}1. Run that step again"
             )
         manifest = path.with_name(MANIFEST)
-        data = AXES.get(name.partition("_")[0], YAW).plain(data)
+        data = DOFS.get(name.partition("_")[0], YAW).plain(data)
         found[name] = StepResult(
             name, folder / name, data, read_manifest(manifest) if manifest.is_file() else None
         )

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
-from automarine_cli.axes import AXES
+from automarine_cli.dofs import DOFS
 from automarine_cli.pipeline.words import listed
 from automarine_cli.report.campaign_steps import OF_FORCE, RESULTS, StepResult
 from automarine_cli.report.diagnosis_page import escape
@@ -41,7 +41,7 @@ def _of_force(steps: Steps, motion: str) -> Iterator[str]:
         if model.data.get("buoyancy"):
             parts.append(escape(str(model.at("buoyancy", "says"))))
     found = [_predicts(judged, model), _lacks({**steps, "diagnosis": steps.get(f"{motion}_diagnosis")})]
-    parts += [AXES[motion].say(one) for one in found if one]
+    parts += [DOFS[motion].say(one) for one in found if one]
     if parts:
         yield " ".join(parts)
 
@@ -66,7 +66,7 @@ def _identified(steps: Steps) -> str:
 
 def _yaw(step: StepResult) -> str:
     model = str(step.at("preferred"))
-    say = step.axis.say
+    say = step.dof.say
     found = [
         f"**{say(name)} = {escape(interval(estimate))}** {estimate.unit}"
         for key, name in NAMES.items()
@@ -75,13 +75,13 @@ def _yaw(step: StepResult) -> str:
     ]
     runs = step.at("runs", "used")
     law = say(LAWS.get(model, "drag"))
-    law = law if step.axis.wraps else law.replace("|r| r", _speed(step)).replace(" r", f" {_speed(step)[-1]}")
+    law = law if step.dof.wraps else law.replace("|r| r", _speed(step)).replace(" r", f" {_speed(step)[-1]}")
     return f"model {escape(model)} ({law}) serves best on {runs} runs, with {' and '.join(found)}"
 
 
 def _speed(step: StepResult) -> str:
     """|u| u or |w| w."""
-    letter = step.axis.say("k_r")[-1]
+    letter = step.dof.say("k_r")[-1]
     return f"|{letter}| {letter}"
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from automarine_cli.axes import AXES, YAW
+from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.recipe import read_mapping
 from automarine_cli.report.tables import MISSING, Table, number
@@ -45,9 +45,9 @@ def outcome(step: str, folder: Path) -> str:
     """The result of a step in a few words; empty where its file cannot be read."""
     try:
         command = step if step in FILES else step.rpartition("-")[0]
-        axis = AXES.get(step.rpartition("-")[2], YAW)
-        data: dict[str, Any] = axis.plain(dict(read_mapping(folder / FILES[command])))
-        return axis.say(_IN_WORDS["fit-yaw" if command == f"fit-{axis.name}" else command](data))
+        dof = DOFS.get(step.rpartition("-")[2], YAW)
+        data: dict[str, Any] = dof.plain(dict(read_mapping(folder / FILES[command])))
+        return dof.say(_IN_WORDS["fit-yaw" if command == f"fit-{dof.name}" else command](data))
     except (SettingError, KeyError, TypeError, AttributeError):
         return ""
 

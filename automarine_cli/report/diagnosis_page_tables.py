@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.axes import Axis
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.gap import Gap
 from automarine_cli.diagnosis.where import Region, Where
+from automarine_cli.dofs import Dof
 from automarine_cli.report.tables import MISSING, Table, number
 
 MOST_REGIONS = 8
@@ -25,8 +25,9 @@ SEEN_IN = {
 def regions_table(where: Where) -> Table:
     """The regions that stand out, the most significant first."""
     return Table(
-        "", ("variable", "from", "to", "unit", f"gap [{where.axis.unit}]", "share of the gap", "seen in", "p", "runs"),
-        tuple(_region(region, where.axis) for region in where.regions[:MOST_REGIONS]),
+        "", ("variable", "from", "to", "unit", f"gap [{where.dof.units.shown}]", "share of the gap",
+         "seen in", "p", "runs"),
+        tuple(_region(region, where.dof) for region in where.regions[:MOST_REGIONS]),
         notes=(
             "p is corrected for all bins and variables. Shares of different variables overlap: they are views of one "
             "gap.",
@@ -34,23 +35,23 @@ def regions_table(where: Where) -> Table:
     )  # fmt: skip
 
 
-def _region(region: Region, axis: Axis) -> tuple[str, ...]:
+def _region(region: Region, dof: Dof) -> tuple[str, ...]:
     some = ", ".join(region.runs[:MOST_NAMED_RUNS])
     more = len(region.runs) - MOST_NAMED_RUNS
     runs = f"{some} and {more} more" if more > 0 else some or MISSING
-    gap = number(float(axis.shown(region.gap)), 3)
+    gap = number(float(dof.shown(region.gap)), 3)
     return (
-        axis.say(region.variable), number(region.low, 3), number(region.high, 3), region.unit or MISSING, gap,
-        f"{region.share:.0%}", axis.say(SEEN_IN[region.seen_in]), number(region.p_value, 2), runs,
+        dof.say(region.variable), number(region.low, 3), number(region.high, 3), region.unit or MISSING, gap,
+        f"{region.share:.0%}", dof.say(SEEN_IN[region.seen_in]), number(region.p_value, 2), runs,
     )  # fmt: skip
 
 
 def gap_table(diagnosis: Diagnosis) -> Table:
     """Root mean square gap before and after, against the noise, on runs fitted and held out."""
-    axis = diagnosis.study.base.axis
-    rows = [_gap_row(f"{len(diagnosis.study.runs)} runs fitted", diagnosis.gap, axis)]
+    dof = diagnosis.study.base.dof
+    rows = [_gap_row(f"{len(diagnosis.study.runs)} runs fitted", diagnosis.gap, dof)]
     if diagnosis.held_out is not None and diagnosis.held_out_gap is not None:
-        rows.append(_gap_row(f"{len(diagnosis.held_out.runs)} runs held out", diagnosis.held_out_gap, axis))
+        rows.append(_gap_row(f"{len(diagnosis.held_out.runs)} runs held out", diagnosis.held_out_gap, dof))
     scatter = [100.0 * float(trial.fit.factors[0]) for trial in (diagnosis.found.base, diagnosis.found.final)]
     return Table(
         "", ("runs", "before [deg]", "after [deg]", "noise of the heading [deg]", "gap above the noise closed"),
@@ -64,11 +65,11 @@ def gap_table(diagnosis: Diagnosis) -> Table:
             "thrust and switch instants. "
             f"Thrust differs from run to run by {scatter[0]:.1f} % before and {scatter[1]:.1f} % after.",
         ),
-    ).said(axis)  # fmt: skip
+    ).said(dof)  # fmt: skip
 
 
-def _gap_row(name: str, gap: Gap, axis: Axis) -> tuple[str, ...]:
-    cells = (f"{axis.shown(x):.2f}" for x in (gap.before, gap.after, gap.floor))
+def _gap_row(name: str, gap: Gap, dof: Dof) -> tuple[str, ...]:
+    cells = (f"{dof.shown(x):.2f}" for x in (gap.before, gap.after, gap.floor))
     above = gap.before**2 - gap.floor**2
     visible = above > 0.02 * gap.floor**2
     closed = f"{np.clip((gap.before**2 - gap.after**2) / above, 0.0, 1.0):.0%}" if visible else MISSING
@@ -90,7 +91,7 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
     for name, size in sorted(diagnosis.detectable.items()):
         parameter = _sized(name)
         base = diagnosis.study.base
-        unit = parameter.unit_for(base.moment_unit, base.axis)
+        unit = parameter.unit_for(base.moment_unit, base.dof)
         rows.append((name, parameter.name, number(size, 2), unit or MISSING))
     return Table(
         "", ("effect", "parameter", "smallest size seen", "unit"), tuple(rows),

@@ -10,18 +10,18 @@ from automarine_cli.report.tables import Table, interval, number
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence with its numbers."""
-    axis = diagnosis.study.base.axis
+    dof = diagnosis.study.base.dof
     before, after, floor = (
-        f"{axis.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
+        f"{dof.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
     )
     if diagnosis.verdict == "named":
         names = " and ".join(effect.name for effect in diagnosis.effects)
-        return f"Named: {names}; the gap falls from {before} to {after} {axis.unit} " + axis.say(
+        return f"Named: {names}; the gap falls from {before} to {after} {dof.units.shown} " + dof.say(
             f"(noise of the heading {floor} deg)."
         )
     if diagnosis.verdict == "unexplained":
-        return axis.say(f"Unexplained: the gap is {after} deg where the noise of the heading is {floor} deg.")
-    return axis.say(
+        return dof.say(f"Unexplained: the gap is {after} deg where the noise of the heading is {floor} deg.")
+    return dof.say(
         f"Nothing missing that these runs could show: gap {before} deg, noise of the heading {floor} deg."
     )
 

@@ -11,7 +11,7 @@ import textwrap
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.report.table_text import text_table
 
 MISSING = "–"
@@ -70,22 +70,20 @@ class Table:
                     f"table {self.title!r}: {len(row)} cells in {row!r} for {len(self.header)} columns"
                 )
 
-    def said(self, axis: Axis, names: bool = True) -> "Table":
+    def said(self, dof: Dof, names: bool = True) -> "Table":
         """The same table of another motion: title, header and notes in its words, and the `names` of its rows."""
-        if axis.wraps:
+        if dof.wraps:
             return self
 
         def say(cell: Cell) -> Cell:
-            return (
-                Math(axis.say(cell.plain), axis.say(cell.latex)) if isinstance(cell, Math) else axis.say(cell)
-            )
+            return Math(dof.say(cell.plain), dof.say(cell.latex)) if isinstance(cell, Math) else dof.say(cell)
 
         return replace(
             self,
-            title=axis.say(self.title),
+            title=dof.say(self.title),
             header=tuple(say(cell) for cell in self.header),
             rows=tuple((say(row[0]), *row[1:]) for row in self.rows) if names else self.rows,
-            notes=tuple(axis.say(note) for note in self.notes),
+            notes=tuple(dof.say(note) for note in self.notes),
         )
 
     def to_csv(self) -> str:

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from automarine_cli.axes import Axis
 from automarine_cli.comparison.scores import SCORES, Overall
 from automarine_cli.comparison.validation import Comparison
+from automarine_cli.dofs import Dof
 from automarine_cli.report.tables import MISSING, Cell, Table, number
 
 HEADINGS = {
@@ -32,8 +32,8 @@ def overall_table(comparison: Comparison) -> Table:
     return Table(title, header, tuple(rows), notes=notes).said(_axis(comparison))
 
 
-def _axis(comparison: Comparison) -> Axis:
-    return comparison.runs[0].axis
+def _axis(comparison: Comparison) -> Dof:
+    return comparison.runs[0].dof
 
 
 def run_table(comparison: Comparison) -> Table:
@@ -100,7 +100,7 @@ def _notes(comparison: Comparison) -> list[str]:
     starts = [one.start.how for one in next(iter(comparison.models.values())).free]
     rest = sum(how.startswith("from rest") for how in starts)
     rules = dict.fromkeys(restarts.rule for restarts in comparison.restarts)
-    logged = sum(run.axis.rate in run.extras for run in comparison.runs)
+    logged = sum(run.dof.velocity in run.extras for run in comparison.runs)
     rate = f"the log in {logged} runs, else " if logged else ""
     notes = [
         "Free run (rmse, max, fit): simulated from start to end of a run by its commands alone. "

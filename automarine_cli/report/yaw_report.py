@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.step_response import instant
 from automarine_cli.fits.ways import Ways
 from automarine_cli.fits.yaw_fit import YawFit
@@ -22,14 +22,14 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
     `short`, for the terminal, leaves that to the warnings, and leaves out the means at each moment.
     """
     notes = (
-        (yaw_tables.tail_note(fit.seed_method, fit.axis),)
+        (yaw_tables.tail_note(fit.seed_method, fit.dof),)
         if fit.seed_method is not None
         else (f"{fit.why_no_seed_method}.",)
     )
     drag, inertia = ((), ()) if short else yaw_tables.caution_notes(fit.cautions)
-    one = yaw_tables.drag_table(fit.seed_method, fit.output_error, fit.moment_unit, (*notes, *drag), fit.axis)
+    one = yaw_tables.drag_table(fit.seed_method, fit.output_error, fit.moment_unit, (*notes, *drag), fit.dof)
     two = yaw_tables.inertia_table(
-        fit.seed_method, fit.output_error, fit.moment_unit, (*notes, *inertia), not short, fit.axis
+        fit.seed_method, fit.output_error, fit.moment_unit, (*notes, *inertia), not short, fit.dof
     )
     return one, two
 
@@ -48,21 +48,21 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     lines.append(
         f"Thrust scatters from run to run by {100 * preferred.gain_scatter.value:.1f} % [{100 * low:.1f}, "
         f"{100 * high:.1f}]; "
-        f"heading noise {fit.axis.shown(preferred.noise):.2f}°. Moments switch {preferred.offset.value:+.2f} sample "
+        f"heading noise {fit.dof.shown(preferred.noise):.2f}°. Moments switch {preferred.offset.value:+.2f} sample "
         f"intervals [{preferred.offset.ci95[0]:+.2f}, {preferred.offset.ci95[1]:+.2f}] from the middle between "
         "the first sample that shows them and the one before."
     )
-    lines = [fit.axis.say(line) for line in lines]
+    lines = [fit.dof.say(line) for line in lines]
     if preferred.ways is not None:
-        lines.append(_by_way(preferred.ways, fit.axis))
+        lines.append(_by_way(preferred.ways, fit.dof))
     if fit.buoyancy is not None:
         lines.append(fit.buoyancy.says)
     return (*lines, *(f"Warning: {warning}" for warning in fit.warnings))
 
 
-def _by_way(ways: Ways, axis: Axis) -> str:
+def _by_way(ways: Ways, dof: Dof) -> str:
     """Whether drag differs between the ways, in a sentence."""
-    symbol = axis.say("k_r|r|" if ways.parameter == "k_rr" else "k_r")
+    symbol = dof.say("k_r|r|" if ways.parameter == "k_rr" else "k_r")
     told = " and ".join(f"{interval(one)} {way}" for way, one in ways.drag.items())
     unit = next(iter(ways.drag.values())).unit
     if ways.differ:
@@ -81,7 +81,7 @@ def files(fit: YawFit, formats: Sequence[str] = ("png",)) -> Iterator[tuple[str,
     yield "runs.parquet", parquet(run_rows(fit))
     if fit.seed_method is not None and fit.data is not None:
         yield from figure_files(
-            "half_turns" if fit.axis.wraps else "steps", figures.half_turns_figure(fit), formats
+            "half_turns" if fit.dof.wraps else "steps", figures.half_turns_figure(fit), formats
         )
         yield from figure_files("drag", figures.drag_figure(fit, fit.seed_method), formats)
         yield from figure_files("inertia", figures.inertia_figure(fit, fit.seed_method), formats)
@@ -92,23 +92,23 @@ def files(fit: YawFit, formats: Sequence[str] = ("png",)) -> Iterator[tuple[str,
 
 def run_rows(fit: YawFit) -> pa.Table:
     """One row a run: what was kept of it, why, and what both methods found in it."""
-    return pa.Table.from_pylist([fit.axis.named(row) for row in _rows(fit)])
+    return pa.Table.from_pylist([fit.dof.named(row) for row in _rows(fit)])
 
 
 def _rows(fit: YawFit) -> list[dict[str, object]]:
-    axis = fit.axis
+    dof = fit.dof
     mixed, measured = fit.preferred.mixed, list[dict[str, object]]()
     effects = mixed.run_effects
     if fit.seed_method is None or fit.data is None:
         for i, run in enumerate(fit.runs):
-            off = axis.shown(run.heading - mixed.fitted[i][: len(run)])
+            off = dof.shown(run.heading - mixed.fitted[i][: len(run)])
             measured.append(
                 {
                     "run": run.name,
                     "file": run.source,
                     "samples": len(run),
                     "duration_s": float(run.time[-1] - run.time[0]),
-                    "start_rate_deg_s": float(axis.shown(effects[i, 1])),
+                    "start_rate_deg_s": float(dof.shown(effects[i, 1])),
                     "gain": float(np.exp(effects[i, 2])),
                     "rmse_deg": float(np.sqrt(np.mean(off**2))),
                 }
@@ -116,7 +116,7 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
         return measured
     seed, data = fit.seed_method, fit.data
     for i, turn in enumerate(fit.turns):
-        off = axis.shown((data.heading - mixed.fitted)[i][data.seen[i]])
+        off = dof.shown((data.heading - mixed.fitted)[i][data.seen[i]])
         row: dict[str, object] = {
             "run": turn.name,
             "file": turn.step.run.source,
@@ -124,18 +124,18 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
             "time_from_s": float(turn.time[0]),
             "time_to_s": float(turn.time[-1]),
             "samples": len(turn.time),
-            "turned_deg": float(axis.shown(turn.turned)),
+            "turned_deg": float(dof.shown(turn.turned)),
             "cut_by": turn.cut_by,
             "steady": turn.steady,
-            "start_heading_deg": float(axis.shown(turn.start_heading)),
+            "start_heading_deg": float(dof.shown(turn.start_heading)),
             "switch_from_s": turn.switch_from,
             "switch_to_s": turn.switch_to,
             "tail_samples": int(seed.tails.used[i].sum()),
-            "steady_rate_deg_s": float(axis.shown(seed.tails.rate[i])),
-            "velocity_error_deg": float(axis.shown(seed.tails.error[i])),
+            "steady_rate_deg_s": float(dof.shown(seed.tails.rate[i])),
+            "velocity_error_deg": float(dof.shown(seed.tails.error[i])),
         }
         row |= {
-            f"{axis.key('I_r')}_model_{number}": float(table.per_run[i])
+            f"{dof.key('I_r')}_model_{number}": float(table.per_run[i])
             for number, table in seed.inertia.items()
         }
         row |= {

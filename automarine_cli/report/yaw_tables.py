@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.fits.drag import DragFit, nested_test
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import OutputErrorFit
@@ -22,7 +22,7 @@ def drag_table(
     ml: Mapping[str, OutputErrorFit],
     unit: str,
     notes: tuple[str, ...],
-    axis: Axis = YAW,
+    dof: Dof = YAW,
 ) -> Table:
     """Table 1: drag of the three models and the sum of squares; intervals, tests and maximum likelihood
     below."""
@@ -49,43 +49,43 @@ def drag_table(
             *(number(float(ml[m].mixed.predictive.sum()), 6) if m in ml else MISSING for m in MODELS),
         ),
     ]
-    rows += _force_rows(fits, ml, axis)
+    rows += _force_rows(fits, ml, dof)
     squared = f"({unit})²" if " " in unit else f"{unit}²"
     unit_note = (
-        f"Moment [{unit}], k_r|r| [{axis.unit_of('k_rr', unit)}], k_r [{axis.unit_of('k_r', unit)}], SSE [{squared}]; "
+        f"Moment [{unit}], k_r|r| [{dof.unit_of('k_rr', unit)}], k_r [{dof.unit_of('k_r', unit)}], SSE [{squared}]; "
         "brackets are 95 % intervals."
     )
-    notes = (unit_note, *_signs(axis), *notes)
-    return Table("Table 1. Identified yaw models: drag", HEADER, tuple(rows), (3, 7), notes).said(axis)
+    notes = (unit_note, *_signs(dof), *notes)
+    return Table("Table 1. Identified yaw models: drag", HEADER, tuple(rows), (3, 7), notes).said(dof)
 
 
 def _force_rows(
-    fits: Mapping[str, DragFit], ml: Mapping[str, OutputErrorFit], axis: Axis
+    fits: Mapping[str, DragFit], ml: Mapping[str, OutputErrorFit], dof: Dof
 ) -> list[tuple[Cell, ...]]:
     """What only translations have: the drag of each way, and the constant force."""
     rows: list[tuple[Cell, ...]] = []
-    if axis.sided:
+    if dof.directional:
         asked = {m: ml[m].ways for m in MODELS if m in ml}
-        for way in axis.ways:
+        for way in dof.words.ways:
             cells = (interval(ways.drag[way]) if (ways := asked.get(m)) else MISSING for m in MODELS)
             rows.append((f"drag {way}, maximum likelihood", *cells))
         tests = (number(ways.p_value, 2) if (ways := asked.get(m)) else MISSING for m in MODELS)
         rows.append(("one drag both ways, p", *tests))
-    if axis.constant:
+    if dof.has_constant:
         least = [fits[m].estimates.get("b") if m in fits else None for m in MODELS]
         rows.append(("constant force, 95 %", *(interval(e) if e is not None else MISSING for e in least)))
         rows.append(("constant force, maximum likelihood", *(_ml(ml, m, "b") for m in MODELS)))
     return rows
 
 
-def _signs(axis: Axis) -> tuple[str, ...]:
+def _signs(dof: Dof) -> tuple[str, ...]:
     """What the signs of a translation's symbols are."""
-    if axis.wraps:
+    if dof.wraps:
         return ()
-    (first, second), v = axis.ways, "w" if axis.constant else "u"
+    (first, second), v = dof.words.ways, "w" if dof.has_constant else "u"
     constant = (
         "; the constant force is weight less buoyancy, positive down: that of a vehicle that floats up is negative"
-        if axis.constant
+        if dof.has_constant
         else ""
     )
     return (
@@ -103,7 +103,7 @@ def inertia_table(
     unit: str,
     notes: tuple[str, ...],
     means: bool = True,
-    axis: Axis = YAW,
+    dof: Dof = YAW,
 ) -> Table:
     """Table 2: inertia of the three models; maximum likelihood, inertial turn angle and the mean at each
     moment below."""
@@ -117,8 +117,8 @@ def inertia_table(
             *(interval(ml[m].inertial_turn_angle) if m in ml else MISSING for m in MODELS),
         ),
     ]
-    asked = {m: ml[m].ways for m in MODELS if m in ml} if axis.sided else {}
-    for way in axis.ways if axis.sided else ():
+    asked = {m: ml[m].ways for m in MODELS if m in ml} if dof.directional else {}
+    for way in dof.words.ways if dof.directional else ():
         far = (ways.distance.get(way) if (ways := asked.get(m)) else None for m in MODELS)
         cells = (MISSING if one is None else interval(one) for one in far)
         rows.append((f"I_r/k_r|r| [rad] {way}, maximum likelihood", *cells))
@@ -127,10 +127,10 @@ def inertia_table(
         row = (number(tables[m].per_moment[level]) if m in tables else MISSING for m in MODELS)
         rows.append((f"mean at {level:+.4g} {unit}", *row))
     rules = (1, len(rows) - len(levels)) if levels else (1,)
-    unit_note = f"I_r [{axis.unit_of('I_r', unit)}]; brackets are 95 % intervals"
+    unit_note = f"I_r [{dof.unit_of('I_r', unit)}]; brackets are 95 % intervals"
     unit_note += "; means over the runs at each moment are by the velocity error." if levels else "."
     notes = (unit_note, *notes)
-    return Table("Table 2. Identified yaw models: inertia", HEADER, tuple(rows), rules, notes).said(axis)
+    return Table("Table 2. Identified yaw models: inertia", HEADER, tuple(rows), rules, notes).said(dof)
 
 
 def caution_notes(cautions: Sequence[Caution]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -141,11 +141,11 @@ def caution_notes(cautions: Sequence[Caution]) -> tuple[tuple[str, ...], tuple[s
     )
 
 
-def tail_note(seed: VelocityErrorFit, axis: Axis = YAW) -> str:
+def tail_note(seed: VelocityErrorFit, dof: Dof = YAW) -> str:
     """Where the tails start and what bias that leaves."""
     inertia, drag = (100 * b for b in seed.bias)
     return (
-        f"Tails start at {axis.shown(seed.tail_from):.0f}° of turn, where the method's own bias is "
+        f"Tails start at {dof.shown(seed.tail_from):.0f}° of turn, where the method's own bias is "
         f"{inertia:+.2f} % in inertia and {drag:+.2f} % in drag; the intervals hold it."
     )
 

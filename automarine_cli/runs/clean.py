@@ -35,24 +35,22 @@ def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tupl
     Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
     """
     columns = {key: values[chosen] for key, values in {**table.extras, **table.columns}.items()}
-    axis = table.axis
+    dof = table.dof
     rows, counts = table.rows[chosen], dict.fromkeys(COUNTS, 0)
     counts["rows"] = len(rows)
-    commands = (axis.command,) if axis.command in table.columns else axis.thrusters
-    position = plain_position(
-        columns["time"], columns[axis.position], [columns[key] for key in commands], axis
-    )
+    commands = (dof.command,) if dof.command in table.columns else dof.thrusters
+    position = plain_position(columns["time"], columns[dof.position], [columns[key] for key in commands], dof)
     if position is not None:
-        return (_run(table, {**columns, axis.position: position}, name, counts),)
+        return (_run(table, {**columns, dof.position: position}, name, counts),)
     missing = np.isnan(columns["time"])
-    for key in (axis.position, *commands):
+    for key in (dof.position, *commands):
         missing |= np.isnan(columns[key])
     counts["missing"] = int(np.count_nonzero(missing))
     if counts["missing"]:
         columns, rows = _only(columns, ~missing), rows[~missing]
         if not len(rows):
             raise NotUsable(
-                f"no row has time, {axis.position} and command ({counts['missing']} rows lack one); check the columns"
+                f"no row has time, {dof.position} and command ({counts['missing']} rows lack one); check the columns"
             )
     fresh = _rising(columns["time"], rows, table.source, name)
     if len(rows) > 1 and not fresh[1:].any():
@@ -60,38 +58,38 @@ def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tupl
     counts["duplicates"] = len(fresh) - int(np.count_nonzero(fresh))
     columns = _only(columns, fresh)
     _refuse(clock_trouble(columns["time"]))
-    _refuse(position_trouble(columns["time"], columns[axis.position], axis))
+    _refuse(position_trouble(columns["time"], columns[dof.position], dof))
     for key in commands:
         _refuse(
-            command_trouble(columns[key], axis.say("moment") if key == axis.command else "thruster command")
+            command_trouble(columns[key], dof.say("moment") if key == dof.command else "thruster command")
         )
-    glitch = find_glitches(columns["time"], columns[axis.position], axis.turn)
-    glitch |= np.abs(columns[axis.position]) > LARGEST_HEADING  # what some compasses say instead of nothing
+    glitch = find_glitches(columns["time"], columns[dof.position], dof.turn)
+    glitch |= np.abs(columns[dof.position]) > LARGEST_HEADING  # what some compasses say instead of nothing
     counts["glitches"] = int(np.count_nonzero(glitch))
     if counts["glitches"]:
         columns = _only(columns, ~glitch)
         _refuse(clock_trouble(columns["time"]))
     run = _run(table, columns, name, counts)
-    _refuse(stuck(run.heading, _any_command(run), axis))
+    _refuse(stuck(run.heading, _any_command(run), dof))
     return _bridged(run)
 
 
 def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapping[str, int]) -> Run:
-    axis = table.axis
-    own = ("time", axis.position, axis.command)
+    dof = table.dof
+    own = ("time", dof.position, dof.command)
     extras = {key: values for key, values in columns.items() if key not in own}
     return Run(
         name=name,
         source=table.source,
         time=columns["time"],
-        heading=columns[axis.position],
-        moment=columns.get(axis.command),
+        heading=columns[dof.position],
+        moment=columns.get(dof.command),
         moment_unit=table.moment_unit or "",
         extras=extras,
         counts=counts,
         notes=table.notes + _coarse_clock(counts),
         reading=table.notes,
-        axis=axis,
+        dof=dof,
     )
 
 
@@ -133,23 +131,23 @@ def _any_command(run: Run) -> Floats:
     """Something that is not zero while any thruster works, shape (N,)."""
     if run.moment is not None:
         return run.moment
-    return np.asarray(sum(np.abs(run.extras[name]) for name in run.axis.thrusters))
+    return np.asarray(sum(np.abs(run.extras[name]) for name in run.dof.thrusters))
 
 
 def _bridged(run: Run) -> tuple[Run, ...]:
     """Unwrap the heading; gaps that can be bridged are flagged, at the others and at jumps the run is split."""
     steps = np.diff(run.time)
     gaps = np.flatnonzero(steps > GAP_IN_PERIODS * median(steps))
-    axis = run.axis
-    jumps = np.setdiff1d(find_jumps(run.time, run.heading, axis.turn), gaps)
-    sizes = axis.shown(np.abs(wrapped(np.diff(run.heading)[jumps], axis.turn)))
-    result = unwrap(run.time, run.heading, gaps, axis.turn)
+    dof = run.dof
+    jumps = np.setdiff1d(find_jumps(run.time, run.heading, dof.turn), gaps)
+    sizes = dof.shown(np.abs(wrapped(np.diff(run.heading)[jumps], dof.turn)))
+    result = unwrap(run.time, run.heading, gaps, dof.turn)
     run = replace(run, heading=result.heading)
     widest = f"{steps[gaps].max():.3g} s" if gaps.size else ""
     notes = run.notes
     if jumps.size:
         notes += (
-            axis.say(
+            dof.say(
                 f"split at {_counted(len(jumps), 'jump')} of up to {sizes.max():.0f} degrees from one sample to the "
                 "next, which no vehicle makes: samples are missing there, or the compass slipped"
             ),
@@ -179,7 +177,7 @@ def too_short(part: Run) -> str | None:
     length = float(part.time[-1] - part.time[0])
     if not part.counts["jumps"] or length >= SHORTEST_PART:
         return None
-    return part.axis.say(
+    return part.dof.say(
         f"only {length:.2g} s are left beside a jump of the heading; at least {SHORTEST_PART:g} s are needed"
     )
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.runs.noise import slope
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.sense import longest_repeat
@@ -45,9 +45,9 @@ class Trim:
     low: float = -math.inf
     high: float = math.inf
 
-    def beyond(self, position: Floats, zero: float, noise: float, axis: Axis) -> NDArray[np.bool_]:
+    def beyond(self, position: Floats, zero: float, noise: float, dof: Dof) -> NDArray[np.bool_]:
         """Which samples, (N,), are no longer followed; the ends of a window are as sure as the noise lets them be."""
-        far = np.abs(position - zero) > (axis.trim if self.reach is None else self.reach)
+        far = np.abs(position - zero) > (dof.limits.trim if self.reach is None else self.reach)
         if math.isinf(self.low) and math.isinf(self.high):
             return np.asarray(far)
         margin = MARGIN_IN_SIGMA * noise
@@ -55,12 +55,12 @@ class Trim:
 
     def of_whole(self, run: Run) -> Run:
         """A whole run of a translation as far as it is followed."""
-        out = self.beyond(run.heading, float(run.heading[0]), run.noise, run.axis)
-        return run.cut(0, int(np.argmax(out))) if not run.axis.wraps and out.any() else run
+        out = self.beyond(run.heading, float(run.heading[0]), run.noise, run.dof)
+        return run.cut(0, int(np.argmax(out))) if not run.dof.wraps and out.any() else run
 
-    def ended(self, axis: Axis) -> str:
+    def ended(self, dof: Dof) -> str:
         """What ended a step that was cut, in words."""
-        return HALF_TURN if axis.wraps else WAY if self.reach is not None else WINDOW
+        return HALF_TURN if dof.wraps else WAY if self.reach is not None else WINDOW
 
 
 UNTRIMMED = Trim()
@@ -106,9 +106,9 @@ def half_turn(run: Run, step: Step, trim: Trim = UNTRIMMED) -> HalfTurn:
     noise = run.noise
     zero = start_heading(step)
     position = run.heading[step.segment]
-    stop, crossed = _end(position - zero, trim.beyond(position, zero, noise, run.axis), noise)
+    stop, crossed = _end(position - zero, trim.beyond(position, zero, noise, run.dof), noise)
     kept = slice(step.first, step.first + stop)
-    cut_by = trim.ended(run.axis) if crossed else LOG_ENDS if step.ends_log else MOMENT_ENDS
+    cut_by = trim.ended(run.dof) if crossed else LOG_ENDS if step.ends_log else MOMENT_ENDS
     time, heading = run.time[kept], run.heading[kept]
     steady = _is_steady(time, heading, noise)
     turned = _last_heading(time, heading) - zero
@@ -152,7 +152,7 @@ def first_half_turn(run: Run, trim: Trim = UNTRIMMED) -> tuple[HalfTurn | None, 
         if turn.serves:
             return turn, ""
         why = why or turn.why
-    return None, why or run.axis.say(NO_STEP)
+    return None, why or run.dof.say(NO_STEP)
 
 
 @dataclass(frozen=True)
@@ -245,15 +245,15 @@ def _why_not(
     step: Step, heading: Floats, turned: float, noise: float, cut_by: str, steady: bool, crossed: bool
 ) -> str:
     """The sentence for which a half-turn is set aside, or nothing."""
-    return step.run.axis.say(_why_not_yaw(step, heading, turned, noise, cut_by, steady, crossed))
+    return step.run.dof.say(_why_not_yaw(step, heading, turned, noise, cut_by, steady, crossed))
 
 
 def _why_not_yaw(
     step: Step, heading: Floats, turned: float, noise: float, cut_by: str, steady: bool, crossed: bool
 ) -> str:
     """The same in the words of yaw."""
-    axis = step.run.axis
-    whole = round(abs(float(axis.shown(turned))))
+    dof = step.run.dof
+    whole = round(abs(float(dof.shown(turned))))
     degrees = f"{whole} degree{'s' * (whole != 1)}"
     at = f"the step of {step.moment:.4g} {step.run.moment_unit}".rstrip()
     repeats, _ = longest_repeat(heading, np.ones(len(heading), dtype=bool))
@@ -267,28 +267,28 @@ def _why_not_yaw(
             f"too short: {at} has {len(heading)} samples ({cut_by}); at least {FEWEST_SAMPLES} are needed. "
             "Log faster or hold the moment longer"
         )
-    if abs(turned) < max(axis.still, 5 * noise):
+    if abs(turned) < max(dof.limits.still, 5 * noise):
         return (
             f"never moved: {degrees} turned in {at}. Use a larger moment, and check thrusters and tether"
-            + ("; if the heading column is in radians, name it heading_rad" if axis.wraps else "")
+            + ("; if the heading column is in radians, name it heading_rad" if dof.wraps else "")
         )
     if not step.from_rest:
         return (
-            f"not from rest: {at} begins at {axis.shown(step.start_rate):.3g} degrees/s. "
-            f"Let the vehicle come to rest{' at zero moment' * (not axis.constant)} before each step"
+            f"not from rest: {at} begins at {dof.shown(step.start_rate):.3g} degrees/s. "
+            f"Let the vehicle come to rest{' at zero moment' * (not dof.has_constant)} before each step"
         )
-    if turned * step.moment < 0 and not axis.constant:
-        counts = "counter-clockwise" if axis.wraps else "the other way"
+    if turned * step.moment < 0 and not dof.has_constant:
+        counts = "counter-clockwise" if dof.wraps else "the other way"
         return (
             f"units look wrong: {at} turned the vehicle {degrees} against it. If the heading counts "
             f"{counts}, map it with sign = -1 in the --columns file"
         )
-    if not crossed and (abs(turned) < axis.least or not steady):
-        if not axis.wraps and steady:
+    if not crossed and (abs(turned) < dof.limits.least or not steady):
+        if not dof.wraps and steady:
             return f"ended too soon: {cut_by} after {degrees} of {at}. Hold each moment for longer"
         rate = "its rate was still changing" if not steady else "half a turn was not near"
         ended = "moment changed before steady" if cut_by == MOMENT_ENDS else "ended before steady"
         return f"{ended}: {cut_by} after {degrees} of {at}, and {rate}. " + (
-            "Hold each moment for half a turn" if axis.wraps else "Hold each moment for longer"
+            "Hold each moment for half a turn" if dof.wraps else "Hold each moment for longer"
         )
     return ""

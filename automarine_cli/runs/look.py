@@ -99,8 +99,8 @@ def look_at_run(run: Run) -> RunSeen:
         ),  # not the clock's rounding
         longest_step_s=float(spans.max()),
         counts=dict(run.counts),
-        heading_noise_deg=float(run.axis.shown(heading_noise(run.time, run.heading))),
-        turns=float(np.ptp(run.heading) / (run.axis.turn if run.axis.wraps else 1.0)),
+        heading_noise_deg=float(run.dof.shown(heading_noise(run.time, run.heading))),
+        turns=float(np.ptp(run.heading) / (run.dof.turn if run.dof.wraps else 1.0)),
         moment_unit=driven.moment_unit,
         levels=levels if len(levels) <= min(MOST_LEVELS, len(run) // 4) else None,
         steps=[_step_seen(turn) for turn in turns],
@@ -108,7 +108,7 @@ def look_at_run(run: Run) -> RunSeen:
         why=None if best is not None else turns[0].why if turns else NO_STEP,
         columns=sorted(run.extras),
         notes=[*run.notes, *(note for turn in turns for note in turn.step.notes)],
-        motion=run.axis.name,
+        motion=run.dof.name,
     )
 
 
@@ -120,10 +120,10 @@ def _step_seen(turn: HalfTurn) -> StepSeen:
         switch_to_s=step.switch_to,
         ends_s=float(step.run.time[step.stop - 1]),
         from_rest=step.from_rest,
-        start_heading_deg=float(step.run.axis.logged(turn.start_heading)),
+        start_heading_deg=float(step.run.dof.logged(turn.start_heading)),
         kept_samples=len(turn.time),
         kept_s=float(turn.time[-1] - turn.time[0]),
-        turned_deg=float(step.run.axis.shown(turn.turned)),
+        turned_deg=float(step.run.dof.shown(turn.turned)),
         cut_by=turn.cut_by,
         steady=turn.steady,
         why=turn.why or None,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.runs.jumps import LEAST_JUMP
 from automarine_cli.runs.sense import (
     FASTEST,
@@ -24,7 +24,7 @@ MOST_UNEVEN = 1.5
 """Longest over shortest time between samples of a plain run."""
 
 
-def plain_position(time: Floats, position: Floats, commands: Sequence[Floats], axis: Axis) -> Floats | None:
+def plain_position(time: Floats, position: Floats, commands: Sequence[Floats], dof: Dof) -> Floats | None:
     """The position, (N,), unwrapped, of a run that cleaning would leave as it is otherwise; else None.
 
     Every condition is at least as strict as the one that the thorough way asks: no value missing, a clock that rises
@@ -48,13 +48,13 @@ def plain_position(time: Floats, position: Floats, commands: Sequence[Floats], a
     if np.count_nonzero(raw) < len(raw) - LEAST_STUCK + 2:
         return None
     steps, turned = raw, np.zeros(0, dtype=int)
-    if axis.wraps and (turned := np.flatnonzero(np.abs(raw) > np.pi)).size:
+    if dof.wraps and (turned := np.flatnonzero(np.abs(raw) > np.pi)).size:
         steps = raw.copy()
         steps[turned] = wrapped(raw[turned])
     bend = np.abs(steps[1:] - steps[:-1])
     if max(steps.max(), -steps.min()) > LEAST_JUMP:
         return None
-    if find_spikes(time, position, steps, spans, bend, spike_threshold(bend), axis.turn).any():
+    if find_spikes(time, position, steps, spans, bend, spike_threshold(bend), dof.turn).any():
         return None
     if not turned.size:
         return position

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs.canonical import names_of
 from automarine_cli.runs.noise import heading_noise, median
@@ -36,7 +36,7 @@ class Run:
     `extras` holds every other numeric column (`yaw_rate` [rad/s], `n_port`, `n_stbd`, `voltage` [V], `surge`,
     `sway` [m/s], ...). `counts` says what cleaning did (name -> number), `notes` what a person should know.
     `reading` are those of the notes that tell how the log was read, such as signs that were turned and how old held
-    values are. In a run of another motion (`axis`) `heading` is the position [m] and `moment` the force.
+    values are. In a run of another motion (`dof`) `heading` is the position [m] and `moment` the force.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Run:
     counts: Mapping[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     reading: tuple[str, ...] = ()
-    axis: Axis = YAW
+    dof: Dof = YAW
 
     def __post_init__(self) -> None:
         for name, column in {"time": self.time, "heading": self.heading, **self.extras}.items():
@@ -70,11 +70,11 @@ class Run:
     def command(self) -> Floats:
         """Commanded yaw moment [`moment_unit`], shape (N,). Raises RunError where the log has none."""
         if self.moment is None:
-            axis, names = self.axis, ", ".join(names_of(self.axis.command))
+            dof, names = self.dof, ", ".join(names_of(self.dof.command))
             raise RunError(
-                f"{self.source}, run {self.name!r}: no {axis.say('yaw moment')} ({names}) in the log; "
-                f"give --thrusters MAP.json{' and --arm METRES' * axis.levered} for {' and '.join(axis.thrusters)}, "
-                f"or name the {axis.say('moment')}'s column with --columns"
+                f"{self.source}, run {self.name!r}: no {dof.say('yaw moment')} ({names}) in the log; "
+                f"give --thrusters MAP.json{' and --arm METRES' * dof.levered} for {' and '.join(dof.thrusters)}, "
+                f"or name the {dof.say('moment')}'s column with --columns"
             )
         return self.moment
 
@@ -92,9 +92,9 @@ class Run:
         """The run with what is logged of its commands for a moment: thruster commands added up if there is no other."""
         if self.moment is not None:
             return self
-        signs = [" - " if side < 0 else " + " for side in self.axis.sides]
-        names = "".join(sign + name for sign, name in zip(signs, self.axis.thrusters)).removeprefix(" + ")
-        total = sum(side * self.extras[name] for side, name in zip(self.axis.sides, self.axis.thrusters))
+        signs = [" - " if side < 0 else " + " for side in self.dof.sides]
+        names = "".join(sign + name for sign, name in zip(signs, self.dof.thrusters)).removeprefix(" + ")
+        total = sum(side * self.extras[name] for side, name in zip(self.dof.sides, self.dof.thrusters))
         return self.with_moment(np.asarray(total), names)
 
     def with_moment(self, moment: Floats, unit: str) -> "Run":

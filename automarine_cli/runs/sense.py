@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.runs.noise import median
 
 Floats = NDArray[np.float64]
@@ -45,14 +45,14 @@ def clock_trouble(time: Floats) -> str | None:
     return None
 
 
-def position_trouble(time: Floats, position: Floats, axis: Axis) -> str | None:
+def position_trouble(time: Floats, position: Floats, dof: Dof) -> str | None:
     """Why a position as logged, shape (N,), cannot be one of this motion, or None."""
-    if axis.wraps:
+    if dof.wraps:
         return heading_trouble(time, position)
     largest = median(np.abs(position - position[0]))
     if largest <= FARTHEST:
         return None
-    name = axis.position
+    name = dof.position
     return (
         f"units look wrong: a {name} of {largest:.3g} m. If it is in millimetres, say so with --columns, such as "
         f'{name}_m = {{ from = "{name}", unit = "mm" }}'
@@ -100,15 +100,15 @@ def _wraps_at(turn: float, span: float, jumps: Floats) -> bool:
     return bool(span <= 1.001 * turn and jumps.max() > 0.75 * turn and median(jumps) < 0.05 * turn)
 
 
-def stuck(heading: Floats, command: Floats, axis: Axis = YAW) -> str | None:
+def stuck(heading: Floats, command: Floats, dof: Dof = YAW) -> str | None:
     """Why a heading that repeats one value while a moment acts does not serve, or None."""
     acting = command != 0
     if not acting.any():
         return None
     longest, at = longest_repeat(heading, acting)
     if longest >= max(LEAST_STUCK, acting.sum() / 2):
-        where = axis.shown(at) % 360 if axis.wraps else axis.shown(at)
-        return axis.say(
+        where = dof.shown(at) % 360 if dof.wraps else dof.shown(at)
+        return dof.say(
             f"compass stuck: {longest} samples of exactly {where:.6g} degrees while a moment "
             "acts. Check the compass and its cable, or whether the vehicle was held"
         )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW
+from automarine_cli.dofs import YAW
 from automarine_cli.runs.noise import slope
 from automarine_cli.runs.run import Run
 
@@ -86,7 +86,7 @@ def _step(run: Run, first: int, stop: int) -> Step:
     sigma = run.noise
     pace = _mean_rate(run, first, stop)
     rest = None if begins else _rest_before(run, first, sigma, pace)
-    rate, doubt = start_motion(run.time[first:stop], run.heading[first:stop], sigma, run.axis.start)
+    rate, doubt = start_motion(run.time[first:stop], run.heading[first:stop], sigma, run.dof.limits.start)
     slow = abs(rate) <= SLOW * abs(pace) + SURE * doubt
     only = begins or first < SHORT_REST  # too little before the step to tell: its own start decides
     note = "the log begins with the moment already on: its switch is taken within the sample period before"
@@ -103,14 +103,14 @@ def _step(run: Run, first: int, stop: int) -> Step:
         start_rate=0.0 if rest is not None else rate,
         begins_log=begins,
         ends_log=ends,
-        notes=(run.axis.say(note),) if begins else (),
+        notes=(run.dof.say(note),) if begins else (),
     )
 
 
 def _mean_rate(run: Run, first: int, stop: int) -> float:
     """Mean yaw rate of the step [rad/s], over its first half-turn at most."""
     turned = run.heading[first:stop] - run.heading[first]
-    last = int(np.argmax(np.abs(turned) > run.axis.trim)) or stop - first - 1
+    last = int(np.argmax(np.abs(turned) > run.dof.limits.trim)) or stop - first - 1
     return float(turned[last] / (run.time[first + last] - run.time[first]))
 
 
@@ -120,7 +120,7 @@ def _rest_before(run: Run, first: int, sigma: float, pace: float) -> slice | Non
     Where a constant force acts, of any one command: that may be the one that balances it.
     """
     least = SAME_MOMENT * float(np.abs(run.command).max())
-    idle = run.command[first - 1] if run.axis.constant else 0.0
+    idle = run.command[first - 1] if run.dof.has_constant else 0.0
     acting = np.flatnonzero(np.abs(run.command[:first] - idle) > least)
     start = int(acting[-1]) + 1 if acting.size else 0
     length = first - start
@@ -146,7 +146,7 @@ def released(run: Run) -> int:
 
 
 def start_motion(
-    time: Floats, heading: Floats, sigma: float, angle: float = YAW.start
+    time: Floats, heading: Floats, sigma: float, angle: float = YAW.limits.start
 ) -> tuple[float, float]:
     """Yaw rate at the first sample [rad/s] and its standard error, from a parabola through the start of a
     step.
@@ -163,7 +163,7 @@ def start_motion(
     return float(coefficients[1]), sigma * float(np.sqrt((root @ root.T)[1, 1]))
 
 
-def start_length(heading: Floats, angle: float = YAW.start) -> int:
+def start_length(heading: Floats, angle: float = YAW.limits.start) -> int:
     """How many samples belong to the start of a step: those before the heading has turned `angle` for good."""
     moved = np.abs(heading - heading[0]) > angle
     both = moved[:-1] & moved[1:]  # two in a row: a single sample may be noise
@@ -181,7 +181,7 @@ def start_heading(step: Step) -> float:
     if step.start_heading is not None:
         return step.start_heading
     heading = step.run.heading[step.segment]
-    count = start_length(heading, step.run.axis.start)
+    count = start_length(heading, step.run.dof.limits.start)
     time = step.run.time[step.first : step.first + count] - step.switch_mid
     if step.from_rest:
         design = np.column_stack([np.ones(count), time**2])

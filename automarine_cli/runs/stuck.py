@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.runs.run import Run, SetAside
 
 ALIKE = 1.25  # pushes of one size: steps that end at one angle are logged a sample more or less
@@ -22,7 +22,7 @@ def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]
     moved = [run for run in runs if _moved(run)]
     kept, aside = [], []
     for run in runs:
-        free = run.axis.constant or _moved(
+        free = run.dof.has_constant or _moved(
             run
         )  # under a constant force the smaller command may be what moves
         other = None if free else _moved_by_no_more(run, moved)
@@ -37,7 +37,7 @@ def _moved(run: Run) -> bool:
     """Whether the mean headings of its pieces differ by more than noise would make them."""
     count = max(1, min(len(run) // 3, int((run.time[-1] - run.time[0]) / PIECE_S)))
     means = [float(piece.mean()) for piece in np.array_split(run.heading, count)]
-    return max(means) - min(means) >= max(run.axis.still, 5 * run.noise)
+    return max(means) - min(means) >= max(run.dof.limits.still, 5 * run.noise)
 
 
 def _push(run: Run) -> float:
@@ -61,9 +61,9 @@ def _moved_by_no_more(run: Run, moved: Sequence[Run]) -> Run | None:
 
 
 def _why(run: Run, other: Run) -> str:
-    axis: Axis = run.axis
+    dof: Dof = run.dof
     size = np.abs(run.command).max() * np.sign(run.command.sum())
-    return axis.say(
+    return dof.say(
         f"never moved under a moment of {size:.4g} {run.moment_unit}, though run {other.name} did under no more; check "
         "thrusters and tether, and make the run again"
     )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.effects import Commands
 from automarine_cli.errors import RunError
 from automarine_cli.runs.run import Run
@@ -39,7 +39,7 @@ class Batch:
     padding; `start` (R,) clock of the first sample [s]; `window` (R, M) which of the windows of `WINDOW`
     seconds each step lies in; `signals` other logged columns held over the steps, (R, M).
 
-    Where a constant force acts (`axis`), a vehicle that stands still before its first change of command is held: on the
+    Where a constant force acts (`dof`), a vehicle that stands still before its first change of command is held: on the
     surface, by hand. Its clock begins with that change, and the steps before have no length.
     """
 
@@ -57,7 +57,7 @@ class Batch:
     window: NDArray[np.int64]
     moment_unit: str
     signals: Mapping[str, Floats]
-    axis: Axis = YAW
+    dof: Dof = YAW
 
     @property
     def windows(self) -> int:
@@ -114,7 +114,7 @@ def make_batch(runs: Sequence[Run], max_step: float, signals: Sequence[str] = ()
                 f"{run.source}, run {run.name!r}: the model needs column {missing[0]!r}, which the log lacks"
             )
     grids = [_grid(run, max_step) for run in runs]
-    if hold and runs[0].axis.constant:
+    if hold and runs[0].dof.has_constant:
         grids = [_held(run, grid) for run, grid in zip(runs, grids)]
     steps = max(len(g.length) for g in grids)
     samples = max(len(run) for run in runs)
@@ -142,7 +142,7 @@ def make_batch(runs: Sequence[Run], max_step: float, signals: Sequence[str] = ()
         window=((np.cumsum(lengths, axis=1) - 0.5 * lengths) / WINDOW).astype(int),
         moment_unit=units.pop(),
         signals={n: padded([run.extras[n][g.held] for run, g in zip(runs, grids)], steps) for n in signals},
-        axis=runs[0].axis,
+        dof=runs[0].dof,
     )
 
 

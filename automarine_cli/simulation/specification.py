@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from automarine_cli import effects as library
-from automarine_cli.axes import AXES, YAW, Axis
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.plain_data import everything, in_words, told
@@ -188,7 +188,7 @@ class Specification:
     def model(self) -> YawModel:
         """The true model: the vehicle's drag and the effects, in their order."""
         terms = tuple(Term(name, (value,)) for name, value in self.vehicle.terms)
-        model = YawModel(self.vehicle.I_r, terms, self.vehicle.moment_unit, self.vehicle.axis)
+        model = YawModel(self.vehicle.I_r, terms, self.vehicle.moment_unit, self.vehicle.dof)
         for effect in self.effects:
             model = model.with_effect(effect.name, effect.ordered)
         return model
@@ -227,25 +227,25 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
     """The specification held by plain data; `where` names it in messages. Raises SettingError."""
     vehicle = mapping.get("vehicle")
     motion = vehicle.get("motion", YAW.name) if isinstance(vehicle, Mapping) else YAW.name
-    axis = AXES.get(motion) if isinstance(motion, str) else None
-    if axis is None:
-        raise SettingError(f"{where}: vehicle.motion: found {told(motion)}, expected {' or '.join(AXES)}")
-    if axis.wraps:
+    dof = DOFS.get(motion) if isinstance(motion, str) else None
+    if dof is None:
+        raise SettingError(f"{where}: vehicle.motion: found {told(motion)}, expected {' or '.join(DOFS)}")
+    if dof.wraps:
         return _specification(mapping, where, _Raw)
-    if wrong := axis.misnamed(mapping):
-        raise SettingError(f"{where}: unknown key {wrong!r}; in {axis.name} it is {axis.key(wrong)!r}")
+    if wrong := dof.misnamed(mapping):
+        raise SettingError(f"{where}: unknown key {wrong!r}; in {dof.name} it is {dof.key(wrong)!r}")
     try:
-        return _specification(_with_defaults(axis.plain(mapping), axis), where, _RawForce)
+        return _specification(_with_defaults(dof.plain(mapping), dof), where, _RawForce)
     except SettingError as problem:
-        raise SettingError(where + axis.say(str(problem).removeprefix(where))) from None
+        raise SettingError(where + dof.say(str(problem).removeprefix(where))) from None
 
 
-def _with_defaults(mapping: Mapping[str, object], axis: Axis) -> dict[str, object]:
+def _with_defaults(mapping: Mapping[str, object], dof: Dof) -> dict[str, object]:
     """The data of a translation with what goes without saying there: nothing wraps, and who sinks or rises is held."""
     own: dict[str, dict[str, object]] = {
         "logger": {"wrap": "none", "glitch_deg": 1.0},
         "scatter": {"start_heading_deg": 0.0},
-        "campaign": {"held": axis.constant},
+        "campaign": {"held": dof.has_constant},
     }
     given = {key: mapping.get(key, {}) for key in own}
     return {

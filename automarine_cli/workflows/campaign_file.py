@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from automarine_cli.axes import YAW
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs
 from automarine_cli.logs.columns import database

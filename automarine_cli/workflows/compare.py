@@ -6,9 +6,9 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from automarine_cli.axes import AXES
 from automarine_cli.comparison.result_files import shared_models, side
 from automarine_cli.comparison.side_by_side import Difference, Side, differences
+from automarine_cli.dofs import DOFS
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
 from automarine_cli.pipeline.outputs import result_folder
@@ -25,7 +25,7 @@ SCHEMA = "automarine/comparison/1"
 FILES = ("comparison.json", "parameters.csv", "differences.csv", "comparison.md", "comparison.png")
 RESULTS = {
     "diagnosis.json": ("automarine/diagnosis/1", "diagnose"),
-    **{f"{name}_model.json": (f"automarine/{name}-model/1", f"fit-{name}") for name in AXES},
+    **{f"{name}_model.json": (f"automarine/{name}-model/1", f"fit-{name}") for name in DOFS},
     "thrusters.json": ("automarine/thruster-map/1", "fit-thrusters"),
 }
 STEPS = ("yaw", "thrusters", "diagnosis")
@@ -187,7 +187,7 @@ def _refuse_mixtures(found: Sequence[_Found]) -> None:
 def _sides(found: Sequence[_Found]) -> tuple[Side, ...]:
     models = (
         shared_models([one.data for one in found])
-        if found[0].kind in [f"fit-{name}" for name in AXES]
+        if found[0].kind in [f"fit-{name}" for name in DOFS]
         else ()
     )
     sides = []

@@ -52,18 +52,18 @@ class YawDiagnosis(Shown):
         held = self.diagnosis.held_out_gap
         moved = base_estimates(self.diagnosis.study, found.final)
         before = base_estimates(self.diagnosis.study, found.base)
-        axis = self.stored.axis
+        dof = self.stored.dof
         content = {
             "schema": "automarine/diagnosis/1",
-            **({} if axis.wraps else {"motion": axis.name}),
+            **({} if dof.wraps else {"motion": dof.name}),
             "verdict": self.diagnosis.verdict,
             "model": self.stored.preferred,
             "moment_unit": self.stored.moment_unit,
             "effects": [_effect_json(effect) for effect in self.diagnosis.effects],
-            "where": [region.to_json(axis) for region in self.where.regions],
+            "where": [region.to_json(dof) for region in self.where.regions],
             "gap": {
-                "fitted_runs": gap_json(self.diagnosis.gap, axis),
-                "held_out_runs": None if held is None else gap_json(held, axis),
+                "fitted_runs": gap_json(self.diagnosis.gap, dof),
+                "held_out_runs": None if held is None else gap_json(held, dof),
             },
             "candidates": [
                 {"name": trial.added[-1], "gain": found.rounds[0].gain(trial)}
@@ -71,7 +71,7 @@ class YawDiagnosis(Shown):
             ],
             "threshold": found.rounds[0].threshold,
             "base": {
-                name if axis.wraps else KEYS.get(name, name): {
+                name if dof.wraps else KEYS.get(name, name): {
                     "before": before[name].to_json(),
                     "after": moved[name].to_json(),
                 }
@@ -88,7 +88,7 @@ class YawDiagnosis(Shown):
                 **readings(self.diagnosis.study.runs),
             },
         }
-        return dict(axis.named(content))
+        return dict(dof.named(content))
 
     def tables(self) -> list[Table | str]:
         """What the terminal shows: verdict, effects, gap, candidates."""
@@ -110,29 +110,27 @@ class YawDiagnosis(Shown):
 
 def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha256: str) -> dict[str, Any]:
     """A yaw-model file of one model with its effects, and the hash of the file that it grew from."""
-    base, axis = base_estimates(study, trial), study.base.axis
+    base, dof = base_estimates(study, trial), study.base.dof
     core, names = ["linear-drag", "quadratic-drag"], {name: name for name in ("k_rr", "k_r", "I_r")}
     sides = ASYMMETRY[stored.preferred]
-    own = ["bias-moment"] * axis.constant + [sides] * (sides in [term.name for term in study.base.terms])
-    if not axis.wraps:
+    own = ["bias-moment"] * dof.has_constant + [sides] * (sides in [term.name for term in study.base.terms])
+    if not dof.wraps:
         core += own
         names |= {BASE_NAMES[name]: KEYS[BASE_NAMES[name]] for name in own}
     drag = {key: base[name].to_json() for name, key in names.items() if name in base}
     angle, covariance, fit = None, study.covariance(trial.model, trial.fit), trial.fit
-    order = [
-        axis.key(KEYS.get(name, name)) if not axis.wraps else name for name in trial.model.parameter_names
-    ]
+    order = [dof.key(KEYS.get(name, name)) if not dof.wraps else name for name in trial.model.parameter_names]
     told = drag | {"covariance": covariance_json(order, fit.theta, fit.positive, covariance)}
     if "k_rr" in base and base["k_rr"].value > 0:
         spread = float(np.sqrt(max(covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1], 0.0)))
         angle = Estimate.from_log(
-            base["I_r"].value / base["k_rr"].value, spread, len(study.runs) - 1, axis.unit_of("theta_c")
+            base["I_r"].value / base["k_rr"].value, spread, len(study.runs) - 1, dof.unit_of("theta_c")
         ).to_json()
     added = [term.name for term in trial.model.terms if term.name not in core]
     added += [name for name in trial.added if name in core]
     content = {
-        "schema": schema_of(axis),
-        **({} if axis.wraps else {"motion": axis.name}),
+        "schema": schema_of(dof),
+        **({} if dof.wraps else {"motion": dof.name}),
         "moment_unit": stored.moment_unit,
         "fitted_to": "whole runs",
         "models": {stored.preferred: {**drag, "output_error": told, "velocity_error": None, "sse": None}},
@@ -149,10 +147,10 @@ def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha2
             }
             for name in added
         ],
-        "heading_noise_deg": float(axis.shown(trial.fit.noise)),
+        "heading_noise_deg": float(dof.shown(trial.fit.noise)),
         "parent": {"file": stored.source, "sha256": parent_sha256},
     }
-    return dict(axis.named(content))
+    return dict(dof.named(content))
 
 
 def _effect_json(effect: NamedEffect) -> dict[str, Any]:
@@ -273,14 +271,14 @@ def _runs(
     stored: StoredModels,
 ) -> tuple[list[Run], tuple[SetAside, ...], tuple[LogFile, ...]]:
     """Runs that a diagnosis can use, with their moments, in the model's unit."""
-    axis = stored.axis
-    campaign = load_runs(logs, names, axis=axis, strict=strict, progress=progress, jobs=jobs)
-    runs = with_moments(campaign.runs, thrusters, arm, names, axis)
+    dof = stored.dof
+    campaign = load_runs(logs, names, dof=dof, strict=strict, progress=progress, jobs=jobs)
+    runs = with_moments(campaign.runs, thrusters, arm, names, dof)
     units = {run.moment_unit for run in runs if run.moment is not None}
     if units - {stored.moment_unit}:
         raise SettingError(
-            f"{stored.source} is a model of {axis.say('moments')} in {stored.moment_unit}, the logs give "
-            f"{', '.join(sorted(units))}; fit a model to these logs first, or map their {axis.say('moment')} with "
+            f"{stored.source} is a model of {dof.say('moments')} in {stored.moment_unit}, the logs give "
+            f"{', '.join(sorted(units))}; fit a model to these logs first, or map their {dof.say('moment')} with "
             "--columns"
         )
     moving, stuck = without_stuck(runs)

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from automarine_cli import effects as library
-from automarine_cli.axes import AXES
+from automarine_cli.dofs import DOFS
 from automarine_cli.effects import Effect, Parameter
 from automarine_cli.effects.base import EVEN, MIXED, ODD
 from automarine_cli.report.tables import Table, number
@@ -64,7 +64,7 @@ def _card(one: Effect) -> tuple[Table | str, ...]:
     lines = [
         ("equation", one.equation),
         ("acts on", ACTS_ON[one.place.value]),
-        *([] if len(one.axes) == len(AXES) else [("only in", " and ".join(one.axes))]),
+        *([] if len(one.axes) == len(DOFS) else [("only in", " and ".join(one.axes))]),
         ("states", ", ".join(one.states) or "none of its own"),
         ("columns needed", ", ".join(one.needs) or "none beyond time, heading and command"),
         ("verdict", one.says),

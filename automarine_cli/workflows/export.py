@@ -205,20 +205,20 @@ def _of_yaw(
     if data.get("schema") == MAP_SCHEMA:
         raise SettingError(f"{origin.file} is a thruster map; --to {target.name} takes a yaw model, as --to thrusters "
                            "takes a map")  # fmt: skip
-    axis = axis_of(target, data, origin)
+    dof = axis_of(target, data, origin)
     stored = yaw_models_from_json(data, origin.file)
     which = _one_of(stored.models, number or stored.preferred, "--number")
     origin = replace(origin, number=which)
-    model = in_unit(target, stored.models[which], axis, settings, origin)
-    model = in_enu(model, axis) if frame == "ENU" else model
-    kept, left_out = split(target, model, axis, settings)
+    model = in_unit(target, stored.models[which], dof, settings, origin)
+    model = in_enu(model, dof) if frame == "ENU" else model
+    kept, left_out = split(target, model, dof, settings)
     if left_out and not settings.allow_partial:
         raise SettingError(cannot(target, left_out, origin))
     part = replace(model, terms=kept)
-    refuse_inertia(target, settings.rigid_inertia, part, axis, origin)
+    refuse_inertia(target, settings.rigid_inertia, part, dof, origin)
     if target.si:
         refuse_driving(part, target, origin)
-    subject = YawSubject(origin, part, frame, form, settings, left_out, axis, axis.plain(data), logs)
+    subject = YawSubject(origin, part, frame, form, settings, left_out, dof, dof.plain(data), logs)
     carried = ("inertia", *(term.name for term in kept))
     return Exported(
         target.name, form, frame, origin, part.moment_unit, carried, left_out, target.write(subject)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from automarine_cli.axes import HEAVE, SURGE, YAW, Axis
+from automarine_cli.dofs import HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.identify import NOTHING_KNOWN, identify_turns
 from automarine_cli.fits.output_error import OutputErrorFit
@@ -96,7 +96,7 @@ def fit_heave(
 
 
 def _fit(
-    axis: Axis,
+    dof: Dof,
     trim: Trim,
     own: dict[str, object],
     logs: Sequence[str | Path],
@@ -115,13 +115,13 @@ def _fit(
     """The fit of any motion; `own` are the options that only it has."""
     column_map = given_columns(columns)
     arm, kind = own.get("arm"), FIT_TO[1] if fit_to == STEPS else fit_to
-    drive = moment_maker(thrusters, arm if isinstance(arm, int | float) else None, column_map, axis)
+    drive = moment_maker(thrusters, arm if isinstance(arm, int | float) else None, column_map, dof)
     campaign = load_half_turns(
-        logs, column_map, drive, axis=axis, trim=trim, strict=strict, progress=progress, jobs=jobs
+        logs, column_map, drive, dof=dof, trim=trim, strict=strict, progress=progress, jobs=jobs
     )
 
     def whole() -> Sequence[Run]:
-        runs = load_runs(logs, column_map, axis=axis, progress=progress, jobs=jobs).runs
+        runs = load_runs(logs, column_map, dof=dof, progress=progress, jobs=jobs).runs
         return [trim.of_whole(run if drive is None else drive(run)) for run in runs]
 
     def each(function: Callable[[str], OutputErrorFit], models: Sequence[str]) -> Sequence[OutputErrorFit]:
@@ -132,7 +132,7 @@ def _fit(
             try:
                 fit = identify_turns(campaign.turns, campaign.not_turned, whole, kind, known, each)
             except FitError as problem:
-                raise FitError(axis.say(str(problem))) from None
+                raise FitError(dof.say(str(problem))) from None
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside))
         if strict and fit.set_aside:
             raise refused_by_strict(fit.set_aside[0])
@@ -151,12 +151,12 @@ def _fit(
         "figure_formats": figure_formats,
         "strict": strict,
     }
-    command = f"fit-{axis.name}"
+    command = f"fit-{dof.name}"
     with result_folder(
         out, command=command, options=options, inputs=inputs, seed=None, overwrite=overwrite
     ) as folder:
         fit = work()
-        folder.write_json(f"{axis.name}_model.json", fit.to_json())
+        folder.write_json(f"{dof.name}_model.json", fit.to_json())
         for name, content in yaw_report.files(fit, figure_formats):
             folder.write(name, content)
     return fit

@@ -36,7 +36,7 @@ class Simulation(Shown):
             bollard = {"file": made.bollard.file} | {
                 key: value for key, value in bollard.items() if key not in ("folder", "name", "format")
             }
-        axis = made.vehicle.axis
+        dof = made.vehicle.dof
         content = {
             "schema": SCHEMA,
             "simulated": label(made, self.seed),
@@ -49,7 +49,7 @@ class Simulation(Shown):
             "campaign": to_mapping(made.campaign),
             "made": [_truth_of(run, number) for number, run in enumerate(self.runs, 1)],
         }
-        return dict(axis.named(content))
+        return dict(dof.named(content))
 
     def files(self) -> tuple[str, ...]:
         """What is written: the folders of logs, then the truth."""

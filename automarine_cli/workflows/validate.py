@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.axes import Axis
 from automarine_cli.comparison.residuals import FreeRun
 from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.comparison.scores import SCORES, RunScore, rate_source
 from automarine_cli.comparison.validation import Comparison, Scored, compare
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import AutomarineError, ModelError, RunError
 from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models
@@ -49,10 +49,10 @@ class Validation(Shown):
 
     def to_json(self) -> dict[str, Any]:
         """The result: schema automarine/validation/1."""
-        found, axis = self.comparison, self.stored.axis
+        found, dof = self.comparison, self.stored.dof
         content = {
             "schema": SCHEMA,
-            **({} if axis.wraps else {"motion": axis.name}),
+            **({} if dof.wraps else {"motion": dof.name}),
             "models": {number: self._model_json(scored) for number, scored in found.models.items()},
             "noise_floor_deg": found.floor,
             "best": found.best,
@@ -61,7 +61,7 @@ class Validation(Shown):
             "effects": list(self.stored.effects),
             "moment_unit": self.stored.moment_unit,
             "switch_offset": self.stored.switch_offset,
-            "scores": {name: axis.say(meaning) for name, meaning in MEANING.items()},
+            "scores": {name: dof.say(meaning) for name, meaning in MEANING.items()},
             "logs": {run.name: self._log_json(i) for i, run in enumerate(found.runs)},
             "runs": {
                 "used": len(found.runs),
@@ -69,7 +69,7 @@ class Validation(Shown):
                 **readings(found.runs),
             },
         }
-        return dict(axis.named(content))
+        return dict(dof.named(content))
 
     def tables(self) -> tuple[Table, ...]:
         """Models over all runs, then run by run."""
@@ -83,7 +83,7 @@ class Validation(Shown):
                 data[f"{name}_ci95"] = list(scored.overall[name].ci95 or ())
         data["diverged"] = list(scored.diverged)
         names = (run.name for run in self.comparison.runs)
-        data["runs"] = {name: _run_json(one, self.stored.axis) for name, one in zip(names, scored.scores)}
+        data["runs"] = {name: _run_json(one, self.stored.dof) for name, one in zip(names, scored.scores)}
         return data
 
     def _log_json(self, i: int) -> dict[str, Any]:
@@ -94,17 +94,17 @@ class Validation(Shown):
             "duration_s": float(run.time[-1] - run.time[0]),
             "noise_floor_deg": self.comparison.floors[i],
             "restarts": len(restarts.states),
-            "restarted_at": self.stored.axis.say(restarts.rule),
+            "restarted_at": self.stored.dof.say(restarts.rule),
             "restarted_horizon_s": restarts.horizon,
             "rate_from": rate_source(run),
         }
 
 
-def _run_json(one: RunScore, axis: Axis) -> dict[str, Any]:
+def _run_json(one: RunScore, dof: Dof) -> dict[str, Any]:
     start = {
-        "heading_deg": float(axis.shown(one.start.heading)),
-        "rate_deg_s": float(axis.shown(one.start.rate)),
-        "how": axis.say(one.start.how),
+        "heading_deg": float(dof.shown(one.start.heading)),
+        "rate_deg_s": float(dof.shown(one.start.rate)),
+        "how": dof.say(one.start.how),
     }
     return {**{name: one.value(name) for name in SCORES}, "diverged": one.diverged, "start": start}
 
@@ -135,8 +135,8 @@ def validate(
     """
     stored = load_yaw_models(model)
     names = given_columns(columns)
-    drive = moment_maker(thrusters, arm, names, stored.axis)
-    campaign = load_runs(logs, names, axis=stored.axis, strict=strict, progress=progress, jobs=jobs)
+    drive = moment_maker(thrusters, arm, names, stored.dof)
+    campaign = load_runs(logs, names, dof=stored.dof, strict=strict, progress=progress, jobs=jobs)
     runs, aside = _usable(campaign.runs, stored, drive)
     if strict and aside:
         raise refused_by_strict(aside[0])
@@ -204,7 +204,7 @@ def _same_unit(runs: Sequence[Run], stored: StoredModels) -> None:
     for run in runs:
         if run.moment_unit != stored.moment_unit:
             raise ModelError(
-                f"{stored.source} was fitted to {stored.axis.say('moments')} in {stored.moment_unit}, {run.source} "
+                f"{stored.source} was fitted to {stored.dof.say('moments')} in {stored.moment_unit}, {run.source} "
                 f"gives them in {run.moment_unit}; there is no factor between the two. Validate with logs in "
                 f"{stored.moment_unit}, or fit a model to logs in {run.moment_unit}"
             )

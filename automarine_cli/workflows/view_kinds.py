@@ -77,16 +77,16 @@ def _aligned(estimates: Mapping[str, Estimate]) -> Iterator[str]:
 
 
 def _yaw_lines(fit: YawFit) -> Iterator[str]:
-    axis = fit.axis
-    to = axis.say("half-turns") if fit.turns else "whole runs"
+    dof = fit.dof
+    to = dof.say("half-turns") if fit.turns else "whole runs"
     used, aside = _counted(fit.used, "run"), len(fit.set_aside)
-    yield f"{axis.say('Yaw model')} {fit.preference.number}, fitted to {to} of {used}; {aside} set aside"
-    names = {**SYMBOLS, **({} if axis.wraps else {name: key.replace("_", " ") for name, key in KEYS.items()})}
-    found = {axis.say(names.get(name, name)): one for name, one in fit.preferred.estimates.items()}
+    yield f"{dof.say('Yaw model')} {fit.preference.number}, fitted to {to} of {used}; {aside} set aside"
+    names = {**SYMBOLS, **({} if dof.wraps else {name: key.replace("_", " ") for name, key in KEYS.items()})}
+    found = {dof.say(names.get(name, name)): one for name, one in fit.preferred.estimates.items()}
     if fit.inertial_turn_angle is not None:
-        found[axis.say("I_r/k_r|r|")] = fit.inertial_turn_angle
+        found[dof.say("I_r/k_r|r|")] = fit.inertial_turn_angle
     yield from _aligned(found)
-    noise = f"{axis.position} noise {axis.shown(fit.preferred.noise):.2f} {axis.unit}"
+    noise = f"{dof.position} noise {dof.shown(fit.preferred.noise):.2f} {dof.units.shown}"
     yield f"  {noise}; {_counted(len(fit.warnings), 'warning')}"
 
 
@@ -139,7 +139,7 @@ def _thruster_rows(fit: ThrusterFit) -> Iterator[Row]:
 
 
 def _validation_lines(result: Validation) -> Iterator[str]:
-    found, axis = result.comparison, result.stored.axis
+    found, dof = result.comparison, result.stored.dof
     runs, aside = _counted(len(found.runs), "run"), len(result.set_aside)
     yield f"Validation on {runs}: model {found.best} is best; {aside} set aside"
     for model, scored in found.models.items():
@@ -148,17 +148,17 @@ def _validation_lines(result: Validation) -> Iterator[str]:
         said = (
             "runs away"
             if score.value is None
-            else axis.say(f"heading rmse {number(score.value, 3)}{ends} deg")
+            else dof.say(f"heading rmse {number(score.value, 3)}{ends} deg")
         )
         yield f"  model {model}  {said}"
-    yield axis.say(f"  noise of the heading {number(found.floor, 3)} deg")
+    yield dof.say(f"  noise of the heading {number(found.floor, 3)} deg")
 
 
 def _validation_rows(result: Validation) -> Iterator[Row]:
     found = result.comparison
     for model, scored in found.models.items():
         for run, one in zip(found.runs, scored.scores):
-            scores: Row = {run.axis.key(name): one.value(name) for name in SCORES}
+            scores: Row = {run.dof.key(name): one.value(name) for name in SCORES}
             yield {"run": run.name, "model": model} | scores
 
 

@@ -21,30 +21,30 @@ MOST_RUNS_SHOWN = 4
 @house_style
 def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str, float]) -> Figure:
     """Telling runs with both models, their errors, the error by the most telling variable, and the budget."""
-    axis = diagnosis.study.base.axis
+    dof = diagnosis.study.base.dof
     picks = _telling_runs(diagnosis)
     count = max(len(picks), 1)
     figure, grid = new_figure(4, count, PAGE_IN, 7.0, height_ratios=(1.5, 1.2, 1.4, 0.75))
-    errors = [axis.shown(pick[k]) for pick in picks for k in (3, 4)]
+    errors = [dof.shown(pick[k]) for pick in picks for k in (3, 4)]
     most = 1.08 * max((float(np.abs(e).max()) for e in errors), default=1.0)
-    floor = axis.shown(diagnosis.gap.floor)
+    floor = dof.shown(diagnosis.gap.floor)
     for column, (title, time, heading, before, after) in enumerate(picks):
         top, bottom = grid[0, column], grid[1, column]
-        measured = axis.shown(heading - heading[0])
+        measured = dof.shown(heading - heading[0])
         top.plot(time, measured, "o", color=MEASURED, markersize=1.6, label="measured")
         top.plot(
             time,
-            measured - axis.shown(before),
+            measured - dof.shown(before),
             color=BEFORE,
             linewidth=1.0,
             linestyle="--",
             label="base model",
         )
-        top.plot(time, measured - axis.shown(after), color=AFTER, linewidth=1.0, label="after")
+        top.plot(time, measured - dof.shown(after), color=AFTER, linewidth=1.0, label="after")
         top.set_title(title, fontsize=6.5, parse_math=False)
         bottom.axhspan(-2 * floor, 2 * floor, color="0.9", linewidth=0, label="± 2 × noise")
-        bottom.plot(time, axis.shown(before), color=BEFORE, linewidth=0.6)
-        bottom.plot(time, axis.shown(after), color=AFTER, linewidth=0.6)
+        bottom.plot(time, dof.shown(before), color=BEFORE, linewidth=0.6)
+        bottom.plot(time, dof.shown(after), color=AFTER, linewidth=0.6)
         bottom.set_ylim(-most, most)
         bottom.set_xlabel("time [s]", labelpad=1)
         if column:
@@ -62,22 +62,22 @@ def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str,
     figure.suptitle(_sizes_in_words(diagnosis))
     handles = [h for axes in (grid[0, 0], grid[1, 0]) for h in axes.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
-    return said(figure, axis)
+    return said(figure, dof)
 
 
 def _sizes_in_words(diagnosis: Diagnosis) -> str:
     """The gap before and after on both sets of runs."""
-    axis = diagnosis.study.base.axis
+    dof = diagnosis.study.base.dof
     parts = []
     for gap, word in ((diagnosis.gap, "fitted"), (diagnosis.held_out_gap, "held out")):
         if gap is not None:
-            parts.append(f"runs {word} {axis.shown(gap.before):.2f} → {axis.shown(gap.after):.2f} deg")
+            parts.append(f"runs {word} {dof.shown(gap.before):.2f} → {dof.shown(gap.after):.2f} deg")
     added = (
         "Added: " + " and ".join(diagnosis.found.final.added)
         if diagnosis.found.final.added
         else "Nothing added"
     )
-    return f"Gap: {', '.join(parts)} (noise {axis.shown(diagnosis.gap.floor):.2f} deg). {added}"
+    return f"Gap: {', '.join(parts)} (noise {dof.shown(diagnosis.gap.floor):.2f} deg). {added}"
 
 
 Pick = tuple[str, Floats, Floats, Floats, Floats]
@@ -106,7 +106,7 @@ def _telling_runs(diagnosis: Diagnosis) -> list[Pick]:
 
 def _sizes(axes: Axes, diagnosis: Diagnosis) -> None:
     """Gap of every run before against after, on equal axes."""
-    axis = diagnosis.study.base.axis
+    dof = diagnosis.study.base.dof
     pairs = [
         (diagnosis.study, diagnosis.gap, "o", "fitted"),
         (diagnosis.held_out, diagnosis.held_out_gap, "s", "held out"),
@@ -117,7 +117,7 @@ def _sizes(axes: Axes, diagnosis: Diagnosis) -> None:
             continue
         count = study.batch.seen.sum(axis=1)
         before, after = (
-            axis.shown(np.sqrt((r**2).sum(axis=1) / count))
+            dof.shown(np.sqrt((r**2).sum(axis=1) / count))
             for r in (gap.residuals_before, gap.residuals_after)
         )
         fill = AFTER if marker == "o" else "none"
@@ -127,7 +127,7 @@ def _sizes(axes: Axes, diagnosis: Diagnosis) -> None:
         top = max(top, float(before.max()), float(after.max()))
     axes.plot([0, 1.05 * top], [0, 1.05 * top], color="0.4", linewidth=0.7, linestyle=":")
     axes.axhline(
-        axis.shown(diagnosis.gap.floor),
+        dof.shown(diagnosis.gap.floor),
         color="0.5",
         linewidth=0.8,
         linestyle="--",
@@ -152,9 +152,9 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis, where: Where) -> None:
         pairs = [where.gain, 100.0 * diagnosis.found.final.fit.run_effects[:, 2]]
         axes.set_ylabel("own thrust [%]")
     else:
-        axis = where.axis
+        dof = where.dof
         gaps = (diagnosis.gap.residuals_before, diagnosis.gap.residuals_after)
-        pairs = [axis.shown(gap * where.sign if row.directed else gap) for gap in gaps]
+        pairs = [dof.shown(gap * where.sign if row.directed else gap) for gap in gaps]
         axes.set_ylabel("mean gap [deg]" + ("\nalong the moment" if row.directed else ""))
     have = np.isfinite(column.values)
     which = np.where(have, np.digitize(np.nan_to_num(column.values), variable.edges[1:-1]), -1)

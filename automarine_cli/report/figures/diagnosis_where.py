@@ -49,7 +49,7 @@ def where_figure(where: Where, diagnosis: Diagnosis) -> Figure:
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
     figure.suptitle(f"{told}. Verdict: {verdict(diagnosis)}")
-    return said(figure, where.axis)
+    return said(figure, where.dof)
 
 
 NARROWEST = 0.04
@@ -101,19 +101,19 @@ def _look(row: Row) -> str:
 
 def _heat_map(figure: Figure, axes: Axes, where: Where) -> None:
     """Residual headings, runs in order of their moment by time."""
-    axis = where.axis
+    dof = where.dof
     order = np.argsort(where.mean_moment, kind="stable")
     ends = np.where(where.seen, where.time, 0.0).max(axis=1)
     grid = np.linspace(0.0, float(ends.max()), 240)
     image = np.full((len(order), len(grid)), np.nan)
     for line, i in enumerate(order):
-        time, gap = where.time[i][where.seen[i]], axis.shown(where.residual[i][where.seen[i]])
+        time, gap = where.time[i][where.seen[i]], dof.shown(where.residual[i][where.seen[i]])
         width = max(1, round(len(time) / 60))
         smooth = np.convolve(gap, np.ones(width), "same") / np.convolve(
             np.ones(len(gap)), np.ones(width), "same"
         )
         image[line] = np.where(grid <= time[-1], np.interp(grid, time, smooth), np.nan)
-    most = max(float(np.nanquantile(np.abs(image), 0.99)), axis.shown(where.floor))
+    most = max(float(np.nanquantile(np.abs(image), 0.99)), dof.shown(where.floor))
     mesh = axes.imshow(
         image, aspect="auto", origin="lower", cmap="PuOr", vmin=-most, vmax=most, interpolation="nearest",
         extent=(0.0, float(grid[-1]), -0.5, len(order) - 0.5),

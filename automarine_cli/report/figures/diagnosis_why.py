@@ -42,7 +42,7 @@ def why_figure(diagnosis: Diagnosis, key: NamingKey) -> Figure:
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     figure.suptitle(f"Which missing effect would explain the gap. Verdict: {verdict(diagnosis)}")
-    return said(figure, diagnosis.study.base.axis)
+    return said(figure, diagnosis.study.base.dof)
 
 
 def _evidence(axes: Axes, diagnosis: Diagnosis) -> None:

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.report.figures import panels
 
@@ -153,10 +153,10 @@ def legend(axes: Axes, **keywords: Any) -> None:
         axes.legend(**keywords)
 
 
-def said(figure: Figure, axis: Axis) -> Figure:
+def said(figure: Figure, dof: Dof) -> Figure:
     """The figure of another motion: every text that was written for yaw in its words."""
-    if not axis.wraps:
+    if not dof.wraps:
         for text in figure.findobj(Text):
             if isinstance(text, Text):
-                text.set_text(axis.say(text.get_text()))
+                text.set_text(dof.say(text.get_text()))
     return figure

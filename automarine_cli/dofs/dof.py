@@ -1,0 +1,324 @@
+"""What a degree of freedom is: symbols, words, units, limits, and the log columns that hold it.
+
+One record a degree of freedom (SNAME 1950; Fossen 2021): everything else in automarine is written once, as sentences,
+keys and labels that are filled from the record. No text is changed after it was written.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import inf, pi
+from typing import Any
+
+from automarine_cli.dofs.renaming import renamed, word_pattern
+
+
+@dataclass(frozen=True)
+class Symbols:
+    """Letters. Plain ones name parameters and keys; those of `_print` are for text, `_math` for figures and LaTeX.
+
+    `position`, `velocity`, `force` are the states and what drives them; `inertia`, `linear`, `quadratic`, `cubic` the
+    parameters of the equation of motion, `constant` and `difference` a force that always acts and half the difference
+    of drag between the two ways.
+    """
+
+    position: str
+    position_print: str
+    position_math: str
+    velocity: str
+    force: str
+    force_print: str
+    force_math: str
+    inertia: str
+    inertia_math: str
+    linear: str
+    linear_math: str
+    quadratic: str
+    quadratic_print: str
+    quadratic_math: str
+    cubic: str
+    constant: str = "constant_force"
+    difference: str = "half_difference"
+
+
+@dataclass(frozen=True)
+class Words:
+    """What people call the states, the parameters and the tests of one motion; English, lower case, singular.
+
+    Where a field has a blank in it, it stands as it is: `both_ways` is "to both sides" or "both ways".
+    """
+
+    position: str  # what the log holds: heading, distance, depth
+    sensor: str  # what measures it
+    rate: str  # its velocity in full: yaw rate, surge speed
+    speed: str  # the same in short: rate, speed
+    force: str  # what drives: moment, force
+    full_force: str  # yaw moment, surge force
+    inertia: str
+    an_inertia: str
+    full_inertia: str
+    inertial_length: str  # inertia over quadratic drag: inertial turn angle, inertial distance
+    travelled: str  # turned angle, distance covered
+    step: str  # what is kept of a step: half-turn, step
+    reach: str  # how far a step is followed: half a turn, the way allowed
+    whole_way: str  # a whole revolution and more, the whole way
+    back_again: str  # an unwinding turn, back again
+    move: str
+    moves: str
+    moved: str
+    moving: str
+    unit: str  # of positions as people read them: degree, cm
+    units: str
+    units_of_way: str  # degrees of turn, cm of way
+    spring: str  # what a tether is: torsional spring, spring
+    stiffness: str
+    ways: tuple[str, str]  # positive first: starboard, port
+    to_ways: tuple[str, str]  # to starboard, to port
+    both_ways: str
+    each_way: str
+    one_way: str
+    other_way: str  # of positions that count against the convention: counter-clockwise, the other way
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units of positions: of all arithmetic (`base`), of the logs (`log`), and as people read them (`shown`).
+
+    A position in the base unit times `per_base` is one in that of the logs, times `shown_per_base` one as people read
+    it. `key` and `log_key` end the keys of result files (`rmse_deg`, `distance_zero_m`); `mark` is the unit right
+    after a number in text ("°", " cm"); `forces` are the units in which the force may be logged.
+    """
+
+    base: str
+    log: str
+    per_base: float
+    shown: str
+    shown_per_base: float
+    mark: str
+    forces: tuple[str, ...]
+
+    @property
+    def key(self) -> str:
+        """The shown unit as the end of a key."""
+        return self.shown
+
+    @property
+    def rate_key(self) -> str:
+        """The shown unit of a velocity as the end of a key."""
+        return f"{self.shown}_s"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Sizes that this motion has in vehicles that tests are made with, all in base units [rad or m] and seconds.
+
+    `trim` is how far a step is followed unless asked otherwise, `least` what it has to cover before its end, `still`
+    what counts as not having moved, `start` what counts as its beginning; `plausible` are ratios of inertia to
+    quadratic drag. `spike`, `end_spike` and `jump` are the least sizes of readings that no vehicle makes;
+    `acceleration` is what none reaches, `far` and `fast` what none gets to; `position_sd` and `velocity_sd` are
+    standard deviations, wide ones, of the start of a run.
+    """
+
+    trim: float
+    least: float
+    still: float
+    start: float
+    plausible: tuple[float, float]
+    spike: float
+    end_spike: float
+    large_step: float
+    jump: float
+    acceleration: float
+    far: float
+    fast: float
+    position_sd: float
+    velocity_sd: float
+
+
+@dataclass(frozen=True)
+class Dof:
+    """One degree of freedom: a position, and the moment or force that drives it.
+
+    `position`, `velocity` and `command` are canonical quantities of the logs, `thrusters` the commands of which a map
+    makes moment or force, each counting by `sides`; `levered` where that takes a lever arm. `turn` is after how much
+    the position wraps [rad or m], infinite where it does not. `has_constant`: a constant force is part of every model;
+    `directional`: drag may differ between the two ways, the positive one first. `columns` are the names under which
+    logs hold its command, as (column, unit); `nicknames` how people call its quantities, for suggestions only.
+    """
+
+    name: str
+    position: str
+    velocity: str
+    command: str
+    thrusters: tuple[str, ...]
+    sides: tuple[float, ...]
+    symbols: Symbols
+    words: Words
+    units: Units
+    limits: Limits
+    turn: float = inf
+    levered: bool = False
+    has_constant: bool = False
+    directional: bool = False
+    columns: tuple[tuple[str, str], ...] = ()
+    nicknames: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    keys: Mapping[str, str] = field(default_factory=dict)
+    renamed_words: Mapping[str, str] = field(default_factory=dict)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _dof_of, (self.name,)
+
+    @property
+    def wraps(self) -> bool:
+        """Whether the position comes back to itself: a rotation."""
+        return self.turn < inf
+
+    @property
+    def channels(self) -> tuple[str, str]:
+        """The quantities that sensors may give of this motion: position and velocity."""
+        return self.position, self.velocity
+
+    def shown(self, position: Any) -> Any:
+        """A position or velocity in the unit in which people see it."""
+        return position * self.units.shown_per_base
+
+    def logged(self, position: Any) -> Any:
+        """A position or velocity in the unit in which logs hold it."""
+        return position * self.units.per_base
+
+    def inner(self, logged: Any) -> Any:
+        """A position or velocity as logs hold it in the unit of all arithmetic."""
+        return logged * (pi / 180) if self.wraps else logged
+
+    @property
+    def parameters(self) -> Mapping[str, str]:
+        """Names of the parameters of the equation of motion, by what they are."""
+        own = self.symbols
+        return {
+            "inertia": own.inertia, "linear": own.linear, "quadratic": own.quadratic, "cubic": own.cubic,
+            "constant": own.constant, "difference": own.difference,
+        }  # fmt: skip
+
+    @cached_property
+    def vocabulary(self) -> Mapping[str, str]:
+        """Every word and symbol by name, for templates such as "-{quadratic} |{v}| {v}": the fields of `Words`, the
+        parameters by what they are, `x`, `v` and `f` for position, velocity and force, and the units."""
+        words = {k: v for k, v in vars(self.words).items() if isinstance(v, str)}
+        plural = {"forces": f"{words['force']}s", "positions": f"{words['position']}s"}
+        there, back = self.words.ways
+        to, fro = self.words.to_ways
+        return {
+            **words, **plural, **self.parameters, "motion": self.name,
+            "x": self.symbols.position, "v": self.symbols.velocity, "f": self.symbols.force,
+            "positive": there, "negative": back, "to_positive": to, "to_negative": fro,
+            "base_unit": self.units.base, "log_unit": self.units.log, "shown_unit": self.units.shown,
+        }  # fmt: skip
+
+    def fill(self, template: str) -> str:
+        """A text of the library, such as an effect's sentence, with its fields filled from the `vocabulary`."""
+        return template.format_map(self.vocabulary)
+
+    def unit_of(self, parameter: str, force_unit: str = "nu") -> str:
+        """Unit of "inertia", "linear", "quadratic", "cubic", "constant", "difference" or "ratio" (inertia over
+        quadratic drag) for a force in `force_unit`; also by the parameter's name."""
+        parameter = {name: role for role, name in self.parameters.items()}.get(parameter, parameter)
+        parameter = _YAW.get(parameter, parameter)
+        if parameter == "ratio":
+            return self.units.base
+        if parameter == "inertia" and force_unit == "N":
+            return "kg"
+        powers = {
+            "inertia": (2, 1),
+            "linear": (1, 1),
+            "quadratic": (2, 2),
+            "cubic": (3, 3),
+            "constant": (0, 0),
+        }
+        seconds, metres = powers["quadratic" if parameter == "difference" else parameter]
+        text = f"{force_unit}{_power(' s', seconds)}"
+        return text if self.wraps else text + _power("/m", metres)
+
+    def unit_in(self, template: str, force_unit: str) -> str:
+        """A unit of an effect's parameter: `{force}` stands for the force's unit, `{x}` for the base unit of positions
+        where it is a metre and `rad` elsewhere, `{/x}`, `{/x2}`, `{/x3}` for "per metre" (nothing for angles)."""
+        rotation = self.wraps
+        if not rotation:
+            template = _PER_METRE.get(template, template)
+        return (
+            template.replace("{moment}", force_unit)
+            .replace("{force}", force_unit)
+            .replace("{x}", self.units.base)
+            .replace("{/x}", "" if rotation else "/m")
+            .replace("{/x2}", "" if rotation else "/m²")
+            .replace("{/x3}", "" if rotation else "/m³")
+        )
+
+    def say(self, text: str) -> str:
+        """A sentence about yaw in the words of this motion."""
+        return self._said.sub(lambda found: self._own[found[0]], text) if self.renamed_words else text
+
+    def equation(self, text: str) -> str:
+        """An equation of yaw in the letters of this motion."""
+        if not self.renamed_words:
+            return text
+        named = re.sub(r"\b(?:k_r+|I_r|psi)\b", lambda found: self.say(found[0]), text)
+        return re.sub(r"(?<![a-zA-Z_])r(?![a-zA-Z_])", self.renamed_words["k_r"][-1], self.say(named))
+
+    def key(self, name: str) -> str:
+        """A key of yaw's result files as this motion has it."""
+        return self.keys.get(name, name)
+
+    def named(self, content: Any) -> Any:
+        """Content of a result file under this motion's keys."""
+        return renamed(content, self.keys)
+
+    def plain(self, content: Any) -> Any:
+        """Content of this motion's file under yaw's keys."""
+        return renamed(content, {own: key for key, own in reversed(list(self.keys.items()))})
+
+    def misnamed(self, content: Any) -> str:
+        """A key of yaw in this motion's file, however deep, that it calls otherwise; none: nothing."""
+        if isinstance(content, Mapping):
+            wrong = next((str(key) for key in content if self.keys.get(key, key) != key), "")
+            return wrong or next(filter(None, map(self.misnamed, content.values())), "")
+        if isinstance(content, list | tuple):
+            return next(filter(None, map(self.misnamed, content)), "")
+        return ""
+
+    @cached_property
+    def _own(self) -> dict[str, str]:
+        return {**self.keys, **self.renamed_words}
+
+    @cached_property
+    def _said(self) -> re.Pattern[str]:
+        longest = sorted(self._own, key=len, reverse=True)
+        return re.compile("|".join(word_pattern(one) for one in longest))
+
+
+_YAW = {
+    "I_r": "inertia", "k_r": "linear", "k_rr": "quadratic", "k_rrr": "cubic", "tau": "constant", "b": "constant",
+    "c": "constant", "e": "difference", "theta_c": "ratio",
+}  # fmt: skip
+
+
+def _power(text: str, power: int) -> str:
+    """`text` to a power in print: nothing, itself, or with a raised digit."""
+    return "" if power == 0 else text if power == 1 else f"{text}{'²³'[power - 2]}"
+
+
+_PER_METRE = {
+    "{moment} s": "{moment} s/m",
+    "{moment} s²": "{moment} s²/m²",
+    "{moment} s³": "{moment} s³/m³",
+    "{moment}/rad": "{moment}/m",
+    "({moment})^1/2 s": "({moment})^1/2 s/m",
+    "rad": "m",
+    "rad/s": "m/s",
+}
+
+
+def _dof_of(name: str) -> Dof:
+    from automarine_cli.dofs import DOFS
+
+    return DOFS[name]
