@@ -96,7 +96,7 @@ def half_turn_data(turns: Sequence[HalfTurn]) -> StepData:
         kept = slice(max(rest.start, rest.stop - MOST_REST), rest.stop), turn.kept
         names.append(turn.name)
         times.append(np.concatenate([run.time[part] for part in kept]) - instant)
-        headings.append(np.concatenate([run.heading[part] for part in kept]) - turn.start_heading)
+        headings.append(np.concatenate([run.position[part] for part in kept]) - turn.start_position)
         moments.append(turn.moment)
         intervals.append(turn.switch_to - turn.switch_from)
     dof = turns[0].step.run.dof if turns else YAW

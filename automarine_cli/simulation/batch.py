@@ -135,7 +135,7 @@ def make_batch(runs: Sequence[Run], max_step: float, signals: Sequence[str] = ()
         moment=padded([run.command[g.held] for run, g in zip(runs, grids)], steps),
         node=padded([g.node for g in grids], samples),
         seen=padded([np.ones(len(run), dtype=bool) for run in runs], samples),
-        heading=padded([run.heading for run in runs], samples),
+        heading=padded([run.position for run in runs], samples),
         interval=padded([g.interval for g in grids], edges),
         start=np.array([run.time[0] for run in runs]),
         before=np.array([[_moment_before(run)] for run in runs]),
