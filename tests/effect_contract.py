@@ -11,6 +11,7 @@ from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 
 from automarine_cli import effects
+from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
@@ -107,7 +108,7 @@ def unmeasured(plan: Plan, number: int, moment_unit: str = "nu", scale: float = 
     extras = {"voltage": voltage, "surge": surge}
     name = f"run_{number:02d}"
     clock = WAIT * number + time
-    return Run(name, f"{name}.csv", clock, np.zeros(len(time)), command, moment_unit, extras)
+    return Run(name, f"{name}.csv", clock, np.zeros(len(time)), command, moment_unit, extras, dof=YAW)
 
 
 def measured(

@@ -11,6 +11,7 @@ from automarine_cli.diagnosis.budget import LEFT, NOISE, SCATTER, budget
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.naming_key import NamingKey, naming_key
 from automarine_cli.diagnosis.where import Where, find_where
+from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_page import escape, page
 from automarine_cli.report.diagnosis_page_tables import gap_table
@@ -34,7 +35,7 @@ def campaign(model: YawModel, name: str, seed: int, runs: int = 12) -> list[Run]
         time = np.arange(0.0, 14.0, 0.2) + 60.0 * i
         into = time - time[0]
         command = np.where(into < 1.9, 0.0, np.where(into < 8.9, tau, 0.0 if i % 3 == 0 else tau))
-        plans.append(Run(f"{name} {i}", "planted", time, 0 * time, command, "nu"))
+        plans.append(Run(f"{name} {i}", "planted", time, 0 * time, command, "nu", dof=YAW))
     batch = make_batch(plans, 0.05)
     start = Start(heading=random.uniform(0, 6, (1, runs)), log_gain=0.02 * random.normal(size=(1, runs)))
     heading = simulate(model, batch, start=start).heading[0]

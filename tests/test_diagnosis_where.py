@@ -12,6 +12,7 @@ from automarine_cli.diagnosis.study import Study, study_of
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.variables import Column, columns, direction, edges
 from automarine_cli.diagnosis.where import find_where, gaps
+from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -32,7 +33,7 @@ def campaign(
         into = time - time[0]
         after = (tau, tau, 0.0, -tau)[i % 4]
         command = np.where(into < 2.95, 0.0, np.where(into < 10.95, tau, after))
-        plans.append(Run(f"run {i}", "planted", time, 0 * time, command, "nu"))
+        plans.append(Run(f"run {i}", "planted", time, 0 * time, command, "nu", dof=YAW))
     batch = make_batch(plans, 0.05)
     start = Start(heading=random.uniform(0, 6, (1, runs)), log_gain=scatter * random.normal(size=(1, runs)))
     heading = simulate(model, batch, start=start).heading[0]

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from automarine_cli.dofs import YAW
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.runs.run import Run
 
@@ -22,7 +23,7 @@ def as_run(candidate: Candidate, *, rate: float, rest: float, unit: str, voltage
     heading = np.full(len(moment), np.deg2rad(candidate.start_heading))
     volts = candidate.voltage if candidate.voltage is not None else voltage
     extras = {} if volts is None else {"voltage": np.full(len(moment), volts)}
-    return Run(candidate.label, "plan", time, heading, moment, unit, extras)
+    return Run(candidate.label, "plan", time, heading, moment, unit, extras, dof=YAW)
 
 
 def alike(candidates: Sequence[Candidate]) -> dict[str, list[int]]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
+from automarine_cli.dofs import YAW
 from automarine_cli.fits.output_error import fit_half_turns
 from automarine_cli.fits.step_response import Known, StepData, half_turn_data
 from automarine_cli.models.yaw_model import YawModel
@@ -112,6 +113,7 @@ def _simulator(runs: int, sets: int, repeats: int, progress: Progress) -> Result
             np.zeros(samples),
             np.where(np.arange(samples) > 30, moment, 0.0),
             "nu",
+            dof=YAW,
         )
         for i, moment in enumerate(moments)
     ]
