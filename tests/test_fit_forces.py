@@ -154,7 +154,7 @@ def test_a_held_vehicle_stays_until_its_command_changes() -> None:
     runs = load_runs(LOGS["heave"], dof=HEAVE).runs[:4]
     assert all(starts_at_rest(run) for run in runs)
     model = load_model()
-    found = simulate(model, make_batch(runs, 0.05)).heading[0]
+    found = simulate(model, make_batch(runs, 0.05)).position[0]
     for run, depth in zip(runs, found):
         first = int(np.flatnonzero(run.command)[0])
         assert np.ptp(depth[:first]) == 0.0

@@ -91,7 +91,7 @@ def restarted_errors(
         some = runs[group]
         begin = aligned(model, some, states[group])
         headings, rates = (np.array([getattr(s, name) for s in begin]) for name in ("heading", "rate"))
-        shown = roll(model, some, headings, rates, switch_offset).heading[0]
+        shown = roll(model, some, headings, rates, switch_offset).position[0]
         for (i, first, last), run, heading in zip(pieces[group], some, shown):
             errors[i][first + 1 : last + 1] = (run.heading - heading[: len(run)])[1:]
     yield from errors

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Found, Trial
-from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.runs.run import Run
@@ -72,19 +71,20 @@ def separations(study: Study, final: Trial, rival: Trial) -> dict[str, float]:
     problem, other = extra.problem(final.model), extra.problem(rival.model)
     b = np.zeros_like(problem.effects.scale)
     first, by_phi, by_run = derivatives(problem, final.fit.phi, b)
-    second = other.headings(rival.fit.phi, np.zeros_like(other.effects.scale))
+    second = other.readings(rival.fit.phi, np.zeros_like(other.effects.scale))
     own = len(study.base.theta)
     spread, turn = np.linalg.eigh(final.fit.covariance[:own, :own])
     by_base = by_phi[:, :, :own] @ (turn * np.sqrt(np.maximum(spread, 0.0)))
-    noise = max(study.floor, 1e-4)
-    variances = np.append(np.log(noise), np.log(np.maximum(final.fit.factors, SMALLEST_FACTOR)))
+    noises = np.array([max(study.floor, 1e-4), *final.fit.noises[1:]])
+    variances = np.append(np.log(noises), final.fit.variances[len(noises) :])
+    precision = problem.precision(noises)
     by_own = by_run * problem.effects.deviation(variances)[:, None, :]
     sigmas = {}
     for i, kind in enumerate(kinds):
         here = problem.seen[i]
-        difference = (second[i] - first[i])[here] / noise
+        difference = ((second[i] - first[i]) * precision)[here]
         if np.all(np.isfinite(difference)):
-            may = np.concatenate([by_base[i][here], by_own[i][here]], axis=1) / noise
+            may = np.concatenate([by_base[i][here], by_own[i][here]], axis=1) * precision[here, None]
             pull = may.T @ difference
             kernel = np.eye(may.shape[1]) + may.T @ may
             square = float(difference @ difference - pull @ np.linalg.solve(kernel, pull))

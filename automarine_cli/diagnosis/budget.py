@@ -5,6 +5,8 @@ import numpy as np
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.fits.mixed_problem import SWITCH
+from automarine_cli.fits.run_effects import START_POSITION, START_VELOCITY
 
 NOISE, SCATTER, LEFT = "noise of the heading", "scatter between runs", "left over"
 
@@ -39,7 +41,7 @@ def _stages(study: Study, base: Trial, final: Trial) -> list[Trial]:
         model = base.model
         for term in final.model.terms[own : own + count]:
             model = model.with_effect(term.name, term.values)
-        theta = np.append(model.theta, final.fit.theta[-1])
+        theta = np.append(model.theta, final.fit.value(SWITCH))
         fit = study.fit(model, theta, final.fit)
         stages.append(Trial(final.added[:count], study.told(model, fit), fit, np.nan))
     return [*stages, final] if final.added else []
@@ -48,7 +50,6 @@ def _stages(study: Study, base: Trial, final: Trial) -> list[Trial]:
 def _alike(study: Study, trial: Trial) -> float:
     """Mean square gap [rad²] when nothing but start heading and start rate differs between runs."""
     problem = study.problem(trial.model)
-    b = trial.fit.run_effects.copy()
-    b[:, 2:] = 0.0
-    left = np.where(problem.seen, problem.measured - problem.headings(trial.fit.phi, b), 0.0)
-    return float((left**2).sum() / problem.seen.sum())
+    b = trial.fit.effects.only(trial.fit.run_effects, (START_POSITION, START_VELOCITY))
+    left = study.residual(problem.readings(trial.fit.phi, b))
+    return float((left**2).sum() / study.batch.seen.sum())

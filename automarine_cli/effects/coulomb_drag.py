@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
 
 CREEP = 0.02  # rad/s within which the sign is smoothed, far below any rate that a step reaches
 
@@ -14,7 +14,7 @@ class CoulombDrag(Effect):
     place = Place.MOMENT
     parameters = (Parameter("c", "dry friction moment", "{moment}", 0.0, float("inf"), 0.03),)
     equation = "-c sgn(r)"
-    says = "A friction moment of constant size opposes every motion."
+    says = "A friction moment of constant size opposes every state."
     reveals = (
         "the ends of coast-downs, which stop in finite time, and small moments, which do not start the "
         "vehicle"
@@ -23,6 +23,6 @@ class CoulombDrag(Effect):
     separated_by = "a coast-down: Coulomb drag stops it in finite time, a dead-band leaves it alone"
     source = "Olsson et al. (1998), Friction models and friction compensation, European J. Control 4:176"
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (c,) = values
-        return -c * np.tanh(motion.rate / CREEP)
+        return -c * np.tanh(state.velocity / CREEP)

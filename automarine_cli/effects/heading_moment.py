@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import MIXED, Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place, State
 
 
 class HeadingMoment(Effect):
@@ -27,6 +27,6 @@ class HeadingMoment(Effect):
     steered = True
     axes = ("yaw",)
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         b, c = values
-        return b * np.sin(motion.heading) + c * np.cos(motion.heading)
+        return b * np.sin(state.position) + c * np.cos(state.position)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import ODD, Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, Place, State
 
 
 class LinearDragAsymmetry(Effect):
@@ -29,6 +29,6 @@ class LinearDragAsymmetry(Effect):
     parity = ODD
     axes = ("surge", "heave")
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (e,) = values
-        return -e * np.abs(motion.slip)
+        return -e * np.abs(state.relative)

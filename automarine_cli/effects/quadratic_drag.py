@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
 
 
 class QuadraticDrag(Effect):
@@ -18,6 +18,6 @@ class QuadraticDrag(Effect):
     separated_by = "moments over a range of ten or more"
     source = "Fossen (1994), Guidance and Control of Ocean Vehicles"
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (k_rr,) = values
-        return -k_rr * np.abs(motion.slip) * motion.slip
+        return -k_rr * np.abs(state.relative) * state.relative

@@ -7,6 +7,7 @@ import numpy as np
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.fits.drag import identity_gap
 from automarine_cli.fits.output_error import OutputErrorFit, Preference
+from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.velocity_error import BIAS_LIMIT, VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import Caution
 from automarine_cli.runs.half_turn import HalfTurn
@@ -121,7 +122,7 @@ def _wild_gains(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> list[str]:
     """A sentence where the runs' gains differ by more than thrusters do."""
     if fit.gain_scatter.value <= WILD_GAIN:
         return []
-    gains = np.exp(fit.mixed.run_effects[:, fit.mixed.effects.factor == 0][:, 0])
+    gains = np.exp(fit.mixed.own(GAIN)[:, 0])
     odd = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
     return [
         f"The thrust seems to scatter by {100 * fit.gain_scatter.value:.0f} % from run to run, and "

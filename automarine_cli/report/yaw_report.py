@@ -7,6 +7,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from automarine_cli.dofs import Dof
+from automarine_cli.fits.mixed_problem import SWITCH
+from automarine_cli.fits.run_effects import GAIN, START_VELOCITY, SWITCHES
 from automarine_cli.fits.step_response import instant
 from automarine_cli.fits.ways import Ways
 from automarine_cli.fits.yaw_fit import YawFit
@@ -98,25 +100,24 @@ def run_rows(fit: YawFit) -> pa.Table:
 def _rows(fit: YawFit) -> list[dict[str, object]]:
     dof = fit.dof
     mixed, measured = fit.preferred.mixed, list[dict[str, object]]()
-    effects = mixed.run_effects
     if fit.seed_method is None or fit.data is None:
         for i, run in enumerate(fit.runs):
-            off = dof.shown(run.heading - mixed.fitted[i][: len(run)])
+            off = dof.shown(run.heading - mixed.reading(dof.position)[i][: len(run)])
             measured.append(
                 {
                     "run": run.name,
                     "file": run.source,
                     "samples": len(run),
                     "duration_s": float(run.time[-1] - run.time[0]),
-                    "start_rate_deg_s": float(dof.shown(effects[i, 1])),
-                    "gain": float(np.exp(effects[i, 2])),
+                    "start_rate_deg_s": float(dof.shown(mixed.own(START_VELOCITY)[i, 0])),
+                    "gain": float(np.exp(mixed.own(GAIN)[i, 0])),
                     "rmse_deg": float(np.sqrt(np.mean(off**2))),
                 }
             )
         return measured
     seed, data = fit.seed_method, fit.data
     for i, turn in enumerate(fit.turns):
-        off = dof.shown((data.heading - mixed.fitted)[i][data.seen[i]])
+        off = dof.shown((data.heading - mixed.reading(dof.position))[i][data.seen[i]])
         row: dict[str, object] = {
             "run": turn.name,
             "file": turn.step.run.source,
@@ -139,8 +140,10 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
             for number, table in seed.inertia.items()
         }
         row |= {
-            "gain": float(np.exp(effects[i, 1])),
-            "switch_shift_s": float(data.interval[i] * instant(mixed.theta[-1] + effects[i, 2])),
+            "gain": float(np.exp(mixed.own(GAIN)[i, 0])),
+            "switch_shift_s": float(
+                data.interval[i] * instant(mixed.value(SWITCH) + mixed.own(SWITCHES)[i, 0])
+            ),
             "rmse_deg": float(np.sqrt(np.mean(off**2))),
         }
         measured.append(row)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from automarine_cli.diagnosis.budget import LEFT, NOISE, SCATTER
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.where import Where
+from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, in_words
 from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure, said
 
@@ -149,7 +150,7 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis, where: Where) -> None:
     variable, column = where.variables[at], where.columns[at]
     row = variable.telling
     if column.of_the_run:
-        pairs = [where.gain, 100.0 * diagnosis.found.final.fit.run_effects[:, 2]]
+        pairs = [where.gain, 100.0 * diagnosis.found.final.fit.own(GAIN)[:, 0]]
         axes.set_ylabel("own thrust [%]")
     else:
         dof = where.dof

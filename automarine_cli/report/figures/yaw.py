@@ -206,7 +206,7 @@ def whole_runs_figure(fit: YawFit) -> Figure:
     number = fit.preference.number
     for ax, i in zip(axes.flat, shown):
         run = fit.runs[i]
-        time, fitted = run.time - run.time[0], fit.preferred.mixed.fitted[i][: len(run)]
+        time, fitted = run.time - run.time[0], fit.preferred.mixed.reading(dof.position)[i][: len(run)]
         ax.plot(time, dof.shown(run.heading), color=MEASURED, lw=2.0, label="measured")
         ax.plot(
             time,
