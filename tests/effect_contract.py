@@ -134,7 +134,7 @@ def measured(
     )
     found = simulate(truth, batch, start=start).position[0]
     found = found + np.deg2rad(noise_deg) * random.standard_normal(found.shape)
-    return [replace(run, heading=row[: len(run)]) for run, row in zip(runs, found)]
+    return [replace(run, position=row[: len(run)]) for run, row in zip(runs, found)]
 
 
 def planted(

@@ -39,7 +39,7 @@ def campaign(model: YawModel, name: str, seed: int, runs: int = 12) -> list[Run]
     start = Start(position=random.uniform(0, 6, (1, runs)), log_gain=0.02 * random.normal(size=(1, runs)))
     heading = simulate(model, batch, start=start).position[0]
     return [
-        replace(plan, heading=row[: len(plan)] + np.radians(1.0) * random.normal(size=len(plan)))
+        replace(plan, position=row[: len(plan)] + np.radians(1.0) * random.normal(size=len(plan)))
         for plan, row in zip(plans, heading)
     ]
 

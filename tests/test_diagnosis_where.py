@@ -37,7 +37,7 @@ def campaign(
     start = Start(position=random.uniform(0, 6, (1, runs)), log_gain=scatter * random.normal(size=(1, runs)))
     heading = simulate(model, batch, start=start).position[0]
     return [
-        replace(plan, heading=row[: len(plan)] + np.radians(noise) * random.normal(size=len(plan)))
+        replace(plan, position=row[: len(plan)] + np.radians(noise) * random.normal(size=len(plan)))
         for plan, row in zip(plans, heading)
     ]
 
@@ -104,7 +104,7 @@ def test_nothing_stands_out_where_nothing_is_missing() -> None:
 
 def test_mirrored_runs_show_the_same_gap(dead: tuple[Study, Trial, Trial, Trial]) -> None:
     study, base, _, _ = dead
-    other = study_of([replace(r, heading=-r.heading, moment=-r.command) for r in study.runs], TRUTH)
+    other = study_of([replace(r, position=-r.position, moment=-r.command) for r in study.runs], TRUTH)
     ours, mirrored = (find_where(s, t, 0) for s, t in ((study, base), (other, fitted(other, TRUTH))))
     for name in ("moment-size", "time-in-run", "time-since-command-change"):
         one, two = (next(v for v in w.variables if v.name == name) for w in (ours, mirrored))

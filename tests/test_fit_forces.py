@@ -89,7 +89,7 @@ def test_the_drag_of_each_way_is_that_of_the_truth(
 
 def mirrored(run: Run) -> Run:
     """The run with ahead and astern, down and up, exchanged."""
-    return replace(run, heading=-run.heading, moment=-run.command)
+    return replace(run, position=-run.position, moment=-run.command)
 
 
 @pytest.mark.parametrize("motion", ["surge", "heave"])
@@ -189,7 +189,7 @@ def test_a_depth_window_ends_a_step_where_it_ends() -> None:
     turns, _ = half_turns(runs, Trim(None, 1.0, 2.4))
     assert turns == ()  # they begin outside
     turns, _ = half_turns(runs, Trim(None, 0.0, 2.4))
-    assert turns and all(turn.heading.max() < 2.45 for turn in turns)
+    assert turns and all(turn.position.max() < 2.45 for turn in turns)
     assert {turn.cut_by for turn in turns} == {"the window"}
 
 

@@ -202,9 +202,9 @@ def test_runs_made_in_memory_are_clean() -> None:
     runs = make_runs(pool_specification(logger={"rate_noise_deg_s": 0.5}), 1)
     assert len(runs) == 48
     for run in runs:
-        assert np.abs(np.diff(run.heading)).max() < 0.5  # unwrapped
+        assert np.abs(np.diff(run.position)).max() < 0.5  # unwrapped
         step = run.command != 0
-        rate = np.gradient(run.heading[step], run.time[step])
+        rate = np.gradient(run.position[step], run.time[step])
         assert np.median(run.extras["yaw_rate"][step] / rate) == pytest.approx(1.0, abs=0.1)
 
 

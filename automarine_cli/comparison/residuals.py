@@ -28,7 +28,7 @@ class FreeRun:
     @property
     def error(self) -> Floats:
         """Measured less simulated heading [rad], (N,)."""
-        return self.run.heading - self.heading
+        return self.run.position - self.heading
 
     @property
     def diverged(self) -> bool:

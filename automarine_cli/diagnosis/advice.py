@@ -113,7 +113,7 @@ def extra_runs(study: Study) -> dict[str, Run]:
         name: str, length: float, command: Command, at: float = clock, heading: float | None = None
     ) -> Run:
         t = np.arange(0.0, length, period)
-        psi = np.full(len(t), study.runs[0].heading[0] if heading is None else heading)
+        psi = np.full(len(t), study.runs[0].position[0] if heading is None else heading)
         extras = {
             key: np.full(len(t), float(np.mean([np.mean(r.extras[key]) for r in study.runs])))
             for key in study.signals
@@ -158,7 +158,7 @@ def _span(study: Study) -> float:
 
 def _next_start(study: Study) -> float:
     """The start heading [rad] farthest from those that the campaign had."""
-    used = np.array([run.heading[0] for run in study.runs])
+    used = np.array([run.position[0] for run in study.runs])
     tried = np.arange(24) * np.pi / 12.0
     away = np.abs(np.angle(np.exp(1j * (tried[:, None] - used)))).min(axis=1)
     return float(tried[int(np.argmax(away))])
@@ -175,7 +175,7 @@ def general_advice(study: Study, detectable: Mapping[str, float]) -> tuple[str, 
         coasts += bool(np.any(pushed[moving[0] :] == 0) and len(run) - moving[-1] > 3.0 / run.sample_period)
         reversals += bool(np.any(pushed[moving] != pushed[moving[0]]))
     rests = sum(not np.any(run.command) for run in study.runs)
-    starts = np.array([run.heading[0] for run in study.runs])
+    starts = np.array([run.position[0] for run in study.runs])
     even = float(np.abs(np.exp(1j * starts).mean()))
     sides = {
         float(np.sign(run.command[run.command != 0].mean())) for run in study.runs if np.any(run.command)

@@ -17,7 +17,7 @@ from automarine_cli.fits.run_effects import GAIN, SWITCHES
 from automarine_cli.fits.step_response import MOST_OFFSET
 from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.runs.noise import heading_noise
+from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import MOST_SWITCHES, Batch, make_batch
 from automarine_cli.simulation.rollout import step_for
@@ -77,7 +77,7 @@ class Study:
         found = 0.0
         for run in self.runs:
             grid = np.arange(run.time[0], run.time[-1], 1.0)
-            turned = np.abs(np.diff(np.interp(grid, run.time, run.heading)))
+            turned = np.abs(np.diff(np.interp(grid, run.time, run.position)))
             found = max(found, float(turned.max(initial=0.0)))
         return found
 
@@ -102,7 +102,7 @@ class Study:
     @cached_property
     def floor(self) -> float:
         """Noise of the heading measured apart from any model, root mean square over runs [rad]."""
-        noise = np.array([heading_noise(run.time, run.heading) for run in self.runs])
+        noise = np.array([position_noise(run.time, run.position) for run in self.runs])
         weight = np.array([len(run) for run in self.runs])
         return float(np.sqrt(np.average(noise**2, weights=weight)))
 

@@ -45,7 +45,7 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
     batch = study.batch
     seen, time, dof = batch.seen, study.time, study.base.dof
     moment = commanded(study)
-    start = np.array([float(np.median(run.heading[:5])) for run in study.runs])
+    start = np.array([float(np.median(run.position[:5])) for run in study.runs])
     measured = np.where(seen, batch.position, np.nan)
     clock = batch.start
     order = np.argsort(np.argsort(clock, kind="stable"), kind="stable").astype(np.float64) + 1.0

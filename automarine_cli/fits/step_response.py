@@ -113,7 +113,7 @@ def half_turn_data(turns: Sequence[HalfTurn], channels: Sequence[str] | None = N
         velocity = np.full(len(run), np.nan) if velocity is None else velocity
         names.append(turn.name)
         times.append(np.concatenate([run.time[part] for part in kept]) - instant)
-        headings.append(np.concatenate([run.heading[part] for part in kept]) - turn.start_heading)
+        headings.append(np.concatenate([run.position[part] for part in kept]) - turn.start_position)
         velocities.append(np.concatenate([velocity[part] for part in kept]))
         moments.append(turn.moment)
         intervals.append(turn.switch_to - turn.switch_from)

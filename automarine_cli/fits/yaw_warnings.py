@@ -71,17 +71,17 @@ def fit_warnings(
     fits: Mapping[str, OutputErrorFit],
     preference: Preference,
     names_of_runs: Sequence[str],
-    heading_noise: float | None = None,
+    position_noise: float | None = None,
 ) -> list[str]:
     """Sentences on the preferred maximum likelihood: implausible, resting on one run, late, or leaving more than the
-    `heading_noise` [rad] that the headings have by themselves. On its parameters see yaw_cautions.py."""
+    `position_noise` [rad] that the headings have by themselves. On its parameters see yaw_cautions.py."""
     fit = fits[preference.number]
     dof = fit.model.dof
     found = [*_one_run_that_decides(fit, names_of_runs), *_wild_gains(fit, names_of_runs)]
-    if heading_noise and fit.noise > UNEXPLAINED * heading_noise:
+    if position_noise and fit.noise > UNEXPLAINED * position_noise:
         found.append(
             f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}° of the headings unexplained, which scatter "
-            f"by {dof.shown(heading_noise):.2g}° about smooth curves: something acts that it lacks, a delay perhaps; "
+            f"by {dof.shown(position_noise):.2g}° about smooth curves: something acts that it lacks, a delay perhaps; "
             "`automarine diagnose` looks for it."
         )
     turn = fit.inertial_turn_angle or fits["3"].inertial_turn_angle

@@ -102,7 +102,7 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
     mixed, measured = fit.preferred.mixed, list[dict[str, object]]()
     if fit.seed_method is None or fit.data is None:
         for i, run in enumerate(fit.runs):
-            off = dof.shown(run.heading - mixed.reading(dof.position)[i][: len(run)])
+            off = dof.shown(run.position - mixed.reading(dof.position)[i][: len(run)])
             measured.append(
                 {
                     "run": run.name,
@@ -128,7 +128,7 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
             "turned_deg": float(dof.shown(turn.turned)),
             "cut_by": turn.cut_by,
             "steady": turn.steady,
-            "start_heading_deg": float(dof.shown(turn.start_heading)),
+            "start_heading_deg": float(dof.shown(turn.start_position)),
             "switch_from_s": turn.switch_from,
             "switch_to_s": turn.switch_to,
             "tail_samples": int(seed.tails.used[i].sum()),

@@ -188,7 +188,7 @@ def _truth(
             name=plan.name,
             source=plan.file,
             time=plan.start + clock,
-            heading=np.zeros_like(clock),
+            position=np.zeros_like(clock),
             moment=commanded(clock, draw.switches, plan.moments),
             moment_unit=model.moment_unit,
             dof=model.dof,

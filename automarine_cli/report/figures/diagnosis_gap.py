@@ -99,7 +99,7 @@ def _telling_runs(diagnosis: Diagnosis) -> list[Pick]:
             run, n = study.runs[i], len(study.runs[i])
             name = run.name if len(run.name) <= 26 else f"…{run.name[-25:]}"
             found.append(
-                (f"{name}\n{word}", run.time - run.time[0], run.heading, gap.residuals_before[i, :n],
+                (f"{name}\n{word}", run.time - run.time[0], run.position, gap.residuals_before[i, :n],
                  gap.residuals_after[i, :n])
             )  # fmt: skip
     return found[:MOST_RUNS_SHOWN]
