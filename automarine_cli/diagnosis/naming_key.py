@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.study import Study, without_scatter
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram
@@ -92,7 +92,7 @@ class NamingKey:
 def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
     """Each run's own k and I about the base fit, measured and as the final model would have them."""
     problem = study.problem(base.model)
-    b = np.where(np.arange(base.fit.run_effects.shape[1]) < 2, base.fit.run_effects, 0.0)
+    b = without_scatter(base.fit)
     phi = np.append(base.fit.phi[:-1], 0.0)  # changes in the middle of their intervals: free either way
     first_step, moment = first_steps(study)
     drag = slice(1, len(study.base.theta))
@@ -129,9 +129,8 @@ def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
         return np.column_stack([log_k, log_i, log_i - log_k]), np.column_stack([errors, ratio])
 
     measured, errors = own(problem.measured)
-    other = study.problem(final.model)
-    effects = np.where(np.arange(b.shape[1]) < 2, final.fit.run_effects, 0.0)
-    simulated = np.where(problem.seen, other.headings(final.fit.phi, effects), 0.0)
+    there = study.problem(final.model).headings(final.fit.phi, without_scatter(final.fit))
+    simulated = np.where(problem.seen, there, 0.0)
     predicted, _ = own(simulated)
     certain = max(CERTAIN, 2.0 * float(np.median(errors[:, 0])))
     moment = np.where(errors[:, 0] < certain, moment, np.nan)

@@ -204,6 +204,11 @@ def fitted_to(problem: Problem, run_effects: Floats) -> Floats:
     return out
 
 
+def without_scatter(fit: MixedFit) -> Floats:
+    """A fit's run effects (R, q) without gains, instants and disturbances: the starts, and what an effect lets vary."""
+    return np.where((fit.effects.factor < 0) | (fit.effects.factor > 2), fit.run_effects, 0.0)
+
+
 def study_of(runs: Sequence[Run], base: YawModel, disturbed: bool | None = None) -> Study:
     """A study of `runs`; open water is recognised by commands that change at nearly every sample."""
     if disturbed is None:

@@ -143,7 +143,7 @@ def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
     if not study.disturbed:
         scale = problem.effects.scale.copy()
         lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
-        scale[:, first:] = np.arange(batch.windows) <= lasts[:, None]
+        scale[:, first : first + batch.windows] = np.arange(batch.windows) <= lasts[:, None]
         problem = replace(problem, effects=replace(problem.effects, scale=scale))
         _, by_phi, by_run = derivatives(problem, trial.fit.phi, b)
         gram = Gram.of(by_phi, by_run, residual, problem.seen.sum(axis=1), b)
