@@ -3,10 +3,9 @@
 import numpy as np
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
-from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.study import Study, without_scatter
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.fits.mixed_problem import SWITCH
-from automarine_cli.fits.run_effects import START_POSITION, START_VELOCITY
 
 NOISE, SCATTER, LEFT = "noise of the heading", "scatter between runs", "left over"
 
@@ -14,7 +13,8 @@ NOISE, SCATTER, LEFT = "noise of the heading", "scatter between runs", "left ove
 def budget(diagnosis: Diagnosis) -> dict[str, float]:
     """Shares of the mean square of measured less base-model headings on the runs fitted; they sum to one.
 
-    The whole is taken with all runs alike but for their start heading and rate. Effects are added in the order in
+    The whole is taken with all runs alike but for their start heading and rate, and for what an effect of the model
+    lets vary from run to run. Effects are added in the order in
     which they were found, everything refitted; what the runs' own gains, instants and disturbances then explain is
     scatter. A step that does not lessen the gap has a share of zero.
     """
@@ -48,8 +48,7 @@ def _stages(study: Study, base: Trial, final: Trial) -> list[Trial]:
 
 
 def _alike(study: Study, trial: Trial) -> float:
-    """Mean square gap [rad²] when nothing but start heading and start rate differs between runs."""
+    """Mean square gap [rad²] when nothing differs between runs but their starts and what an effect lets vary."""
     problem = study.problem(trial.model)
-    b = trial.fit.effects.only(trial.fit.run_effects, (START_POSITION, START_VELOCITY))
-    left = study.residual(problem.readings(trial.fit.phi, b))
+    left = study.residual(problem.readings(trial.fit.phi, without_scatter(trial.fit)))
     return float((left**2).sum() / study.batch.seen.sum())

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.study import Study, without_scatter
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.fits.mixed_problem import SWITCH
-from automarine_cli.fits.run_effects import GAIN, START_POSITION, START_VELOCITY
+from automarine_cli.fits.run_effects import GAIN
 
 Floats = NDArray[np.float64]
 
@@ -93,11 +93,9 @@ class NamingKey:
 def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
     """Each run's own k and I about the base fit, measured and as the final model would have them."""
     problem = study.problem(base.model)
-    starts = (START_POSITION, START_VELOCITY)
-    b = base.fit.effects.only(base.fit.run_effects, starts)
-    phi = np.where(
-        [name == SWITCH for name in problem.names], 0.0, base.fit.phi
-    )  # changes in the middle of their intervals: free either way
+    b = without_scatter(base.fit)
+    # changes in the middle of their intervals: free either way
+    phi = np.where([name == SWITCH for name in problem.names], 0.0, base.fit.phi)
     first_step, moment = first_steps(study)
     drag = slice(1, len(study.base.theta))
     weight = np.where(problem.positive[drag], 1.0, base.fit.theta[drag])  # all drag terms by the same factor
@@ -129,9 +127,8 @@ def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
         return np.column_stack([log_k, log_i, log_i - log_k]), np.column_stack([errors, ratio])
 
     measured, errors = own(problem.measured)
-    other = study.problem(final.model)
-    effects = final.fit.effects.only(final.fit.run_effects, starts)
-    simulated = np.where(problem.seen, other.readings(final.fit.phi, effects), 0.0)
+    there = study.problem(final.model).readings(final.fit.phi, without_scatter(final.fit))
+    simulated = np.where(problem.seen, there, 0.0)
     predicted, _ = own(simulated)
     certain = max(CERTAIN, 2.0 * float(np.median(errors[:, 0])))
     moment = np.where(errors[:, 0] < certain, moment, np.nan)

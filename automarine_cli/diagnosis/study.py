@@ -13,7 +13,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed
 from automarine_cli.fits.output_error import run_covariance
-from automarine_cli.fits.run_effects import GAIN, SWITCHES
+from automarine_cli.fits.run_effects import DISTURBANCE, GAIN, SWITCHES
 from automarine_cli.fits.step_response import MOST_OFFSET
 from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
 from automarine_cli.models.yaw_model import YawModel
@@ -200,6 +200,12 @@ class Study:
             )
             model = replace(model, terms=terms)
         return model
+
+
+def without_scatter(fit: MixedFit) -> Floats:
+    """A fit's run effects (R, q) without gains, instants and disturbances: the starts, and what an effect lets vary."""
+    scatter = (GAIN, SWITCHES, DISTURBANCE)
+    return fit.effects.only(fit.run_effects, [name for name in fit.effects.names if name not in scatter])
 
 
 def study_of(runs: Sequence[Run], base: YawModel, disturbed: bool | None = None) -> Study:

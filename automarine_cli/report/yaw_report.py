@@ -1,6 +1,6 @@
-"""All files of a yaw fit, in memory: tables, figures, one row a run."""
+"""All files of a yaw fit: tables, one row a run, figures."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 import pyarrow as pa
@@ -14,7 +14,7 @@ from automarine_cli.fits.ways import Ways
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report import yaw_tables
 from automarine_cli.report.figures import yaw as figures
-from automarine_cli.report.figures.style import figure_files
+from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.tables import Table, interval
 
 
@@ -74,22 +74,26 @@ def _by_way(ways: Ways, dof: Dof) -> str:
     return f"Drag does not differ between the ways beyond chance (p = {ways.p_value:.2g}): {symbol} {told} {unit}."
 
 
-def files(fit: YawFit, formats: Sequence[str] = ("png",)) -> Iterator[tuple[str, str | bytes]]:
-    """Name and content of every file but the model's JSON; each figure in each of the formats."""
+def files(fit: YawFit) -> Iterator[tuple[str, str | bytes]]:
+    """Name and content of every file but the model's JSON and the figures."""
     for name, table in zip(("table1", "table2"), tables(fit)):
         yield f"{name}.csv", table.to_csv()
         yield f"{name}.md", table.to_markdown()
         yield f"{name}.tex", table.to_latex()
     yield "runs.parquet", parquet(run_rows(fit))
-    if fit.seed_method is not None and fit.data is not None:
-        yield from figure_files(
-            "half_turns" if fit.dof.wraps else "steps", figures.half_turns_figure(fit), formats
-        )
-        yield from figure_files("drag", figures.drag_figure(fit, fit.seed_method), formats)
-        yield from figure_files("inertia", figures.inertia_figure(fit, fit.seed_method), formats)
-        yield from figure_files("collapse", figures.collapse_figure(fit, fit.data), formats)
-    else:
-        yield from figure_files("whole_runs", figures.whole_runs_figure(fit), formats)
+
+
+def drawings(fit: YawFit) -> dict[str, Draw]:
+    """What draws each figure, by the name of its file."""
+    seed, data = fit.seed_method, fit.data
+    if seed is None or data is None:
+        return {"whole_runs": lambda: figures.whole_runs_figure(fit)}
+    return {
+        "half_turns" if fit.dof.wraps else "steps": lambda: figures.half_turns_figure(fit),
+        "drag": lambda: figures.drag_figure(fit, seed),
+        "inertia": lambda: figures.inertia_figure(fit, seed),
+        "collapse": lambda: figures.collapse_figure(fit, data),
+    }
 
 
 def run_rows(fit: YawFit) -> pa.Table:

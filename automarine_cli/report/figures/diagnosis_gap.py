@@ -20,8 +20,9 @@ MOST_RUNS_SHOWN = 4
 
 
 @house_style
-def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str, float]) -> Figure:
-    """Telling runs with both models, their errors, the error by the most telling variable, and the budget."""
+def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str, float] | None) -> Figure:
+    """Telling runs with both models, their errors, the error by the most telling variable, and the budget, if there
+    is one."""
     dof = diagnosis.study.base.dof
     picks = _telling_runs(diagnosis)
     count = max(len(picks), 1)
@@ -59,7 +60,8 @@ def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str,
     _sizes(figure.add_subplot(place[2, :half]), diagnosis)
     if count > 1:
         _by_variable(figure.add_subplot(place[2, half:]), diagnosis, where)
-    _budget(figure.add_subplot(place[3, :]), shares)
+    if shares is not None:
+        _budget(figure.add_subplot(place[3, :]), shares)
     figure.suptitle(_sizes_in_words(diagnosis))
     handles = [h for axes in (grid[0, 0], grid[1, 0]) for h in axes.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
