@@ -63,6 +63,9 @@ YAW = Dof(
         each_way="to each side",
         one_way="to one side",
         other_way="counter-clockwise",
+        the_other="to the other",
+        way="side",
+        rate_sensor="gyro",
     ),
     units=Units(
         base="rad", log="deg", per_base=1 / DEGREE, shown="deg", shown_per_base=1 / DEGREE, mark="°",

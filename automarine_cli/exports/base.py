@@ -125,8 +125,7 @@ class YawSubject:
 
     def equation_of(self, effect: str) -> str:
         """An effect's equation in the letters of the motion and in letters of ASCII."""
-        text = plain(effects.get(effect).equation)
-        return self.names.said(re.sub(r"\bk_r+\b", lambda one: self.dof.key(one[0]), text))
+        return plain(effects.get(effect).card(self.dof).equation)
 
     @property
     def inertias(self) -> tuple[float, float]:
@@ -142,7 +141,7 @@ class YawSubject:
     @property
     def unit(self) -> str:
         """Unit of inertia, in plain letters."""
-        return plain(self.dof.unit_of("I_r", self.model.moment_unit))
+        return plain(self.dof.unit_of("inertia", self.model.moment_unit))
 
     def about_inertia(self) -> str:
         """The sentence on how the inertia is told."""

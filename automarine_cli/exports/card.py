@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from automarine_cli import __version__, effects
-from automarine_cli.effects.base import Parameter
+from automarine_cli.dofs import YAW
 from automarine_cli.exports.base import FRAMES, NAMES, Target, Written, YawSubject
 from automarine_cli.exports.frames import in_enu
 from automarine_cli.exports.units import in_newton_metres
@@ -69,26 +69,33 @@ def _rows(
     """One row a parameter; uncertainties turn with the frame and the unit as the values do."""
     factor, dof = subject.settings.newton_metres_per_nu or 1.0, subject.dof
     inertia = [x * factor for x in _told(entry.get("I_r"))]
-    unit = dof.unit_of("I_r", subject.model.moment_unit)
+    unit = dof.unit_of("inertia", subject.model.moment_unit)
     yield _row(subject.names.inertia, "rigid and added together", inertia, unit)
     added = data.get("effects")
     found = {_mapping(one).get("name"): _mapping(one) for one in added} if isinstance(added, list) else {}
     for term in subject.model.terms:
         parameters = effects.get(term.name).parameters
         base = entry.get(BASE.get(term.name, ""))
-        given = {parameters[0].name: base} if base else _mapping(found.get(term.name, {}).get("parameters"))
-        columns = [_told(given.get(p.name), value) for p, value in zip(parameters, term.values)]
+        given = (
+            {parameters[0].name_in(YAW): base}
+            if base
+            else _mapping(found.get(term.name, {}).get("parameters"))
+        )
+        columns = [_told(given.get(p.name_in(YAW)), value) for p, value in zip(parameters, term.values)]
         told = [_turned(subject, term, [column[i] for column in columns]) for i in range(4)]
-        for i, p in enumerate(parameters):
+        card = effects.get(term.name).card(dof, subject.model.moment_unit)
+        for i, (p, told_of) in enumerate(zip(parameters, card.parameters)):
             value = term.values[i]
             spread, ends = abs(told[1][i]), sorted((told[2][i], told[3][i]))
-            name = f"{term.name} {dof.key(p.name)}"
-            yield _row(name, _meaning(subject, p, value), [value, spread, *ends], _unit(subject, p))
+            law = f": {p.choices[int(value)]}" if p.choices else ""
+            yield _row(
+                f"{term.name} {told_of.name}", told_of.meaning + law, [value, spread, *ends], told_of.unit
+            )
 
 
 def _turned(subject: YawSubject, term: Term, column: list[float]) -> tuple[float, ...]:
     """Numbers of the file as the subject's unit and frame have them."""
-    model = YawModel(1.0, (Term(term.name, tuple(column)),))
+    model = YawModel(1.0, (Term(term.name, tuple(column)),), subject.model.moment_unit, subject.dof)
     if subject.settings.newton_metres_per_nu is not None:
         model = in_newton_metres(model, subject.settings.newton_metres_per_nu)
     return (in_enu(model, subject.dof) if subject.frame == "ENU" else model).terms[0].values
@@ -112,15 +119,6 @@ def _row(name: str, meaning: str, told: list[float], unit: str) -> tuple[str, ..
     value, spread, low, high = told
     ends = MISSING if low != low or high != high else f"{number(low)} to {number(high)}"
     return (name, meaning, number(value, 5), number(spread, 2), ends, unit)
-
-
-def _meaning(subject: YawSubject, parameter: Parameter, value: float) -> str:
-    law = f": {parameter.choices[int(value)]}" if parameter.choices else ""
-    return subject.dof.say(parameter.meaning) + law
-
-
-def _unit(subject: YawSubject, parameter: Parameter) -> str:
-    return subject.dof.unit_in(parameter.unit, subject.model.moment_unit)
 
 
 def _covariance(subject: YawSubject, entry: Mapping[str, Any]) -> str:
@@ -154,7 +152,7 @@ def _range(subject: YawSubject, data: Mapping[str, Any]) -> str:
 
 
 def _effects(subject: YawSubject) -> str:
-    said = {name: subject.dof.say(effects.get(name).says) for name in subject.values}
+    said = {name: effects.get(name).card(subject.dof).says for name in subject.values}
     lines = [f"- {name}: {_code(subject.equation_of(name))}. {says}" for name, says in said.items()]
     lines += [f"- left out: {one.name}: {one.why}" for one in subject.left_out]
     return "\n".join(lines) + "\n"

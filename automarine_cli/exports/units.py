@@ -19,4 +19,4 @@ def in_newton_metres(model: YawModel, newton_metres_per_nu: float, unit: str = "
         )
         for term in model.terms
     )
-    return YawModel(model.inertia * newton_metres_per_nu, terms, unit)
+    return replace(model, inertia=model.inertia * newton_metres_per_nu, terms=terms, moment_unit=unit)

@@ -93,13 +93,13 @@ def _summary(diagnosis: Diagnosis) -> str:
 
 def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     """One effect: equation, parameters, how sure, rivals, source."""
-    card, say = effects.get(effect.name), diagnosis.study.base.dof.say
+    card = effects.get(effect.name).card(diagnosis.study.base.dof)
     means = {parameter.name: parameter.meaning for parameter in card.parameters}
     table = Table(
         "", ("parameter", "meaning", "estimate and 95 % interval", "unit"),
         tuple(
-            (name, say(means[name]), parameter_cell(effect.name, name, e), e.unit or MISSING)
-            for name, e in effect.parameters.items()
+            (name, means[name], parameter_cell(effect.name, i, e), e.unit or MISSING)
+            for i, (name, e) in enumerate(effect.parameters.items())
         ),
     )  # fmt: skip
     smallest = 1.0 / (1 + len(diagnosis.found.rounds[0].scores.null))
@@ -110,12 +110,12 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     )
     if not effect.rivals:
         sure += " No other effect of the library comes near."
-    lines = [effect.says, f"`{diagnosis.study.base.dof.equation(card.equation)}`", table.to_markdown(), sure]
+    lines = [effect.says, f"`{card.equation}`", table.to_markdown(), sure]
     for rival in effect.rivals:
         lines.append(
             f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}."
         )
-    return "\n\n".join([*lines, f"Source: {card.source}."])
+    return "\n\n".join([*lines, f"Source: {effects.get(effect.name).source}."])
 
 
 def _where(where: Where) -> str:
@@ -197,9 +197,8 @@ def _moves(diagnosis: Diagnosis) -> str:
 
 def _called(name: str, dof: Dof) -> str:
     """A base parameter as people call it."""
-    if dof.wraps:
-        return name
-    return {"b": "constant force", "e": "half the difference of drag"}.get(name, dof.say(name))
+    own = dof.symbols
+    return {own.constant: "constant force", own.difference: "half the difference of drag"}.get(name, name)
 
 
 def _remains(diagnosis: Diagnosis) -> str:
@@ -222,7 +221,7 @@ def _next(diagnosis: Diagnosis) -> str:
         for rival in effect.rivals
     ]
     for effect in diagnosis.effects:
-        reveals = diagnosis.study.base.dof.say(effects.get(effect.name).reveals)
+        reveals = effects.get(effect.name).card(diagnosis.study.base.dof).reveals
         told.append(f"- To see {effect.name} better: {reveals}.")
     return "\n".join(
         [*told, *(f"- {line}" for line in general_advice(diagnosis.study, diagnosis.detectable))]

@@ -15,12 +15,7 @@ from automarine_cli.report.tables import MISSING, Table, number
 MOST_REGIONS = 8
 MOST_NAMED_RUNS = 5
 
-SEEN_IN = {
-    "heading": "heading",
-    "moment": "missing moment",
-    "thrust": "each run's own thrust",
-    "size": "size of each run's gap",
-}
+SEEN_IN = {"thrust": "each run's own thrust", "size": "size of each run's gap"}
 
 
 def regions_table(where: Where) -> Table:
@@ -41,9 +36,13 @@ def _region(region: Region, dof: Dof) -> tuple[str, ...]:
     more = len(region.runs) - MOST_NAMED_RUNS
     runs = f"{some} and {more} more" if more > 0 else some or MISSING
     gap = number(float(dof.shown(region.gap)), 3)
+    seen_in = SEEN_IN | {
+        dof.words.position: dof.words.position,
+        dof.words.force: f"missing {dof.words.force}",
+    }
     return (
-        dof.say(region.variable), number(region.low, 3), number(region.high, 3), region.unit or MISSING, gap,
-        f"{region.share:.0%}", dof.say(SEEN_IN[region.seen_in]), number(region.p_value, 2), runs,
+        region.variable, number(region.low, 3), number(region.high, 3), region.unit or MISSING, gap,
+        f"{region.share:.0%}", seen_in[region.seen_in], number(region.p_value, 2), runs,
     )  # fmt: skip
 
 
@@ -90,17 +89,15 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
     """Smallest size of each effect that would have been named four times in five."""
     rows = []
     for name, size in sorted(diagnosis.detectable.items()):
-        parameter = _sized(name)
         base = diagnosis.study.base
-        unit = parameter.unit_for(base.moment_unit, base.dof)
-        rows.append((name, parameter.name, number(size, 2), unit or MISSING))
+        parameter = effects.get(name).card(base.dof, base.moment_unit).parameters[_sized(name)]
+        rows.append((name, parameter.name, number(size, 2), parameter.unit or MISSING))
     return Table(
         "", ("effect", "parameter", "smallest size seen", "unit"), tuple(rows),
         notes=("Sizes that these runs would have shown four times in five, from the value at which it is off.",),
     )  # fmt: skip
 
 
-def _sized(name: str) -> effects.Parameter:
-    """The parameter that says how large an effect is: the first that is not a shape and is fitted."""
-    own = effects.get(name).parameters
-    return next((p for p in own if not p.scan and not p.held), own[0])
+def _sized(name: str) -> int:
+    """Place of the parameter that says how large an effect is: the first that is not a shape and is fitted."""
+    return next((i for i, p in enumerate(effects.get(name).parameters) if not p.scan and not p.held), 0)

@@ -26,9 +26,9 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     )
 
 
-def parameter_cell(effect: str, name: str, estimate: Estimate) -> str:
-    """An estimate with its interval; the word for a choice between laws."""
-    parameter = next(p for p in library.get(effect).parameters if p.name == name)
+def parameter_cell(effect: str, i: int, estimate: Estimate) -> str:
+    """The estimate of an effect's parameter `i` with its interval; the word for a choice between laws."""
+    parameter = library.get(effect).parameters[i]
     return parameter.choices[round(estimate.value)] if parameter.choices else interval(estimate)
 
 
@@ -38,12 +38,12 @@ def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
         (
             effect.name,
             name,
-            parameter_cell(effect.name, name, estimate),
+            parameter_cell(effect.name, i, estimate),
             estimate.unit,
             f"{effect.confidence:.0%}",
         )
         for effect in diagnosis.effects
-        for name, estimate in effect.parameters.items()
+        for i, (name, estimate) in enumerate(effect.parameters.items())
     ]
     found = diagnosis.found.rounds[0]
     best = sorted(found.trials, key=lambda trial: trial.evidence)[:5]

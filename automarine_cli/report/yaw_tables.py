@@ -34,16 +34,17 @@ def drag_table(
             for m in MODELS
         ]
 
+    own = dof.symbols
     rows: list[tuple[Cell, ...]] = [
-        (K_RR, *of("k_rr", lambda e: number(e.value))),
-        (K_R, *of("k_r", lambda e: number(e.value))),
+        (K_RR, *of(own.quadratic, lambda e: number(e.value))),
+        (K_R, *of(own.linear, lambda e: number(e.value))),
         ("SSE", *(number(fits[m].sse) if m in fits else MISSING for m in MODELS)),
-        ("k_r|r|, 95 %", *of("k_rr", interval)),
-        ("k_r, 95 %", *of("k_r", interval)),
+        ("k_r|r|, 95 %", *of(own.quadratic, interval)),
+        ("k_r, 95 %", *of(own.linear, interval)),
         ("AICc", *(number(fits[m].aicc) if m in fits else MISSING for m in MODELS)),
         ("F test against 2, p", *(_f_test(fits, m) for m in MODELS)),
-        ("k_r|r|, maximum likelihood", *(_ml(ml, m, "k_rr") for m in MODELS)),
-        ("k_r, maximum likelihood", *(_ml(ml, m, "k_r") for m in MODELS)),
+        ("k_r|r|, maximum likelihood", *(_ml(ml, m, own.quadratic) for m in MODELS)),
+        ("k_r, maximum likelihood", *(_ml(ml, m, own.linear) for m in MODELS)),
         (
             "log density of left-out runs",
             *(number(float(ml[m].mixed.predictive.sum()), 6) if m in ml else MISSING for m in MODELS),
@@ -52,8 +53,8 @@ def drag_table(
     rows += _force_rows(fits, ml, dof)
     squared = f"({unit})²" if " " in unit else f"{unit}²"
     unit_note = (
-        f"Moment [{unit}], k_r|r| [{dof.unit_of('k_rr', unit)}], k_r [{dof.unit_of('k_r', unit)}], SSE [{squared}]; "
-        "brackets are 95 % intervals."
+        f"Moment [{unit}], k_r|r| [{dof.unit_of('quadratic', unit)}], k_r [{dof.unit_of('linear', unit)}], "
+        f"SSE [{squared}]; brackets are 95 % intervals."
     )
     notes = (unit_note, *_signs(dof), *notes)
     return Table("Table 1. Identified yaw models: drag", HEADER, tuple(rows), (3, 7), notes).said(dof)
@@ -72,9 +73,11 @@ def _force_rows(
         tests = (number(ways.p_value, 2) if (ways := asked.get(m)) else MISSING for m in MODELS)
         rows.append(("one drag both ways, p", *tests))
     if dof.has_constant:
-        least = [fits[m].estimates.get("b") if m in fits else None for m in MODELS]
+        least = [fits[m].estimates.get(dof.symbols.constant) if m in fits else None for m in MODELS]
         rows.append(("constant force, 95 %", *(interval(e) if e is not None else MISSING for e in least)))
-        rows.append(("constant force, maximum likelihood", *(_ml(ml, m, "b") for m in MODELS)))
+        rows.append(
+            ("constant force, maximum likelihood", *(_ml(ml, m, dof.symbols.constant) for m in MODELS))
+        )
     return rows
 
 
@@ -111,7 +114,7 @@ def inertia_table(
     rows: list[tuple[Cell, ...]] = [
         (I_R, *(number(tables[m].overall.value) if m in tables else MISSING for m in MODELS)),
         ("I_r, 95 %", *(interval(tables[m].overall) if m in tables else MISSING for m in MODELS)),
-        ("I_r, maximum likelihood", *(_ml(ml, m, "I_r") for m in MODELS)),
+        ("I_r, maximum likelihood", *(_ml(ml, m, dof.symbols.inertia) for m in MODELS)),
         (
             "I_r/k_r|r| [rad], maximum likelihood",
             *(interval(ml[m].inertial_turn_angle) if m in ml else MISSING for m in MODELS),
@@ -127,7 +130,7 @@ def inertia_table(
         row = (number(tables[m].per_moment[level]) if m in tables else MISSING for m in MODELS)
         rows.append((f"mean at {level:+.4g} {unit}", *row))
     rules = (1, len(rows) - len(levels)) if levels else (1,)
-    unit_note = f"I_r [{dof.unit_of('I_r', unit)}]; brackets are 95 % intervals"
+    unit_note = f"I_r [{dof.unit_of('inertia', unit)}]; brackets are 95 % intervals"
     unit_note += "; means over the runs at each moment are by the velocity error." if levels else "."
     notes = (unit_note, *notes)
     return Table("Table 2. Identified yaw models: inertia", HEADER, tuple(rows), rules, notes).said(dof)

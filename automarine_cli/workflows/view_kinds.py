@@ -10,7 +10,7 @@ from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.thruster_result import ThrusterFit
-from automarine_cli.fits.yaw_fit import KEYS, YawFit
+from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report import (
     compare_tables,
     diagnosis_tables,
@@ -81,10 +81,12 @@ def _yaw_lines(fit: YawFit) -> Iterator[str]:
     to = dof.say("half-turns") if fit.turns else "whole runs"
     used, aside = _counted(fit.used, "run"), len(fit.set_aside)
     yield f"{dof.say('Yaw model')} {fit.preference.number}, fitted to {to} of {used}; {aside} set aside"
-    names = {**SYMBOLS, **({} if dof.wraps else {name: key.replace("_", " ") for name, key in KEYS.items()})}
-    found = {dof.say(names.get(name, name)): one for name, one in fit.preferred.estimates.items()}
+    own = dof.symbols
+    names = {own.quadratic: own.quadratic_print}
+    names |= {key: key.replace("_", " ") for key in (own.constant, own.difference)}
+    found = {names.get(name, name): one for name, one in fit.preferred.estimates.items()}
     if fit.inertial_turn_angle is not None:
-        found[dof.say("I_r/k_r|r|")] = fit.inertial_turn_angle
+        found[f"{own.inertia}/{own.quadratic_print}"] = fit.inertial_turn_angle
     yield from _aligned(found)
     noise = f"{dof.position} noise {dof.shown(fit.preferred.noise):.2f} {dof.units.shown}"
     yield f"  {noise}; {_counted(len(fit.warnings), 'warning')}"
@@ -93,9 +95,7 @@ def _yaw_lines(fit: YawFit) -> Iterator[str]:
 def _yaw_rows(fit: YawFit) -> Iterator[Row]:
     for model, ml in fit.output_error.items():
         for name, one in ml.estimates.items():
-            yield {"model": model, "method": "maximum likelihood", "parameter": fit.called(name)} | _numbers(
-                one
-            )
+            yield {"model": model, "method": "maximum likelihood", "parameter": name} | _numbers(one)
     if fit.seed_method is None:
         return
     for model, drag in fit.seed_method.drag.items():
@@ -103,9 +103,9 @@ def _yaw_rows(fit: YawFit) -> Iterator[Row]:
             continue
         found = dict(drag.estimates)
         if model in fit.seed_method.inertia:
-            found["I_r"] = fit.seed_method.inertia[model].overall
+            found[fit.dof.symbols.inertia] = fit.seed_method.inertia[model].overall
         for name, one in found.items():
-            yield {"model": model, "method": "velocity error", "parameter": fit.called(name)} | _numbers(one)
+            yield {"model": model, "method": "velocity error", "parameter": name} | _numbers(one)
 
 
 def _yaw_figures(fit: YawFit) -> Figures:

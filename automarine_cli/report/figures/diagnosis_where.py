@@ -95,7 +95,8 @@ def _look(row: Row) -> str:
         return "log gap of the run"
     if row.unit == "%":
         return "own thrust [%]" + (" × side" if row.directed else "")
-    word = {"heading": "gap", "thrust": "gap, equal thrust", "moment": "missing moment"}[row.kind]
+    words = {"thrust": "gap, equal thrust", "moment": "missing moment", "force": "missing force"}
+    word = words.get(row.kind, "gap")
     return f"{word} [{row.unit}]" + ("\nalong the moment" if row.directed else "")
 
 

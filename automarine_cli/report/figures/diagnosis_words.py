@@ -7,8 +7,7 @@ from automarine_cli.report.figures.style import COLOURS
 BEFORE, AFTER, MARK = COLOURS["vermilion"], COLOURS["blue"], COLOURS["yellow"]
 NAMES = {
     "time-since-command-change": "time since command changed", "time-in-run": "time in the run",
-    "turned-angle": "turned angle", "yaw-rate": "yaw rate", "start-heading": "start heading",
-    "run-order": "run order", "campaign-clock": "campaign clock", "moment-size": "size of the moment",
+    "moment-size": "size of the moment", "force-size": "size of the force",
 }  # fmt: skip
 
 

@@ -125,7 +125,7 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     figure, axes = new_figure(1, len(models), PAGE_IN, 3.0)
     moment = np.array([turn.moment for turn in fit.turns])
     for ax, number in zip(axes[0], models):
-        table, ml = seed.inertia[number], fit.output_error[number].estimates["I_r"]
+        table, ml = seed.inertia[number], fit.output_error[number].estimates[dof.symbols.inertia]
         ax.plot(moment, table.per_run, "o", mfc="none", mec=MEASURED, mew=0.8, label="one run")
         means = sorted(table.per_moment.items())
         ax.plot(
@@ -149,7 +149,7 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
         ax.set_ylim(min(0.0, low), max(1.1 * high, high + 0.35 * np.ptp([low, high])))
         ax.set_title(dof.say(f"model {number}"))
         ax.set_xlabel(dof.say(f"Yaw moment τ [{fit.moment_unit}]"))
-    axes[0, 0].set_ylabel(dof.say(f"Yaw inertia $I_r$ [{dof.unit_of('I_r', fit.moment_unit)}]"))
+    axes[0, 0].set_ylabel(dof.say(f"Yaw inertia $I_r$ [{dof.unit_of('inertia', fit.moment_unit)}]"))
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
@@ -161,7 +161,7 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     figure, axes = new_figure(2, 1, 4.6, 4.6, sharex=True, height_ratios=(2.4, 1.0))
     top, bottom = axes[:, 0]
     model = fit.output_error["3"]
-    k_rr, inertia = model.estimates["k_rr"].value, model.estimates["I_r"].value
+    k_rr, inertia = (model.estimates[name].value for name in (dof.symbols.quadratic, dof.symbols.inertia))
     scale, colours = _moment_scale(data.moment)
     late = model.offset.value * data.interval
     longest = 0.0
@@ -229,12 +229,14 @@ def whole_runs_figure(fit: YawFit) -> Figure:
 
 def _acting(model: OutputErrorFit, moment: float) -> tuple[float, float]:
     """What a run moves by, and its drag as a share of the middle of both ways: 1 where they do not differ."""
-    estimates = model.estimates
-    if "b" in estimates:
-        moment += estimates["b"].value
-    if "e" not in estimates:
+    estimates, own = model.estimates, model.model.dof.symbols
+    if own.constant in estimates:
+        moment += estimates[own.constant].value
+    if own.difference not in estimates:
         return moment, 1.0
-    return moment, 1.0 + float(np.sign(moment)) * estimates["e"].value / estimates["k_rr"].value
+    return moment, 1.0 + float(np.sign(moment)) * estimates[own.difference].value / estimates[
+        own.quadratic
+    ].value
 
 
 def _moment_scale(moment: Any) -> tuple[Any, Any]:
