@@ -140,6 +140,7 @@ class Limits:
 class Dof:
     """One degree of freedom: a position, and the moment or force that drives it.
 
+    `number` is its place among the six, from 0: surge, sway, heave, roll, pitch, yaw, forces X, Y, Z, K, M, N.
     `position`, `velocity` and `command` are canonical quantities of the logs, `thrusters` the commands of which a map
     makes moment or force, each counting by `sides`; `levered` where that takes a lever arm. `turn` is after how much
     the position wraps [rad or m], infinite where it does not. `has_constant`: a constant force is part of every model;
@@ -148,6 +149,7 @@ class Dof:
     """
 
     name: str
+    number: int
     position: str
     velocity: str
     command: str
@@ -190,6 +192,11 @@ class Dof:
     def inner(self, logged: Any) -> Any:
         """A position or velocity as logs hold it in the unit of all arithmetic."""
         return logged * (pi / 180) if self.wraps else logged
+
+    @property
+    def length_key(self) -> str:
+        """Inertia over quadratic drag as a key of result files: `inertial_turn_angle_rad`, `inertial_distance_m`."""
+        return f"{self.words.inertial_length} {self.units.base}".replace(" ", "_")
 
     @property
     def parameters(self) -> Mapping[str, str]:

@@ -8,6 +8,7 @@ DEGREE = pi / 180
 
 YAW = Dof(
     name="yaw",
+    number=5,
     position="heading",
     velocity="yaw_rate",
     command="moment",
