@@ -39,7 +39,7 @@ def _model(data: Mapping[str, Any], models: Sequence[str], dof: Dof) -> Contents
         own.quadratic: own.quadratic_print,
         own.linear: own.linear,
         own.inertia: own.inertia,
-        dof.length_key: f"{own.inertia}/{own.quadratic_print}",
+        dof.ratio_key: f"{own.inertia}/{own.quadratic_print}",
         own.constant: "constant force",
         own.difference: "half the difference of drag",
     }

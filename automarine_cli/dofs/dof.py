@@ -194,11 +194,6 @@ class Dof:
         return logged * (pi / 180) if self.wraps else logged
 
     @property
-    def length_key(self) -> str:
-        """Inertia over quadratic drag as a key of result files: `inertial_turn_angle_rad`, `inertial_distance_m`."""
-        return f"{self.words.inertial_length} {self.units.base}".replace(" ", "_")
-
-    @property
     def parameters(self) -> Mapping[str, str]:
         """Names of the parameters of the equation of motion, by what they are."""
         own = self.symbols
@@ -206,6 +201,16 @@ class Dof:
             "inertia": own.inertia, "linear": own.linear, "quadratic": own.quadratic, "cubic": own.cubic,
             "constant": own.constant, "difference": own.difference,
         }  # fmt: skip
+
+    @property
+    def ratio_key(self) -> str:
+        """Key of inertia over quadratic drag in result files."""
+        return f"{self.words.inertial_length.replace(' ', '_')}_{self.units.base}"
+
+    @property
+    def velocity_key(self) -> str:
+        """Key of a velocity in base units in result files."""
+        return f"{self.velocity}_{self.units.base}_s"
 
     @cached_property
     def vocabulary(self) -> Mapping[str, str]:

@@ -141,7 +141,7 @@ def _covariance(subject: YawSubject, entry: Mapping[str, Any]) -> str:
 def _range(subject: YawSubject, data: Mapping[str, Any]) -> str:
     told = _mapping(data.get("valid_range"))
     dof, words = subject.dof, subject.dof.words
-    forces, rates = _numbers(told.get(words.force)), _numbers(told.get(f"{dof.velocity}_{dof.units.base}_s"))
+    forces, rates = _numbers(told.get(words.force)), _numbers(told.get(dof.velocity_key))
     if len(forces) != 2:
         return f"{dof.fill(NO_RANGE)}\n"
     factor = subject.settings.newton_metres_per_nu or 1.0

@@ -99,8 +99,8 @@ def _model(steps: Steps, dof: Dof) -> list[str]:
     if (step := steps.get(dof.name)) is None:
         return []
     blocks = [escape(str(step.at("preferred_because")))]
-    if step.at(dof.length_key) is not None:
-        length, own = escape(interval(step.estimate(dof.length_key))), dof.symbols
+    if step.at(dof.ratio_key) is not None:
+        length, own = escape(interval(step.estimate(dof.ratio_key))), dof.symbols
         blocks.append(
             f"The {dof.words.inertial_length} {own.inertia}/{own.quadratic_print} is {length} {dof.units.base}, "
             f"whatever the unit of the {dof.words.force}."
