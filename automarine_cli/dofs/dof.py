@@ -79,6 +79,7 @@ class Words:
     each_way: str
     one_way: str
     other_way: str  # of positions that count against the convention: counter-clockwise, the other way
+    covered: str  # turned, covered: by so many degrees or centimetres
 
 
 @dataclass(frozen=True)
@@ -211,6 +212,11 @@ class Dof:
     def velocity_key(self) -> str:
         """Key of a velocity in base units in result files."""
         return f"{self.velocity}_{self.units.base}_s"
+
+    @property
+    def steps_key(self) -> str:
+        """What files of all steps are called: half_turns, steps."""
+        return f"{self.words.step}s".replace("-", "_")
 
     @cached_property
     def vocabulary(self) -> Mapping[str, str]:

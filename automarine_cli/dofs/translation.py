@@ -81,4 +81,5 @@ def words(name: str, position: str, ways: tuple[str, str]) -> Words:
         each_way="each way",
         one_way="one way",
         other_way="the other way",
+        covered="covered",
     )

@@ -64,6 +64,7 @@ YAW = Dof(
         each_way="to each side",
         one_way="to one side",
         other_way="counter-clockwise",
+        covered="turned",
     ),
     units=Units(
         base="rad", log="deg", per_base=1 / DEGREE, shown="deg", shown_per_base=1 / DEGREE, mark="°",

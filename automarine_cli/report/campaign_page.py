@@ -19,11 +19,6 @@ MOST_ROWS = 1000  # of a folded table: a page of ten thousand rows opens slowly 
 NEXT = "What to run next"
 
 
-def steps_stem(dof: Dof) -> str:
-    """The name of the figure of all steps that were fitted."""
-    return f"{dof.words.step}s".replace("-", "_")
-
-
 def alternatives(dof: Dof) -> dict[str, str]:
     """What each figure shows, in words, by its name."""
     words = dof.words
@@ -31,9 +26,7 @@ def alternatives(dof: Dof) -> dict[str, str]:
     return {
         "thrusters": "Thrust of one thruster against its control signal: measured points, fitted curves, residuals "
         "below",
-        steps_stem(
-            dof
-        ): f"{position} against time of every {words.step}: the part that was fitted in colour, what was "
+        dof.steps_key: f"{position} against time of every {words.step}: the part that was fitted in colour, what was "
         "cut in grey",
         "drag": f"Steady {words.rate} against {words.full_force}: one point a run, the curves of models 1, 2 and 3, "
         "residuals below",
@@ -113,7 +106,7 @@ def _model(steps: Steps, dof: Dof) -> list[str]:
     noted = "\n".join(tables)
     warnings = [escape(str(line)) for line in step.at("warnings")]
     blocks += [*tables, _bullets([f"Warning: {line}" for line in warnings if line not in noted])]
-    figures = ("drag", "inertia", steps_stem(dof), "collapse", "whole_runs")
+    figures = ("drag", "inertia", dof.steps_key, "collapse", "whole_runs")
     shown = [picture(step, stem) for stem in figures]
     return [*blocks, "### Figures of the fit", *shown]
 

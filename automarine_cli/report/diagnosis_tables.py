@@ -3,6 +3,7 @@
 from automarine_cli import effects as library
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.trials import LEVEL
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.report.diagnosis_page_tables import gap_table
 from automarine_cli.report.tables import Table, interval, number
@@ -11,24 +12,22 @@ from automarine_cli.report.tables import Table, interval, number
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence with its numbers."""
     dof = diagnosis.study.base.dof
+    unit, position = dof.units.shown, dof.words.position
     before, after, floor = (
         f"{dof.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
     )
     if diagnosis.verdict == "named":
         names = " and ".join(effect.name for effect in diagnosis.effects)
-        return f"Named: {names}; the gap falls from {before} to {after} {dof.units.shown} " + dof.say(
-            f"(noise of the heading {floor} deg)."
-        )
+        noise = f"noise of the {position} {floor} {unit}"
+        return f"Named: {names}; the gap falls from {before} to {after} {unit} ({noise})."
     if diagnosis.verdict == "unexplained":
-        return dof.say(f"Unexplained: the gap is {after} deg where the noise of the heading is {floor} deg.")
-    return dof.say(
-        f"Nothing missing that these runs could show: gap {before} deg, noise of the heading {floor} deg."
-    )
+        return f"Unexplained: the gap is {after} {unit} where the noise of the {position} is {floor} {unit}."
+    return f"Nothing missing that these runs could show: gap {before} {unit}, noise of the {position} {floor} {unit}."
 
 
-def parameter_cell(effect: str, name: str, estimate: Estimate) -> str:
+def parameter_cell(effect: str, name: str, estimate: Estimate, dof: Dof) -> str:
     """An estimate with its interval; the word for a choice between laws."""
-    parameter = next(p for p in library.get(effect).parameters if p.name == name)
+    parameter = next(p for p in library.get(effect).parameters if p.name_in(dof) == name)
     return parameter.choices[round(estimate.value)] if parameter.choices else interval(estimate)
 
 
@@ -38,7 +37,7 @@ def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
         (
             effect.name,
             name,
-            parameter_cell(effect.name, name, estimate),
+            parameter_cell(effect.name, name, estimate, diagnosis.study.base.dof),
             estimate.unit,
             f"{effect.confidence:.0%}",
         )

@@ -174,7 +174,7 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis, where: Where) -> None:
             ]
         )
         axes.plot(variable.middle, means, style, color=colour, markersize=2.5, linewidth=1.0, label=label)
-    axes.set_xlabel(in_words(variable), labelpad=1, parse_math=False)
+    axes.set_xlabel(in_words(variable, where.dof), labelpad=1, parse_math=False)
     axes.legend(loc="best", fontsize=6.5)
 
 

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.bins import Row, Variable
+from automarine_cli.diagnosis.bins import SIZE, THRUST, Row, Variable
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import Dof
@@ -81,7 +81,7 @@ def _bins(axes: Axes, variable: Variable, dof: Dof) -> None:
     axes.set_ylim(-1.15 * most, 1.15 * most)
     span = float(np.ptp(variable.edges))
     axes.set_xlim(float(variable.edges[0]) - 0.02 * span, float(variable.edges[-1]) + 0.02 * span)
-    axes.set_xlabel(in_words(variable), labelpad=1, fontsize=7, parse_math=False)
+    axes.set_xlabel(in_words(variable, dof), labelpad=1, fontsize=7, parse_math=False)
     axes.set_ylabel(_look(row, dof), labelpad=1, fontsize=6.5)
     axes.set_title(
         f"p = {variable.p_value:.2g}" if out else "within chance",
@@ -92,12 +92,12 @@ def _bins(axes: Axes, variable: Variable, dof: Dof) -> None:
 
 def _look(row: Row, dof: Dof) -> str:
     """What the vertical axis shows."""
-    if row.kind == "size":
+    force = dof.words.force
+    if row.kind == SIZE:
         return "log gap of the run"
     if row.unit == "%":
-        return "own thrust [%]" + (" × side" if row.directed else "")
-    force = dof.words.force
-    word = {"heading": "gap", "thrust": "gap, equal thrust", "moment": f"missing {force}"}[row.kind]
+        return "own thrust [%]" + (f" × {dof.words.way}" if row.directed else "")
+    word = {THRUST: "gap, equal thrust", force: f"missing {force}"}.get(row.kind, "gap")
     return f"{word} [{row.unit}]" + (f"\nalong the {force}" if row.directed else "")
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.step_response import StepData
 from automarine_cli.fits.velocity_error import VelocityErrorFit
@@ -128,7 +129,7 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     figure, axes = new_figure(1, len(models), PAGE_IN, 3.0)
     moment = np.array([turn.moment for turn in fit.turns])
     for ax, number in zip(axes[0], models):
-        table, ml = seed.inertia[number], fit.output_error[number].estimates["I_r"]
+        table, ml = seed.inertia[number], fit.output_error[number].estimates[dof.symbols.inertia]
         ax.plot(moment, table.per_run, "o", mfc="none", mec=MEASURED, mew=0.8, label="one run")
         means = sorted(table.per_moment.items())
         ax.plot(
@@ -165,13 +166,13 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     figure, axes = new_figure(2, 1, 4.6, 4.6, sharex=True, height_ratios=(2.4, 1.0))
     top, bottom = axes[:, 0]
     model = fit.output_error["3"]
-    k_rr, inertia = model.estimates["k_rr"].value, model.estimates["I_r"].value
+    k_rr, inertia = model.estimates[own.quadratic].value, model.estimates[own.inertia].value
     scale, colours = _moment_scale(data.moment)
     late = model.offset.value * data.interval
     longest = 0.0
     for i, moment in enumerate(data.moment):
         used = data.seen[i] & (data.time[i] >= 0)
-        acting, share = _acting(model, float(moment))
+        acting, share = _acting(model, float(moment), dof)
         scaled = np.maximum(data.time[i][used] - late[i], 0.0) * np.sqrt(abs(acting) * share)
         turned = np.sign(acting) * data.heading[i][used] * share
         curve = response(scaled, 1.0, inertia, 0.0, k_rr)[0]
@@ -243,14 +244,15 @@ def _size_of_force(fit: YawFit) -> str:
     return f"Size of the {fit.dof.words.force} |{fit.dof.symbols.force_print}| [{fit.moment_unit}]"
 
 
-def _acting(model: OutputErrorFit, moment: float) -> tuple[float, float]:
+def _acting(model: OutputErrorFit, moment: float, dof: Dof) -> tuple[float, float]:
     """What a run moves by, and its drag as a share of the middle of both ways: 1 where they do not differ."""
-    estimates = model.estimates
-    if "b" in estimates:
-        moment += estimates["b"].value
-    if "e" not in estimates:
+    estimates, own = model.estimates, dof.symbols
+    if own.constant in estimates:
+        moment += estimates[own.constant].value
+    if own.difference not in estimates:
         return moment, 1.0
-    return moment, 1.0 + float(np.sign(moment)) * estimates["e"].value / estimates["k_rr"].value
+    half = estimates[own.difference].value / estimates[own.quadratic].value
+    return moment, 1.0 + float(np.sign(moment)) * half
 
 
 def _moment_scale(moment: Any) -> tuple[Any, Any]:
