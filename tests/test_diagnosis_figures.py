@@ -11,6 +11,7 @@ from automarine_cli.diagnosis.budget import LEFT, NOISE, SCATTER, budget
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.naming_key import NamingKey, naming_key
 from automarine_cli.diagnosis.where import Where, find_where
+from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_page import escape, page
 from automarine_cli.report.diagnosis_page_tables import gap_table
@@ -22,7 +23,7 @@ from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 
-TRUTH = YawModel.base("3", 1.018, (1.257,))
+TRUTH = YawModel.base("3", 1.018, (1.257,), "nu", YAW)
 TRIED = ("thruster-lag", "input-delay", "dead-band", "bias-moment")
 Shown = tuple[Diagnosis, Where, NamingKey, dict[str, float]]
 

@@ -12,12 +12,13 @@ from automarine_cli.diagnosis.study import Study, study_of
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.variables import Column, columns, direction, edges
 from automarine_cli.diagnosis.where import find_where, gaps
+from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 
-TRUTH = YawModel.base("3", 1.018, (1.257,))
+TRUTH = YawModel.base("3", 1.018, (1.257,), "nu", YAW)
 
 
 def campaign(
@@ -81,7 +82,7 @@ def test_a_compass_that_is_off_stands_out_against_heading_alone(compass: tuple[S
 
 def test_the_result_has_the_form_of_the_contract(compass: tuple[Study, Trial]) -> None:
     for region in find_where(*compass, seed=0).regions:
-        data = region.to_json()
+        data = region.to_json(YAW)
         assert {"variable", "from", "to", "unit", "gap_deg", "p_value", "runs"} <= set(data)
         assert data["unit"] == "deg" and 0.0 <= float(str(data["from"])) < float(str(data["to"])) <= 360.0
         assert data["runs"] and set(data["runs"]) <= {run.name for run in compass[0].runs}  # type: ignore[call-overload]

@@ -14,7 +14,7 @@ import pytest
 from export_readers import constants_of, number_in, yaml_of
 
 from automarine_cli import exports as targets
-from automarine_cli.dofs import DOFS
+from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import FORCES, Origin, Settings, Written, YawSubject
 from automarine_cli.exports.frames import in_enu
@@ -29,7 +29,7 @@ PLACES = {"surge": 0, "heave": 2, "yaw": 5}
 def subject(motion: str, target: str, form: str, **change: Any) -> YawSubject:
     """A model with both drags and an asymmetry, in newtons."""
     dof = DOFS[motion]
-    model = replace(YawModel.base("2", MASS, [QUADRATIC, LINEAR], dof.units.forces[1]), dof=dof)
+    model = replace(YawModel.base("2", MASS, [QUADRATIC, LINEAR], dof.units.forces[1], YAW), dof=dof)
     settings = Settings(rigid_inertia=OWN)
     frame = targets.get(target).frames[0]
     made = YawSubject(Origin("model.json", "0" * 64, "2"), model, frame, form, settings)
@@ -181,7 +181,7 @@ def test_the_constant_force_of_heave_is_for_mass_and_volume() -> None:
 
 def test_normalised_forces_need_their_size_in_newtons() -> None:
     origin = Origin("surge_model.json", "0" * 64)
-    model = YawModel.base("2", 2.0, [3.0, 0.5], dof=DOFS["surge"])
+    model = YawModel.base("2", 2.0, [3.0, 0.5], "nu", DOFS["surge"])
     with pytest.raises(
         SettingError, match=r"its forces are normalised \(nu\) and uuv needs newtons; give .* \[N\]"
     ):

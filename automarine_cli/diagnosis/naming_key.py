@@ -98,8 +98,7 @@ def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
     drag = slice(1, len(study.base.theta))
     weight = np.where(problem.positive[drag], 1.0, base.fit.theta[drag])  # all drag terms by the same factor
     if study.base.dof.has_constant:
-        own_force = [study.base.parameter_names[1:].index("b")]
-        weight[own_force] = 0.0
+        weight[study.base.index(study.base.dof.parameter("constant")) - drag.start] = 0.0
     scale = problem.effects.scale.copy()
     scale[:, 2] = 0.0
     run_effects = replace(problem.effects, scale=scale)

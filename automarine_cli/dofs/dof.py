@@ -20,7 +20,7 @@ class Symbols:
 
     `position`, `velocity`, `force` are the states and what drives them; `inertia`, `linear`, `quadratic`, `cubic` the
     parameters of the equation of motion, `constant` and `difference` a force that always acts and half the difference
-    of drag between the two ways.
+    of drag between the two ways; `water` is the water's velocity.
     """
 
     position: str
@@ -40,6 +40,7 @@ class Symbols:
     cubic: str
     constant: str = "constant_force"
     difference: str = "half_difference"
+    water: str = "w"
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,9 @@ class Words:
     one_way: str
     other_way: str  # of positions that count against the convention: counter-clockwise, the other way
     covered: str  # turned, covered: by so many degrees or centimetres
+    the_other: str  # than one_way: to the other, the other
+    way: str  # one of the two: side, way
+    rate_sensor: str  # what measures the velocity: gyro, speed sensor
 
 
 @dataclass(frozen=True)
@@ -137,9 +141,9 @@ class Limits:
     velocity_sd: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Dof:
-    """One degree of freedom: a position, and the moment or force that drives it.
+    """One degree of freedom: a position, and the moment or force that drives it. One object, the same in every process.
 
     `number` is its place among the six, from 0: surge, sway, heave, roll, pitch, yaw, forces X, Y, Z, K, M, N.
     `position`, `velocity` and `command` are canonical quantities of the logs, `thrusters` the commands of which a map
@@ -203,6 +207,10 @@ class Dof:
             "constant": own.constant, "difference": own.difference,
         }  # fmt: skip
 
+    def parameter(self, role: str) -> str:
+        """The qualified name of a parameter of the equation of motion, such as "yaw.k_rr" for "quadratic"."""
+        return f"{self.name}.{self.parameters[role]}"
+
     @property
     def ratio_key(self) -> str:
         """Key of inertia over quadratic drag in result files."""
@@ -221,16 +229,18 @@ class Dof:
     @cached_property
     def vocabulary(self) -> Mapping[str, str]:
         """Every word and symbol by name, for templates such as "-{quadratic} |{v}| {v}": the fields of `Words`, the
-        parameters by what they are, `x`, `v` and `f` for position, velocity and force, and the units."""
+        parameters but the inertia by what they are, `x`, `v`, `f` and `water` for position, velocity, force and the
+        water's velocity, and the units."""
         words = {k: v for k, v in vars(self.words).items() if isinstance(v, str)}
-        plural = {"forces": f"{words['force']}s", "positions": f"{words['position']}s"}
+        plural = {f"{name}s": f"{words[name]}s" for name in ("force", "position", "speed")}
         there, back = self.words.ways
         to, fro = self.words.to_ways
+        own, units = self.symbols, self.units
         return {
-            **words, **plural, **self.parameters, "motion": self.name,
-            "x": self.symbols.position, "v": self.symbols.velocity, "f": self.symbols.force,
+            **self.parameters, **words, **plural, "motion": self.name,
+            "x": own.position, "v": own.velocity, "f": own.force, "water": own.water,
             "positive": there, "negative": back, "to_positive": to, "to_negative": fro,
-            "base_unit": self.units.base, "log_unit": self.units.log, "shown_unit": self.units.shown,
+            "base_unit": units.base, "log_unit": units.log, "shown_unit": units.shown,
         }  # fmt: skip
 
     def fill(self, template: str) -> str:
@@ -240,36 +250,19 @@ class Dof:
     def unit_of(self, parameter: str, force_unit: str = "nu") -> str:
         """Unit of "inertia", "linear", "quadratic", "cubic", "constant", "difference" or "ratio" (inertia over
         quadratic drag) for a force in `force_unit`; also by the parameter's name."""
-        parameter = {name: role for role, name in self.parameters.items()}.get(parameter, parameter)
-        parameter = _YAW.get(parameter, parameter)
-        if parameter == "ratio":
+        role = {name: role for role, name in self.parameters.items()}.get(parameter, parameter)
+        if role == "ratio":
             return self.units.base
-        if parameter == "inertia" and force_unit == "N":
+        if role == "inertia" and force_unit == "N":
             return "kg"
-        powers = {
-            "inertia": (2, 1),
-            "linear": (1, 1),
-            "quadratic": (2, 2),
-            "cubic": (3, 3),
-            "constant": (0, 0),
-        }
-        seconds, metres = powers["quadratic" if parameter == "difference" else parameter]
-        text = f"{force_unit}{_power(' s', seconds)}"
-        return text if self.wraps else text + _power("/m", metres)
+        return self.unit_in(_UNITS[role], force_unit)
 
     def unit_in(self, template: str, force_unit: str) -> str:
-        """A unit of an effect's parameter: `{force}` stands for the force's unit, `{x}` for the base unit of positions
-        where it is a metre and `rad` elsewhere, `{/x}`, `{/x2}`, `{/x3}` for "per metre" (nothing for angles)."""
-        rotation = self.wraps
-        if not rotation:
-            template = _PER_METRE.get(template, template)
-        return (
-            template.replace("{moment}", force_unit)
-            .replace("{force}", force_unit)
-            .replace("{x}", self.units.base)
-            .replace("{/x}", "" if rotation else "/m")
-            .replace("{/x2}", "" if rotation else "/m²")
-            .replace("{/x3}", "" if rotation else "/m³")
+        """A unit such as "{force} s²{/x2}": `{force}` stands for the force's unit, `{x}` for the base unit of
+        positions, `{/x}`, `{/x2}`, `{/x3}` for "per metre" (nothing for angles)."""
+        per = [""] * 3 if self.wraps else [f"/{self.units.base}{power}" for power in ("", "²", "³")]
+        return template.format_map(
+            {"force": force_unit, "x": self.units.base, "/x": per[0], "/x2": per[1], "/x3": per[2]}
         )
 
     def say(self, text: str) -> str:
@@ -314,26 +307,10 @@ class Dof:
         return re.compile("|".join(word_pattern(one) for one in longest))
 
 
-_YAW = {
-    "I_r": "inertia", "k_r": "linear", "k_rr": "quadratic", "k_rrr": "cubic", "tau": "constant", "b": "constant",
-    "c": "constant", "e": "difference", "theta_c": "ratio",
+_UNITS = {
+    "inertia": "{force} s²{/x}", "linear": "{force} s{/x}", "quadratic": "{force} s²{/x2}",
+    "cubic": "{force} s³{/x3}", "constant": "{force}", "difference": "{force} s²{/x2}",
 }  # fmt: skip
-
-
-def _power(text: str, power: int) -> str:
-    """`text` to a power in print: nothing, itself, or with a raised digit."""
-    return "" if power == 0 else text if power == 1 else f"{text}{'²³'[power - 2]}"
-
-
-_PER_METRE = {
-    "{moment} s": "{moment} s/m",
-    "{moment} s²": "{moment} s²/m²",
-    "{moment} s³": "{moment} s³/m³",
-    "{moment}/rad": "{moment}/m",
-    "({moment})^1/2 s": "({moment})^1/2 s/m",
-    "rad": "m",
-    "rad/s": "m/s",
-}
 
 
 def _dof_of(name: str) -> Dof:

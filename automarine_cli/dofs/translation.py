@@ -45,6 +45,7 @@ def symbols(force: str, velocity: str, position: str) -> Symbols:
         quadratic_print=f"{drag}|{letter}|",
         quadratic_math=f"{force}_{{{letter}|{letter}|}}",
         cubic=drag + 2 * letter,
+        water=f"{letter}_w",
     )
 
 
@@ -82,4 +83,7 @@ def words(name: str, position: str, ways: tuple[str, str]) -> Words:
         one_way="one way",
         other_way="the other way",
         covered="covered",
+        the_other="the other",
+        way="way",
+        rate_sensor="speed sensor",
     )

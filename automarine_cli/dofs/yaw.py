@@ -65,6 +65,9 @@ YAW = Dof(
         one_way="to one side",
         other_way="counter-clockwise",
         covered="turned",
+        the_other="to the other",
+        way="side",
+        rate_sensor="gyro",
     ),
     units=Units(
         base="rad", log="deg", per_base=1 / DEGREE, shown="deg", shown_per_base=1 / DEGREE, mark="°",

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from automarine_cli.dofs import Dof
 from automarine_cli.effects.base import MIXED, Effect, Floats, Motion, Parameter, Place
 
 
@@ -11,8 +12,8 @@ class HeadingMoment(Effect):
     name = "heading-moment"
     place = Place.MOMENT
     parameters = (
-        Parameter("b", "sine part", "{moment}", -float("inf"), float("inf"), 0.03),
-        Parameter("c", "cosine part", "{moment}", -float("inf"), float("inf"), 0.0),
+        Parameter("b", "sine part", "{force}", -float("inf"), float("inf"), 0.03),
+        Parameter("c", "cosine part", "{force}", -float("inf"), float("inf"), 0.0),
     )
     equation = "b sin psi + c cos psi"
     says = "A moment turns the vehicle towards one heading, like a weathervane."
@@ -25,7 +26,9 @@ class HeadingMoment(Effect):
     source = "Fossen (2011), Handbook of Marine Craft Hydrodynamics, section 8 (current and weathervaning)"
     parity = MIXED
     steered = True
-    axes = ("yaw",)
+
+    def acts_in(self, dof: Dof) -> bool:
+        return dof.wraps
 
     def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
         b, c = values

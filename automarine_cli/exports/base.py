@@ -112,7 +112,7 @@ class YawSubject:
 
     def equation_of(self, effect: str) -> str:
         """An effect's equation in the letters of the motion and in letters of ASCII."""
-        return plain(self.dof.equation(effects.get(effect).equation))
+        return plain(effects.get(effect).card(self.dof).equation)
 
     @property
     def inertias(self) -> tuple[float, float]:

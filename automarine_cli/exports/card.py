@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any
 
 from automarine_cli import __version__, effects
-from automarine_cli.effects.base import Parameter
 from automarine_cli.exports.base import Target, Written, YawSubject, frame_in_words, mirrored
 from automarine_cli.exports.frames import in_enu
 from automarine_cli.exports.units import in_newton_metres
@@ -16,14 +15,6 @@ from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import MISSING, Table, number
 
-OWN = {
-    "linear-drag": "linear",
-    "quadratic-drag": "quadratic",
-    "bias-moment": "constant",
-    "drag-asymmetry": "difference",
-    "linear-drag-asymmetry": "difference",
-}
-"""What a model's own terms are; the last two only in translations."""
 HEADER = ("parameter", "meaning", "value", "standard error", "95 % interval", "unit")
 NO_RANGE = "The file does not tell which {forces} were fitted; fit again with this version of automarine."
 NO_LOGS = "Not known: there is no manifest.json beside the model file that is of this file."
@@ -76,16 +67,19 @@ def _rows(
     added = data.get("effects")
     found = {_mapping(one).get("name"): _mapping(one) for one in added} if isinstance(added, list) else {}
     for term in subject.model.terms:
-        parameters = effects.get(term.name).parameters
-        base = entry.get(dof.parameters[OWN[term.name]]) if term.name in OWN else None
-        given = {parameters[0].name: base} if base else _mapping(found.get(term.name, {}).get("parameters"))
-        columns = [_told(given.get(p.name), value) for p, value in zip(parameters, term.values)]
+        effect = effects.get(term.name)
+        names, base = effect.names_in(dof), entry.get(dof.parameters[effect.role]) if effect.role else None
+        given = {names[0]: base} if base else _mapping(found.get(term.name, {}).get("parameters"))
+        columns = [_told(given.get(name), value) for name, value in zip(names, term.values)]
         told = [_turned(subject, term, [column[i] for column in columns]) for i in range(4)]
-        for i, p in enumerate(parameters):
+        card = effect.card(dof, subject.model.moment_unit)
+        for i, (p, told_of) in enumerate(zip(effect.parameters, card.parameters)):
             value = term.values[i]
             spread, ends = abs(told[1][i]), sorted((told[2][i], told[3][i]))
-            name = f"{term.name} {dof.key(p.name)}"
-            yield _row(name, _meaning(subject, p, value), [value, spread, *ends], _unit(subject, p))
+            law = f": {p.choices[int(value)]}" if p.choices else ""
+            yield _row(
+                f"{term.name} {told_of.name}", told_of.meaning + law, [value, spread, *ends], told_of.unit
+            )
 
 
 def _turned(subject: YawSubject, term: Term, column: list[float]) -> tuple[float, ...]:
@@ -114,15 +108,6 @@ def _row(name: str, meaning: str, told: list[float], unit: str) -> tuple[str, ..
     value, spread, low, high = told
     ends = MISSING if low != low or high != high else f"{number(low)} to {number(high)}"
     return (name, meaning, number(value, 5), number(spread, 2), ends, unit)
-
-
-def _meaning(subject: YawSubject, parameter: Parameter, value: float) -> str:
-    law = f": {parameter.choices[int(value)]}" if parameter.choices else ""
-    return subject.dof.say(parameter.meaning) + law
-
-
-def _unit(subject: YawSubject, parameter: Parameter) -> str:
-    return subject.dof.unit_in(parameter.unit, subject.model.moment_unit)
 
 
 def _covariance(subject: YawSubject, entry: Mapping[str, Any]) -> str:
@@ -157,7 +142,7 @@ def _range(subject: YawSubject, data: Mapping[str, Any]) -> str:
 
 
 def _effects(subject: YawSubject) -> str:
-    said = {name: subject.dof.say(effects.get(name).says) for name in subject.values}
+    said = {name: effects.get(name).card(subject.dof).says for name in subject.values}
     lines = [f"- {name}: {_code(subject.equation_of(name))}. {says}" for name, says in said.items()]
     lines += [f"- left out: {one.name}: {one.why}" for one in subject.left_out]
     return "\n".join(lines) + "\n"

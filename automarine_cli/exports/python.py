@@ -114,7 +114,8 @@ def lines_of(subject: YawSubject, term: Term) -> Lines:
         lines = CUT
     if term.name == "water-swirl":
         lines = SWIRL[term.values[2] > 0]
-    names = {p.name: constant(subject, term, p) for p in effects.get(term.name).parameters}
+    # a name that is a symbol of the motion stands in the lines by what it is
+    names = {p.name.strip("{}"): constant(subject, term, p) for p in effects.get(term.name).parameters}
     return lines.filled({**letters(subject), **names})
 
 
@@ -140,27 +141,22 @@ def constant_of_inertia(subject: YawSubject) -> str:
 
 def constants(subject: YawSubject, term: Term) -> str:
     """One line for each parameter that counts: name, value, unit and meaning. Choices of law are in the equation."""
-    lines = (
-        (
-            constant(subject, term, p),
-            number(value),
-            subject.dof.unit_in(p.unit, subject.model.moment_unit),
-            p.meaning,
-        )
-        for p, value in zip(effects.get(term.name).parameters, term.values)
-        if not p.choices
+    effect = effects.get(term.name)
+    lines = zip(
+        effect.parameters, effect.card(subject.dof, subject.model.moment_unit).parameters, term.values
     )
     return "".join(
-        f"{name} = {value}  # {plain(unit)}: {subject.dof.say(plain(meaning))}\n"
-        for name, value, unit, meaning in lines
+        f"{constant(subject, term, p)} = {number(value)}  # {plain(told.unit)}: {plain(told.meaning)}\n"
+        for p, told, value in lines
+        if not p.choices
     )
 
 
 def constant(subject: YawSubject, term: Term, parameter: Parameter) -> str:
     """The constant's name: K_RR of the drags, THRUST_LOSS_B of others."""
-    own = parameter.name.startswith("k_r")
-    name = subject.dof.key(parameter.name) if own else f"{term.name}_{parameter.name}"
-    return name.replace("-", "_").upper()
+    name = parameter.name_in(subject.dof)
+    own = parameter.name != name  # a symbol of the motion
+    return (name if own else f"{term.name}_{name}").replace("-", "_").upper()
 
 
 def indented(lines: list[str], by: int) -> str:

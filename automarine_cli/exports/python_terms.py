@@ -33,9 +33,9 @@ class Lines:
 
 
 LINES: Mapping[str, Lines] = {
-    "linear-drag": Lines(moment="- {k_r} * s"),
-    "quadratic-drag": Lines(moment="- {k_rr} * abs(s) * s"),
-    "cubic-drag": Lines(moment="- {k_rrr} * s**3"),
+    "linear-drag": Lines(moment="- {linear} * s"),
+    "quadratic-drag": Lines(moment="- {quadratic} * abs(s) * s"),
+    "cubic-drag": Lines(moment="- {cubic} * s**3"),
     "bias-moment": Lines(moment="+ {b}"),
     "coulomb-drag": Lines(moment=f"- {{c}} * np.tanh({{v}} / {CREEP})"),
     "drag-asymmetry": Lines(moment="- {e} * s**2"),

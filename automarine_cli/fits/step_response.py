@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from automarine_cli.dofs import YAW, Dof
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.linear_mixed import RunEffects
 from automarine_cli.fits.mixed_model import Problem
 from automarine_cli.fits.nodes import Nodes, nodes_of
 from automarine_cli.models.closed_form import response
-from automarine_cli.models.yaw_model import base_names
+from automarine_cli.models.yaw_model import base_roles, main_drag
 from automarine_cli.runs.half_turn import MOST_REST, HalfTurn
 
 Floats = NDArray[np.float64]
@@ -43,7 +43,7 @@ class StepData:
     seen: NDArray[np.bool_]
     moment: Floats
     interval: Floats
-    dof: Dof = YAW
+    dof: Dof
     _nodes: dict[int, Nodes | None] = field(default_factory=dict, repr=False, compare=False)
 
     def nodes(self, count: int) -> Nodes | None:
@@ -99,8 +99,7 @@ def half_turn_data(turns: Sequence[HalfTurn]) -> StepData:
         headings.append(np.concatenate([run.heading[part] for part in kept]) - turn.start_heading)
         moments.append(turn.moment)
         intervals.append(turn.switch_to - turn.switch_from)
-    dof = turns[0].step.run.dof if turns else YAW
-    return replace(step_data(names, times, headings, moments, intervals), dof=dof)
+    return step_data(names, times, headings, moments, intervals, turns[0].step.run.dof)
 
 
 def step_data(
@@ -109,6 +108,7 @@ def step_data(
     headings: Sequence[Floats],
     moments: Sequence[float],
     intervals: Sequence[float],
+    dof: Dof,
 ) -> StepData:
     """Pad runs, given as time since the middle of the switch interval [s] and heading less start heading
     [rad]."""
@@ -118,7 +118,13 @@ def step_data(
     for i, (t, psi) in enumerate(zip(times, headings)):
         time[i, : len(t)], heading[i, : len(t)], seen[i, : len(t)] = t, psi, True
     return StepData(
-        tuple(names), time, heading, seen, np.array(moments, dtype=float), np.array(intervals, dtype=float)
+        tuple(names),
+        time,
+        heading,
+        seen,
+        np.array(moments, dtype=float),
+        np.array(intervals, dtype=float),
+        dof,
     )
 
 
@@ -128,13 +134,12 @@ def step_problem(
     """Likelihood of the half-turns under model "1", "2" or "3", by their samples or by the `nodes` made of them;
     `sided` with a drag that differs between the ways.
 
-    theta is (the parameters of `base_names`, z): z places the instants of the steps in their sample intervals
+    theta is (the parameters of `base_roles`, z): z places the instants of the steps in their sample intervals
     (see `instant`), the logger's convention, common to all runs. Run effects are start heading, log gain of the
     moment, and the run's own part of z; the last two scatter by an estimated factor, which for instants that are
     uniform over their intervals is one.
     """
-    names = base_names(model, data.dof, sided)
-    main = "k_r" if model == "1" else "k_rr"
+    roles, main = base_roles(model, data.dof, sided), main_drag(model)
     time = (data if nodes is None else nodes).time[None]
     moment, interval = data.moment[None, :, None], data.interval[None, :, None]
 
@@ -142,12 +147,13 @@ def step_problem(
         columns = [theta[:, i, None, None] for i in range(theta.shape[1])]
         late = interval * instant(columns[-1] + b[:, :, 2, None])
         gained = moment * np.exp(b[:, :, 1, None])
-        own = dict(zip(names[1:], columns[1:]))
+        own = dict(zip(roles, columns))
         if data.dof.has_constant:
-            gained = gained + own.pop("b")
+            gained = gained + own["constant"]
         if sided:
-            own[main] = np.maximum(own[main] + np.sign(gained) * own.pop("e"), LEAST_SHARE * own[main])
-        found = response(time - late, gained, columns[0], **own, heading0=b[:, :, 0, None])[0]
+            own[main] = np.maximum(own[main] + np.sign(gained) * own["difference"], LEAST_SHARE * own[main])
+        drag = (own.get("linear", 0.0), own.get("quadratic", 0.0))
+        found = response(time - late, gained, own["inertia"], *drag, heading0=b[:, :, 0, None])[0]
         return found if nodes is None else (nodes.carry @ found[..., None])[..., 0]
 
     ones = np.ones(len(data.moment))
@@ -161,8 +167,8 @@ def step_problem(
     )
     effects = RunEffects(scale, np.array([-1, 0, 1]), ((1e-4, 1.0), (1e-3, 1.0)))
     signed = [
-        name in ("b", "e") or (name == "k_r" and model == "2") for name in names[1:]
-    ]  # k_r has either sign beside k_rr, as in Table 1
+        role in ("constant", "difference") or (role == "linear" and main != role) for role in roles[1:]
+    ]  # linear drag has either sign beside a quadratic one, as in Table 1
     drags = [(-np.inf if either else 0.0, np.inf) for either in signed]
     most = 0.0 if known.switch_instant else MOST_OFFSET
     bounds = np.array([(0.0, np.inf), *drags, (-most, most)])

@@ -64,7 +64,7 @@ def fit_velocity_error(
     moment_unit: str = "nu",
     models: Sequence[str] = ("1", "2", "3", "3+c"),
 ) -> VelocityErrorFit:
-    """Run the paper's method on half-turns, for some of the models of `drag.COLUMNS`.
+    """Run the paper's method on half-turns, for some of the readings of Table 1 (see drag.py).
 
     `start_heading` (R,) [rad] on the scale of `data.heading`; `offset` moves every instant of a step by that
     share of its switch interval (the logger's convention). Raises FitError where too few runs or samples are
@@ -247,7 +247,7 @@ def _choose_tail(
 
 def _like(like: DragFit, data: StepData, rate: Floats, error: Floats) -> tuple[float, float]:
     """Inertia and drag of a translation by tails of these rates and velocity errors (R,), in the form of `like`."""
-    fit = fit_drag(data.moment, rate, like.model, dof=data.dof, sided="e" in like.estimates)
+    fit = fit_drag(data.moment, rate, like.model, data.dof.units.forces[0], data.dof, sided=like.sided)
     return float(np.mean(inertia_from_velocity_error(error, *fit.acting(data.moment)))), max(fit.drag)
 
 

@@ -117,8 +117,8 @@ def _furthest(limits: Limits) -> float:
 
 def _seconds(model: YawModel, moment: float, degrees: float) -> float:
     """Time to turn so far from rest, by inertia and drag, on a tenth of a second."""
-    k_r, k_rr = model.drag()
-    return max(round(time_to_turn(radians(degrees), moment, Resistance(model.inertia, k_r, k_rr)), 1), 0.5)
+    drag = Resistance(model.inertia, *model.drag(), dof=model.dof)
+    return max(round(time_to_turn(radians(degrees), moment, drag), 1), 0.5)
 
 
 def _step(model: YawModel, moment: float, degrees: float) -> Candidate:

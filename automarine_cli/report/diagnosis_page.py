@@ -92,8 +92,8 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     table = Table(
         "", ("parameter", "meaning", "estimate and 95 % interval", "unit"),
         tuple(
-            (name, means[name], parameter_cell(effect.name, name, e, diagnosis.study.base.dof), e.unit or MISSING)
-            for name, e in effect.parameters.items()
+            (name, means[name], parameter_cell(effect.name, i, e), e.unit or MISSING)
+            for i, (name, e) in enumerate(effect.parameters.items())
         ),
     )  # fmt: skip
     smallest = 1.0 / (1 + len(diagnosis.found.rounds[0].scores.null))

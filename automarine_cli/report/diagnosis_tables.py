@@ -3,7 +3,6 @@
 from automarine_cli import effects as library
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.trials import LEVEL
-from automarine_cli.dofs import Dof
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.report.diagnosis_page_tables import gap_table
 from automarine_cli.report.tables import Table, interval, number
@@ -25,9 +24,9 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     return f"Nothing missing that these runs could show: gap {before} {unit}, noise of the {position} {floor} {unit}."
 
 
-def parameter_cell(effect: str, name: str, estimate: Estimate, dof: Dof) -> str:
-    """An estimate with its interval; the word for a choice between laws."""
-    parameter = next(p for p in library.get(effect).parameters if p.name_in(dof) == name)
+def parameter_cell(effect: str, i: int, estimate: Estimate) -> str:
+    """The estimate of an effect's parameter `i` with its interval; the word for a choice between laws."""
+    parameter = library.get(effect).parameters[i]
     return parameter.choices[round(estimate.value)] if parameter.choices else interval(estimate)
 
 
@@ -37,12 +36,12 @@ def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
         (
             effect.name,
             name,
-            parameter_cell(effect.name, name, estimate, diagnosis.study.base.dof),
+            parameter_cell(effect.name, i, estimate),
             estimate.unit,
             f"{effect.confidence:.0%}",
         )
         for effect in diagnosis.effects
-        for name, estimate in effect.parameters.items()
+        for i, (name, estimate) in enumerate(effect.parameters.items())
     ]
     found = diagnosis.found.rounds[0]
     best = sorted(found.trials, key=lambda trial: trial.evidence)[:5]

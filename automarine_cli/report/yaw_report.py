@@ -62,8 +62,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
 
 def _by_way(ways: Ways, dof: Dof) -> str:
     """Whether drag differs between the ways, in a sentence."""
-    own = dof.symbols
-    symbol = own.quadratic_print if ways.parameter == own.quadratic else own.linear
+    symbol = dof.symbols.quadratic_print if ways.role == "quadratic" else dof.symbols.linear
     told = " and ".join(f"{interval(one)} {way}" for way, one in ways.drag.items())
     unit = next(iter(ways.drag.values())).unit
     if ways.differ:

@@ -33,6 +33,7 @@ def drag_table(
             for m in MODELS
         ]
 
+    own = dof.symbols
     rows: list[tuple[Cell, ...]] = [
         (quadratic, *of(own.quadratic, lambda e: number(e.value))),
         (linear, *of(own.linear, lambda e: number(e.value))),

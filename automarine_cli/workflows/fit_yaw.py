@@ -130,7 +130,7 @@ def _fit(
     def work() -> YawFit:
         with told_beside(campaign.set_aside):
             try:
-                fit = identify_turns(campaign.turns, campaign.not_turned, whole, kind, known, each)
+                fit = identify_turns(dof, campaign.turns, campaign.not_turned, whole, kind, known, each)
             except FitError as problem:
                 raise FitError(dof.say(str(problem))) from None
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside))

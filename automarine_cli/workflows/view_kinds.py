@@ -98,9 +98,7 @@ def _yaw_lines(fit: YawFit) -> Iterator[str]:
 def _yaw_rows(fit: YawFit) -> Iterator[Row]:
     for model, ml in fit.output_error.items():
         for name, one in ml.estimates.items():
-            yield {"model": model, "method": "maximum likelihood", "parameter": fit.called(name)} | _numbers(
-                one
-            )
+            yield {"model": model, "method": "maximum likelihood", "parameter": name} | _numbers(one)
     if fit.seed_method is None:
         return
     for model, drag in fit.seed_method.drag.items():
@@ -110,7 +108,7 @@ def _yaw_rows(fit: YawFit) -> Iterator[Row]:
         if model in fit.seed_method.inertia:
             found[fit.dof.symbols.inertia] = fit.seed_method.inertia[model].overall
         for name, one in found.items():
-            yield {"model": model, "method": "velocity error", "parameter": fit.called(name)} | _numbers(one)
+            yield {"model": model, "method": "velocity error", "parameter": name} | _numbers(one)
 
 
 def _yaw_figures(fit: YawFit) -> Figures:

@@ -81,4 +81,5 @@ def known_half_turns(campaign: Campaign) -> StepData:
         [turn.heading - zero[turn.name] for turn in turns],
         [turn.moment for turn in turns],
         [turn.switch_to - turn.switch_from for turn in turns],
+        turns[0].step.run.dof,
     )

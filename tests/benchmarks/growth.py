@@ -12,6 +12,7 @@ from campaigns import BOTH_SIDES, INERTIA, K_RR
 
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import diagnose_runs
+from automarine_cli.dofs import YAW
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import lasting_map
@@ -87,7 +88,7 @@ def _runs(count: int, samples: int) -> list[Run]:
 
 def _diagnosed(runs: list[Run], candidates: int | None = None, jobs: int = 1) -> float:
     """Seconds of one diagnosis, with the first `candidates` of those that apply."""
-    model = YawModel.base("3", INERTIA, [K_RR])
+    model = YawModel.base("3", INERTIA, [K_RR], "nu", YAW)
     whole = search.candidates
     if candidates is not None:
         search.candidates = lambda *given: whole(*given)[:candidates]  # type: ignore[assignment]

@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from automarine_cli.dofs import Dof
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.step_response import StepData
 from automarine_cli.fits.velocity_error import VelocityErrorFit
@@ -172,7 +171,7 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     longest = 0.0
     for i, moment in enumerate(data.moment):
         used = data.seen[i] & (data.time[i] >= 0)
-        acting, share = _acting(model, float(moment), dof)
+        acting, share = _acting(model, float(moment))
         scaled = np.maximum(data.time[i][used] - late[i], 0.0) * np.sqrt(abs(acting) * share)
         turned = np.sign(acting) * data.heading[i][used] * share
         curve = response(scaled, 1.0, inertia, 0.0, k_rr)[0]
@@ -244,9 +243,9 @@ def _size_of_force(fit: YawFit) -> str:
     return f"Size of the {fit.dof.words.force} |{fit.dof.symbols.force_print}| [{fit.moment_unit}]"
 
 
-def _acting(model: OutputErrorFit, moment: float, dof: Dof) -> tuple[float, float]:
+def _acting(model: OutputErrorFit, moment: float) -> tuple[float, float]:
     """What a run moves by, and its drag as a share of the middle of both ways: 1 where they do not differ."""
-    estimates, own = model.estimates, dof.symbols
+    estimates, own = model.estimates, model.model.dof.symbols
     if own.constant in estimates:
         moment += estimates[own.constant].value
     if own.difference not in estimates:
