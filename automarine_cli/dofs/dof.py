@@ -80,6 +80,7 @@ class Words:
     each_way: str
     one_way: str
     other_way: str  # of positions that count against the convention: counter-clockwise, the other way
+    covered: str  # turned, covered: by so many degrees or centimetres
     the_other: str  # than one_way: to the other, the other
     way: str  # one of the two: side, way
     rate_sensor: str  # what measures the velocity: gyro, speed sensor
@@ -145,6 +146,7 @@ class Limits:
 class Dof:
     """One degree of freedom: a position, and the moment or force that drives it. One object, the same in every process.
 
+    `number` is its place among the six, from 0: surge, sway, heave, roll, pitch, yaw, forces X, Y, Z, K, M, N.
     `position`, `velocity` and `command` are canonical quantities of the logs, `thrusters` the commands of which a map
     makes moment or force, each counting by `sides`; `levered` where that takes a lever arm. `turn` is after how much
     the position wraps [rad or m], infinite where it does not. `has_constant`: a constant force is part of every model;
@@ -153,6 +155,7 @@ class Dof:
     """
 
     name: str
+    number: int
     position: str
     velocity: str
     command: str
@@ -218,6 +221,11 @@ class Dof:
     def velocity_key(self) -> str:
         """Key of a velocity in base units in result files."""
         return f"{self.velocity}_{self.units.base}_s"
+
+    @property
+    def steps_key(self) -> str:
+        """What files of all steps are called: half_turns, steps."""
+        return f"{self.words.step}s".replace("-", "_")
 
     @cached_property
     def vocabulary(self) -> Mapping[str, str]:

@@ -6,6 +6,7 @@ from automarine_cli.dofs.translation import LIMITS, METRES, symbols, words
 
 HEAVE = Dof(
     name="heave",
+    number=2,
     position="depth",
     velocity="heave",
     command="force_Z",

@@ -8,6 +8,7 @@ DEGREE = pi / 180
 
 YAW = Dof(
     name="yaw",
+    number=5,
     position="heading",
     velocity="yaw_rate",
     command="moment",
@@ -63,6 +64,7 @@ YAW = Dof(
         each_way="to each side",
         one_way="to one side",
         other_way="counter-clockwise",
+        covered="turned",
         the_other="to the other",
         way="side",
         rate_sensor="gyro",
