@@ -169,14 +169,14 @@ def measured(
     batch = make_batch(runs, 0.05, needed)
     shape = (1, *batch.interval.shape)
     start = Start(
-        heading=random.uniform(-np.pi, np.pi, (1, len(runs))),
+        position=random.uniform(-np.pi, np.pi, (1, len(runs))),
         log_gain=gain * random.standard_normal((1, len(runs))),
-        shift=batch.interval[None] * random.uniform(-0.5, 0.5, shape),
+        switch_delay=batch.interval[None] * random.uniform(-0.5, 0.5, shape),
         disturbance=None if snag is None else snag((1, len(runs), batch.windows)),
     )
-    found = simulate(truth, batch, start=start).heading[0]
+    found = simulate(truth, batch, start=start).position[0]
     found = found + np.deg2rad(noise_deg) * random.standard_normal(found.shape)
-    return [replace(run, heading=row[: len(run)]) for run, row in zip(runs, found)]
+    return [replace(run, position=row[: len(run)]) for run, row in zip(runs, found)]
 
 
 def planted(

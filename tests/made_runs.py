@@ -45,14 +45,14 @@ def step_run(
 def mirrored(run: Run) -> Run:
     """The same run turning the other way."""
     assert run.moment is not None
-    return Run(run.name, run.source, run.time, -run.heading, -run.moment, run.moment_unit)
+    return Run(run.name, run.source, run.time, -run.position, -run.moment, run.moment_unit)
 
 
 def written(run: Run, path: Path, **columns: Mapping[str, object]) -> Path:
     """The run as a CSV log with a wrapped heading; `columns` replace or add."""
     table = {
         "time_s": run.time,
-        "heading_deg": np.rad2deg(run.heading) % 360,
+        "heading_deg": np.rad2deg(run.position) % 360,
         "tau": run.moment,
         **columns,
     }

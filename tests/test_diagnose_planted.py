@@ -99,7 +99,7 @@ def test_a_tether_that_snags_is_not_in_the_library(judge: Judge) -> None:
 
 def mirrored(runs: Sequence[Run]) -> list[Run]:
     """Heading and command negated, and nothing else."""
-    return [replace(run, heading=-run.heading, moment=-run.command) for run in runs]
+    return [replace(run, position=-run.position, moment=-run.command) for run in runs]
 
 
 def reordered(runs: Sequence[Run]) -> list[Run]:

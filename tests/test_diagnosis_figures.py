@@ -37,10 +37,10 @@ def campaign(model: YawModel, name: str, seed: int, runs: int = 12) -> list[Run]
         command = np.where(into < 1.9, 0.0, np.where(into < 8.9, tau, 0.0 if i % 3 == 0 else tau))
         plans.append(Run(f"{name} {i}", "planted", time, 0 * time, command, "nu"))
     batch = make_batch(plans, 0.05)
-    start = Start(heading=random.uniform(0, 6, (1, runs)), log_gain=0.02 * random.normal(size=(1, runs)))
-    heading = simulate(model, batch, start=start).heading[0]
+    start = Start(position=random.uniform(0, 6, (1, runs)), log_gain=0.02 * random.normal(size=(1, runs)))
+    heading = simulate(model, batch, start=start).position[0]
     return [
-        replace(plan, heading=row[: len(plan)] + np.radians(1.0) * random.normal(size=len(plan)))
+        replace(plan, position=row[: len(plan)] + np.radians(1.0) * random.normal(size=len(plan)))
         for plan, row in zip(plans, heading)
     ]
 

@@ -35,10 +35,10 @@ def campaign(
         command = np.where(into < 2.95, 0.0, np.where(into < 10.95, tau, after))
         plans.append(Run(f"run {i}", "planted", time, 0 * time, command, "nu"))
     batch = make_batch(plans, 0.05)
-    start = Start(heading=random.uniform(0, 6, (1, runs)), log_gain=scatter * random.normal(size=(1, runs)))
-    heading = simulate(model, batch, start=start).heading[0]
+    start = Start(position=random.uniform(0, 6, (1, runs)), log_gain=scatter * random.normal(size=(1, runs)))
+    heading = simulate(model, batch, start=start).position[0]
     return [
-        replace(plan, heading=row[: len(plan)] + np.radians(noise) * random.normal(size=len(plan)))
+        replace(plan, position=row[: len(plan)] + np.radians(noise) * random.normal(size=len(plan)))
         for plan, row in zip(plans, heading)
     ]
 
@@ -105,7 +105,7 @@ def test_nothing_stands_out_where_nothing_is_missing() -> None:
 
 def test_mirrored_runs_show_the_same_gap(dead: tuple[Study, Trial, Trial, Trial]) -> None:
     study, base, _, _ = dead
-    other = study_of([replace(r, heading=-r.heading, moment=-r.command) for r in study.runs], TRUTH)
+    other = study_of([replace(r, position=-r.position, moment=-r.command) for r in study.runs], TRUTH)
     ours, mirrored = (find_where(s, t, 0) for s, t in ((study, base), (other, fitted(other, TRUTH))))
     for name in ("moment-size", "time-in-run", "time-since-command-change"):
         one, two = (next(v for v in w.variables if v.name == name) for w in (ours, mirrored))
@@ -150,7 +150,7 @@ def test_other_columns_are_looked_at_too() -> None:
         for i, r in enumerate(runs)
     ]
     study = study_of(with_more, TRUTH)
-    found = {column.name: column for column in columns(study, study.batch.heading)}
+    found = {column.name: column for column in columns(study, study.batch.position)}
     assert found["depth-m"].of_the_run and not found["tilt"].of_the_run
     assert {"heading", "turned-angle", "run-order", "campaign-clock", "start-heading", "yaw-rate"} <= set(
         found

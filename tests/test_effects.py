@@ -29,7 +29,7 @@ from automarine_cli.diagnosis.study import study_of
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.verdict import parameter_estimates
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
-from automarine_cli.effects import Effect, Motion, Place
+from automarine_cli.effects import Effect, Place, State
 from automarine_cli.effects.base import EVEN, MIXED, ODD
 from automarine_cli.errors import ModelError
 from automarine_cli.models.yaw_model import YawModel
@@ -65,8 +65,8 @@ def headings(
     """Simulated headings (P, R, N) from the STARTS."""
     needs = {need for term in model.terms for need in effects.get(term.name).needs}
     batch = make_batch(runs, 0.05, sorted(needs))
-    start = Start(heading=sign * np.array([STARTS[: len(runs)]]))
-    return simulate(model, batch, theta, start).heading
+    start = Start(position=sign * np.array([STARTS[: len(runs)]]))
+    return simulate(model, batch, theta, start).position
 
 
 def with_effect(name: str, values: Sequence[float] | None = None) -> YawModel:
@@ -189,7 +189,7 @@ def test_says_whether_it_asks_for_the_heading(name: str) -> None:
     effect, one = effects.get(name), np.ones((1, 1))
     own = np.zeros((effect.per_run, 1, 1))
     values = (*(np.full((1, 1), value) for value in sizes_of(effect)), *own)
-    unknown = Motion(one * np.nan, one * np.nan, one, 0.5 * one, one, one, dict.fromkeys(effect.needs, one))
+    unknown = State(one * np.nan, one * np.nan, one, 0.5 * one, one, one, dict.fromkeys(effect.needs, one))
     assert np.isnan(effect.moment(unknown, values)).any() == effect.steered
 
 
@@ -206,7 +206,7 @@ def test_vectorised_over_parameter_sets_and_runs(name: str) -> None:
     for p, values in enumerate(theta):
         for r, run in enumerate(RUNS):
             batch = make_batch([run], 0.05, effects.get(name).needs)
-            alone = simulate(model, batch, values, Start(heading=np.array([[STARTS[r]]]))).heading[0, 0]
+            alone = simulate(model, batch, values, Start(position=np.array([[STARTS[r]]]))).position[0, 0]
             np.testing.assert_allclose(together[p, r, : len(run)], alone, rtol=0, atol=1e-12)
 
 

@@ -89,7 +89,7 @@ def test_the_drag_of_each_way_is_that_of_the_truth(
 
 def mirrored(run: Run) -> Run:
     """The run with ahead and astern, down and up, exchanged."""
-    return replace(run, heading=-run.heading, moment=-run.command)
+    return replace(run, position=-run.position, moment=-run.command)
 
 
 @pytest.mark.parametrize("motion", ["surge", "heave"])
@@ -155,7 +155,7 @@ def test_a_held_vehicle_stays_until_its_command_changes() -> None:
     runs = load_runs(LOGS["heave"], dof=HEAVE).runs[:4]
     assert all(starts_at_rest(run) for run in runs)
     model = load_model()
-    found = simulate(model, make_batch(runs, 0.05)).heading[0]
+    found = simulate(model, make_batch(runs, 0.05)).position[0]
     for run, depth in zip(runs, found):
         first = int(np.flatnonzero(run.command)[0])
         assert np.ptp(depth[:first]) == 0.0
@@ -190,7 +190,7 @@ def test_a_depth_window_ends_a_step_where_it_ends() -> None:
     turns, _ = half_turns(runs, Trim(None, 1.0, 2.4))
     assert turns == ()  # they begin outside
     turns, _ = half_turns(runs, Trim(None, 0.0, 2.4))
-    assert turns and all(turn.heading.max() < 2.45 for turn in turns)
+    assert turns and all(turn.position.max() < 2.45 for turn in turns)
     assert {turn.cut_by for turn in turns} == {"the window"}
 
 

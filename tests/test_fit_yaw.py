@@ -224,7 +224,7 @@ def thruster_logs(folder: Path) -> Path:
         run = campaign([moment], seed=i, noise_deg=0.5, unit="N m")[0]
         on = run.command != 0
         folder.mkdir(exist_ok=True)
-        rows = zip(run.time, np.degrees(run.heading) % 360, n * on, -n * on)
+        rows = zip(run.time, np.degrees(run.position) % 360, n * on, -n * on)
         lines = "\n".join(f"{t:.6f},{psi:.6f},{port},{stbd}" for t, psi, port, stbd in rows)
         (folder / f"run_{i}.csv").write_text(f"time_s,heading_deg,n_port,n_stbd\n{lines}\n")
     return folder

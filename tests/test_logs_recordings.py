@@ -56,7 +56,7 @@ def test_a_run_of_a_recording_turns_through_north(tmp_path: Path, suffix: str) -
     content, told = made(suffix)
     runs, aside = read_runs(recorded(tmp_path, suffix, content), told.columns)
     assert not aside and len(runs) == 1
-    assert np.rad2deg(runs[0].heading[-1] - runs[0].heading[0]) == pytest.approx(150, abs=0.02)
+    assert np.rad2deg(runs[0].position[-1] - runs[0].position[0]) == pytest.approx(150, abs=0.02)
     assert set(np.round(runs[0].extras["n_port"], 6)) == {0.0, 0.25}
 
 

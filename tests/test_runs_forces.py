@@ -54,7 +54,7 @@ def way(samples: int = 100) -> np.ndarray:
 def test_a_position_of_many_metres_is_not_wrapped(tmp_path: Path) -> None:
     distance, force = 8.0 * way(), np.where(np.arange(100) < 20, 0.0, 4.0)
     run = read(log(tmp_path, "distance_m,force_X_N,surge_m_s", distance, force, distance * 0))
-    np.testing.assert_allclose(run.heading, distance, atol=1e-4)
+    np.testing.assert_allclose(run.position, distance, atol=1e-4)
     assert (run.dof, run.moment_unit) == (SURGE, "N") and set(run.extras) == {"surge"}
 
 
@@ -63,7 +63,7 @@ def test_a_spike_of_a_turn_in_metres_is_a_spike() -> None:
     distance[50] += 2 * np.pi
     assert np.flatnonzero(find_glitches(time, distance, SURGE.turn)).tolist() == [50]
     assert not find_glitches(time, distance, YAW.turn).any()
-    np.testing.assert_array_equal(unwrap(time, distance, np.array([40]), SURGE.turn).heading, distance)
+    np.testing.assert_array_equal(unwrap(time, distance, np.array([40]), SURGE.turn).position, distance)
 
 
 def test_a_log_of_both_is_read_as_asked(tmp_path: Path) -> None:
@@ -85,7 +85,7 @@ def test_thrusters_push_together(tmp_path: Path, dof: object, header: str, force
     assert run.moment is None
     driven = drive_run_by_thrusters(run, MAP, 1.0)
     assert driven.moment_unit == "N" and np.allclose(driven.command, force)
-    bare = Run("a", "b", run.time, run.heading, None, "", dof=run.dof)
+    bare = Run("a", "b", run.time, run.position, None, "", dof=run.dof)
     with pytest.raises(RunError, match="no thruster command"):
         drive_run_by_thrusters(bare, MAP, 1.0)
 
@@ -122,7 +122,7 @@ def test_who_is_let_go_and_rises_does_not_start_from_rest() -> None:
 def test_whole_runs_end_at_the_window() -> None:
     run = made([[25.0, 6.0]])
     cut = Trim(None, -1.0, 2.0).of_whole(run)
-    assert 1.9 < cut.heading.max() < 2.04 and len(cut) < len(run)
+    assert 1.9 < cut.position.max() < 2.04 and len(cut) < len(run)
     assert Trim().of_whole(run) is run
 
 
@@ -168,10 +168,10 @@ def test_a_logger_of_metres_does_to_them_what_one_of_degrees_does(tmp_path: Path
     log = tmp_path / "out" / "runs" / "Z_+12.0.csv"
     assert log.read_text().splitlines()[1] == "time_s,depth_m,force_Z_N,heave_m_s"
     run = read(log, HEAVE)
-    np.testing.assert_allclose(run.heading / 0.02, np.round(run.heading / 0.02), atol=1e-6)
+    np.testing.assert_allclose(run.position / 0.02, np.round(run.position / 0.02), atol=1e-6)
     assert run.counts["glitches"] == made.runs[0].log.glitches > 0
-    assert run.heading[0] == 0.5 and 2.9 < run.heading.max() < 3.1
-    assert np.allclose(np.gradient(run.heading, run.time)[40:-2], run.extras["heave"][40:-2], atol=0.2)
+    assert run.position[0] == 0.5 and 2.9 < run.position.max() < 3.1
+    assert np.allclose(np.gradient(run.position, run.time)[40:-2], run.extras["heave"][40:-2], atol=0.2)
     truth = made.to_json()
     assert truth["vehicle"]["motion"] == "heave" and truth["logger"]["quantisation_m"] == 0.02  # type: ignore[index]
     assert "m_w" in truth["vehicle"] and "start_depth_m" in truth["made"][0]  # type: ignore[operator, index]

@@ -73,11 +73,11 @@ def test_a_run_is_split_at_its_jump_and_says_so(tmp_path: Path, mirror: bool) ->
     """What is left before the jump is too short to say anything; it is set aside with the reason."""
     run = step_run(0.2, rest=3.0, length=30.0)
     run = mirrored(run) if mirror else run
-    heading = np.rad2deg(jumped(run.heading, 35, 51.0))
+    heading = np.rad2deg(jumped(run.position, 35, 51.0))
     found = load_runs([written(run, tmp_path / "a.csv", heading_deg=heading % 360)])
     (part,) = found.runs
     assert part.name == "a.2" and len(part) == len(run) - 36 and part.counts["jumps"] == 1
     assert "split at 1 jump of up to 5" in part.notes[-1]
-    np.testing.assert_allclose(np.diff(part.heading), np.diff(run.heading[36:]), atol=1e-9)
+    np.testing.assert_allclose(np.diff(part.position), np.diff(run.position[36:]), atol=1e-9)
     assert [aside.run for aside in found.set_aside] == ["a.1"]
     assert found.set_aside[0].why.startswith("only 3.5 s are left beside a jump")

@@ -45,7 +45,7 @@ def test_a_good_run_comes_back_as_it_was(tmp_path: Path) -> None:
     (found,) = campaign.runs
     assert (found.name, found.source, found.moment_unit) == ("run", "run.csv", "nu")
     np.testing.assert_allclose(found.time, run.time, rtol=1e-15)
-    turns = (found.heading - run.heading) / (2 * np.pi)
+    turns = (found.position - run.position) / (2 * np.pi)
     np.testing.assert_allclose(turns, np.round(turns[0]), atol=1e-12)
     np.testing.assert_array_equal(found.command, run.command)
     assert set(found.extras) == {"depth_m"} and set(found.extras["depth_m"]) == {2.5}
@@ -66,7 +66,7 @@ def test_what_is_dropped_is_counted(tmp_path: Path) -> None:
     expected = {"missing": 3, "duplicates": 2, "glitches": 1, "gaps": 0}
     assert {key: run.counts[key] for key in expected} == expected
     assert len(run) == run.counts["rows"] - 6
-    assert abs(np.diff(run.heading)).max() < np.deg2rad(12)
+    assert abs(np.diff(run.position)).max() < np.deg2rad(12)
 
 
 def test_what_a_compass_says_instead_of_nothing_is_dropped(tmp_path: Path) -> None:
@@ -75,7 +75,7 @@ def test_what_a_compass_says_instead_of_nothing_is_dropped(tmp_path: Path) -> No
         table.loc[[20, 21, 50], "heading_deg"] = [1e9, 1e9, -9999.0]
 
     run = odd(loaded(tmp_path, change))
-    assert run.counts["glitches"] == 3 and np.ptp(run.heading) < 1.2 * np.pi
+    assert run.counts["glitches"] == 3 and np.ptp(run.position) < 1.2 * np.pi
 
 
 def test_a_clock_coarser_than_the_log_is_told(tmp_path: Path) -> None:
@@ -200,7 +200,7 @@ def test_many_runs_in_one_file(tmp_path: Path) -> None:
     """Rows of two runs may even alternate; each keeps its own clock and order."""
     first, second = step_run(0.5, clock=10), step_run(-0.5, clock=500)
     tables = [
-        pd.DataFrame({"time_s": r.time, "heading_deg": np.rad2deg(r.heading), "tau": r.moment, "run": name})
+        pd.DataFrame({"time_s": r.time, "heading_deg": np.rad2deg(r.position), "tau": r.moment, "run": name})
         for r, name in ((first, "b"), (second, "a"))
     ]
     pd.concat(tables).sort_index(kind="stable").to_parquet(tmp_path / "all.parquet", index=False)
@@ -248,7 +248,7 @@ def test_the_same_on_one_and_two_jobs(tmp_path: Path, monkeypatch: pytest.Monkey
     assert one.set_aside == two.set_aside and one.inputs == two.inputs
     for a, b in zip(one.runs, two.runs, strict=True):
         assert a.name == b.name
-        np.testing.assert_array_equal(a.heading, b.heading)
+        np.testing.assert_array_equal(a.position, b.position)
 
 
 def test_signs_are_mirrored_by_the_column_map(tmp_path: Path) -> None:
@@ -256,7 +256,7 @@ def test_signs_are_mirrored_by_the_column_map(tmp_path: Path) -> None:
     columns = ColumnMap({name: ColumnRule(name, sign=-1) for name in ("heading_deg", "tau")})
     (found,) = load_runs([written(run, tmp_path / "run.csv")], columns).runs
     np.testing.assert_array_equal(found.command, -run.command)
-    np.testing.assert_allclose(np.diff(found.heading), -np.diff(run.heading), atol=1e-9)
+    np.testing.assert_allclose(np.diff(found.position), -np.diff(run.position), atol=1e-9)
 
 
 def test_processes_are_started_only_where_they_pay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

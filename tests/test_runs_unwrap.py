@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_runs import step_heading
 
-from automarine_cli.runs.noise import heading_noise
+from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.unwrap import find_glitches, unwrap, wrapped
 
 NO_GAPS = np.array([], dtype=np.int64)
@@ -52,9 +52,9 @@ def test_true_heading_comes_back(
     time, true, logged = time[~bad], true[~bad], logged[~bad]
     gaps = np.flatnonzero(np.diff(time) > 0.31)
     result = unwrap(time, logged, gaps)
-    whole = np.round(whole_turns_off(result.heading, true) / (2 * np.pi))
+    whole = np.round(whole_turns_off(result.position, true) / (2 * np.pi))
     assert result.broken_after == () and not whole.any()
-    left = np.abs(whole_turns_off(result.heading, true))
+    left = np.abs(whole_turns_off(result.position, true))
     assert left.max() < np.deg2rad(45)  # what is left of a spike is too small to matter for the turns
 
 
@@ -101,7 +101,7 @@ def test_a_log_that_counts_its_turns_is_taken_as_it_is() -> None:
     gaps = np.array([99])
     time[100:] += 50
     result = unwrap(time, heading, gaps)
-    np.testing.assert_array_equal(result.heading, heading)
+    np.testing.assert_array_equal(result.position, heading)
     assert result.broken_after == ()
 
 
@@ -109,7 +109,7 @@ def test_a_gap_is_bridged_by_the_rates_beside_it() -> None:
     """Steady turning at 1 rad/s: seven seconds are missing, more than a whole turn."""
     time = np.concatenate([np.arange(0, 5, 0.1), np.arange(12, 17, 0.1)])
     result = unwrap(time, np.mod(time, 2 * np.pi), np.array([49]))
-    np.testing.assert_allclose(result.heading, time, atol=1e-9)
+    np.testing.assert_allclose(result.position, time, atol=1e-9)
 
 
 @pytest.mark.parametrize(("rate_after", "hole"), [(-1.0, 7.0), (1.0, 3600.0)])
@@ -134,11 +134,11 @@ def test_noise_is_measured_whatever_the_turn_and_the_clock(moment: float, sigma_
     for _ in range(40):
         time = np.cumsum(0.1 * (1 + 0.3 * rng.uniform(-1, 1, 120))) - 2
         noise = np.deg2rad(sigma_deg) * rng.standard_normal(120)
-        found.append(np.rad2deg(heading_noise(time, step_heading(time, moment) + noise)))
+        found.append(np.rad2deg(position_noise(time, step_heading(time, moment) + noise)))
     assert abs(np.mean(found) / sigma_deg - 1) < 0.05
 
 
 def test_a_coarse_compass_has_at_least_its_quantum() -> None:
     time = 0.1 * np.arange(200)
     heading = np.deg2rad(np.round(2 * time))
-    assert np.rad2deg(heading_noise(time, heading)) == pytest.approx(1 / np.sqrt(12))
+    assert np.rad2deg(position_noise(time, heading)) == pytest.approx(1 / np.sqrt(12))

@@ -126,7 +126,7 @@ def test_the_truth_beside_them_is_theirs() -> None:
         for index, command in zip(changed, one["commands"], strict=True):
             assert run.time[index] < command["from_s"] <= run.time[index + 1] + 5e-4
             assert run.command[index + 1] == command["moment"]
-        rest = run.heading[run.time < one["commands"][0]["from_s"]]
+        rest = run.position[run.time < one["commands"][0]["from_s"]]
         off = (rest.mean() - one["start_heading_rad"] + np.pi) % (2 * np.pi) - np.pi
         assert abs(off) < np.deg2rad(4.0 / np.sqrt(len(rest)))
     gains = np.log([one["gain"] for one in truth["made"]])

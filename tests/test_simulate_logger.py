@@ -95,7 +95,7 @@ def test_files_read_back_as_the_runs_made_in_memory(tmp_path: Path) -> None:
         read = loaded[run.name]
         for one, other in (
             (run.time, read.time),
-            (run.heading, read.heading),
+            (run.position, read.position),
             (run.command, read.command),
             (run.extras["yaw_rate"], read.extras["yaw_rate"]),
         ):

@@ -222,12 +222,12 @@ def test_rate_errors_never_reach_across_a_gap() -> None:
     run = sequence_run()
     (free,) = free_runs(TRUE, [run])
     gone = np.r_[0:100, 140 : len(run)]
-    cut = replace(run, time=run.time[gone], heading=run.heading[gone], moment=run.command[gone])
+    cut = replace(run, time=run.time[gone], position=run.position[gone], moment=run.command[gone])
     jump = np.where(gone >= 140, 1.0, 0.0)  # the error jumps in the gap; no slope must see it
-    there = FreeRun(cut, cut.heading - jump, free.rate[gone], free.start)
+    there = FreeRun(cut, cut.position - jump, free.rate[gone], free.start)
     assert np.abs(rate_error(there)).max() < 1e-9
     short = run.cut(0, 8)
-    assert len(rate_error(FreeRun(short, short.heading, short.heading, free.start))) == 0
+    assert len(rate_error(FreeRun(short, short.position, short.position, free.start))) == 0
 
 
 def test_fit_percent() -> None:
@@ -274,7 +274,7 @@ def test_uneven_clock_with_a_gap_scores_like_the_whole_run(stored: StoredModels)
     kept = kept[(kept < 65) | (kept > 95)]  # a gap within the second moment
     changes = np.flatnonzero(np.diff(run.command))  # the instants of all changes stay known
     kept = np.union1d(kept, np.concatenate([changes, changes + 1]))
-    thin = replace(run, time=run.time[kept], heading=run.heading[kept], moment=run.command[kept])
+    thin = replace(run, time=run.time[kept], position=run.position[kept], moment=run.command[kept])
     assert np.diff(thin.time).max() > 2.5
     found = compare(stored, [thin])
     assert values(found, "3", "rmse_deg")[0] == pytest.approx(0.5, rel=0.5)
@@ -299,7 +299,7 @@ def test_start_and_restart_state_are_what_the_models_compass_shows(monkeypatch: 
     monkeypatch.setattr(effects, "get", lambda name: Crooked() if name == "crooked" else known(name))
     model = TRUE.with_effect("crooked", (0.3,))
     for run in (sequence_run(), sequence_run(rest=0, rate0=0.4)):
-        shown = replace(run, heading=1.3 * run.heading + 0.2)
+        shown = replace(run, position=1.3 * run.position + 0.2)
         (free,) = free_runs(model, [shown])
         assert np.rad2deg(np.abs(free.error).max()) < 0.02
         assert free.start.heading == pytest.approx(0.4, abs=1e-3)

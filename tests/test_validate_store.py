@@ -150,7 +150,7 @@ def test_thruster_commands_become_a_moment(tmp_path: Path) -> None:
     expected = 0.4 * 0.03 * np.sign(n) * n**2  # one ahead, one astern
     assert driven.moment_unit == "N m" and run.moment is None
     np.testing.assert_allclose(driven.command, expected, rtol=1e-12)
-    swapped = Run("a", "a.csv", run.time, run.heading, None, "", {"n_port": -n, "n_stbd": n})
+    swapped = Run("a", "a.csv", run.time, run.position, None, "", {"n_port": -n, "n_stbd": n})
     np.testing.assert_array_equal(drive_by_thrusters([swapped], thrusters, 0.4)[0].moment, -driven.command)
 
 

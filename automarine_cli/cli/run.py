@@ -1,5 +1,7 @@
 """`automarine run`: a campaign or a recorded recipe in, one workflow call, what was done out."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -61,40 +63,38 @@ def run(
             "give a campaign file (automarine init writes one), or --from MANIFEST to repeat a result"
         )
     given: dict[str, Any] = {"out": out, "overwrite": overwrite, "jobs": jobs}
+    echo = partial(options.echo_result, as_json=as_json, out=out)
     if recorded is not None:
         if force or until or cluster:
             raise click.UsageError("--force, --until and --cluster go with a campaign file, not with --from")
         from automarine_cli.workflows.rerun import rerun
 
         again = rerun(recorded, inputs=inputs, progress=options.terminal_progress(), **given)
-        options.echo_result(again, as_json=as_json, out=out, tables=again.sentences())
+        echo(again, tables=again.sentences(), warnings=again.made.warnings)
         if not again.same:
             ctx.exit(1)
         return again
     if inputs:
         raise click.UsageError("--inputs goes with --from; a campaign file names its logs itself")
+    given |= {"force": force, "until": until}
     if len(campaigns) > 1 or cluster:
-        return _several(ctx, campaigns, as_json, force=force, until=until, cluster=cluster, **given)
+        return _several(ctx, campaigns, echo, cluster=cluster, **given)
     from automarine_cli.workflows.run import run_campaign
 
     teller = CampaignTeller()
-    result = run_campaign(
-        campaigns[0], force=force, until=until, progress=teller.progress, tell=teller.tell, **given
-    )
-    options.echo_result(result, as_json=as_json, out=out, tables=result.tables(), files=result.files)
+    result = run_campaign(campaigns[0], progress=teller.progress, tell=teller.tell, **given)
+    echo(result, tables=result.tables(), files=result.files, warnings=result.warnings)
     end_with(ctx, [f"{one.step}: {one.why}" for one in result.refused])
     return result
 
 
-def _several(
-    ctx: click.Context, campaigns: tuple[Path, ...], as_json: bool, *, out: Path | None, **given: Any
-) -> object:
-    if out is None:
+def _several(ctx: click.Context, paths: tuple[Path, ...], echo: Callable[..., None], **given: Any) -> object:
+    if given["out"] is None:
         raise click.UsageError("several campaigns need a folder for their results; give one with -o DIR")
     from automarine_cli.workflows.campaigns import run_campaigns
 
-    result = run_campaigns(campaigns, out=out, progress=options.terminal_progress(), **given)
+    result = run_campaigns(paths, progress=options.terminal_progress(), **given)
     files = ("campaigns.csv", "campaigns.json", *(f"{one.name}/" for one in result.outcomes[:MOST_NAMED]))
-    options.echo_result(result, as_json=as_json, out=out, tables=(result.table(),), files=files)
+    echo(result, tables=(result.table(),), files=files, warnings=result.warnings)
     end_with(ctx, [f"{one.name}: {why}" for one in result.refused for why in one.refused])
     return result

@@ -10,7 +10,7 @@ from scipy.signal import savgol_coeffs
 from automarine_cli.comparison.residuals import FreeRun
 from automarine_cli.comparison.starts import State
 from automarine_cli.runs.clean import GAP_IN_PERIODS
-from automarine_cli.runs.noise import heading_noise
+from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
@@ -66,7 +66,7 @@ def score(free: FreeRun, restarted: Floats) -> RunScore:
     dof = free.run.dof
     error = dof.shown(free.error)
     again = dof.shown(restarted[1:]) if np.all(np.isfinite(restarted)) else np.zeros(0)
-    measured = dof.shown(free.run.heading)
+    measured = dof.shown(free.run.position)
     rate = rate_error(free)
     columns = dict(zip(SUMMED, (error, again, rate)))
     return RunScore(
@@ -114,7 +114,7 @@ def rate_window(run: Run) -> int:
 
 def noise_floor(run: Run) -> float:
     """White noise of the heading [deg], measured apart from any model."""
-    return float(run.dof.shown(heading_noise(run.time, run.heading)))
+    return float(run.dof.shown(position_noise(run.time, run.position)))
 
 
 def pooled_floor(runs: Sequence[Run]) -> float:

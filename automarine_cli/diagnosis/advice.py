@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Found, Trial
-from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.runs.run import Run
@@ -72,19 +71,20 @@ def separations(study: Study, final: Trial, rival: Trial) -> dict[str, float]:
     problem, other = extra.problem(final.model), extra.problem(rival.model)
     b = np.zeros_like(problem.effects.scale)
     first, by_phi, by_run = derivatives(problem, final.fit.phi, b)
-    second = other.headings(rival.fit.phi, np.zeros_like(other.effects.scale))
+    second = other.readings(rival.fit.phi, np.zeros_like(other.effects.scale))
     own = len(study.base.theta)
     spread, turn = np.linalg.eigh(final.fit.covariance[:own, :own])
     by_base = by_phi[:, :, :own] @ (turn * np.sqrt(np.maximum(spread, 0.0)))
-    noise = max(study.floor, 1e-4)
-    variances = np.append(np.log(noise), np.log(np.maximum(final.fit.factors, SMALLEST_FACTOR)))
+    noises = np.array([max(study.floor, 1e-4), *final.fit.noises[1:]])
+    variances = np.append(np.log(noises), final.fit.variances[len(noises) :])
+    precision = problem.precision(noises)
     by_own = by_run * problem.effects.deviation(variances)[:, None, :]
     sigmas = {}
     for i, kind in enumerate(kinds):
         here = problem.seen[i]
-        difference = (second[i] - first[i])[here] / noise
+        difference = ((second[i] - first[i]) * precision)[here]
         if np.all(np.isfinite(difference)):
-            may = np.concatenate([by_base[i][here], by_own[i][here]], axis=1) / noise
+            may = np.concatenate([by_base[i][here], by_own[i][here]], axis=1) * precision[here, None]
             pull = may.T @ difference
             kernel = np.eye(may.shape[1]) + may.T @ may
             square = float(difference @ difference - pull @ np.linalg.solve(kernel, pull))
@@ -113,7 +113,7 @@ def extra_runs(study: Study) -> dict[str, Run]:
         name: str, length: float, command: Command, at: float = clock, heading: float | None = None
     ) -> Run:
         t = np.arange(0.0, length, period)
-        psi = np.full(len(t), study.runs[0].heading[0] if heading is None else heading)
+        psi = np.full(len(t), study.runs[0].position[0] if heading is None else heading)
         extras = {
             key: np.full(len(t), float(np.mean([np.mean(r.extras[key]) for r in study.runs])))
             for key in study.signals
@@ -158,7 +158,7 @@ def _span(study: Study) -> float:
 
 def _next_start(study: Study) -> float:
     """The start heading [rad] farthest from those that the campaign had."""
-    used = np.array([run.heading[0] for run in study.runs])
+    used = np.array([run.position[0] for run in study.runs])
     tried = np.arange(24) * np.pi / 12.0
     away = np.abs(np.angle(np.exp(1j * (tried[:, None] - used)))).min(axis=1)
     return float(tried[int(np.argmax(away))])
@@ -175,7 +175,7 @@ def general_advice(study: Study, detectable: Mapping[str, float]) -> tuple[str, 
         coasts += bool(np.any(pushed[moving[0] :] == 0) and len(run) - moving[-1] > 3.0 / run.sample_period)
         reversals += bool(np.any(pushed[moving] != pushed[moving[0]]))
     rests = sum(not np.any(run.command) for run in study.runs)
-    starts = np.array([run.heading[0] for run in study.runs])
+    starts = np.array([run.position[0] for run in study.runs])
     even = float(np.abs(np.exp(1j * starts).mean()))
     sides = {
         float(np.sign(run.command[run.command != 0].mean())) for run in study.runs if np.any(run.command)

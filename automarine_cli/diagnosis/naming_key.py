@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.study import Study, without_scatter
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram
 from automarine_cli.fits.mixed_model import derivatives
+from automarine_cli.fits.mixed_problem import SWITCH
+from automarine_cli.fits.run_effects import GAIN
 
 Floats = NDArray[np.float64]
 
@@ -92,32 +93,29 @@ class NamingKey:
 def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
     """Each run's own k and I about the base fit, measured and as the final model would have them."""
     problem = study.problem(base.model)
-    b = np.where(np.arange(base.fit.run_effects.shape[1]) < 2, base.fit.run_effects, 0.0)
-    phi = np.append(base.fit.phi[:-1], 0.0)  # changes in the middle of their intervals: free either way
+    b = without_scatter(base.fit)
+    # changes in the middle of their intervals: free either way
+    phi = np.where([name == SWITCH for name in problem.names], 0.0, base.fit.phi)
     first_step, moment = first_steps(study)
     drag = slice(1, len(study.base.theta))
     weight = np.where(problem.positive[drag], 1.0, base.fit.theta[drag])  # all drag terms by the same factor
     if study.base.dof.has_constant:
         weight[study.base.index(study.base.dof.parameter("constant")) - drag.start] = 0.0
-    scale = problem.effects.scale.copy()
-    scale[:, 2] = 0.0
-    run_effects = replace(problem.effects, scale=scale)
-    variances = np.append(np.log(base.fit.noise), np.log(np.maximum(base.fit.factors, SMALLEST_FACTOR)))
+    run_effects, variances = problem.effects.with_scale(gain=0.0), base.fit.variances
+    inside = problem.seen & np.concatenate([first_step] * len(problem.slots), axis=1)
+    within = replace(problem, seen=inside)
 
-    def own(headings: Floats) -> tuple[Floats, Floats]:
+    def own(readings: Floats) -> tuple[Floats, Floats]:
         """log k, log I and their difference (R, 3), with errors; a gain of 1/k carries a run to its own k, where
         its response is linearised again."""
         log_k = np.zeros(len(study.runs))
         for _ in range(ROUNDS):
             at = b.copy()
-            at[:, 2] = -log_k
+            problem.effects.of(at, GAIN)[:, 0] = -log_k
             fitted, by_phi, by_run = derivatives(problem, phi, at)
             by_log = np.stack([by_phi[:, :, drag] @ weight, by_phi[:, :, 0]], axis=2)
-            by_log, by_run, left = (
-                np.where(first_step[:, :, None], d, 0.0)
-                for d in (by_log, by_run, (headings - fitted)[:, :, None])
-            )
-            gram = Gram.of(by_log, by_run, left[:, :, 0], first_step.sum(axis=1), at)
+            by_log, by_run = (np.where(inside[:, :, None], d, 0.0) for d in (by_log, by_run))
+            gram = within.inner(by_log, by_run, np.where(inside, readings - fitted, 0.0), at)
             weighted = linear_mixed.weigh(gram, run_effects, variances)
             covariance = np.array([linear_mixed.covariance_of(h) for h in weighted.hessian])
             change = np.einsum("rpq,rq->rp", covariance, weighted.gradient)
@@ -128,15 +126,14 @@ def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
         return np.column_stack([log_k, log_i, log_i - log_k]), np.column_stack([errors, ratio])
 
     measured, errors = own(problem.measured)
-    other = study.problem(final.model)
-    effects = np.where(np.arange(b.shape[1]) < 2, final.fit.run_effects, 0.0)
-    simulated = np.where(problem.seen, other.headings(final.fit.phi, effects), 0.0)
+    there = study.problem(final.model).readings(final.fit.phi, without_scatter(final.fit))
+    simulated = np.where(problem.seen, there, 0.0)
     predicted, _ = own(simulated)
     certain = max(CERTAIN, 2.0 * float(np.median(errors[:, 0])))
     moment = np.where(errors[:, 0] < certain, moment, np.nan)
     drifts = [
         drift
-        for i, quantity, scatter in ((0, "k", float(final.fit.factors[0])), (2, "I/k", 0.0))
+        for i, quantity, scatter in ((0, "k", final.fit.factor(GAIN)), (2, "I/k", 0.0))
         for drift in drifts_of(quantity, moment, measured[:, i], errors[:, i], scatter)
     ]
     drifts.sort(key=lambda drift: (drift.p_value, -drift.share))

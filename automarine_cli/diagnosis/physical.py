@@ -3,7 +3,7 @@
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.effects import Motion
+from automarine_cli.effects import State
 from automarine_cli.models.yaw_model import YawModel
 
 RATES = 50
@@ -18,12 +18,12 @@ def drag_drives(model: YawModel, fastest: float) -> bool:
     """
     rates = fastest * np.linspace(-1.0, 1.0, 2 * RATES + 1)[:, None]
     still = np.zeros_like(rates)
-    motion = Motion(still, still, rates, rates, still, still, {})
+    state = State(still, still, rates, rates, still, still, {})
     total, sizes = still, still
     for term in model.terms:
         effect = effects.get(term.name)
         if effect.power is not None:
             values = tuple(np.full((1, 1), value) for value in term.values)
-            moment = effect.moment(motion, values)
+            moment = effect.moment(state, values)
             total, sizes = total + moment, sizes + np.abs(moment)
     return bool(np.any(total * rates > 1e-9 * sizes * np.abs(rates)))

@@ -40,8 +40,8 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
     seen, time, dof = batch.seen, study.time, study.base.dof
     words = dof.words
     moment = commanded(study)
-    start = np.array([float(np.median(run.heading[:5])) for run in study.runs])
-    measured = np.where(seen, batch.heading, np.nan)
+    start = np.array([float(np.median(run.position[:5])) for run in study.runs])
+    measured = np.where(seen, batch.position, np.nan)
     clock = batch.start
     order = np.argsort(np.argsort(clock, kind="stable"), kind="stable").astype(np.float64) + 1.0
     found = [

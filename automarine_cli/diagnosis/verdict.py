@@ -15,6 +15,7 @@ from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Trial
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import estimate_of
+from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.whole_runs import varying_terms
 
 Floats = NDArray[np.float64]
@@ -82,7 +83,7 @@ def verdict_of(study: Study, found: Found, held_out: Gap | None = None) -> str:
         )
     ):
         return "unexplained"
-    scatter = [trial.fit.factors[0] ** 2 for trial in (found.base, found.final)]
+    scatter = [trial.fit.factor(GAIN) ** 2 for trial in (found.base, found.final)]
     unnamed = not found.final.added or scatter[1] > LEFT_OVER * scatter[0]
     if unnamed and not study.disturbed and gains_wander(study, found.final):
         return "unexplained"
@@ -98,7 +99,7 @@ def gains_wander(study: Study, trial: Trial) -> bool:
     Von Neumann's ratio of the mean squared successive difference to the variance of the gains in the order of the
     clock; independent gains give 2 n/(n - 1), with a variance of about 4/n (von Neumann, 1941, Ann. Math. Stat. 12).
     """
-    gains = trial.fit.run_effects[np.argsort(study.batch.start), 2]
+    gains = trial.fit.own(GAIN)[np.argsort(study.batch.start), 0]
     count, spread = len(gains), float(((gains - gains.mean()) ** 2).sum())
     if count < FEWEST_GAINS or spread < 1e-12:
         return False
@@ -134,17 +135,17 @@ def _estimates(study: Study, trial: Trial) -> list[Estimate]:
     for term in model.terms:
         units += [p.unit for p in effects.get(term.name).card(model.dof, model.moment_unit).parameters]
     found = [estimate_of(trial.fit, covariance, i, unit) for i, unit in enumerate(units)]
-    for i, varying in enumerate(varying_terms(model)):
+    for varying in varying_terms(model):
         size = effects.get(varying).names_in(model.dof)[0]
-        found[model.index(f"{varying}.{size}")] = _amplitude(study, trial, 3 + i)
+        found[model.index(f"{varying}.{size}")] = _amplitude(study, trial, varying)
     return found
 
 
-def _amplitude(study: Study, trial: Trial, factor: int) -> Estimate:
+def _amplitude(study: Study, trial: Trial, name: str) -> Estimate:
     """Amplitude of what every run has a share of its own of, from the likelihood of their spread."""
     scale = float(np.sqrt(2.0) * study.largest)
-    low, high = (scale * end for end in trial.fit.factor_interval(factor))
-    value, unit = scale * float(trial.fit.factors[factor]), trial.model.moment_unit
+    low, high = (scale * end for end in trial.fit.factor_interval(name))
+    value, unit = scale * trial.fit.factor(name), trial.model.moment_unit
     return Estimate(value, (high - low) / (2.0 * float(stats.norm.ppf(0.975))), (low, high), unit)
 
 

@@ -19,8 +19,8 @@ from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.variables import Column, columns, direction
 from automarine_cli.dofs import Dof
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram
 from automarine_cli.fits.mixed_model import derivatives
+from automarine_cli.fits.run_effects import DISTURBANCE, GAIN
 
 Floats = NDArray[np.float64]
 
@@ -86,9 +86,9 @@ def find_where(study: Study, base: Trial, seed: int) -> Where:
     residual, moment = gaps(study, base)
     batch, dof = study.batch, study.base.dof
     raw = without_gains(study, base)
-    fitted = np.where(batch.seen, batch.heading - residual, 0.0)
+    fitted = np.where(batch.seen, batch.position - residual, 0.0)
     sign = np.where(batch.seen, direction(study), 0.0)
-    gain = 100.0 * base.fit.run_effects[:, 2]
+    gain = 100.0 * base.fit.own(GAIN)[:, 0]
     random = np.random.default_rng(seed)
     drawn = random.random((PERMUTATIONS, len(study.runs)))
     found: list[tuple[Column, Variable, Floats]] = []
@@ -137,22 +137,21 @@ def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
     The disturbances are the windows of `whole_runs`, their size estimated with everything else at the trial's fit.
     """
     problem, batch = study.problem(trial.model), study.batch
-    residual = np.where(problem.seen, problem.measured - trial.fit.fitted, 0.0)
-    first = 3 + batch.interval.shape[1]
+    residual = study.residual(trial.fit.fitted)
     b = trial.fit.run_effects
-    variances = np.append(np.log(trial.fit.noise), np.log(np.maximum(trial.fit.factors, SMALLEST_FACTOR)))
     if not study.disturbed:
-        scale = problem.effects.scale.copy()
         lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
-        scale[:, first:] = np.arange(batch.windows) <= lasts[:, None]
-        problem = replace(problem, effects=replace(problem.effects, scale=scale))
-        _, by_phi, by_run = derivatives(problem, trial.fit.phi, b)
-        gram = Gram.of(by_phi, by_run, residual, problem.seen.sum(axis=1), b)
-        variances = linear_mixed.choose_variances(gram, problem.effects, variances)
+        windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
+        problem = replace(problem, effects=problem.effects.with_scale(disturbance=windows))
+        fitted, by_phi, by_run = derivatives(problem, trial.fit.phi, b)
+        gram = problem.gram(by_phi, by_run, fitted, b)
+        variances = linear_mixed.choose_variances(gram, problem.effects, trial.fit.variances)
         b = linear_mixed.posterior_mean(gram, problem.effects, variances, np.zeros(len(trial.fit.phi)))
     window = np.take_along_axis(batch.window, np.minimum(batch.node, batch.window.shape[1] - 1), axis=1)
     inertia = trial.model.index(trial.model.dof.parameter("inertia"))
-    held = np.take_along_axis(b[:, first:], np.minimum(window, batch.windows - 1), axis=1)
+    held = np.take_along_axis(
+        trial.fit.effects.of(b, DISTURBANCE), np.minimum(window, batch.windows - 1), axis=1
+    )
     return residual, np.where(batch.seen, trial.fit.theta[inertia] * held, 0.0)
 
 
@@ -160,8 +159,8 @@ def without_gains(study: Study, trial: Trial) -> Floats:
     """Measured less simulated headings (R, N) [rad] if every run had the same thrust: what a gain could hide."""
     problem = study.problem(trial.model)
     b = trial.fit.run_effects.copy()
-    b[:, 2] = 0.0
-    return np.where(problem.seen, problem.measured - problem.headings(trial.fit.phi, b), 0.0)
+    trial.fit.effects.of(b, GAIN)[...] = 0.0
+    return study.residual(problem.readings(trial.fit.phi, b))
 
 
 def _size(residual: Floats, seen: NDArray[np.bool_]) -> Floats:

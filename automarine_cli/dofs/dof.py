@@ -121,7 +121,7 @@ class Limits:
     what counts as not having moved, `start` what counts as its beginning; `plausible` are ratios of inertia to
     quadratic drag. `spike`, `end_spike` and `jump` are the least sizes of readings that no vehicle makes;
     `acceleration` is what none reaches, `far` and `fast` what none gets to; `position_sd` and `velocity_sd` are
-    standard deviations, wide ones, of the start of a run.
+    standard deviations, wide ones, of the start of a run, `bias_sd` that of what a velocity sensor adds.
     """
 
     trim: float
@@ -138,6 +138,7 @@ class Limits:
     fast: float
     position_sd: float
     velocity_sd: float
+    bias_sd: float
 
 
 @dataclass(frozen=True, eq=False)

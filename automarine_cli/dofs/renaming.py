@@ -56,6 +56,8 @@ def keys_of(symbol: str, letter: str, mass: str, position: str) -> dict[str, str
         "quantisation_deg": "quantisation_m",
         "glitch_deg": "glitch_m",
         "rate_noise_deg_s": "speed_noise_m_s",
+        "rate_bias_deg_s": "speed_bias_m_s",
+        "rate_bias_rad_s": "speed_bias_m_s",
         "rate_deg_s": "speed_cm_s",
         "start_rate_deg_s": "start_speed_cm_s",
         "steady_rate_deg_s": "steady_speed_cm_s",

@@ -23,6 +23,7 @@ LIMITS = Limits(
     fast=15.0,
     position_sd=10.0,
     velocity_sd=1.0,
+    bias_sd=0.2,
 )
 
 

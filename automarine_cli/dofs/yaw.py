@@ -86,6 +86,7 @@ YAW = Dof(
         fast=8 * pi,
         position_sd=10.0,
         velocity_sd=1.0,
+        bias_sd=0.2,
     ),
     columns=(("tau", "nu"), ("tau_Nm", "N m")),
     nicknames={

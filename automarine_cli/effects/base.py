@@ -19,7 +19,7 @@ Texts are templates over the vocabulary of a degree of freedom (`Dof.vocabulary`
 
 The folder is the registry: `effects.get("my-effect")` and the contract test find the new file by themselves.
 Every method is a pure function of arrays of shape (P, R), parameter sets by runs, or shapes that broadcast
-to it.
+to it. An effect acts on one degree of freedom and sees the state of that one.
 """
 
 from collections.abc import Mapping
@@ -113,38 +113,39 @@ class Card:
 
 
 @dataclass(slots=True)
-class Motion:
-    """State of all runs under all parameter sets at one instant: arrays that broadcast to (P, R).
+class State:
+    """State of one degree of freedom of all runs under all parameter sets at one instant: arrays that broadcast to
+    (P, R).
 
-    `heading` psi [rad, unwrapped, true], `origin` the same at the run's start, `rate` r [rad/s], `slip` the rate
-    through the water [rad/s], on which drag depends, `delivered` moment after the actuators, `time` in the run [s],
-    `signals` other logged columns held over the step. The simulator fills it in anew for every instant.
+    `position` [rad or m, unwrapped, true], `origin` the same at the run's start, `velocity` [per s], `relative` the
+    velocity through the water, on which drag depends, `delivered` moment or force after the actuators, `time` in the
+    run [s], `signals` other logged columns held over the step. The simulator fills it in anew for every instant.
     """
 
-    heading: Floats
+    position: Floats
     origin: Floats
-    rate: Floats
-    slip: Floats
+    velocity: Floats
+    relative: Floats
     delivered: Floats
     time: Floats
     signals: Mapping[str, Floats]
 
     @property
-    def turned(self) -> Floats:
-        """Angle turned since the run's start [rad]."""
-        return self.heading - self.origin
+    def travelled(self) -> Floats:
+        """Way since the run's start [rad or m]."""
+        return self.position - self.origin
 
 
 @dataclass(frozen=True)
 class Commands:
     """The commands of all runs on the simulation grid, for actuator effects.
 
-    `moment` (P, R, M) is held over each of the M steps, `start` and `length` (P, R, M) [s] say when;
-    `before` (R, 1) is the moment held before the first sample, `clock` (R, 1) the campaign's clock [s] at the run's
+    `force` (P, R, M), moment or force, is held over each of the M steps, `start` and `length` (P, R, M) [s] say when;
+    `before` (R, 1) is what was held before the first sample, `clock` (R, 1) the campaign's clock [s] at the run's
     first sample; `signals` are other logged columns, (R, M).
     """
 
-    moment: Floats
+    force: Floats
     start: Floats
     length: Floats
     before: Floats
@@ -237,9 +238,9 @@ class Effect:
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Moment delivered for the moment commanded, (P, R, M); actuators only."""
-        return commands.moment
+        return commands.force
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats | float:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats | float:
         """Moment added to the equation of motion, (P, R), in the moment's unit."""
         return 0.0
 
@@ -248,7 +249,7 @@ class Effect:
         return 0.0
 
     def derivatives(
-        self, motion: Motion, states: tuple[Floats, ...], values: tuple[Floats, ...]
+        self, state: State, states: tuple[Floats, ...], values: tuple[Floats, ...]
     ) -> tuple[Floats, ...]:
         """Time derivative of each of `states`, (P, R)."""
         return ()

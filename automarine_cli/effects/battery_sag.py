@@ -40,4 +40,4 @@ class BatterySag(Effect):
         discharge, load, moment, clock = values
         hours = (commands.clock + commands.start - clock) / 3600.0
         fresh = np.exp(-discharge * hours)
-        return commands.moment * fresh * (1.0 - load * np.abs(commands.moment) / moment)
+        return commands.force * fresh * (1.0 - load * np.abs(commands.force) / moment)

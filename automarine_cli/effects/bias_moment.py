@@ -1,7 +1,7 @@
 """A constant moment that is not in the log: tether twist, reaction torque of a vertical thruster, steady
 current."""
 
-from automarine_cli.effects.base import ODD, Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, Place, State
 
 
 class BiasMoment(Effect):
@@ -21,6 +21,6 @@ class BiasMoment(Effect):
     parity = ODD
     role = "constant"
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (b,) = values
         return b

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
 
 CREEP = 0.02  # rad/s within which the sign is smoothed, far below any rate that a step reaches
 
@@ -24,6 +24,6 @@ class CoulombDrag(Effect):
     source = "Olsson et al. (1998), Friction models and friction compensation, European J. Control 4:176"
     power = 0
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (c,) = values
-        return -c * np.tanh(motion.rate / CREEP)
+        return -c * np.tanh(state.velocity / CREEP)

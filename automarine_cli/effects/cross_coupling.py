@@ -1,7 +1,7 @@
 """Surge that turns the vehicle: unequal added masses ahead and abeam (Munk moment)."""
 
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
 
 
 class CrossCoupling(Effect):
@@ -23,6 +23,6 @@ class CrossCoupling(Effect):
     def acts_in(self, dof: Dof) -> bool:
         return dof.wraps
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (c,) = values
-        return c * motion.signals["surge"] * motion.rate
+        return c * state.signals["surge"] * state.velocity

@@ -1,7 +1,7 @@
 """Cubic drag: drag that grows faster than the square, as quadratic coefficients rise with Reynolds number
 or tilt."""
 
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
 
 
 class CubicDrag(Effect):
@@ -18,6 +18,6 @@ class CubicDrag(Effect):
     source = "Norrbin (1971), Theory and observations on the use of a mathematical model for ship manoeuvring"
     power = 3
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (k_rrr,) = values
-        return -k_rrr * motion.slip * motion.slip * motion.slip
+        return -k_rrr * state.relative * state.relative * state.relative

@@ -30,12 +30,12 @@ class DeadBand(Effect):
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         width, law = values
-        size = np.abs(commands.moment)
+        size = np.abs(commands.force)
         left = np.maximum(size - width, 0.0)
         if law.any():
             share = (size - width) / np.maximum(2.0 * EDGE * width, 1e-12) + 0.5
             left = np.where(law > 0, size * np.clip(share, 0.0, 1.0), left)
-        return np.sign(commands.moment) * left
+        return np.sign(commands.force) * left
 
     def scan(self, parameter: Parameter, values: tuple[float, ...]) -> tuple[float, ...]:
         """A cut has no slope to follow where no moment lies near it."""

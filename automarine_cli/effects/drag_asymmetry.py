@@ -1,6 +1,6 @@
 """A hull that drags more turning one way than the other."""
 
-from automarine_cli.effects.base import ODD, Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, Place, State
 
 
 class DragAsymmetry(Effect):
@@ -28,6 +28,6 @@ class DragAsymmetry(Effect):
     role = "difference"
     power = 2
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (e,) = values
-        return -e * motion.slip**2
+        return -e * state.relative**2

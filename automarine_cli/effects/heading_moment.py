@@ -3,7 +3,7 @@
 import numpy as np
 
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import MIXED, Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place, State
 
 
 class HeadingMoment(Effect):
@@ -30,6 +30,6 @@ class HeadingMoment(Effect):
     def acts_in(self, dof: Dof) -> bool:
         return dof.wraps
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         b, c = values
-        return b * np.sin(motion.heading) + c * np.cos(motion.heading)
+        return b * np.sin(state.position) + c * np.cos(state.position)

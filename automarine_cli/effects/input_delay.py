@@ -24,9 +24,9 @@ class InputDelay(Effect):
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Mean of the delayed command over each step: the delayed impulse is exact for any delay."""
         (delay,) = values
-        shape = np.broadcast_shapes(commands.moment.shape, commands.length.shape, delay.shape)
+        shape = np.broadcast_shapes(commands.force.shape, commands.length.shape, delay.shape)
         rows = (shape[0] * shape[1], shape[2])
-        moment, length = (np.broadcast_to(x, shape).reshape(rows) for x in (commands.moment, commands.length))
+        moment, length = (np.broadcast_to(x, shape).reshape(rows) for x in (commands.force, commands.length))
         begin = np.broadcast_to(commands.start, shape)[..., :1].reshape(-1, 1)
         late = np.broadcast_to(delay, (*shape[:2], 1)).reshape(-1, 1)
         before = np.broadcast_to(commands.before, (*shape[:2], 1)).reshape(-1, 1)

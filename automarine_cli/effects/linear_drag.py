@@ -1,6 +1,6 @@
 """Linear drag: laminar friction, dominant at low rates."""
 
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
 
 
 class LinearDrag(Effect):
@@ -18,6 +18,6 @@ class LinearDrag(Effect):
     role = "linear"
     power = 1
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (k_r,) = values
-        return -k_r * motion.slip
+        return -k_r * state.relative

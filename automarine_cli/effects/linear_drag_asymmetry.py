@@ -3,7 +3,7 @@
 import numpy as np
 
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import ODD, Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, Place, State
 
 
 class LinearDragAsymmetry(Effect):
@@ -34,6 +34,6 @@ class LinearDragAsymmetry(Effect):
     def acts_in(self, dof: Dof) -> bool:
         return dof.directional
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (e,) = values
-        return -e * np.abs(motion.slip)
+        return -e * np.abs(state.relative)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import MIXED, Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place, State
 
 
 class PeriodicDisturbance(Effect):
@@ -44,12 +44,12 @@ class PeriodicDisturbance(Effect):
         own = self.varies(values)
         return (own, own, False, True)
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         sine, cosine, period, own_phase, own_sine, own_cosine = values
         if own_phase.any():
             sine, cosine = (
                 np.where(own_phase > 0, own_sine, sine),
                 np.where(own_phase > 0, own_cosine, cosine),
             )
-        phase = 2.0 * np.pi * motion.time / period
+        phase = 2.0 * np.pi * state.time / period
         return sine * np.sin(phase) + cosine * np.cos(phase)

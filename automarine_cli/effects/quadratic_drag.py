@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
 
 
 class QuadraticDrag(Effect):
@@ -22,6 +22,6 @@ class QuadraticDrag(Effect):
     role = "quadratic"
     power = 2
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (k_rr,) = values
-        return -k_rr * np.abs(motion.slip) * motion.slip
+        return -k_rr * np.abs(state.relative) * state.relative

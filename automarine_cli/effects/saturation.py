@@ -31,4 +31,4 @@ class Saturation(Effect):
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         (tau_max,) = values
-        return np.sign(commands.moment) * np.minimum(np.abs(commands.moment), tau_max)
+        return np.sign(commands.force) * np.minimum(np.abs(commands.force), tau_max)

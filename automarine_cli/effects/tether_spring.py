@@ -1,6 +1,6 @@
 """A tether that twists: a torsional spring towards the heading at which the run began."""
 
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
 
 
 class TetherSpring(Effect):
@@ -17,6 +17,6 @@ class TetherSpring(Effect):
     source = "stiffness G J / L of a twisted cable; Feldman (1979) on tow cables"
     steered = True
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (kappa,) = values
-        return -kappa * motion.turned
+        return -kappa * state.travelled

@@ -28,4 +28,4 @@ class ThrustAsymmetry(Effect):
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         (a,) = values
-        return (1.0 + a * np.sign(commands.moment)) * commands.moment
+        return (1.0 + a * np.sign(commands.force)) * commands.force

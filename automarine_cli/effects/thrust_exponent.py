@@ -27,4 +27,4 @@ class ThrustExponent(Effect):
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         p, reference = values
-        return np.sign(commands.moment) * reference * (np.abs(commands.moment) / reference) ** p
+        return np.sign(commands.force) * reference * (np.abs(commands.force) / reference) ** p

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
 
 
 class ThrustLoss(Effect):
@@ -30,6 +30,6 @@ class ThrustLoss(Effect):
     separated_by = "coast-downs (no propeller turns) beside steps"
     source = "Fossen (1994), bilinear thruster model: equation 1 of Stipanov et al. (2007)"
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (b,) = values
-        return -b * np.sqrt(np.abs(motion.delivered)) * motion.rate
+        return -b * np.sqrt(np.abs(state.delivered)) * state.velocity

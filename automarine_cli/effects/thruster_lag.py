@@ -21,7 +21,7 @@ class ThrusterLag(Effect):
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Mean of n |n| over each step, exact for a command held over it, a change of sign included."""
         (lag,) = values
-        wanted = np.sign(commands.moment) * np.sqrt(np.abs(commands.moment))
+        wanted = np.sign(commands.force) * np.sqrt(np.abs(commands.force))
         shape = np.broadcast_shapes(wanted.shape, commands.length.shape, lag.shape)
         wanted, length = np.broadcast_to(wanted, shape), np.broadcast_to(commands.length, shape)
         lag = np.broadcast_to(np.maximum(lag, 1e-6), shape)[..., 0]

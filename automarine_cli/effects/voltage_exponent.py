@@ -35,4 +35,4 @@ class VoltageExponent(Effect):
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         p, reference = values
         ratio = np.maximum(commands.signals["voltage"] / reference, DEAD)
-        return commands.moment * ratio**p
+        return commands.force * ratio**p

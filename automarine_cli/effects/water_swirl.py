@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
 
 
 class WaterSwirl(Effect):
@@ -36,10 +36,10 @@ class WaterSwirl(Effect):
         return states[0]
 
     def derivatives(
-        self, motion: Motion, states: tuple[Floats, ...], values: tuple[Floats, ...]
+        self, state: State, states: tuple[Floats, ...], values: tuple[Floats, ...]
     ) -> tuple[Floats, ...]:
         chi, lag, law = values
-        slip = motion.slip
+        slip = state.relative
         if law.any():
             slip = slip * (1.0 + law * (np.abs(slip) - 1.0))
         return ((chi * slip - (1.0 - chi) * states[0]) / lag,)

@@ -12,7 +12,9 @@ from automarine_cli.dofs import Dof
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.influence import covariance_of_changes, degrees_of_freedom, left_out_changes
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
+from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.nodes import COUNTS
+from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.step_response import Known, StepData, instant, step_problem
 from automarine_cli.fits.ways import Ways
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem, without_gain
@@ -93,16 +95,21 @@ def _fit_at_nodes(
     start: dict[str, Any] = {"noise": 0.02, "factors": np.array([0.03, 0.5])}
     if len(data.names) > MANY_RUNS:
         first = _fit_at_nodes(data.some(MANY_RUNS // 2), number, known, begin, sided)[1]
-        theta = np.append(first.theta[:-1], begin[-1])  # of instants few runs say little
-        start |= {"noise": first.noise, "iterations": ITERATIONS_OF_MANY}
+        theta = np.append(first.of_model, begin[-1])  # of instants few runs say little
+        start |= {"noise": first.noises, "iterations": ITERATIONS_OF_MANY}
     for count in COUNTS:
         nodes = data.nodes(count)
         if nodes is None:
             break
         problem = step_problem(data, number, known, nodes, sided)
         mixed = fit_mixed(problem, theta, **start)
-        if nodes.show(mixed.fitted, problem.count):
-            return problem, replace(mixed, fitted=whole.headings(mixed.phi, mixed.run_effects))
+        shown = (
+            one.show(mixed.reading(channel.quantity), channel.seen.sum(axis=1))
+            for one, channel in zip(nodes, data.channels)
+        )
+        if all(shown):
+            readings = whole.readings(mixed.phi, mixed.run_effects)
+            return problem, replace(mixed, fitted=readings, slots=whole.slots)
         theta = mixed.theta
     return whole, fit_mixed(whole, theta, **start)
 
@@ -128,7 +135,7 @@ def fit_whole_runs(
     best = fit_mixed(
         problem,
         first.theta,
-        noise=first.noise,
+        noise=first.noises,
         factors=np.append(0.02, first.factors[1:]),
         run_effects=first.run_effects,
     )
@@ -183,27 +190,27 @@ def _outcome(
     alone = float(problem.count.sum() - len(mixed.theta)) if len(problem.measured) == 1 else None
     axes = np.eye(len(mixed.theta))
     roles, names = base_roles(number, dof, sided), base_names(number, dof, sided)
+    at = {role: mixed.names.index(dof.parameter(role)) for role in roles}
     like = {"difference": main_drag(number)}
     estimates = {
-        name: estimate_of(mixed, covariance, i, dof.unit_of(like.get(role, role), moment_unit), alone)
-        for i, (role, name) in enumerate(zip(roles, names))
+        name: estimate_of(mixed, covariance, at[role], dof.unit_of(like.get(role, role), moment_unit), alone)
+        for role, name in zip(roles, names)
     }
     turn = None
-    if "quadratic" in roles and roles.index("quadratic") not in mixed.at_bound:
-        i, k = roles.index("inertia"), roles.index("quadratic")
+    if "quadratic" in roles and at["quadratic"] not in mixed.at_bound:
+        i, k = at["inertia"], at["quadratic"]
         stderr = float(np.sqrt(covariance[i, i] + covariance[k, k] - 2 * covariance[i, k]))
         freedom = alone or run_dof(mixed, axes[i] - axes[k])
         turn = Estimate.from_log(mixed.theta[i] / mixed.theta[k], stderr, freedom, dof.unit_of("ratio"))
-    gains = problem.effects.scale[:, problem.effects.factor == 0]
-    if gains.any():
-        low, high = mixed.factor_interval(0)
-        scatter = Estimate(float(mixed.factors[0]), (high - low) / 3.92, (low, high), "1")
+    if problem.effects.of(problem.effects.scale, GAIN).any():
+        low, high = mixed.factor_interval(GAIN)
+        scatter = Estimate(mixed.factor(GAIN), (high - low) / 3.92, (low, high), "1")
     else:  # known to be none, or not to be told from one run
         scatter = Estimate(0.0, 0.0, (0.0, 0.0), "1")
-    offset = estimate_of(mixed, covariance, len(mixed.theta) - 1, "sample interval", alone)
+    offset = estimate_of(mixed, covariance, mixed.names.index(SWITCH), "sample interval", alone)
     if of_half_turns:
         offset = _in_interval(offset)
-    model = YawModel.base(number, mixed.theta[0], mixed.theta[1:-1], moment_unit, dof)
+    model = YawModel.base(number, mixed.theta[0], mixed.of_model[1:], moment_unit, dof)
     return OutputErrorFit(
         number, model, estimates, turn, offset, scatter, mixed.noise, mixed, covariance, start
     )

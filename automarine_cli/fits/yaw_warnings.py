@@ -7,6 +7,7 @@ import numpy as np
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.fits.drag import identity_gap
 from automarine_cli.fits.output_error import OutputErrorFit, Preference
+from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.velocity_error import BIAS_LIMIT, VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import Caution
 from automarine_cli.runs.half_turn import HalfTurn
@@ -70,17 +71,17 @@ def fit_warnings(
     fits: Mapping[str, OutputErrorFit],
     preference: Preference,
     names_of_runs: Sequence[str],
-    heading_noise: float | None = None,
+    position_noise: float | None = None,
 ) -> list[str]:
     """Sentences on the preferred maximum likelihood: implausible, resting on one run, late, or leaving more than the
-    `heading_noise` [rad] that the headings have by themselves. On its parameters see yaw_cautions.py."""
+    `position_noise` [rad] that the headings have by themselves. On its parameters see yaw_cautions.py."""
     fit = fits[preference.number]
     dof = fit.model.dof
     found = [*_one_run_that_decides(fit, names_of_runs), *_wild_gains(fit, names_of_runs)]
-    if heading_noise and fit.noise > UNEXPLAINED * heading_noise:
+    if position_noise and fit.noise > UNEXPLAINED * position_noise:
         found.append(
             f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}° of the headings unexplained, which scatter "
-            f"by {dof.shown(heading_noise):.2g}° about smooth curves: something acts that it lacks, a delay perhaps; "
+            f"by {dof.shown(position_noise):.2g}° about smooth curves: something acts that it lacks, a delay perhaps; "
             "`automarine diagnose` looks for it."
         )
     turn = fit.inertial_turn_angle or fits["3"].inertial_turn_angle
@@ -121,7 +122,7 @@ def _wild_gains(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> list[str]:
     """A sentence where the runs' gains differ by more than thrusters do."""
     if fit.gain_scatter.value <= WILD_GAIN:
         return []
-    gains = np.exp(fit.mixed.run_effects[:, fit.mixed.effects.factor == 0][:, 0])
+    gains = np.exp(fit.mixed.own(GAIN)[:, 0])
     odd = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
     return [
         f"The thrust seems to scatter by {100 * fit.gain_scatter.value:.0f} % from run to run, and "

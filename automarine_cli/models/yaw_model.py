@@ -1,6 +1,6 @@
 """`YawModel`: inertia and a tuple of effects with values; frozen, `with_...` returns a new one."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
+from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.errors import ModelError
+from automarine_cli.models.vehicle import Bound
 
 Floats = NDArray[np.float64]
 
@@ -141,13 +143,28 @@ class YawModel:
             )
         return replace(self, terms=(*self.terms, Term(name, tuple(float(v) for v in values))))
 
-    def unpack(self, theta: Floats) -> Iterator[tuple[effects.Effect, tuple[Floats, ...]]]:
+    @property
+    def motion(self) -> Motion:
+        """The one degree of freedom as a motion."""
+        return alone(self.dof)
+
+    def inertia_matrix(self, theta: Floats) -> Floats:
+        """Inertia for theta (P, p), (P, 1, 1)."""
+        return theta[:, :1, None]
+
+    def forces(self, theta: Floats) -> list[Bound]:
         """Each term's effect with its columns of theta (P, p) as arrays of shape (P, 1)."""
-        column = 1
+        column, found = 1, []
         for term in self.terms:
             count = len(term.values)
-            yield effects.get(term.name), tuple(theta[:, column + i, None] for i in range(count))
+            values = tuple(theta[:, column + i, None] for i in range(count))
+            found.append(Bound(0, effects.get(term.name), values))
             column += count
+        return found
+
+    def current(self, theta: Floats) -> None:
+        """Still water: one degree of freedom alone cannot tell a current from its start velocity."""
+        return
 
     def fastest(self, moment: float) -> float:
         """Shortest time constant [s] on the way to the steady rate under |moment|, of the base drag alone."""

@@ -16,6 +16,7 @@ from automarine_cli.diagnosis.study import Study
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.mixed_model import Problem
+from automarine_cli.fits.run_effects import GAIN, SWITCHES
 from automarine_cli.fits.step_response import step_data, step_problem
 from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
 from automarine_cli.models.closed_form import response
@@ -129,12 +130,13 @@ class Fitting:
 
     def variances(self, problem: Problem) -> Floats:
         """Logarithms of noise and factors, as the linear half of the mixed model takes them."""
-        factors = [max(self.scatter, problem.effects.limits[0][0]), 1.0, QUIET]
-        for i, name in enumerate(varying_terms(self.model)):
+        own = problem.effects
+        factors = {GAIN: max(self.scatter, own.limits[own.factor_names.index(GAIN)][0]), SWITCHES: 1.0}
+        for name in varying_terms(self.model):
             amplitude = next(term.values[0] for term in self.model.terms if term.name == name)
-            largest = float(problem.effects.scale[:, problem.effects.factor == 3 + i].max())
-            factors.append(max(amplitude / (np.sqrt(2.0) * largest), QUIET))
-        return np.append(np.log(self.noise), np.log(factors[: len(problem.effects.limits)]))
+            largest = float(own.of(own.scale, name).max())
+            factors[name] = max(amplitude / (np.sqrt(2.0) * largest), QUIET)
+        return np.log([self.noise, *(factors.get(name, QUIET) for name in own.factor_names)])
 
 
 @lru_cache(maxsize=64)

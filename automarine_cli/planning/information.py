@@ -15,9 +15,9 @@ from automarine_cli import effects
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.influence import runs_that_carry
-from automarine_cli.fits.linear_mixed import Gram
 from automarine_cli.fits.mixed_model import Problem, derivatives
 from automarine_cli.fits.output_error import ENOUGH_RUNS
+from automarine_cli.fits.run_effects import SWITCHES
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.fitting import Fitting
 from automarine_cli.planning.layout import alike
@@ -68,17 +68,20 @@ def information(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
 
 def _of_problem(problem: Problem, fitting: Fitting, free: NDArray[np.int64]) -> Floats:
     variances, phi = fitting.variances(problem), fitting.phi(problem)
-    confined = problem.effects.factor == 1
     if fitting.fit == "whole-runs":  # instants may leave their interval, and the headings are linear in them
         return _at(problem, phi, np.zeros_like(problem.effects.scale), variances, free)
     weights = WEIGHTS / WEIGHTS.sum()
-    places = (np.where(confined, node, 0.0) * (problem.effects.scale > 0) for node in NODES)
+    places = []
+    for node in NODES:
+        b = np.zeros_like(problem.effects.scale)
+        problem.effects.of(b, SWITCHES)[...] = node
+        places.append(b * (problem.effects.scale > 0))
     return np.asarray(sum(w * _at(problem, phi, b, variances, free) for w, b in zip(weights, places)))
 
 
 def _at(problem: Problem, phi: Floats, b: Floats, variances: Floats, free: NDArray[np.int64]) -> Floats:
     headings, by_phi, by_run = derivatives(problem, phi, b)
-    gram = Gram.of(by_phi, by_run, 0.0 * headings, problem.seen.sum(axis=1)).keep(free)
+    gram = problem.inner(by_phi, by_run, 0.0 * headings).keep(free)
     return linear_mixed.weigh(gram, problem.effects, variances).hessian
 
 
@@ -87,7 +90,7 @@ def excursions(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
     found = np.zeros(len(candidates))
     for places in alike(candidates).values():
         problem = fitting.problem([candidates[i] for i in places])
-        headings = problem.headings(fitting.phi(problem), np.zeros_like(problem.effects.scale))
+        headings = problem.readings(fitting.phi(problem), np.zeros_like(problem.effects.scale))
         found[places] = np.where(problem.seen, np.abs(headings - headings[:, :1]), 0.0).max(axis=1)
     return found
 

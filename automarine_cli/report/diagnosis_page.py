@@ -29,8 +29,10 @@ LARGE_MOVE = 2.0
 CERTAIN_DRIFT = 0.01
 
 
-def page(diagnosis: Diagnosis, where: Where, key: NamingKey, budget: Mapping[str, float]) -> str:
-    """The whole page in Markdown; `budget` in shares of one."""
+def page(
+    diagnosis: Diagnosis, where: Where, key: NamingKey | None, budget: Mapping[str, float] | None
+) -> str:
+    """The whole page in Markdown; `budget` in shares of one. Either may be None, where it could not be worked out."""
     dof = diagnosis.study.base.dof
     parts = [dof.say("# Diagnosis of the yaw model"), _summary(diagnosis)]
     for effect in diagnosis.effects:
@@ -42,9 +44,11 @@ def page(diagnosis: Diagnosis, where: Where, key: NamingKey, budget: Mapping[str
         "## The gap before and after",
         gap_table(diagnosis).to_markdown(),
         "![Before and after](before_after.png)",
-        budget_table(budget).said(dof).to_markdown(),
+        "The budget of the gap could not be worked out."
+        if budget is None
+        else budget_table(budget).said(dof).to_markdown(),
     ]
-    parts += ["## What remains", _remains(diagnosis, budget)]
+    parts += ["## What remains", _remains(diagnosis)]
     parts += ["## What to run next", _next(diagnosis)]
     if diagnosis.verdict != "named":
         parts += ["## What these runs would have shown", detectable_table(diagnosis).to_markdown()]
@@ -127,7 +131,7 @@ def _where(where: Where) -> str:
     )
 
 
-def _why(diagnosis: Diagnosis, key: NamingKey) -> str:
+def _why(diagnosis: Diagnosis, key: NamingKey | None) -> str:
     """Evidence of the best candidates and what the naming key says."""
     first = diagnosis.found.rounds[0]
     best = sorted(first.trials, key=lambda trial: trial.evidence)[:5]
@@ -139,7 +143,9 @@ def _why(diagnosis: Diagnosis, key: NamingKey) -> str:
             "Every candidate was fitted together with the base model by simulating whole runs.",
         ),
     )  # fmt: skip
-    said = [_drift(key.best("k"), "drag"), _drift(key.best("I/k"), "inertia over drag")]
+    said = ["The naming key (how the runs' own drag and inertia drift with the moment) could not be formed."]
+    if key is not None:
+        said = [_drift(key.best("k"), "drag"), _drift(key.best("I/k"), "inertia over drag")]
     return "\n\n".join([table.to_markdown(), diagnosis.study.base.dof.say(" ".join(said))])
 
 
@@ -195,7 +201,7 @@ def _called(name: str, dof: Dof) -> str:
     return {own.constant: "constant force", own.difference: "half the difference of drag"}.get(name, name)
 
 
-def _remains(diagnosis: Diagnosis, budget: Mapping[str, float]) -> str:
+def _remains(diagnosis: Diagnosis) -> str:
     gap = diagnosis.gap
     ratio = gap.after / max(gap.floor, 1e-12)
     text = diagnosis.study.base.dof.say(

@@ -9,6 +9,7 @@ from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.gap import Gap
 from automarine_cli.diagnosis.where import Region, Where
 from automarine_cli.dofs import Dof
+from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.tables import MISSING, Table, number
 
 MOST_REGIONS = 8
@@ -51,7 +52,7 @@ def gap_table(diagnosis: Diagnosis) -> Table:
     rows = [_gap_row(f"{len(diagnosis.study.runs)} runs fitted", diagnosis.gap, dof)]
     if diagnosis.held_out is not None and diagnosis.held_out_gap is not None:
         rows.append(_gap_row(f"{len(diagnosis.held_out.runs)} runs held out", diagnosis.held_out_gap, dof))
-    scatter = [100.0 * float(trial.fit.factors[0]) for trial in (diagnosis.found.base, diagnosis.found.final)]
+    scatter = [100.0 * trial.fit.factor(GAIN) for trial in (diagnosis.found.base, diagnosis.found.final)]
     return Table(
         "", ("runs", "before [deg]", "after [deg]", "noise of the heading [deg]", "gap above the noise closed"),
         tuple(rows),

@@ -1,18 +1,20 @@
-"""All files of a yaw fit, in memory: tables, figures, one row a run."""
+"""All files of a yaw fit: tables, one row a run, figures."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from automarine_cli.dofs import Dof
+from automarine_cli.fits.mixed_problem import SWITCH
+from automarine_cli.fits.run_effects import GAIN, START_VELOCITY, SWITCHES
 from automarine_cli.fits.step_response import instant
 from automarine_cli.fits.ways import Ways
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report import yaw_tables
 from automarine_cli.report.figures import yaw as figures
-from automarine_cli.report.figures.style import figure_files
+from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.tables import Table, interval
 
 
@@ -72,22 +74,26 @@ def _by_way(ways: Ways, dof: Dof) -> str:
     return f"Drag does not differ between the ways beyond chance (p = {ways.p_value:.2g}): {symbol} {told} {unit}."
 
 
-def files(fit: YawFit, formats: Sequence[str] = ("png",)) -> Iterator[tuple[str, str | bytes]]:
-    """Name and content of every file but the model's JSON; each figure in each of the formats."""
+def files(fit: YawFit) -> Iterator[tuple[str, str | bytes]]:
+    """Name and content of every file but the model's JSON and the figures."""
     for name, table in zip(("table1", "table2"), tables(fit)):
         yield f"{name}.csv", table.to_csv()
         yield f"{name}.md", table.to_markdown()
         yield f"{name}.tex", table.to_latex()
     yield "runs.parquet", parquet(run_rows(fit))
-    if fit.seed_method is not None and fit.data is not None:
-        yield from figure_files(
-            "half_turns" if fit.dof.wraps else "steps", figures.half_turns_figure(fit), formats
-        )
-        yield from figure_files("drag", figures.drag_figure(fit, fit.seed_method), formats)
-        yield from figure_files("inertia", figures.inertia_figure(fit, fit.seed_method), formats)
-        yield from figure_files("collapse", figures.collapse_figure(fit, fit.data), formats)
-    else:
-        yield from figure_files("whole_runs", figures.whole_runs_figure(fit), formats)
+
+
+def drawings(fit: YawFit) -> dict[str, Draw]:
+    """What draws each figure, by the name of its file."""
+    seed, data = fit.seed_method, fit.data
+    if seed is None or data is None:
+        return {"whole_runs": lambda: figures.whole_runs_figure(fit)}
+    return {
+        "half_turns" if fit.dof.wraps else "steps": lambda: figures.half_turns_figure(fit),
+        "drag": lambda: figures.drag_figure(fit, seed),
+        "inertia": lambda: figures.inertia_figure(fit, seed),
+        "collapse": lambda: figures.collapse_figure(fit, data),
+    }
 
 
 def run_rows(fit: YawFit) -> pa.Table:
@@ -98,25 +104,24 @@ def run_rows(fit: YawFit) -> pa.Table:
 def _rows(fit: YawFit) -> list[dict[str, object]]:
     dof = fit.dof
     mixed, measured = fit.preferred.mixed, list[dict[str, object]]()
-    effects = mixed.run_effects
     if fit.seed_method is None or fit.data is None:
         for i, run in enumerate(fit.runs):
-            off = dof.shown(run.heading - mixed.fitted[i][: len(run)])
+            off = dof.shown(run.position - mixed.reading(dof.position)[i][: len(run)])
             measured.append(
                 {
                     "run": run.name,
                     "file": run.source,
                     "samples": len(run),
                     "duration_s": float(run.time[-1] - run.time[0]),
-                    "start_rate_deg_s": float(dof.shown(effects[i, 1])),
-                    "gain": float(np.exp(effects[i, 2])),
+                    "start_rate_deg_s": float(dof.shown(mixed.own(START_VELOCITY)[i, 0])),
+                    "gain": float(np.exp(mixed.own(GAIN)[i, 0])),
                     "rmse_deg": float(np.sqrt(np.mean(off**2))),
                 }
             )
         return measured
     seed, data = fit.seed_method, fit.data
     for i, turn in enumerate(fit.turns):
-        off = dof.shown((data.heading - mixed.fitted)[i][data.seen[i]])
+        off = dof.shown((data.heading - mixed.reading(dof.position))[i][data.seen[i]])
         row: dict[str, object] = {
             "run": turn.name,
             "file": turn.step.run.source,
@@ -127,7 +132,7 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
             "turned_deg": float(dof.shown(turn.turned)),
             "cut_by": turn.cut_by,
             "steady": turn.steady,
-            "start_heading_deg": float(dof.shown(turn.start_heading)),
+            "start_heading_deg": float(dof.shown(turn.start_position)),
             "switch_from_s": turn.switch_from,
             "switch_to_s": turn.switch_to,
             "tail_samples": int(seed.tails.used[i].sum()),
@@ -139,8 +144,10 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
             for number, table in seed.inertia.items()
         }
         row |= {
-            "gain": float(np.exp(effects[i, 1])),
-            "switch_shift_s": float(data.interval[i] * instant(mixed.theta[-1] + effects[i, 2])),
+            "gain": float(np.exp(mixed.own(GAIN)[i, 0])),
+            "switch_shift_s": float(
+                data.interval[i] * instant(mixed.value(SWITCH) + mixed.own(SWITCHES)[i, 0])
+            ),
             "rmse_deg": float(np.sqrt(np.mean(off**2))),
         }
         measured.append(row)

@@ -70,7 +70,7 @@ def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tupl
         columns = _only(columns, ~glitch)
         _refuse(clock_trouble(columns["time"]))
     run = _run(table, columns, name, counts)
-    _refuse(stuck(run.heading, _any_command(run), dof))
+    _refuse(stuck(run.position, _any_command(run), dof))
     return _bridged(run)
 
 
@@ -82,7 +82,7 @@ def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapp
         name=name,
         source=table.source,
         time=columns["time"],
-        heading=columns[dof.position],
+        position=columns[dof.position],
         moment=columns.get(dof.command),
         moment_unit=table.moment_unit or "",
         extras=extras,
@@ -139,10 +139,10 @@ def _bridged(run: Run) -> tuple[Run, ...]:
     steps = np.diff(run.time)
     gaps = np.flatnonzero(steps > GAP_IN_PERIODS * median(steps))
     dof = run.dof
-    jumps = np.setdiff1d(find_jumps(run.time, run.heading, dof.turn), gaps)
-    sizes = dof.shown(np.abs(wrapped(np.diff(run.heading)[jumps], dof.turn)))
-    result = unwrap(run.time, run.heading, gaps, dof.turn)
-    run = replace(run, heading=result.heading)
+    jumps = np.setdiff1d(find_jumps(run.time, run.position, dof.turn), gaps)
+    sizes = dof.shown(np.abs(wrapped(np.diff(run.position)[jumps], dof.turn)))
+    result = unwrap(run.time, run.position, gaps, dof.turn)
+    run = replace(run, position=result.position)
     widest = f"{steps[gaps].max():.3g} s" if gaps.size else ""
     notes = run.notes
     if jumps.size:

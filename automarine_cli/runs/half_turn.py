@@ -18,7 +18,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.runs.noise import slope
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.sense import longest_repeat
-from automarine_cli.runs.steps import Step, find_steps, start_heading
+from automarine_cli.runs.steps import Step, find_steps, start_position
 
 Floats = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ class Trim:
 
     def of_whole(self, run: Run) -> Run:
         """A whole run of a translation as far as it is followed."""
-        out = self.beyond(run.heading, float(run.heading[0]), run.noise, run.dof)
+        out = self.beyond(run.position, float(run.position[0]), run.noise, run.dof)
         return run.cut(0, int(np.argmax(out))) if not run.dof.wraps and out.any() else run
 
     def ended(self, dof: Dof) -> str:
@@ -68,19 +68,19 @@ UNTRIMMED = Trim()
 
 @dataclass(frozen=True)
 class HalfTurn:
-    """What is kept of a step: `kept` are its samples in the run, `time` [s, campaign clock] and `heading`
+    """What is kept of a step: `kept` are its samples in the run, `time` [s, campaign clock] and `position`
     [rad] theirs.
 
-    `start_heading` [rad] is psi0; the switch lies in (`switch_from`, `switch_to`] [s]; `cut_by` is what ended
+    `start_position` [rad] is psi0; the switch lies in (`switch_from`, `switch_to`] [s]; `cut_by` is what ended
     it, in words; `turned` [rad] the signed angle from psi0 to the end; `noise` [rad] of the heading; `steady`
     whether the rate had settled. `why` is empty, or the sentence for which the half-turn is set aside.
     """
 
     step: Step
     time: Floats
-    heading: Floats
+    position: Floats
     kept: slice
-    start_heading: float
+    start_position: float
     switch_from: float
     switch_to: float
     moment: float
@@ -104,20 +104,20 @@ class HalfTurn:
 def half_turn(run: Run, step: Step, trim: Trim = UNTRIMMED) -> HalfTurn:
     """Trim a step to |psi - psi0| <= pi and judge it. Trimming what was trimmed changes nothing."""
     noise = run.noise
-    zero = start_heading(step)
-    position = run.heading[step.segment]
-    stop, crossed = _end(position - zero, trim.beyond(position, zero, noise, run.dof), noise)
+    zero = start_position(step)
+    whole = run.position[step.segment]
+    stop, crossed = _end(whole - zero, trim.beyond(whole, zero, noise, run.dof), noise)
     kept = slice(step.first, step.first + stop)
     cut_by = trim.ended(run.dof) if crossed else LOG_ENDS if step.ends_log else MOMENT_ENDS
-    time, heading = run.time[kept], run.heading[kept]
-    steady = _is_steady(time, heading, noise)
-    turned = _last_heading(time, heading) - zero
+    time, position = run.time[kept], run.position[kept]
+    steady = _is_steady(time, position, noise)
+    turned = _last_position(time, position) - zero
     return HalfTurn(
         step=step,
         time=time,
-        heading=heading,
+        position=position,
         kept=kept,
-        start_heading=zero,
+        start_position=zero,
         switch_from=step.switch_from,
         switch_to=step.switch_to,
         moment=step.moment,
@@ -125,7 +125,7 @@ def half_turn(run: Run, step: Step, trim: Trim = UNTRIMMED) -> HalfTurn:
         turned=turned,
         noise=noise,
         steady=steady,
-        why=_why_not(step, heading, turned, noise, cut_by, steady, crossed),
+        why=_why_not(step, position, turned, noise, cut_by, steady, crossed),
     )
 
 
@@ -192,15 +192,16 @@ def trimmed(run: Run, trim: Trim = UNTRIMMED) -> Trimmed:
     )
     kept = slice(kept.start - start, kept.stop - start)
     return Trimmed(
-        short, replace(turn, step=step, time=short.time[kept], heading=short.heading[kept], kept=kept), ""
+        short, replace(turn, step=step, time=short.time[kept], position=short.position[kept], kept=kept), ""
     )
 
 
 def _copied(run: Run, start: int, stop: int) -> Run:
-    """Samples start:stop with nothing else, so that the rest of the log need not stay in memory."""
-    time, heading = (column[start:stop].copy() for column in (run.time, run.heading))
+    """Samples start:stop of what sensors of the motion say, so that the rest of the log need not stay in memory."""
+    time, position = (column[start:stop].copy() for column in (run.time, run.position))
     moment = None if run.moment is None else run.moment[start:stop].copy()
-    return replace(run, time=time, heading=heading, moment=moment, extras={})
+    extras = {name: run.extras[name][start:stop].copy() for name in (run.dof.velocity,) if name in run.extras}
+    return replace(run, time=time, position=position, moment=moment, extras=extras)
 
 
 NO_STEP = (
@@ -221,20 +222,20 @@ def _end(turned: Floats, beyond: NDArray[np.bool_], noise: float) -> tuple[int, 
     return max(crossing - margin, min(crossing, FEWEST_SAMPLES)), True
 
 
-def _last_heading(time: Floats, heading: Floats) -> float:
+def _last_position(time: Floats, position: Floats) -> float:
     """Heading at the last sample [rad], from the line through the last six."""
-    late, psi = time[-6:], heading[-6:]
+    late, psi = time[-6:], position[-6:]
     rate, _ = slope(late, psi)
     return float(psi.mean() + rate * (late[-1] - late.mean()))
 
 
-def _is_steady(time: Floats, heading: Floats, noise: float) -> bool:
+def _is_steady(time: Floats, position: Floats, noise: float) -> bool:
     """Whether the rate of the last third is that of the third before, within a tenth or the noise."""
     third = len(time) // 3
     if third < 3:
         return False
-    late, late_error = slope(time[-third:], heading[-third:])
-    middle, middle_error = slope(time[-2 * third : -third], heading[-2 * third : -third])
+    late, late_error = slope(time[-third:], position[-third:])
+    middle, middle_error = slope(time[-2 * third : -third], position[-2 * third : -third])
     change = abs(late - middle)
     return change <= STILL_CHANGING * abs(late) or change <= SURE * noise * math.hypot(
         late_error, middle_error
@@ -242,29 +243,29 @@ def _is_steady(time: Floats, heading: Floats, noise: float) -> bool:
 
 
 def _why_not(
-    step: Step, heading: Floats, turned: float, noise: float, cut_by: str, steady: bool, crossed: bool
+    step: Step, position: Floats, turned: float, noise: float, cut_by: str, steady: bool, crossed: bool
 ) -> str:
     """The sentence for which a half-turn is set aside, or nothing."""
-    return step.run.dof.say(_why_not_yaw(step, heading, turned, noise, cut_by, steady, crossed))
+    return step.run.dof.say(_why_not_yaw(step, position, turned, noise, cut_by, steady, crossed))
 
 
 def _why_not_yaw(
-    step: Step, heading: Floats, turned: float, noise: float, cut_by: str, steady: bool, crossed: bool
+    step: Step, position: Floats, turned: float, noise: float, cut_by: str, steady: bool, crossed: bool
 ) -> str:
     """The same in the words of yaw."""
     dof = step.run.dof
     whole = round(abs(float(dof.shown(turned))))
     degrees = f"{whole} degree{'s' * (whole != 1)}"
     at = f"the step of {step.moment:.4g} {step.run.moment_unit}".rstrip()
-    repeats, _ = longest_repeat(heading, np.ones(len(heading), dtype=bool))
-    if repeats >= max(10, len(heading) / 2):
+    repeats, _ = longest_repeat(position, np.ones(len(position), dtype=bool))
+    if repeats >= max(10, len(position) / 2):
         return (
-            f"compass stuck: {repeats} of {len(heading)} samples of {at} show one heading. "
+            f"compass stuck: {repeats} of {len(position)} samples of {at} show one heading. "
             "Check the compass, or whether the vehicle was held"
         )
-    if len(heading) < FEWEST_SAMPLES:
+    if len(position) < FEWEST_SAMPLES:
         return (
-            f"too short: {at} has {len(heading)} samples ({cut_by}); at least {FEWEST_SAMPLES} are needed. "
+            f"too short: {at} has {len(position)} samples ({cut_by}); at least {FEWEST_SAMPLES} are needed. "
             "Log faster or hold the moment longer"
         )
     if abs(turned) < max(dof.limits.still, 5 * noise):

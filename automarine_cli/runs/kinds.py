@@ -31,7 +31,7 @@ def kind_of(run: Run) -> RunKind:
     driven = run.as_commanded()
     levels = {moment for _, _, moment in segments(driven.command) if moment != 0}
     steps = [step for step in find_steps(driven) if step.from_rest]
-    angles = [(step.moment, driven.heading[step.stop - 1] - driven.heading[step.first]) for step in steps]
+    angles = [(step.moment, driven.position[step.stop - 1] - driven.position[step.first]) for step in steps]
     turned = [float(moment * angle) for moment, angle in angles if abs(angle) > run.dof.limits.still]
     return RunKind(
         name=run.name,

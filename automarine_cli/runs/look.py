@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from automarine_cli.logs import LogTable
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.runs.half_turn import NO_STEP, HalfTurn, half_turn
-from automarine_cli.runs.noise import heading_noise
+from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import find_steps, segments
 
@@ -99,8 +99,8 @@ def look_at_run(run: Run) -> RunSeen:
         ),  # not the clock's rounding
         longest_step_s=float(spans.max()),
         counts=dict(run.counts),
-        heading_noise_deg=float(run.dof.shown(heading_noise(run.time, run.heading))),
-        turns=float(np.ptp(run.heading) / (run.dof.turn if run.dof.wraps else 1.0)),
+        heading_noise_deg=float(run.dof.shown(position_noise(run.time, run.position))),
+        turns=float(np.ptp(run.position) / (run.dof.turn if run.dof.wraps else 1.0)),
         moment_unit=driven.moment_unit,
         levels=levels if len(levels) <= min(MOST_LEVELS, len(run) // 4) else None,
         steps=[_step_seen(turn) for turn in turns],
@@ -120,7 +120,7 @@ def _step_seen(turn: HalfTurn) -> StepSeen:
         switch_to_s=step.switch_to,
         ends_s=float(step.run.time[step.stop - 1]),
         from_rest=step.from_rest,
-        start_heading_deg=float(step.run.dof.logged(turn.start_heading)),
+        start_heading_deg=float(step.run.dof.logged(turn.start_position)),
         kept_samples=len(turn.time),
         kept_s=float(turn.time[-1] - turn.time[0]),
         turned_deg=float(step.run.dof.shown(turn.turned)),

@@ -7,7 +7,7 @@ Floats = NDArray[np.float64]
 NORMAL = 1.4826  # median absolute value of a normal variable -> its standard deviation
 
 
-def heading_noise(time: Floats, heading: Floats) -> float:
+def position_noise(time: Floats, heading: Floats) -> float:
     """Standard deviation [rad] of the white noise on a heading of shape (N,); 0 for fewer than 7 samples.
 
     Each sample is compared with the cubic through two neighbours on either side at their true times, which

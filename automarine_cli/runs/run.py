@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs.canonical import names_of
-from automarine_cli.runs.noise import heading_noise, median
+from automarine_cli.runs.noise import median, position_noise
 
 Floats = NDArray[np.float64]
 
@@ -31,18 +31,18 @@ class SetAside:
 class Run:
     """One test of one vehicle, checked once: arrays of shape (N,), SI units.
 
-    `time` [s] rises strictly on the campaign's clock; `heading` [rad] is unwrapped; `moment` [`moment_unit`] is
+    `time` [s] rises strictly on the campaign's clock; `position` [rad] is unwrapped; `moment` [`moment_unit`] is
     the commanded yaw moment, held until the next sample, or None where the log has thruster commands instead.
     `extras` holds every other numeric column (`yaw_rate` [rad/s], `n_port`, `n_stbd`, `voltage` [V], `surge`,
     `sway` [m/s], ...). `counts` says what cleaning did (name -> number), `notes` what a person should know.
     `reading` are those of the notes that tell how the log was read, such as signs that were turned and how old held
-    values are. In a run of another motion (`dof`) `heading` is the position [m] and `moment` the force.
+    values are. In a run of another motion (`dof`) `position` is in metres and `moment` the force.
     """
 
     name: str
     source: str
     time: Floats
-    heading: Floats
+    position: Floats
     moment: Floats | None
     moment_unit: str
     extras: Mapping[str, Floats] = field(default_factory=dict)
@@ -52,7 +52,7 @@ class Run:
     dof: Dof = YAW
 
     def __post_init__(self) -> None:
-        for name, column in {"time": self.time, "heading": self.heading, **self.extras}.items():
+        for name, column in {"time": self.time, "position": self.position, **self.extras}.items():
             if column.shape != self.time.shape:
                 raise RunError(
                     f"{self.source}, run {self.name!r}: column {name!r} has {column.shape} values "
@@ -78,6 +78,21 @@ class Run:
             )
         return self.moment
 
+    def command_of(self, dof: Dof) -> Floats:
+        """Commanded moment or force of any degree of freedom, (N,). Raises RunError where the log has none."""
+        if dof is self.dof:
+            return self.command
+        if dof.command not in self.extras:
+            raise RunError(
+                f"{self.source}, run {self.name!r}: no {dof.words.full_force} ({', '.join(names_of(dof.command))}) in "
+                "the log; name its column with --columns"
+            )
+        return self.extras[dof.command]
+
+    def channel(self, quantity: str) -> Floats | None:
+        """What a sensor logged, (N,) [base units], NaN where it has no reading; None where there is no such sensor."""
+        return self.position if quantity == self.dof.position else self.extras.get(quantity)
+
     @cached_property
     def sample_period(self) -> float:
         """Median time between samples [s]."""
@@ -85,8 +100,8 @@ class Run:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation [rad] of the white noise on the heading at the start of the run, see `heading_noise`."""
-        return heading_noise(self.time[:NOISE_FROM], self.heading[:NOISE_FROM])
+        """Standard deviation [rad] of the white noise on the heading at the start of the run, see `position_noise`."""
+        return position_noise(self.time[:NOISE_FROM], self.position[:NOISE_FROM])
 
     def as_commanded(self) -> "Run":
         """The run with what is logged of its commands for a moment: thruster commands added up if there is no other."""
@@ -106,7 +121,7 @@ class Run:
         return replace(
             self,
             time=self.time[start:stop],
-            heading=self.heading[start:stop],
+            position=self.position[start:stop],
             moment=None if self.moment is None else self.moment[start:stop],
             extras={name: column[start:stop] for name, column in self.extras.items()},
         )

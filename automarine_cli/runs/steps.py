@@ -26,7 +26,7 @@ class Step:
     The command switched somewhere in (`switch_from`, `switch_to`] [s, campaign clock]: after the last sample
     that does not show the moment, at the latest with the first that does. If the log begins with the moment
     already on (`begins_log`), `switch_from` is one sample period before. `rest` are the samples before the
-    step at zero moment during which the vehicle stood still, `start_heading` [rad] the mean heading over
+    step at zero moment during which the vehicle stood still, `start_position` [rad] the mean heading over
     them; both None where there are none. `from_rest` says whether the step starts from standstill,
     `start_rate` [rad/s] what rate it seems to start with. `ends_log`: the log ends with the moment still on.
     """
@@ -37,7 +37,7 @@ class Step:
     moment: float
     switch_from: float
     switch_to: float
-    start_heading: float | None
+    start_position: float | None
     rest: slice | None
     from_rest: bool
     start_rate: float
@@ -86,7 +86,7 @@ def _step(run: Run, first: int, stop: int) -> Step:
     sigma = run.noise
     pace = _mean_rate(run, first, stop)
     rest = None if begins else _rest_before(run, first, sigma, pace)
-    rate, doubt = start_motion(run.time[first:stop], run.heading[first:stop], sigma, run.dof.limits.start)
+    rate, doubt = start_motion(run.time[first:stop], run.position[first:stop], sigma, run.dof.limits.start)
     slow = abs(rate) <= SLOW * abs(pace) + SURE * doubt
     only = begins or first < SHORT_REST  # too little before the step to tell: its own start decides
     note = "the log begins with the moment already on: its switch is taken within the sample period before"
@@ -97,7 +97,7 @@ def _step(run: Run, first: int, stop: int) -> Step:
         moment=float(run.command[first]),
         switch_from=float(before),
         switch_to=float(run.time[first]),
-        start_heading=None if rest is None else float(run.heading[rest].mean()),
+        start_position=None if rest is None else float(run.position[rest].mean()),
         rest=rest,
         from_rest=rest is not None or (only and slow),
         start_rate=0.0 if rest is not None else rate,
@@ -109,7 +109,7 @@ def _step(run: Run, first: int, stop: int) -> Step:
 
 def _mean_rate(run: Run, first: int, stop: int) -> float:
     """Mean yaw rate of the step [rad/s], over its first half-turn at most."""
-    turned = run.heading[first:stop] - run.heading[first]
+    turned = run.position[first:stop] - run.position[first]
     last = int(np.argmax(np.abs(turned) > run.dof.limits.trim)) or stop - first - 1
     return float(turned[last] / (run.time[first + last] - run.time[first]))
 
@@ -126,7 +126,7 @@ def _rest_before(run: Run, first: int, sigma: float, pace: float) -> slice | Non
     length = first - start
     while length >= FEWEST_AT_REST:
         stretch = slice(first - length, first)
-        rate, error = slope(run.time[stretch], run.heading[stretch])
+        rate, error = slope(run.time[stretch], run.position[stretch])
         doubt = SURE * error * sigma
         whole = length == first and start == 0  # the log begins here: nothing moved the vehicle before
         if abs(rate) <= doubt + 0.2 * SLOW * abs(pace) and (whole or doubt <= SLOW * abs(pace)):
@@ -171,22 +171,22 @@ def start_length(heading: Floats, angle: float = YAW.limits.start) -> int:
     return min(max(count, 6), len(heading))
 
 
-def start_heading(step: Step) -> float:
+def start_position(step: Step) -> float:
     """Heading at the step [rad]: the mean over the rest before it, else carried back from the start of the
     motion.
 
     Without rest a parabola through the start of the step is read at the middle of the switch interval (from a
     standstill without slope there). It depends on the first samples of the step only.
     """
-    if step.start_heading is not None:
-        return step.start_heading
-    heading = step.run.heading[step.segment]
-    count = start_length(heading, step.run.dof.limits.start)
+    if step.start_position is not None:
+        return step.start_position
+    position = step.run.position[step.segment]
+    count = start_length(position, step.run.dof.limits.start)
     time = step.run.time[step.first : step.first + count] - step.switch_mid
     if step.from_rest:
         design = np.column_stack([np.ones(count), time**2])
-        return float(np.linalg.lstsq(design, heading[:count], rcond=None)[0][0])
-    return float(_parabola(time, heading[:count], at=0.0)[0][0])
+        return float(np.linalg.lstsq(design, position[:count], rcond=None)[0][0])
+    return float(_parabola(time, position[:count], at=0.0)[0][0])
 
 
 def _parabola(time: Floats, heading: Floats, at: float | None = None) -> tuple[Floats, Floats]:

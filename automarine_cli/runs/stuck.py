@@ -36,7 +36,7 @@ def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]
 def _moved(run: Run) -> bool:
     """Whether the mean headings of its pieces differ by more than noise would make them."""
     count = max(1, min(len(run) // 3, int((run.time[-1] - run.time[0]) / PIECE_S)))
-    means = [float(piece.mean()) for piece in np.array_split(run.heading, count)]
+    means = [float(piece.mean()) for piece in np.array_split(run.position, count)]
     return max(means) - min(means) >= max(run.dof.limits.still, 5 * run.noise)
 
 

@@ -155,7 +155,7 @@ class Unwrapped:
     bridge).
     """
 
-    heading: Floats
+    position: Floats
     broken_after: tuple[int, ...]
 
 

@@ -64,8 +64,8 @@ def log_run(
     switches: Floats,
     dof: Dof = YAW,
 ) -> Log:
-    """The log of a run whose sensor would read `heading` [rad, or m] at `time` [s since its first sample] without
-    noise; `rate` [rad/s, or m/s] is the true one; all of shape (N,).
+    """The log of a run whose sensors would read `heading` [rad, or m] and `rate` [rad/s, or m/s] at `time` [s since
+    its first sample] without noise, all of shape (N,).
     """
     count = len(time)
     reading = dof.logged(heading) + logger.noise_deg * normal(count, seed, plan.key, "noise")

@@ -65,7 +65,8 @@ class Logger:
     `rate_hz` samples a second; `noise_deg` white noise of the heading and `quantisation_deg` its resolution;
     `dropout` share of the samples lost; `clock_jitter_s` standard deviation of the sampling instants around
     an even clock (the stamps are right); `glitch` share of the samples that are off by `glitch_deg` to either side;
-    `wrap` of the heading; `rate_noise_deg_s` adds a column with the yaw rate and that noise.
+    `wrap` of the heading; `rate_noise_deg_s` adds a column with the yaw rate, as a gyro reads it, and that noise;
+    `rate_bias_deg_s` is the standard deviation of what it reads at standstill, drawn for each run.
     """
 
     rate_hz: float = 10.0
@@ -77,13 +78,17 @@ class Logger:
     glitch_deg: float = 90.0
     wrap: Literal["0..360", "-180..180", "none"] = "0..360"
     rate_noise_deg_s: float | None = None
+    rate_bias_deg_s: float | None = None
 
     def __post_init__(self) -> None:
         positive(self, "rate_hz")
-        at_least_zero(
-            self, "noise_deg", "quantisation_deg", "clock_jitter_s", "glitch_deg", "rate_noise_deg_s"
-        )
+        at_least_zero(self, "noise_deg", "quantisation_deg", "clock_jitter_s", "glitch_deg")
+        at_least_zero(self, "rate_noise_deg_s", "rate_bias_deg_s")
         between(self, 0.0, 0.9, "dropout", "glitch")
+        if self.rate_noise_deg_s is None and self.rate_bias_deg_s is not None:
+            raise SettingError(
+                "rate_bias_deg_s is of the rates logged; expected rate_noise_deg_s with it (0 for none)"
+            )
         if self.clock_jitter_s > MOST_JITTER * self.period:
             raise SettingError(
                 f"clock_jitter_s is {self.clock_jitter_s:g}; expected at most {MOST_JITTER:g} of the sample "

@@ -18,7 +18,7 @@ from automarine_cli.pipeline.shown import Shown
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.compare_tables import difference_table, parameter_table, sentence, summary
 from automarine_cli.report.figures.compare import compare_figure
-from automarine_cli.report.figures.style import figure_files
+from automarine_cli.report.figures.files import refuse_unknown, write_figures
 from automarine_cli.report.tables import Table
 
 SCHEMA = "automarine/comparison/1"
@@ -98,6 +98,7 @@ def compare(
     Writes the comparison if `out` is given; `jobs` and `progress` change nothing, it is quick. Raises SettingError for
     results that cannot be compared, ModelError for a file that automarine did not write so, OutputError.
     """
+    refuse_unknown(figure_formats)
     folders = [Path(one) for one in results]
     if len(folders) < 2:
         raise SettingError("one result was given; give two or more folders of results to compare")
@@ -133,8 +134,7 @@ def compare(
         folder.write("differences.csv", two.to_csv())
         words = Table("", ("in words",), tuple((line,) for line in result.sentences()))
         folder.write("comparison.md", "\n".join(table.to_markdown() for table in (words, one, two)))
-        for name, content in figure_files("comparison", compare_figure(sides), figure_formats):
-            folder.write(name, content)
+        write_figures(folder, {"comparison": lambda: compare_figure(sides)}, figure_formats)
     return result
 
 

@@ -24,6 +24,7 @@ from automarine_cli.pipeline.parallel import lasting_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report import diagnosis_report, diagnosis_tables, thruster_diagnosis
+from automarine_cli.report.figures.files import refuse_unknown
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside, readings
@@ -177,6 +178,7 @@ def diagnose(
     results if `out` is given, figures in the
     `figure_formats` (png, svg, pdf). Raises LogError, RunError, ModelError, FitError, SettingError or OutputError.
     """
+    refuse_unknown(figure_formats)
     stored = load_yaw_models(model)
     names = given_columns(columns)
     runs, aside, files = _runs(logs, names, thrusters, arm, strict, jobs, progress, stored)
@@ -217,8 +219,7 @@ def diagnose(
         result = work()
         folder.write_json("diagnosis.json", result.to_json())
         folder.write_json("extended_model.json", result.extended_model())
-        for name, content in diagnosis_report.files(result.diagnosis, result.where, figure_formats):
-            folder.write(name, content)
+        diagnosis_report.write(folder, result.diagnosis, result.where, figure_formats)
     return result
 
 

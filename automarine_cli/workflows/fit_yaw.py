@@ -18,6 +18,7 @@ from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import yaw_report
+from automarine_cli.report.figures.files import refuse_unknown, write_figures
 from automarine_cli.runs.half_turn import UNTRIMMED, Trim
 from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run
@@ -113,6 +114,7 @@ def _fit(
     progress: Progress,
 ) -> YawFit:
     """The fit of any motion; `own` are the options that only it has."""
+    refuse_unknown(figure_formats)
     column_map = given_columns(columns)
     arm, kind = own.get("arm"), FIT_TO[1] if fit_to == STEPS else fit_to
     drive = moment_maker(thrusters, arm if isinstance(arm, int | float) else None, column_map, dof)
@@ -157,6 +159,7 @@ def _fit(
     ) as folder:
         fit = work()
         folder.write_json(f"{dof.name}_model.json", fit.to_json())
-        for name, content in yaw_report.files(fit, figure_formats):
+        for name, content in yaw_report.files(fit):
             folder.write(name, content)
+        write_figures(folder, yaw_report.drawings(fit), figure_formats)
     return fit

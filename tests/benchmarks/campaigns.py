@@ -78,7 +78,7 @@ def known_half_turns(campaign: Campaign) -> StepData:
     return step_data(
         [turn.name for turn in turns],
         [turn.time for turn in turns],
-        [turn.heading - zero[turn.name] for turn in turns],
+        [turn.position - zero[turn.name] for turn in turns],
         [turn.moment for turn in turns],
         [turn.switch_to - turn.switch_from for turn in turns],
         turns[0].step.run.dof,

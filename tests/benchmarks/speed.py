@@ -123,7 +123,7 @@ def _simulator(runs: int, sets: int, repeats: int, progress: Progress) -> Result
     for i in range(repeats):
         together.append(_seconds(lambda: simulate(model, batch, theta)))
         progress("simulator", i + 1, repeats)
-    heading = simulate(model, batch, theta).heading
+    heading = simulate(model, batch, theta).position
     compiled = _compiled(batch, theta, repeats)
     some = range(0, runs, runs // 12)  # these runs, the first parameter set; the rest takes as long
     worst, one_by_one = 0.0, 0.0

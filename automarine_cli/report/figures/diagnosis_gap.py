@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from automarine_cli.diagnosis.budget import LEFT, NOISE, SCATTER
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.where import Where
+from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, in_words
 from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure, said
 
@@ -19,8 +20,9 @@ MOST_RUNS_SHOWN = 4
 
 
 @house_style
-def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str, float]) -> Figure:
-    """Telling runs with both models, their errors, the error by the most telling variable, and the budget."""
+def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str, float] | None) -> Figure:
+    """Telling runs with both models, their errors, the error by the most telling variable, and the budget, if there
+    is one."""
     dof = diagnosis.study.base.dof
     picks = _telling_runs(diagnosis)
     count = max(len(picks), 1)
@@ -58,7 +60,8 @@ def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str,
     _sizes(figure.add_subplot(place[2, :half]), diagnosis)
     if count > 1:
         _by_variable(figure.add_subplot(place[2, half:]), diagnosis, where)
-    _budget(figure.add_subplot(place[3, :]), shares)
+    if shares is not None:
+        _budget(figure.add_subplot(place[3, :]), shares)
     figure.suptitle(_sizes_in_words(diagnosis))
     handles = [h for axes in (grid[0, 0], grid[1, 0]) for h in axes.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
@@ -98,7 +101,7 @@ def _telling_runs(diagnosis: Diagnosis) -> list[Pick]:
             run, n = study.runs[i], len(study.runs[i])
             name = run.name if len(run.name) <= 26 else f"…{run.name[-25:]}"
             found.append(
-                (f"{name}\n{word}", run.time - run.time[0], run.heading, gap.residuals_before[i, :n],
+                (f"{name}\n{word}", run.time - run.time[0], run.position, gap.residuals_before[i, :n],
                  gap.residuals_after[i, :n])
             )  # fmt: skip
     return found[:MOST_RUNS_SHOWN]
@@ -149,7 +152,7 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis, where: Where) -> None:
     variable, column = where.variables[at], where.columns[at]
     row = variable.telling
     if column.of_the_run:
-        pairs = [where.gain, 100.0 * diagnosis.found.final.fit.run_effects[:, 2]]
+        pairs = [where.gain, 100.0 * diagnosis.found.final.fit.own(GAIN)[:, 0]]
         axes.set_ylabel("own thrust [%]")
     else:
         dof = where.dof

@@ -19,19 +19,15 @@ Floats = NDArray[np.float64]
 
 
 @house_style
-def why_figure(diagnosis: Diagnosis, key: NamingKey) -> Figure:
-    """Evidence of every candidate in the first round against the threshold, and the naming key."""
+def why_figure(diagnosis: Diagnosis, key: NamingKey | None) -> Figure:
+    """Evidence of every candidate in the first round against the threshold, and the naming key, if there is one."""
     count = len(diagnosis.found.rounds[0].trials)
     figure, grid = new_figure(2, 2, PAGE_IN, max(4.2, 0.17 * count + 1.2), width_ratios=(1.25, 1.0))
     place = grid[0, 0].get_gridspec()
     for axes in grid[:, 0]:
         axes.remove()
     _evidence(figure.add_subplot(place[:, 0]), diagnosis)
-    named = bool(diagnosis.found.final.added)
-    _key(grid[0, 1], key, "k", "drag over thrust, k", key.log_k, key.log_k_error, key.predicted_k, named)
-    _key(grid[1, 1], key, "I/k", "inertia over drag, I / k", key.log_ratio, key.log_ratio_error,
-         key.predicted_ratio, named)  # fmt: skip
-    grid[1, 1].set_xlabel(f"size of the moment [{key.unit}]")
+    _drifts(grid[0, 1], grid[1, 1], key, bool(diagnosis.found.final.added))
     chance = f"reached by chance in {1000 * LEVEL:.0f} of 1000 campaigns"
     handles = [
         Patch(color=AFTER, label="named"),
@@ -76,6 +72,19 @@ def _evidence(axes: Axes, diagnosis: Diagnosis) -> None:
     axes.set_xlabel("evidence gained over the base model [deviance]")
     axes.grid(False, axis="y")
     axes.margins(y=0.01)
+
+
+def _drifts(top: Axes, bottom: Axes, key: NamingKey | None, named: bool) -> None:
+    """Both drifts of the naming key, one above the other."""
+    if key is None:
+        for axes in (top, bottom):
+            axes.set_axis_off()
+        top.set_title("the naming key could not be formed", fontsize=7)
+        return
+    _key(top, key, "k", "drag over thrust, k", key.log_k, key.log_k_error, key.predicted_k, named)
+    _key(bottom, key, "I/k", "inertia over drag, I / k", key.log_ratio, key.log_ratio_error,
+         key.predicted_ratio, named)  # fmt: skip
+    bottom.set_xlabel(f"size of the moment [{key.unit}]")
 
 
 def _key(

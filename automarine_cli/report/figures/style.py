@@ -6,7 +6,7 @@ own matplotlib settings say, and leaves them alone afterwards.
 
 import io
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import matplotlib
@@ -18,7 +18,6 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
-from automarine_cli.errors import SettingError
 from automarine_cli.report.figures import panels
 
 # Okabe and Ito (2008), ordered so that neighbours differ in lightness too.
@@ -125,14 +124,6 @@ def pdf(figure: Figure) -> bytes:
 
 
 FORMATS: Mapping[str, Callable[[Figure], bytes]] = {"png": png, "svg": svg, "pdf": pdf}
-
-
-def figure_files(name: str, figure: Figure, formats: Sequence[str] = ("png",)) -> Iterator[tuple[str, bytes]]:
-    """`name.format` and its content, for each format in turn. Raises SettingError for a format unknown."""
-    for kind in formats:
-        if kind not in FORMATS:
-            raise SettingError(f"figure format {kind!r} is not known; known are {', '.join(FORMATS)}")
-        yield f"{name}.{kind}", FORMATS[kind](figure)
 
 
 def _saved(figure: Figure, kind: str, metadata: dict[str, Any], **keywords: Any) -> bytes:

@@ -32,7 +32,7 @@ def validation_figure(free: Mapping[str, FreeRun], floor_deg: float) -> Figure:
     dof = run.dof
     figure, axes = new_figure(3, 1, PAGE_IN, 6.0, sharex=True, height_ratios=(2.0, 1.3, 0.9))
     headings, errors, moment = axes[:, 0]
-    time, measured = run.time - run.time[0], dof.shown(run.heading)
+    time, measured = run.time - run.time[0], dof.shown(run.position)
     size = 3.0 if len(run) <= CROWD else 1.5
     headings.plot(time, measured, "o", color=MEASURED, markersize=size, label="measured", zorder=2)
     shown = {model: one for model, one in free.items() if not one.diverged}

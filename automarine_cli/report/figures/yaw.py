@@ -45,11 +45,11 @@ def half_turns_figure(fit: YawFit) -> Figure:
             run, start = turn.step.run, turn.step.switch_mid
             first = turn.step.rest.start if turn.step.rest is not None else turn.kept.start
             after = slice(turn.kept.stop - 1, turn.step.stop)
-            zero = dof.shown(turn.start_heading)
+            zero = dof.shown(turn.start_position)
             for part, style in ((slice(first, turn.kept.start + 1), "-"), (after, "-")):
                 ax.plot(
                     run.time[part] - start,
-                    dof.shown(run.heading[part]) - zero,
+                    dof.shown(run.position[part]) - zero,
                     style,
                     color="0.82",
                     lw=0.7,
@@ -57,7 +57,7 @@ def half_turns_figure(fit: YawFit) -> Figure:
                 )
             ax.plot(
                 turn.time - start,
-                dof.shown(turn.heading) - zero,
+                dof.shown(turn.position) - zero,
                 color=colours(abs(turn.moment)),
                 lw=0.9,
                 zorder=2,
@@ -206,8 +206,8 @@ def whole_runs_figure(fit: YawFit) -> Figure:
     number = fit.preference.number
     for ax, i in zip(axes.flat, shown):
         run = fit.runs[i]
-        time, fitted = run.time - run.time[0], fit.preferred.mixed.fitted[i][: len(run)]
-        ax.plot(time, dof.shown(run.heading), color=MEASURED, lw=2.0, label="measured")
+        time, fitted = run.time - run.time[0], fit.preferred.mixed.reading(dof.position)[i][: len(run)]
+        ax.plot(time, dof.shown(run.position), color=MEASURED, lw=2.0, label="measured")
         ax.plot(
             time,
             dof.shown(fitted),
