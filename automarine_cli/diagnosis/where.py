@@ -148,9 +148,10 @@ def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
         variances = linear_mixed.choose_variances(gram, problem.effects, trial.fit.variances)
         b = linear_mixed.posterior_mean(gram, problem.effects, variances, np.zeros(len(trial.fit.phi)))
     window = np.take_along_axis(batch.window, np.minimum(batch.node, batch.window.shape[1] - 1), axis=1)
-    own = trial.fit.effects.of(b, DISTURBANCE)
-    held = np.take_along_axis(own, np.minimum(window, batch.windows - 1), axis=1)
     inertia = trial.model.index(trial.model.dof.parameter("inertia"))
+    held = np.take_along_axis(
+        trial.fit.effects.of(b, DISTURBANCE), np.minimum(window, batch.windows - 1), axis=1
+    )
     return residual, np.where(batch.seen, trial.fit.theta[inertia] * held, 0.0)
 
 

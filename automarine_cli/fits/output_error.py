@@ -190,14 +190,15 @@ def _outcome(
     alone = float(problem.count.sum() - len(mixed.theta)) if len(problem.measured) == 1 else None
     axes = np.eye(len(mixed.theta))
     roles, names = base_roles(number, dof, sided), base_names(number, dof, sided)
+    at = {role: mixed.names.index(dof.parameter(role)) for role in roles}
     like = {"difference": main_drag(number)}
     estimates = {
-        name: estimate_of(mixed, covariance, i, dof.unit_of(like.get(role, role), moment_unit), alone)
-        for i, (role, name) in enumerate(zip(roles, names))
+        name: estimate_of(mixed, covariance, at[role], dof.unit_of(like.get(role, role), moment_unit), alone)
+        for role, name in zip(roles, names)
     }
     turn = None
-    if "quadratic" in roles and roles.index("quadratic") not in mixed.at_bound:
-        i, k = roles.index("inertia"), roles.index("quadratic")
+    if "quadratic" in roles and at["quadratic"] not in mixed.at_bound:
+        i, k = at["inertia"], at["quadratic"]
         stderr = float(np.sqrt(covariance[i, i] + covariance[k, k] - 2 * covariance[i, k]))
         freedom = alone or run_dof(mixed, axes[i] - axes[k])
         turn = Estimate.from_log(mixed.theta[i] / mixed.theta[k], stderr, freedom, dof.unit_of("ratio"))

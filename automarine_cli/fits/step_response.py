@@ -172,6 +172,7 @@ def step_problem(
     for instants that are uniform over their intervals is one.
     """
     roles, main = base_roles(model, data.dof, sided), main_drag(model)
+    names = (*(data.dof.parameter(role) for role in roles), SWITCH)
     channels = data.channels
     clocks = [data.time for _ in channels] if nodes is None else [one.time for one in nodes]
     moment, interval = data.moment[None, :, None], data.interval[None, :, None]
@@ -186,11 +187,11 @@ def step_problem(
             gained = gained + own["constant"]
         if sided:
             own[main] = np.maximum(own[main] + np.sign(gained) * own["difference"], LEAST_SHARE * own[main])
-        drag = (own.get("linear", 0.0), own.get("quadratic", 0.0))
+        inertia, drag = own["inertia"], (own.get("linear", 0.0), own.get("quadratic", 0.0))
         begin, shown = blocks.of(b, START_POSITION), []
         for c, (channel, clock) in enumerate(zip(channels, clocks)):
             if c == 0 or nodes is not None:
-                states = response(clock[None] - late, gained, own["inertia"], *drag, heading0=begin)
+                states = response(clock[None] - late, gained, inertia, *drag, heading0=begin)
             found = states[1] + blocks.of(b, bias_of(channel.quantity)) if channel.velocity else states[0]
             shown.append(found if nodes is None else (nodes[c].carry @ found[..., None])[..., 0])
         return shown[0] if len(shown) == 1 else np.concatenate(shown, axis=2)
@@ -203,7 +204,6 @@ def step_problem(
     bounds = np.array([(0.0, np.inf), *drags, (-most, most)])
     positive = np.array([True, *np.logical_not(signed), False])
     slots = slots_of(channels)
-    names = (*(f"{data.dof.name}.{data.dof.parameter(role)}" for role in roles), SWITCH)
     if nodes is None:
         measured, seen = (
             np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in channels))

@@ -34,7 +34,7 @@ def run_table(runs: Sequence[RunSeen], dof: Dof = YAW) -> Table:
         "no half-turn because",
     )
     rows = tuple(_run_row(run, dof) for run in runs)
-    return Table("Yaw runs", header, rows, notes=tuple(_notes(runs, dof))).said(dof, names=False)
+    return Table("Yaw runs", header, rows, notes=tuple(_notes(runs, dof)))
 
 
 def _run_row(run: RunSeen, dof: Dof) -> tuple[str, ...]:

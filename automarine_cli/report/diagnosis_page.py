@@ -143,9 +143,8 @@ def _why(diagnosis: Diagnosis, key: NamingKey | None) -> str:
     )  # fmt: skip
     dof = diagnosis.study.base.dof
     ratio = f"{dof.words.inertia} over drag"
-    said = [
-        f"The naming key (how the runs' own drag and {dof.words.inertia} drift with the {dof.words.force}) could not be formed."
-    ]
+    drift = f"how the runs' own drag and {dof.words.inertia} drift with the {dof.words.force}"
+    said = [f"The naming key ({drift}) could not be formed."]
     if key is not None:
         said = [_drift(key.best("k"), "drag", dof), _drift(key.best("I/k"), ratio, dof)]
     return "\n\n".join([table.to_markdown(), " ".join(said)])
