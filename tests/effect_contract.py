@@ -149,7 +149,7 @@ def unmeasured(plan: Plan, number: int, moment_unit: str = "nu", scale: float = 
     extras = {"voltage": voltage, "surge": surge}
     name = f"run_{number:02d}"
     clock = WAIT * number + time
-    return Run(name, f"{name}.csv", clock, np.zeros(len(time)), command, moment_unit, extras)
+    return Run(name, f"{name}.csv", clock, np.zeros(len(time)), command, moment_unit, extras, dof=YAW)
 
 
 def measured(
