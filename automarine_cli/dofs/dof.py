@@ -80,7 +80,7 @@ class Words:
     each_way: str
     one_way: str
     other_way: str  # of positions that count against the convention: counter-clockwise, the other way
-    covered: str  # turned, covered: by so many degrees or centimetres
+    gone_key: str  # of how far it went: turned, covered
     the_other: str  # than one_way: to the other, the other
     way: str  # one of the two: side, way
     rate_sensor: str  # what measures the velocity: gyro, speed sensor

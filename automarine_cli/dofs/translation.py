@@ -83,7 +83,7 @@ def words(name: str, position: str, ways: tuple[str, str]) -> Words:
         each_way="each way",
         one_way="one way",
         other_way="the other way",
-        covered="covered",
+        gone_key="covered",
         the_other="the other",
         way="way",
         rate_sensor="speed sensor",

@@ -130,7 +130,7 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
             "time_from_s": float(turn.time[0]),
             "time_to_s": float(turn.time[-1]),
             "samples": len(turn.time),
-            f"{words.covered}_{shown}": float(dof.shown(turn.turned)),
+            f"{words.gone_key}_{shown}": float(dof.shown(turn.turned)),
             "cut_by": turn.cut_by,
             "steady": turn.steady,
             f"start_{words.position}_{dof.units.log}": float(dof.logged(turn.start_position)),
