@@ -7,6 +7,7 @@ from automarine_cli.dofs.translation import LIMITS, METRES, symbols, words
 
 SWAY = Dof(
     name="sway",
+    number=1,
     position="distance",
     velocity="sway",
     command="force_Y",
@@ -16,7 +17,11 @@ SWAY = Dof(
     words=replace(words("sway", "distance", ("starboard", "port")), to_ways=("to starboard", "to port")),
     units=METRES,
     limits=LIMITS,
-    columns=(("force_Y_N", "N"), ("Y", "nu")),
+    columns={
+        "distance": (("distance_m", "m"),),
+        "sway": (("sway_m_s", "m/s"),),
+        "force_Y": (("force_Y_N", "N"), ("Y", "nu")),
+    },
     nicknames={
         "distance": ("distance", "dist", "y", "position", "range", "travel", "sway_position", "pos_y"),
         "force_Y": ("force_y", "sway_force", "lateral_force", "thrust_y", "fy", "tau_y", "y_force"),

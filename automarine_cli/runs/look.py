@@ -49,7 +49,7 @@ class StepSeen:
             f"start_{words.position}_{units.log}": self.start,
             "kept_samples": self.kept_samples,
             "kept_s": self.kept_s,
-            f"{words.covered}_{units.key}": self.gone,
+            f"{words.gone_key}_{units.key}": self.gone,
             "cut_by": self.cut_by,
             "steady": self.steady,
             "why": self.why,
