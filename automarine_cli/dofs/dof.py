@@ -81,7 +81,7 @@ class Words:
     one_way: str
     other_way: str  # of positions that count against the convention: counter-clockwise, the other way
     the_other: str  # than one_way: to the other, the other
-    way: str  # one of the two: side, way
+    way: str  # one of the two: side, direction
     rate_sensor: str  # what measures the velocity: gyro, speed sensor
 
 
@@ -121,7 +121,8 @@ class Limits:
     what counts as not having moved, `start` what counts as its beginning; `plausible` are ratios of inertia to
     quadratic drag. `spike`, `end_spike` and `jump` are the least sizes of readings that no vehicle makes;
     `acceleration` is what none reaches, `far` and `fast` what none gets to; `position_sd` and `velocity_sd` are
-    standard deviations, wide ones, of the start of a run, `bias_sd` that of what a velocity sensor adds.
+    standard deviations, wide ones, of the start of a run, `bias_sd` that of what a velocity sensor adds. `long` is how
+    far a long run goes.
     """
 
     trim: float
@@ -139,6 +140,7 @@ class Limits:
     position_sd: float
     velocity_sd: float
     bias_sd: float
+    long: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ LIMITS = Limits(
     position_sd=10.0,
     velocity_sd=1.0,
     bias_sd=0.2,
+    long=5.0,
 )
 
 
@@ -84,6 +85,6 @@ def words(name: str, position: str, ways: tuple[str, str]) -> Words:
         one_way="one way",
         other_way="the other way",
         the_other="the other",
-        way="way",
+        way="direction",
         rate_sensor="speed sensor",
     )

@@ -87,6 +87,7 @@ YAW = Dof(
         position_sd=10.0,
         velocity_sd=1.0,
         bias_sd=0.2,
+        long=4.0 * pi,
     ),
     columns=(("tau", "nu"), ("tau_Nm", "N m")),
     nicknames={
