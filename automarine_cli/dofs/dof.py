@@ -154,7 +154,8 @@ class Dof:
     `number` is its place among the six, from 0: surge, sway, heave, roll, pitch, yaw, forces X, Y, Z, K, M, N.
     `position`, `velocity` and `command` are canonical quantities of the logs, `thrusters` the commands of which a map
     makes moment or force, each counting by `sides`; `levered` where that takes a lever arm. `turn` is after how much
-    the position wraps [rad or m], infinite where it does not. `has_constant`: a constant force is part of every model;
+    the position wraps [rad or m], infinite where it does not. `has_constant`: a constant force is part of every
+    model; `windowed`: steps are followed inside a window of positions (`depths`), not for a length (`within`);
     `directional`: drag may differ between the two ways, the positive one first. `columns` are the names under which
     logs hold its quantities, by quantity, as (column, unit). `nicknames` is how people call them, for suggestions only;
     `plain_names` are those that mean nothing else. `mounts` says which thruster each of `thrusters` is; `horizontal`
@@ -175,6 +176,7 @@ class Dof:
     turn: float = inf
     levered: bool = False
     has_constant: bool = False
+    windowed: bool = False
     directional: bool = False
     columns: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
     nicknames: Mapping[str, tuple[str, ...]] = field(default_factory=dict)

@@ -17,6 +17,7 @@ HEAVE = Dof(
     units=METRES,
     limits=LIMITS,
     has_constant=True,
+    windowed=True,
     directional=True,
     columns={
         "depth": (("depth_m", "m"),),

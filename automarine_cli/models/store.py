@@ -39,7 +39,7 @@ class StoredModels:
 
 
 def load_yaw_models(path: Path) -> StoredModels:
-    """The models of a `yaw_model.json`, `surge_model.json`, `heave_model.json` or `extended_model.json`.
+    """The models of a `yaw_model.json`, of another motion's `..._model.json`, or of an `extended_model.json`.
 
     Raises ModelError with the file and the key's path for anything that is not what the schema says.
     """
