@@ -7,7 +7,7 @@ import pytest
 from matplotlib.patches import Rectangle
 
 from automarine_cli.diagnosis import search
-from automarine_cli.diagnosis.budget import LEFT, NOISE, SCATTER, budget
+from automarine_cli.diagnosis.budget import LEFT, SCATTER, budget, noise_of
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.naming_key import NamingKey, naming_key
 from automarine_cli.diagnosis.where import Where, find_where
@@ -77,7 +77,7 @@ def test_the_budget_is_whole(lag: Shown, nothing: Shown) -> None:
     for diagnosis, _, _, shares in (lag, nothing):
         assert sum(shares.values()) == pytest.approx(1.0, abs=1e-12)
         assert all(share >= 0.0 for share in shares.values())
-        assert set(shares) == {NOISE, SCATTER, LEFT, *diagnosis.found.final.added}
+        assert set(shares) == {noise_of(YAW), SCATTER, LEFT, *diagnosis.found.final.added}
     assert lag[0].found.final.added and lag[3][lag[0].found.final.added[0]] > 0.05
     assert lag[3][LEFT] < 0.02
 

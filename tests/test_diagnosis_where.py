@@ -190,7 +190,7 @@ def test_the_naming_key_of_a_dead_band_is_the_power_minus_one(
 def test_powers_and_parities_are_recovered(power: float, parity: str) -> None:
     moment = np.array([s * m for s in (-1, 1) for m in (0.1, 0.2, 0.4, 0.7, 1.2)])
     log = 0.05 * np.abs(moment) ** power * (np.sign(moment) if parity == "odd" else 1.0)
-    best = max(drifts_of("k", moment, log, np.full(10, 0.001), 0.01), key=lambda drift: drift.share)
+    best = max(drifts_of("k", moment, log, np.full(10, 0.001), 0.01, YAW), key=lambda drift: drift.share)
     assert (best.power, best.parity) == (power, parity) and best.slope == pytest.approx(0.05)
 
 

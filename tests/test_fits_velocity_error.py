@@ -51,7 +51,7 @@ def test_tail_lines_have_the_bias_that_theory_gives(
     """PHYSICS 4.7, the same at every moment."""
     time = np.linspace(0.0, time_to_turn(np.pi, moment), 4000)[None]
     heading = response(time, moment, PAPER.inertia, 0.0, PAPER.k_rr)[0]
-    lines = tail_lines(time, heading, np.zeros(1), np.abs(heading) >= np.radians(tail))
+    lines = tail_lines(time, heading, np.zeros(1), np.abs(heading) >= np.radians(tail), YAW)
     with_known = inertia_from_velocity_error(lines.error, moment, 0.0, PAPER.k_rr)
     with_own = inertia_from_velocity_error(lines.error, moment, 0.0, np.abs(moment) / lines.rate**2)
     digits = 0.006 if abs(known) < 1.5 else 0.06  # of the printed table
@@ -125,7 +125,7 @@ def test_model_2_finds_its_truth_when_both_drags_act() -> None:
 def test_moving_the_instant_of_the_steps_moves_each_intercept_by_rate_times_shift() -> None:
     data = noise_free()
     fit = fitted(data)
-    later = tail_lines(data.time - 0.03, data.heading, np.zeros(len(data.moment)), fit.tails.used)
+    later = tail_lines(data.time - 0.03, data.heading, np.zeros(len(data.moment)), fit.tails.used, YAW)
     assert_close(later.rate, fit.tails.rate, "closed form")
     assert_close(later.error - fit.tails.error, 0.03 * fit.tails.rate, "closed form")
     quarter = fitted(data, offset=0.25)  # of intervals of 0.1 s
@@ -214,7 +214,7 @@ def test_tails_of_too_few_samples_are_refused() -> None:
     with pytest.raises(
         FitError, match=r"only 2 samples in the steady tail .* 3 are needed; log the heading faster"
     ):
-        tail_lines(time, time, np.zeros(1), used)
+        tail_lines(time, time, np.zeros(1), used, YAW)
 
 
 @pytest.mark.parametrize("value", [2.0, -2.0])

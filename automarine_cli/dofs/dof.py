@@ -82,7 +82,7 @@ class Words:
     other_way: str  # of positions that count against the convention: counter-clockwise, the other way
     gone_key: str  # of how far it went: turned, covered
     the_other: str  # than one_way: to the other, the other
-    way: str  # one of the two: side, way
+    way: str  # one of the two: side, direction
     rate_sensor: str  # what measures the velocity: gyro, speed sensor
     way_key: str  # of how far a step is to go, as a key begins: turn, travel
     range_key: str  # the key of how far a run went in all: turns, covered_m
@@ -126,7 +126,7 @@ class Limits:
     is left to the noise), beside what the log's own noise and speed allow; three steps of `large_step` from sample to
     sample stay below half of what wraps. `acceleration` is what none reaches, `far` and `fast` what none gets to;
     `position_sd` and `velocity_sd` are standard deviations, wide ones, of the start of a run, `bias_sd` that
-    of what a velocity sensor adds.
+    of what a velocity sensor adds. `long` is how far a long run goes.
     """
 
     trim: float
@@ -144,6 +144,7 @@ class Limits:
     position_sd: float
     velocity_sd: float
     bias_sd: float
+    long: float
 
 
 @dataclass(frozen=True, eq=False)

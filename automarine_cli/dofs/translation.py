@@ -24,6 +24,7 @@ LIMITS = Limits(
     position_sd=10.0,
     velocity_sd=1.0,
     bias_sd=0.2,
+    long=5.0,
 )
 
 
@@ -85,7 +86,7 @@ def words(name: str, position: str, ways: tuple[str, str]) -> Words:
         other_way="the other way",
         gone_key="covered",
         the_other="the other",
-        way="way",
+        way="direction",
         rate_sensor="speed sensor",
         way_key="travel",
         range_key="covered_m",

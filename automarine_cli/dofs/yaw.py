@@ -91,6 +91,7 @@ YAW = Dof(
         position_sd=10.0,
         velocity_sd=1.0,
         bias_sd=0.2,
+        long=4.0 * pi,
     ),
     columns={
         "heading": (("heading_deg", "deg"), ("heading_rad", "rad")),

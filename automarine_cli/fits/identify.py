@@ -184,9 +184,9 @@ def _fit_whole(runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, ea
 
 
 def _too_little(run: Run) -> str:
+    words, longer = run.dof.words, f"log for longer, at least {FEWEST_SAMPLES} samples"
     if len(run) < FEWEST_SAMPLES:
-        return f"{len(run)} samples say nothing of drag or inertia; log for longer, at least {FEWEST_SAMPLES} samples"
-    words = run.dof.words
+        return f"{len(run)} samples say nothing of drag or {words.inertia}; {longer}"
     return f"no {words.force} acts in this run; it shows the noise, but neither drag nor {words.inertia}"
 
 

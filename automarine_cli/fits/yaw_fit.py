@@ -130,12 +130,13 @@ class YawFit(Shown):
             content["sides"] = fit.ways.to_json()
         seed = self.seed_method
         if seed is None or number not in seed.drag:
-            why = self.why_no_seed_method or "too few half-turns to carry two drag terms"
+            why = self.why_no_seed_method or f"too few {dof.words.step}s to carry two drag terms"
             return content | {"sse": None, "velocity_error": None, "why": why}
         drag, table = seed.drag[number], seed.inertia.get(number)
         if table is None:
             content["why"] = (
-                "the drag of the least squares leaves no steady rate, so no velocity error gives an inertia"
+                f"the drag of the least squares leaves no steady {dof.words.speed}, so no velocity error gives "
+                f"{dof.words.an_inertia}"
             )
         content["sse"] = drag.sse
         content["velocity_error"] = {

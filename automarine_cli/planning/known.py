@@ -205,18 +205,16 @@ def _stored_estimates(data: Mapping[str, object], stored: StoredModels) -> dict[
 
 
 def _read_diagnosis(path: Path, stored: StoredModels) -> Told:
-    where = printable(path.name)
-    data = read_plain(path, "JSON", ModelError)
-    if data.get("schema") != DIAGNOSIS or "moment_unit" not in data:
+    where, force = printable(path.name), stored.dof.words.force
+    data, key = read_plain(path, "JSON", ModelError), f"{force}_unit"
+    if data.get("schema") != DIAGNOSIS or key not in data:
         raise ModelError(
             f"{where}: found {told(data.get('schema'))}, expected the diagnosis.json that `automarine diagnose` "
-            "writes of "
-            "yaw runs"
+            f"writes of {stored.dof.name} runs"
         )
-    if data["moment_unit"] != stored.moment_unit:
+    if data[key] != stored.moment_unit:
         raise ModelError(
-            f"{where}: a diagnosis of moments in {told(data['moment_unit'])}, but {stored.source} is a model of "
-            "moments in "
+            f"{where}: a diagnosis of {force}s in {told(data[key])}, but {stored.source} is a model of {force}s in "
             f"{stored.moment_unit}; give the diagnosis of this model"
         )
     named, estimates, doubts = [], dict[str, Estimate | None](), []

@@ -7,9 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.budget import LEFT, NOISE, SCATTER
+from automarine_cli.diagnosis.budget import LEFT, SCATTER, noise_of
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.where import Where
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, in_words
 from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure
@@ -61,7 +62,7 @@ def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str,
     if count > 1:
         _by_variable(figure.add_subplot(place[2, half:]), diagnosis, where)
     if shares is not None:
-        _budget(figure.add_subplot(place[3, :]), shares)
+        _budget(figure.add_subplot(place[3, :]), shares, dof)
     figure.suptitle(_sizes_in_words(diagnosis))
     handles = [h for axes in (grid[0, 0], grid[1, 0]) for h in axes.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
@@ -181,9 +182,9 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis, where: Where) -> None:
     axes.legend(loc="best", fontsize=6.5)
 
 
-def _budget(axes: Axes, shares: Mapping[str, float]) -> None:
+def _budget(axes: Axes, shares: Mapping[str, float], dof: Dof) -> None:
     """One stacked bar of the whole gap."""
-    fixed = {NOISE: "0.6", SCATTER: "0.82", LEFT: COLOURS["black"]}
+    fixed = {noise_of(dof): "0.6", SCATTER: "0.82", LEFT: COLOURS["black"]}
     others = [COLOURS[name] for name in ("blue", "sky", "green")]
     at, used = 0.0, 0
     for name, share in shares.items():
