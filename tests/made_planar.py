@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from automarine_cli.dofs import YAW
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
@@ -97,7 +98,8 @@ def integrated(rates: Callable[[float, Floats, Floats], Floats], run: Run, start
 def planar_run(time: Floats, x: Floats, y: Floats, moment: Floats, name: str = "run") -> Run:
     """A run with commands (N,) [N, N, N m] and no measurement."""
     force = {"force_X": np.array(x, dtype=float), "force_Y": np.array(y, dtype=float)}
-    return Run(name, f"{name}.csv", time, np.zeros(len(time)), np.array(moment, dtype=float), "N m", force)
+    held = np.array(moment, dtype=float)
+    return Run(name, f"{name}.csv", time, np.zeros(len(time)), held, "N m", force, dof=YAW)
 
 
 def driven(seed: int = 0, length: float = 12.0, period: float = 0.1) -> Run:

@@ -10,6 +10,7 @@ from made_sequences import sequence_run
 from numpy.typing import NDArray
 from tolerances import assert_close
 
+from automarine_cli.dofs import YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import ModelError, RunError
 from automarine_cli.models.allocation import Allocation, Thruster
@@ -176,7 +177,7 @@ def test_a_published_craft_with_two_thrusters() -> None:
 @pytest.mark.parametrize("number", ["1", "2", "3"])
 def test_yaw_alone_is_the_limit(number: str) -> None:
     drags = {"1": (0.9,), "2": (0.8, 0.3), "3": (K_RR,)}[number]
-    alone = YawModel.base(number, INERTIA, drags).with_effect("thruster-lag", (0.3,))
+    alone = YawModel.base(number, INERTIA, drags, "nu", YAW).with_effect("thruster-lag", (0.3,))
     alone = alone.with_effect("heading-moment", (0.05, -0.03)).with_effect("water-swirl", (0.2, 8.0))
     alone = alone.with_effect("compass-deviation", (0.06, -0.04, 0.03, 0.02))
     together = PlanarModel(

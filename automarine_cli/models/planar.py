@@ -31,16 +31,6 @@ Floats = NDArray[np.float64]
 PLACES = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 """Where the entries of `Inertia`, in its order, stand in the matrix."""
 
-ROLES = {
-    "linear-drag": "linear",
-    "quadratic-drag": "quadratic",
-    "cubic-drag": "cubic",
-    "linear-drag-asymmetry": "difference",
-    "drag-asymmetry": "difference",
-    "bias-moment": "constant",
-}
-"""What the one parameter of these effects is in the equation of motion: `Symbols` has a letter for it."""
-
 FORCES, VELOCITIES = "XYN", "uvr"
 _DERIVATIVE = re.compile(rf"([{FORCES}])_([{VELOCITIES}]{{1,2}})")
 
@@ -162,9 +152,8 @@ class PlanarModel:
     def parameter_names(self) -> tuple[str, ...]:
         """Qualified names of the entries of theta: "surge.m_u", "planar.m_vr", "yaw.k_rr", "sway.Y_r",
         "yaw.input-delay.T", "current.north"."""
-        own = [dof.symbols.inertia for dof in PLANAR.dofs]
-        names = [f"{dof.name}.{name}" for dof, name in zip(PLANAR.dofs, own)]
-        names += [f"{PLANAR.name}.{name}" for name in _entries() if name not in own]
+        names = [dof.parameter("inertia") for dof in PLANAR.dofs]
+        names += [f"{PLANAR.name}.{name}" for name in _entries()[len(names) :]]
         names += [name for dof, terms in self._alone() for term in terms for name in _names(dof, term)]
         names += [f"{PLANAR.dofs[_derivative(term.name)[0]].name}.{term.name}" for term in self.cross]
         return (*names, *(("current.north", "current.east") if self.water is not None else ()))
@@ -244,11 +233,12 @@ def _matrices(theta: Floats) -> Floats:
 
 
 def _names(dof: Dof, term: Term) -> Iterator[str]:
-    """Qualified names of the parameters of an effect on one degree of freedom."""
-    if term.name in ROLES:
-        yield f"{dof.name}.{getattr(dof.symbols, ROLES[term.name])}"
+    """Qualified names of the parameters of an effect on one degree of freedom; by the letter of their role, if any."""
+    effect = effects.get(term.name)
+    if effect.role:
+        yield dof.parameter(effect.role)
     else:
-        yield from (f"{dof.name}.{term.name}.{p.name}" for p in effects.get(term.name).parameters)
+        yield from (f"{dof.name}.{term.name}.{name}" for name in effect.names_in(dof))
 
 
 def _derivative(name: str) -> tuple[int, CrossDrag]:
