@@ -29,7 +29,7 @@ RUNS = [unmeasured(plan, i) for i, plan in enumerate(long_plans())]
 
 def headings(model: YawModel, runs: Sequence[Run], start: Start | None = None) -> Floats:
     """Simulated headings (R, N)."""
-    return simulate(model, make_batch(runs, 0.05), start=start).heading[0]
+    return simulate(model, make_batch(runs, 0.05), start=start).position[0]
 
 
 @BY_LAW
@@ -115,12 +115,12 @@ def wavy(seed: int, amplitude: float = AMPLITUDE) -> list[Run]:
     own = amplitude * np.stack([np.cos(phase), np.sin(phase)], axis=1)[None]
     batch = make_batch(RUNS, 0.05)
     start = Start(
-        heading=random.uniform(-np.pi, np.pi, (1, len(RUNS))),
+        position=random.uniform(-np.pi, np.pi, (1, len(RUNS))),
         log_gain=0.02 * random.standard_normal((1, len(RUNS))),
         own={"periodic-disturbance": own},
     )
     truth = BASE.with_effect("periodic-disturbance", (amplitude, 0.0, PERIOD, 1.0))
-    found = simulate(truth, batch, start=start).heading[0]
+    found = simulate(truth, batch, start=start).position[0]
     found = found + np.deg2rad(0.5) * random.standard_normal(found.shape)
     return [replace(run, position=row[: len(run)]) for run, row in zip(RUNS, found)]
 

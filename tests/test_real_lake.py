@@ -129,7 +129,7 @@ def restarted(model: YawModel, runs: list[Run]) -> float:
 
 def test_delay_and_surge_halve_the_error_on_runs_left_out(halves: tuple[list[Run], list[Run]]) -> None:
     """What is known of the boat: a delay of 0.4 to 0.6 s; and the faster it goes the more its hulls resist a turn."""
-    study = study_of(halves[0], YawModel.base("1", 25.0, [15.0], "N m"))
+    study = study_of(halves[0], YawModel.base("1", 25.0, [15.0], "N m", YAW))
     assert study.disturbed
     base = study.fit(study.base)
     model = study.base.with_theta(base.theta[:-1]).with_effect("input-delay", [0.5])
@@ -147,7 +147,7 @@ def test_delay_and_surge_halve_the_error_on_runs_left_out(halves: tuple[list[Run
 def test_a_diagnosis_names_the_delay_and_the_gap_on_runs_left_out_shrinks(
     halves: tuple[list[Run], list[Run]],
 ) -> None:
-    found = diagnose_runs(halves[0], YawModel.base("1", 25.0, [15.0], "N m"), hold_out=halves[1])
+    found = diagnose_runs(halves[0], YawModel.base("1", 25.0, [15.0], "N m", YAW), hold_out=halves[1])
     assert found.verdict == "named" and found.held_out_gap is not None
     named = {effect.name for effect in found.effects}
     assert named & {"input-delay", "thruster-lag", "dead-band", "cross-coupling"}

@@ -92,7 +92,7 @@ def restarted_errors(
         some = runs[group]
         begin = aligned(model, some, states[group])
         positions, rates = (np.array([getattr(s, name) for s in begin]) for name in ("position", "rate"))
-        shown = roll(model, some, positions, rates, switch_offset).heading[0]
+        shown = roll(model, some, positions, rates, switch_offset).position[0]
         for (i, first, last), run, position in zip(pieces[group], some, shown):
             errors[i][first + 1 : last + 1] = (run.position - position[: len(run)])[1:]
     yield from errors

@@ -11,14 +11,14 @@ Contents = tuple[dict[str, Estimate], dict[str, str]]
 
 
 def side(name: str, data: Mapping[str, Any], models: Sequence[str]) -> Side:
-    """The side of one result file, of which the schema is known to be right; of motion models those in `models`.
+    """The side of one result file, of which the schema is known to be right; of yaw models those in `models`.
 
     Raises KeyError, TypeError, ValueError or AttributeError for a file that automarine did not write so.
     """
     schema = str(data["schema"])
     dof = DOFS[str(data.get("motion", YAW.name))]
     if schema.startswith(f"automarine/{dof.name}-model/"):
-        parameters, facts = _motion(data, models, dof)
+        parameters, facts = _model(data, models, dof)
     elif schema.startswith("automarine/thruster-map/"):
         parameters, facts = _thrusters(data)
     else:
@@ -33,32 +33,28 @@ def shared_models(files: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     return tuple(number for number in common if number in preferred) or tuple(common)
 
 
-def _printed(dof: Dof) -> dict[str, str]:
-    """Parameters of a model as its file calls them, and in print."""
+def _model(data: Mapping[str, Any], models: Sequence[str], dof: Dof) -> Contents:
     own = dof.symbols
-    return {own.quadratic: own.quadratic_print, own.linear: own.linear, own.inertia: own.inertia}
-
-
-def _motion(data: Mapping[str, Any], models: Sequence[str], dof: Dof) -> Contents:
-    own, ratio = dof.symbols, dof.words.inertial_length.replace(" ", "_")
-    printed = {
-        **_printed(dof),
-        f"{ratio}_{dof.units.base}": f"{own.inertia}/{own.quadratic_print}",
+    names = {
+        own.quadratic: own.quadratic_print,
+        own.linear: own.linear,
+        own.inertia: own.inertia,
+        dof.ratio_key: f"{own.inertia}/{own.quadratic_print}",
         own.constant: "constant force",
         own.difference: "half the difference of drag",
     }
     parameters = {}
     for number_ in models:
         beside = f", model {number_}" if len(models) > 1 else ""
-        for key, told in printed.items():
+        for key, told in names.items():
             if data["models"][number_].get(key) is not None:
                 parameters[f"{told}{beside}"] = Estimate.from_json(data["models"][number_][key])
     if data.get("gain_scatter"):
         parameters["scatter of thrust"] = Estimate.from_json(data["gain_scatter"])
     facts = {"preferred model": str(data["preferred"])}
-    noise = data.get(f"{dof.words.position}_noise_{dof.units.key}")
-    if noise is not None:
-        facts[f"{dof.words.position} noise [{dof.units.shown}]"] = _short(noise)
+    noise = f"{dof.words.position}_noise_{dof.units.key}"
+    if data.get(noise) is not None:
+        facts[f"{dof.words.position} noise [{dof.units.shown}]"] = _short(data[noise])
     return parameters, facts
 
 
@@ -76,17 +72,17 @@ def _thrusters(data: Mapping[str, Any]) -> Contents:
 
 
 def _diagnosis(data: Mapping[str, Any], dof: Dof) -> Contents:
-    parameters = {}
+    own, parameters = dof.symbols, {}
     for effect in data["effects"]:
         for name, value in effect["parameters"].items():
             estimate = Estimate.from_json(value)
             if estimate.stderr > 0:  # a choice of law has no interval
                 parameters[f"{effect['name']}: {name}"] = estimate
-    printed = _printed(dof)
     for name, moved in data.get("base", {}).items():
-        parameters[f"{printed.get(name, name)} with what was missing"] = Estimate.from_json(moved["after"])
+        told = own.quadratic_print if name == own.quadratic else name
+        parameters[f"{told} with what was missing"] = Estimate.from_json(moved["after"])
     gap = data["gap"]["fitted_runs"]
-    unit = dof.units.key if f"before_{dof.units.key}" in gap else "N"  # of a motion, or of thrusters
+    unit = dof.units.key if f"before_{dof.units.key}" in gap else "N"
     names = ", ".join(str(effect["name"]) for effect in data["effects"])
     facts = {"verdict": str(data["verdict"]) + (f": {names}" if names else "")}
     for key, name in (("before", "gap before"), ("after", "gap after"), ("noise_floor", "noise")):

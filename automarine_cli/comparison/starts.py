@@ -82,7 +82,7 @@ def aligned(model: YawModel, runs: Sequence[Run], states: Sequence[State]) -> li
     begin = [run.cut(0, 2) for run in runs]
     for _ in range(2 * ROUNDS):
         tried = position + NUDGE * np.array([[0.0], [1.0], [-1.0]])
-        read = roll(model, begin, tried, 0.0 * tried, step=np.inf).heading[:, :, 0]
+        read = roll(model, begin, tried, 0.0 * tried, step=np.inf).position[:, :, 0]
         gain = (read[1] - read[2]) / (2 * NUDGE)
         gain = np.where(np.isfinite(gain) & (np.abs(gain) > LEAST_GAIN), gain, 1.0)
         position = position + np.nan_to_num((shown - read[0]) / gain, posinf=0.0, neginf=0.0)
@@ -104,7 +104,7 @@ def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[
     for _ in range(ROUNDS):
         position = found[0] + NUDGE * np.array([[0.0], [1.0], [-1.0], [0.0], [0.0]])
         rate = found[1] + NUDGE * np.array([[0.0], [0.0], [0.0], [1.0], [-1.0]])
-        shown = roll(model, begins, position, rate, switch_offset, step).heading
+        shown = roll(model, begins, position, rate, switch_offset, step).position
         with np.errstate(invalid="ignore"):  # a model that runs away within a second keeps the line
             left = np.where(seen > 0, measured - shown[0], 0.0)
             slopes = np.where(seen > 0, (shown[1::2] - shown[2::2]) / (2 * NUDGE), 0.0)

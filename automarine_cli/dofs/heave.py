@@ -6,6 +6,7 @@ from automarine_cli.dofs.translation import LIMITS, METRES, symbols, words
 
 HEAVE = Dof(
     name="heave",
+    number=2,
     position="depth",
     velocity="heave",
     command="force_Z",
@@ -16,6 +17,7 @@ HEAVE = Dof(
     units=METRES,
     limits=LIMITS,
     has_constant=True,
+    windowed=True,
     directional=True,
     columns={
         "depth": (("depth_m", "m"),),

@@ -6,6 +6,7 @@ from automarine_cli.dofs.translation import LIMITS, METRES, symbols, words
 
 SURGE = Dof(
     name="surge",
+    number=0,
     position="distance",
     velocity="surge",
     command="force_X",

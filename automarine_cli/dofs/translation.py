@@ -23,6 +23,8 @@ LIMITS = Limits(
     fast=15.0,
     position_sd=10.0,
     velocity_sd=1.0,
+    bias_sd=0.2,
+    long=5.0,
 )
 
 
@@ -45,6 +47,7 @@ def symbols(force: str, velocity: str, position: str) -> Symbols:
         quadratic_print=f"{drag}|{letter}|",
         quadratic_math=f"{force}_{{{letter}|{letter}|}}",
         cubic=drag + 2 * letter,
+        water=f"{letter}_w",
     )
 
 
@@ -81,7 +84,10 @@ def words(name: str, position: str, ways: tuple[str, str]) -> Words:
         each_way="each way",
         one_way="one way",
         other_way="the other way",
-        way_key="travel",
         gone_key="covered",
+        the_other="the other",
+        way="direction",
+        rate_sensor="speed sensor",
+        way_key="travel",
         range_key="covered_m",
     )

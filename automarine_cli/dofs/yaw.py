@@ -8,6 +8,7 @@ DEGREE = pi / 180
 
 YAW = Dof(
     name="yaw",
+    number=5,
     position="heading",
     velocity="yaw_rate",
     command="moment",
@@ -63,8 +64,11 @@ YAW = Dof(
         each_way="to each side",
         one_way="to one side",
         other_way="counter-clockwise",
-        way_key="turn",
         gone_key="turned",
+        the_other="to the other",
+        way="side",
+        rate_sensor="gyro",
+        way_key="turn",
         range_key="turns",
     ),
     units=Units(
@@ -86,6 +90,8 @@ YAW = Dof(
         fast=8 * pi,
         position_sd=10.0,
         velocity_sd=1.0,
+        bias_sd=0.2,
+        long=4.0 * pi,
     ),
     columns={
         "heading": (("heading_deg", "deg"), ("heading_rad", "rad")),

@@ -195,10 +195,11 @@ def trimmed(run: Run, trim: Trim = UNTRIMMED) -> Trimmed:
 
 
 def _copied(run: Run, start: int, stop: int) -> Run:
-    """Samples start:stop with nothing else, so that the rest of the log need not stay in memory."""
+    """Samples start:stop of what sensors of the motion say, so that the rest of the log need not stay in memory."""
     time, position = (column[start:stop].copy() for column in (run.time, run.position))
     moment = None if run.moment is None else run.moment[start:stop].copy()
-    return replace(run, time=time, position=position, moment=moment, extras={})
+    extras = {name: run.extras[name][start:stop].copy() for name in (run.dof.velocity,) if name in run.extras}
+    return replace(run, time=time, position=position, moment=moment, extras=extras)
 
 
 NO_STEP = "no step: no constant {force} is held for at least 5 samples. Hold the {force} constant, or fit whole runs"

@@ -80,6 +80,21 @@ class Run:
             )
         return self.moment
 
+    def command_of(self, dof: Dof) -> Floats:
+        """Commanded moment or force of any degree of freedom, (N,). Raises RunError where the log has none."""
+        if dof is self.dof:
+            return self.command
+        if dof.command not in self.extras:
+            raise RunError(
+                f"{self.source}, run {self.name!r}: no {dof.words.full_force} ({', '.join(names_of(dof.command))}) in "
+                "the log; name its column with --columns"
+            )
+        return self.extras[dof.command]
+
+    def channel(self, quantity: str) -> Floats | None:
+        """What a sensor logged, (N,) [base units], NaN where it has no reading; None where there is no such sensor."""
+        return self.position if quantity == self.dof.position else self.extras.get(quantity)
+
     @cached_property
     def sample_period(self) -> float:
         """Median time between samples [s]."""

@@ -202,7 +202,7 @@ def _truth(
     batch = make_batch(runs, step, hold=False)
     added = np.array([draw.added_moment for draw in drawn])
     start = Start(
-        heading=np.array([[draw.start_heading for draw in drawn]]),
+        position=np.array([[draw.start_heading for draw in drawn]]),
         log_gain=np.array([[draw.log_gain for draw in drawn]]),
         own=_own_phases(model, plans, seed),
         disturbance=np.broadcast_to(added[None, :, None], (1, len(plans), batch.windows)),
@@ -213,7 +213,7 @@ def _truth(
         node = np.searchsorted(clock, np.maximum(time, clock[0]))  # held still before the clock begins
         if plan.group.fault == "never-moves":
             node = np.zeros_like(node)
-        truth.append((found.heading[0, i, node], found.rate[0, i, node]))
+        truth.append((found.position[0, i, node], found.velocity[0, i, node]))
     return truth
 
 

@@ -191,7 +191,7 @@ def _kind_of(file: LogFile, runs: Sequence[RunKind]) -> str:
 
 
 def _with_forces(look: Look, files: Sequence[LogFile]) -> Look:
-    """The look with the logs of surge and heave, each under its motion and kind."""
+    """The look with the logs of translations, each under its motion and kind."""
     forces: dict[str, dict[str, list[LogFile]]] = {}
     aside, runs = list(look.set_aside), dict(look.runs)
     for layout in look.layouts:

@@ -8,6 +8,7 @@ from pathlib import Path
 from automarine_cli.dofs import HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.identify import NOTHING_KNOWN, identify_turns
+from automarine_cli.fits.linear_mixed import NotFinite, not_finite
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.step_response import Known
 from automarine_cli.fits.yaw_fit import YawFit
@@ -18,6 +19,7 @@ from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import yaw_report
+from automarine_cli.report.figures.files import refuse_unknown, write_figures
 from automarine_cli.runs.half_turn import UNTRIMMED, Trim
 from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run
@@ -113,6 +115,7 @@ def _fit(
     progress: Progress,
 ) -> YawFit:
     """The fit of any motion; `own` are the options that only it has."""
+    refuse_unknown(figure_formats)
     column_map = given_columns(columns)
     arm, kind = own.get("arm"), FIT_TO[1] if fit_to == STEPS else fit_to
     drive = moment_maker(thrusters, arm if isinstance(arm, int | float) else None, column_map, dof)
@@ -130,9 +133,9 @@ def _fit(
     def work() -> YawFit:
         with told_beside(campaign.set_aside):
             try:
-                fit = identify_turns(campaign.turns, campaign.not_turned, whole, kind, known, each)
-            except FitError as problem:
-                raise FitError(dof.say(str(problem))) from None
+                fit = identify_turns(dof, campaign.turns, campaign.not_turned, whole, kind, known, each)
+            except NotFinite:
+                raise FitError(not_finite(dof.words.position, dof.words.force)) from None
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside))
         if strict and fit.set_aside:
             raise refused_by_strict(fit.set_aside[0])
@@ -157,6 +160,7 @@ def _fit(
     ) as folder:
         fit = work()
         folder.write_json(f"{dof.name}_model.json", fit.to_json())
-        for name, content in yaw_report.files(fit, figure_formats):
+        for name, content in yaw_report.files(fit):
             folder.write(name, content)
+        write_figures(folder, yaw_report.drawings(fit), figure_formats)
     return fit

@@ -16,12 +16,13 @@ from automarine_cli.dofs import YAW, Dof
 from automarine_cli.errors import AutomarineError, ModelError, RunError
 from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models
+from automarine_cli.pipeline.attempts import Attempt
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import ResultFolder, file_stems, result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.report.figures.style import figure_files
+from automarine_cli.report.figures.files import Files, drawn, refuse_unknown, write_figure
 from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.report.validation_tables import overall_table, run_table, score_table
@@ -135,6 +136,7 @@ def validate(
     `figures` is false. Raises LogError, RunError,
     ModelError, SettingError, OutputError.
     """
+    refuse_unknown(figure_formats)
     stored = load_yaw_models(model)
     names = given_columns(columns)
     drive = moment_maker(thrusters, arm, names, stored.dof)
@@ -225,14 +227,14 @@ def _write(
     free = [
         {number: scored.free[i] for number, scored in found.models.items()} for i in range(len(found.runs))
     ]
-    draw = partial(_pictures, formats=formats)
-    pages = ordered_map(draw, list(zip(free, found.floors)), jobs, progress=progress, stage="figures")
-    for stem, page in zip(file_stems([run.name for run in found.runs]), pages):
-        for name, content in page:
-            folder.write(name.replace("RUN", stem), content)
+    work = list(zip(file_stems([run.name for run in found.runs]), free, found.floors))
+    for figure in ordered_map(
+        partial(_drawn, formats=formats), work, jobs, progress=progress, stage="figures"
+    ):
+        write_figure(folder, figure)
 
 
-def _pictures(one: tuple[Mapping[str, FreeRun], float], formats: tuple[str, ...]) -> list[tuple[str, bytes]]:
+def _drawn(one: tuple[str, Mapping[str, FreeRun], float], formats: tuple[str, ...]) -> Attempt[Files]:
     """The figure of one run in each of the formats."""
-    free, floor = one
-    return list(figure_files("validation_RUN", validation_figure(free, floor), formats))
+    stem, free, floor = one
+    return drawn(f"validation_{stem}", lambda: validation_figure(free, floor), formats)

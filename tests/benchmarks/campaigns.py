@@ -82,4 +82,5 @@ def known_half_turns(campaign: Campaign) -> StepData:
         [turn.position - zero[turn.name] for turn in turns],
         [turn.moment for turn in turns],
         [turn.switch_to - turn.switch_from for turn in turns],
+        turns[0].step.run.dof,
     )

@@ -93,7 +93,7 @@ def _runs(count: int, samples: int) -> list[Run]:
 
 def _diagnosed(runs: list[Run], candidates: int | None = None, jobs: int = 1) -> float:
     """Seconds of one diagnosis, with the first `candidates` of those that apply."""
-    model = YawModel.base("3", INERTIA, [K_RR])
+    model = YawModel.base("3", INERTIA, [K_RR], "nu", YAW)
     whole = search.candidates
     if candidates is not None:
         search.candidates = lambda *given: whole(*given)[:candidates]  # type: ignore[assignment]
