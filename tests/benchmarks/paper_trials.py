@@ -72,7 +72,7 @@ class Setting:
         if self.bias:
             specification = specification.with_effect("bias-moment", b=self.bias)
         if self.recorded:
-            specification = replace(specification, scatter=replace(specification.scatter, moment=0.0))
+            specification = replace(specification, scatter=replace(specification.scatter, force=0.0))
         return specification
 
 
@@ -92,7 +92,7 @@ def run_trial(item: tuple[Specification, Setting, int]) -> dict[str, float]:
     moment, drags = data.moment, fit.drag
     inertia = {number: table.per_run for number, table in fit.inertia.items()}
     if setting.recorded:  # the same tails, against moments that were written down wrong
-        moment = _misread(moment, specification.scatter.moment, seed)
+        moment = _misread(moment, specification.scatter.force, seed)
         drags = {number: fit_drag(moment, fit.tails.rate, number, "nu", YAW) for number in drags}
         inertia = {
             number: inertia_from_velocity_error(fit.tails.error, moment, *drags[number].drag)
