@@ -48,7 +48,7 @@ PLAIN = frozenset(
     re.findall(
         r"\w+",
         "a an and the to of with half one other way ways side sides both each more whole again back up "
-        "speed sensor step steps spring stiffness move moves moved moving",
+        "speed sensor direction directions step steps spring stiffness move moves moved moving",
     )
 )
 """Words of a motion's record that are as good in any other."""
@@ -149,7 +149,7 @@ def unmeasured(plan: Plan, number: int, moment_unit: str = "nu", scale: float = 
     extras = {"voltage": voltage, "surge": surge}
     name = f"run_{number:02d}"
     clock = WAIT * number + time
-    return Run(name, f"{name}.csv", clock, np.zeros(len(time)), command, moment_unit, extras)
+    return Run(name, f"{name}.csv", clock, np.zeros(len(time)), command, moment_unit, extras, dof=YAW)
 
 
 def measured(

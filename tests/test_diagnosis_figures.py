@@ -15,7 +15,9 @@ from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_page import escape, page
 from automarine_cli.report.diagnosis_page_tables import gap_table
-from automarine_cli.report.figures.diagnosis import before_after_figure, where_figure, why_figure
+from automarine_cli.report.figures.diagnosis_gap import before_after_figure
+from automarine_cli.report.figures.diagnosis_where import where_figure
+from automarine_cli.report.figures.diagnosis_why import why_figure
 from automarine_cli.report.figures.style import png
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -35,7 +37,7 @@ def campaign(model: YawModel, name: str, seed: int, runs: int = 12) -> list[Run]
         time = np.arange(0.0, 14.0, 0.2) + 60.0 * i
         into = time - time[0]
         command = np.where(into < 1.9, 0.0, np.where(into < 8.9, tau, 0.0 if i % 3 == 0 else tau))
-        plans.append(Run(f"{name} {i}", "planted", time, 0 * time, command, "nu"))
+        plans.append(Run(f"{name} {i}", "planted", time, 0 * time, command, "nu", dof=YAW))
     batch = make_batch(plans, 0.05)
     start = Start(position=random.uniform(0, 6, (1, runs)), log_gain=0.02 * random.normal(size=(1, runs)))
     heading = simulate(model, batch, start=start).position[0]

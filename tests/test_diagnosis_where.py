@@ -33,7 +33,7 @@ def campaign(
         into = time - time[0]
         after = (tau, tau, 0.0, -tau)[i % 4]
         command = np.where(into < 2.95, 0.0, np.where(into < 10.95, tau, after))
-        plans.append(Run(f"run {i}", "planted", time, 0 * time, command, "nu"))
+        plans.append(Run(f"run {i}", "planted", time, 0 * time, command, "nu", dof=YAW))
     batch = make_batch(plans, 0.05)
     start = Start(position=random.uniform(0, 6, (1, runs)), log_gain=scatter * random.normal(size=(1, runs)))
     heading = simulate(model, batch, start=start).position[0]

@@ -58,7 +58,7 @@ def ours(moment: float, rate0: float, seconds: float, number: str = "2") -> tupl
     """Times and rates of our own simulation."""
     model = YawModel.base(number, I_R, list(DRAGS[number].values()), "N m", YAW)
     run = unmeasured([(moment, seconds)], 0, "N m")
-    run = type(run)(run.name, run.source, run.time, run.position, np.full(len(run), moment), "N m")
+    run = type(run)(run.name, run.source, run.time, run.position, np.full(len(run), moment), "N m", dof=YAW)
     found = simulate(model, make_batch([run], 0.02), start=Start(velocity=rate0))
     return run.time - run.time[0], found.velocity[0, 0]
 

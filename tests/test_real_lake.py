@@ -104,7 +104,7 @@ def test_commands_through_our_own_bollard_map_agree(nominal: YawFit, tmp_path: P
     """The map fitted to the raw bollard series of two thrusters gives inertia and drag within a quarter."""
     thrusters = fit_thrusters([BOLLARD], columns=column_map(tmp_path, TWO_TOGETHER)).map
     columns = read_column_map(column_map(tmp_path, COMMANDS))
-    runs = with_moments(load_runs([str(LAKE / "run_*.csv")], columns).runs, thrusters, ARM, columns)
+    runs = with_moments(load_runs([str(LAKE / "run_*.csv")], columns, dof=YAW).runs, thrusters, ARM, columns)
     assert {run.moment_unit for run in runs} == {"N m"}
     fit = fit_whole_runs(make_batch(runs, 0.1), "1", np.zeros(len(runs), dtype=bool))
     for name, estimate in fit.estimates.items():
@@ -116,7 +116,7 @@ def halves(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Run], list[Ru
     """Half of the runs to fit, the others to hold out, with the surge speed that the logs have."""
     columns = read_column_map(column_map(tmp_path_factory.mktemp("halves"), WITH_SURGE))
     fitted, kept = ([str(LAKE / f"run_{n}.csv") for n in half] for half in (FITTED, LEFT_OUT))
-    return list(load_runs(fitted, columns).runs), list(load_runs(kept, columns).runs)
+    return list(load_runs(fitted, columns, dof=YAW).runs), list(load_runs(kept, columns, dof=YAW).runs)
 
 
 def restarted(model: YawModel, runs: list[Run]) -> float:

@@ -30,7 +30,9 @@ def drags(number: str) -> dict[str, float]:
 
 
 def run_of(time: Floats, moment: Floats | float) -> Run:
-    return Run("run", "run.csv", time, np.zeros(len(time)), np.broadcast_to(moment, time.shape).copy(), "nu")
+    return Run(
+        "run", "run.csv", time, np.zeros(len(time)), np.broadcast_to(moment, time.shape).copy(), "nu", dof=YAW
+    )
 
 
 def headings(number: str, run: Run, step: float = 0.02, **start: object) -> Floats:

@@ -80,9 +80,12 @@ class Words:
     each_way: str
     one_way: str
     other_way: str  # of positions that count against the convention: counter-clockwise, the other way
+    gone_key: str  # of how far it went: turned, covered
     the_other: str  # than one_way: to the other, the other
     way: str  # one of the two: side, direction
     rate_sensor: str  # what measures the velocity: gyro, speed sensor
+    way_key: str  # of how far a step is to go, as a key begins: turn, travel
+    range_key: str  # the key of how far a run went in all: turns, covered_m
 
 
 @dataclass(frozen=True)
@@ -119,10 +122,11 @@ class Limits:
 
     `trim` is how far a step is followed unless asked otherwise, `least` what it has to cover before its end, `still`
     what counts as not having moved, `start` what counts as its beginning; `plausible` are ratios of inertia to
-    quadratic drag. `spike`, `end_spike` and `jump` are the least sizes of readings that no vehicle makes;
-    `acceleration` is what none reaches, `far` and `fast` what none gets to; `position_sd` and `velocity_sd` are
-    standard deviations, wide ones, of the start of a run, `bias_sd` that of what a velocity sensor adds. `long` is how
-    far a long run goes.
+    quadratic drag. `spike`, `end_spike` and `jump` are the least sizes of readings that no vehicle makes (a smaller one
+    is left to the noise), beside what the log's own noise and speed allow; three steps of `large_step` from sample to
+    sample stay below half of what wraps. `acceleration` is what none reaches, `far` and `fast` what none gets to;
+    `position_sd` and `velocity_sd` are standard deviations, wide ones, of the start of a run, `bias_sd` that
+    of what a velocity sensor adds. `long` is how far a long run goes.
     """
 
     trim: float
@@ -147,14 +151,18 @@ class Limits:
 class Dof:
     """One degree of freedom: a position, and the moment or force that drives it. One object, the same in every process.
 
+    `number` is its place among the six, from 0: surge, sway, heave, roll, pitch, yaw, forces X, Y, Z, K, M, N.
     `position`, `velocity` and `command` are canonical quantities of the logs, `thrusters` the commands of which a map
     makes moment or force, each counting by `sides`; `levered` where that takes a lever arm. `turn` is after how much
     the position wraps [rad or m], infinite where it does not. `has_constant`: a constant force is part of every model;
     `directional`: drag may differ between the two ways, the positive one first. `columns` are the names under which
-    logs hold its command, as (column, unit); `nicknames` how people call its quantities, for suggestions only.
+    logs hold its quantities, by quantity, as (column, unit). `nicknames` is how people call them, for suggestions only;
+    `plain_names` are those that mean nothing else. `mounts` says which thruster each of `thrusters` is; `horizontal`
+    that it is a motion in the plane of the water, of which the velocities are known to tests of all motions.
     """
 
     name: str
+    number: int
     position: str
     velocity: str
     command: str
@@ -168,10 +176,13 @@ class Dof:
     levered: bool = False
     has_constant: bool = False
     directional: bool = False
-    columns: tuple[tuple[str, str], ...] = ()
+    columns: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
     nicknames: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     keys: Mapping[str, str] = field(default_factory=dict)
     renamed_words: Mapping[str, str] = field(default_factory=dict)
+    plain_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    mounts: tuple[str, ...] = ()
+    horizontal: bool = True
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _dof_of, (self.name,)
@@ -185,6 +196,10 @@ class Dof:
     def channels(self) -> tuple[str, str]:
         """The quantities that sensors may give of this motion: position and velocity."""
         return self.position, self.velocity
+
+    def column(self, quantity: str, unit: str) -> str:
+        """The name under which logs hold a quantity of this motion in a unit."""
+        return next(name for name, own in self.columns[quantity] if own == unit)
 
     def shown(self, position: Any) -> Any:
         """A position or velocity in the unit in which people see it."""
@@ -220,6 +235,11 @@ class Dof:
     def velocity_key(self) -> str:
         """Key of a velocity in base units in result files."""
         return f"{self.velocity}_{self.units.base}_s"
+
+    @property
+    def steps_key(self) -> str:
+        """What files of all steps are called: half_turns, steps."""
+        return f"{self.words.step}s".replace("-", "_")
 
     @cached_property
     def vocabulary(self) -> Mapping[str, str]:

@@ -19,10 +19,10 @@ Texts are templates over the vocabulary of a degree of freedom (`Dof.vocabulary`
 
 The folder is the registry: `effects.get("my-effect")` and the contract test find the new file by themselves.
 Every method is a pure function of arrays of shape (P, R), parameter sets by runs, or shapes that broadcast
-to it. An effect acts on one degree of freedom and sees the state of that one.
+to it. An effect acts on one degree of freedom and sees the state of that one, and the flow along the others.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar
@@ -117,9 +117,11 @@ class State:
     """State of one degree of freedom of all runs under all parameter sets at one instant: arrays that broadcast to
     (P, R).
 
-    `position` [rad or m, unwrapped, true], `origin` the same at the run's start, `velocity` [per s], `relative` the
-    velocity through the water, on which drag depends, `delivered` moment or force after the actuators, `time` in the
-    run [s], `signals` other logged columns held over the step. The simulator fills it in anew for every instant.
+    `position` [rad or m, unwrapped, true], `origin` the same at the run's start, `velocity` over ground [per s],
+    `relative` the velocity through the water, on which drag depends, `delivered` moment or force after the actuators,
+    `time` in the run [s], `signals` other logged columns held over the step, `flow` the velocities through the water
+    of all degrees of freedom that move together, by their place. The simulator fills it in anew for every instant. In
+    the plane `position` is north, east or the heading.
     """
 
     position: Floats
@@ -129,6 +131,7 @@ class State:
     delivered: Floats
     time: Floats
     signals: Mapping[str, Floats]
+    flow: Sequence[Floats] = ()
 
     @property
     def travelled(self) -> Floats:

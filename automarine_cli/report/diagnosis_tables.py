@@ -11,19 +11,17 @@ from automarine_cli.report.tables import Table, interval, number
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence with its numbers."""
     dof = diagnosis.study.base.dof
+    unit, position = dof.units.shown, dof.words.position
     before, after, floor = (
         f"{dof.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
     )
     if diagnosis.verdict == "named":
         names = " and ".join(effect.name for effect in diagnosis.effects)
-        return f"Named: {names}; the gap falls from {before} to {after} {dof.units.shown} " + dof.say(
-            f"(noise of the heading {floor} deg)."
-        )
+        noise = f"noise of the {position} {floor} {unit}"
+        return f"Named: {names}; the gap falls from {before} to {after} {unit} ({noise})."
     if diagnosis.verdict == "unexplained":
-        return dof.say(f"Unexplained: the gap is {after} deg where the noise of the heading is {floor} deg.")
-    return dof.say(
-        f"Nothing missing that these runs could show: gap {before} deg, noise of the heading {floor} deg."
-    )
+        return f"Unexplained: the gap is {after} {unit} where the noise of the {position} is {floor} {unit}."
+    return f"Nothing missing that these runs could show: gap {before} {unit}, noise of the {position} {floor} {unit}."
 
 
 def parameter_cell(effect: str, i: int, estimate: Estimate) -> str:

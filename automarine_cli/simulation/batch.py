@@ -139,7 +139,7 @@ def make_batch(
     """Lay `runs` out for simulation with steps of at most `max_step` [s].
 
     `motion` is by default that of the runs' one degree of freedom. `channels` names the quantities measured that are to
-    be followed, by default the position of the runs alone; `signals` the columns of `Run.extras` that effects need;
+    be followed, by default the positions of the runs alone; `signals` the columns of `Run.extras` that effects need;
     without `hold` nobody holds a vehicle. Raises RunError for no runs, a run without a moment, runs with moments in
     different units, or a missing signal.
     """
@@ -197,10 +197,10 @@ def _channels(
     runs: Sequence[Run], motion: Motion, samples: int, wanted: Sequence[str] | None
 ) -> Iterator[Channel]:
     """The channels of the motion that are wanted and that any run has; the first position always, if only to show."""
-    for d, dof in enumerate(motion.dofs):
-        for quantity in dof.channels:
-            first = d == 0 and quantity == dof.position
-            asked = first if wanted is None else quantity in wanted
+    for d, (dof, position) in enumerate(zip(motion.dofs, motion.positions)):
+        for quantity in (position, dof.velocity):
+            first = d == 0 and quantity == position
+            asked = quantity == position if wanted is None else quantity in wanted
             columns = [run.channel(quantity) for run in runs]
             if not (first or asked) or all(column is None for column in columns):
                 continue

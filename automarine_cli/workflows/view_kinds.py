@@ -20,12 +20,14 @@ from automarine_cli.report import (
     yaw_report,
 )
 from automarine_cli.report.figures import compare as compare_figures
-from automarine_cli.report.figures import diagnosis as diagnosis_figures
 from automarine_cli.report.figures import plan as plan_figures
 from automarine_cli.report.figures import thruster_diagnosis as thruster_diagnosis_figures
 from automarine_cli.report.figures import thrusters as thruster_figures
 from automarine_cli.report.figures import validation as validation_figures
 from automarine_cli.report.figures import yaw as yaw_figures
+from automarine_cli.report.figures.diagnosis_gap import before_after_figure
+from automarine_cli.report.figures.diagnosis_where import where_figure
+from automarine_cli.report.figures.diagnosis_why import why_figure
 from automarine_cli.report.tables import Table, interval, number
 from automarine_cli.workflows.check import Check
 from automarine_cli.workflows.compare import ResultComparison
@@ -37,7 +39,6 @@ from automarine_cli.workflows.validate import Validation
 
 Row = dict[str, object]
 Figures = Mapping[str, Callable[[], Any]]
-SYMBOLS = {"k_rr": "k_r|r|"}
 
 
 @dataclass(frozen=True)
@@ -78,17 +79,19 @@ def _aligned(estimates: Mapping[str, Estimate]) -> Iterator[str]:
 
 def _yaw_lines(fit: YawFit) -> Iterator[str]:
     dof = fit.dof
-    to = dof.say("half-turns") if fit.turns else "whole runs"
-    used, aside = _counted(fit.used, "run"), len(fit.set_aside)
-    yield f"{dof.say('Yaw model')} {fit.preference.number}, fitted to {to} of {used}; {aside} set aside"
     own = dof.symbols
-    names = {own.quadratic: own.quadratic_print}
-    names |= {key: key.replace("_", " ") for key in (own.constant, own.difference)}
+    to = f"{dof.words.step}s" if fit.turns else "whole runs"
+    used, aside = _counted(fit.used, "run"), len(fit.set_aside)
+    yield f"{dof.name.capitalize()} model {fit.preference.number}, fitted to {to} of {used}; {aside} set aside"
+    names = {
+        own.quadratic: own.quadratic_print,
+        **{name: name.replace("_", " ") for name in (own.constant, own.difference)},
+    }
     found = {names.get(name, name): one for name, one in fit.preferred.estimates.items()}
     if fit.inertial_turn_angle is not None:
         found[f"{own.inertia}/{own.quadratic_print}"] = fit.inertial_turn_angle
     yield from _aligned(found)
-    noise = f"{dof.position} noise {dof.shown(fit.preferred.noise):.2f} {dof.units.shown}"
+    noise = f"{dof.words.position} noise {dof.shown(fit.preferred.noise):.2f} {dof.units.shown}"
     yield f"  {noise}; {_counted(len(fit.warnings), 'warning')}"
 
 
@@ -115,7 +118,7 @@ def _yaw_figures(fit: YawFit) -> Figures:
     return {
         "drag": lambda: yaw_figures.drag_figure(fit, seed),
         "inertia": lambda: yaw_figures.inertia_figure(fit, seed),
-        "half-turns": lambda: yaw_figures.half_turns_figure(fit),
+        f"{fit.dof.words.step}s": lambda: yaw_figures.half_turns_figure(fit),
         "collapse": lambda: yaw_figures.collapse_figure(fit, data),
     }
 
@@ -193,9 +196,9 @@ def _diagnosis_figures(result: YawDiagnosis) -> Figures:
     found, where = result.diagnosis, result.where
     last = found.found
     return {
-        "before-after": lambda: diagnosis_figures.before_after_figure(found, where, budget(found)),
-        "where": lambda: diagnosis_figures.where_figure(where, found),
-        "why": lambda: diagnosis_figures.why_figure(found, naming_key(found.study, last.base, last.final)),
+        "before-after": lambda: before_after_figure(found, where, budget(found)),
+        "where": lambda: where_figure(where, found),
+        "why": lambda: why_figure(found, naming_key(found.study, last.base, last.final)),
     }
 
 

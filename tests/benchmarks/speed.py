@@ -113,6 +113,7 @@ def _simulator(runs: int, sets: int, repeats: int, progress: Progress) -> Result
             np.zeros(samples),
             np.where(np.arange(samples) > 30, moment, 0.0),
             "nu",
+            dof=YAW,
         )
         for i, moment in enumerate(moments)
     ]
