@@ -36,7 +36,8 @@ class Run:
     `extras` holds every other numeric column (`yaw_rate` [rad/s], `n_port`, `n_stbd`, `voltage` [V], `surge`,
     `sway` [m/s], ...). `counts` says what cleaning did (name -> number), `notes` what a person should know.
     `reading` are those of the notes that tell how the log was read, such as signs that were turned and how old held
-    values are. In a run of another motion (`dof`) `position` is in metres and `moment` the force.
+    values are. In a run of another motion (`dof`) `position` is in metres and `moment` the force. Where `summed_up` the
+    log has no position: it is that of the velocity, added up to trim runs by and to look at, and no evidence.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Run:
     notes: tuple[str, ...] = ()
     reading: tuple[str, ...] = ()
     dof: Dof = YAW
+    summed_up: bool = False
 
     def __post_init__(self) -> None:
         for name, column in {"time": self.time, "position": self.position, **self.extras}.items():

@@ -207,7 +207,10 @@ def _channels(
             values = [np.full(len(run), np.nan) if c is None else c for run, c in zip(runs, columns)]
             seen = _padded([np.isfinite(column) for column in values], samples)
             filled = _padded([np.nan_to_num(column) for column in values], samples)
-            yield Channel(quantity, d, quantity == dof.velocity, filled, seen, counts=asked)
+            logged = np.array([not (quantity == dof.position and run.summed_up) for run in runs])
+            if logged.any():
+                seen &= logged[:, None]
+            yield Channel(quantity, d, quantity == dof.velocity, filled, seen, asked and bool(logged.any()))
 
 
 def _held(run: Run, grid: _Grid) -> _Grid:
