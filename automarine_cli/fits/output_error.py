@@ -109,7 +109,8 @@ def _fit_at_nodes(
             for one, channel in zip(nodes, data.channels)
         )
         if all(shown):
-            return problem, replace(mixed, fitted=whole.readings(mixed.phi, mixed.run_effects))
+            readings = whole.readings(mixed.phi, mixed.run_effects)
+            return problem, replace(mixed, fitted=readings, slots=whole.slots)
         theta = mixed.theta
     return whole, fit_mixed(whole, theta, **start)
 
