@@ -145,6 +145,7 @@ class Effect:
     states: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
     steered: ClassVar[bool] = False
+    placed: ClassVar[bool] = False
     """Whether the moment depends on the heading; without such an effect the simulator sums the heading at the end."""
 
     per_run: ClassVar[int] = 0

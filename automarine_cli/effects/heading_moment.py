@@ -25,6 +25,7 @@ class HeadingMoment(Effect):
     source = "Fossen (2011), Handbook of Marine Craft Hydrodynamics, section 8 (current and weathervaning)"
     parity = MIXED
     steered = True
+    placed = True
     axes = ("yaw",)
 
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:

@@ -78,7 +78,7 @@ def fit_warnings(
     fit = fits[preference.number]
     dof = fit.model.dof
     found = [*_one_run_that_decides(fit, names_of_runs), *_wild_gains(fit, names_of_runs)]
-    if position_noise and fit.noise > UNEXPLAINED * position_noise:
+    if position_noise and fit.noise and fit.noise > UNEXPLAINED * position_noise:
         found.append(
             f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}° of the headings unexplained, which scatter "
             f"by {dof.shown(position_noise):.2g}° about smooth curves: something acts that it lacks, a delay perhaps; "

@@ -7,6 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from automarine_cli.dofs import Dof
+from automarine_cli.fits.channel_noise import channel_noises, channel_sentences
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.run_effects import GAIN, START_VELOCITY, SWITCHES
 from automarine_cli.fits.step_response import instant
@@ -50,16 +51,24 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     lines.append(
         f"Thrust scatters from run to run by {100 * preferred.gain_scatter.value:.1f} % [{100 * low:.1f}, "
         f"{100 * high:.1f}]; "
-        f"heading noise {fit.dof.shown(preferred.noise):.2f}°. Moments switch {preferred.offset.value:+.2f} sample "
+        f"{_noise(fit)}. Moments switch {preferred.offset.value:+.2f} sample "
         f"intervals [{preferred.offset.ci95[0]:+.2f}, {preferred.offset.ci95[1]:+.2f}] from the middle between "
         "the first sample that shows them and the one before."
     )
     lines = [fit.dof.say(line) for line in lines]
+    lines += channel_sentences(fit.channels, channel_noises(preferred.mixed, fit.dof), fit.dof)
     if preferred.ways is not None:
         lines.append(_by_way(preferred.ways, fit.dof))
     if fit.buoyancy is not None:
         lines.append(fit.buoyancy.says)
     return (*lines, *(f"Warning: {warning}" for warning in fit.warnings))
+
+
+def _noise(fit: YawFit) -> str:
+    """The noise of the sensor that the fit rests on first, for a sentence about yaw."""
+    if fit.preferred.noise is not None:
+        return f"heading noise {fit.dof.shown(fit.preferred.noise):.2f}°"
+    return f"yaw rate noise {fit.dof.shown(fit.preferred.mixed.noise):.3g}°/s"
 
 
 def _by_way(ways: Ways, dof: Dof) -> str:

@@ -196,21 +196,20 @@ def _padded(rows: Sequence[NDArray[Any]], width: int) -> NDArray[Any]:
 def _channels(
     runs: Sequence[Run], motion: Motion, samples: int, wanted: Sequence[str] | None
 ) -> Iterator[Channel]:
-    """The channels of the motion that are wanted and that any run has; the first position always, if only to show."""
+    """The channels of the motion that are wanted; the first position always, if only to show."""
     for d, dof in enumerate(motion.dofs):
         for quantity in dof.channels:
             first = d == 0 and quantity == dof.position
             asked = first if wanted is None else quantity in wanted
             columns = [run.channel(quantity) for run in runs]
-            if not (first or asked) or all(column is None for column in columns):
+            if not (first or asked):
                 continue
             values = [np.full(len(run), np.nan) if c is None else c for run, c in zip(runs, columns)]
             seen = _padded([np.isfinite(column) for column in values], samples)
             filled = _padded([np.nan_to_num(column) for column in values], samples)
-            logged = np.array([not (quantity == dof.position and run.summed_up) for run in runs])
-            if logged.any():
-                seen &= logged[:, None]
-            yield Channel(quantity, d, quantity == dof.velocity, filled, seen, asked and bool(logged.any()))
+            if asked and quantity == dof.position:
+                seen &= np.array([[not run.summed_up] for run in runs])
+            yield Channel(quantity, d, quantity == dof.velocity, filled, seen, counts=asked)
 
 
 def _held(run: Run, grid: _Grid) -> _Grid:
