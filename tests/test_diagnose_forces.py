@@ -62,7 +62,7 @@ def test_effects_are_looked_for_where_they_may_act(motion: str) -> None:
     tried = set(candidates(study_of(runs, model), model)) if runs else None
     turning = {"compass-deviation", "heading-moment", "cross-coupling"}
     for name in effects.names():
-        assert (motion in effects.get(name).axes) == (motion == "yaw" or name not in turning) or (
+        assert (motion in effects.get(name).motions) == (motion == "yaw" or name not in turning) or (
             name == "linear-drag-asymmetry" and motion == "yaw"
         )
     if tried is not None:

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from automarine_cli import effects
 from automarine_cli.cli import automarine
 from automarine_cli.diagnosis import search
+from automarine_cli.dofs import YAW
 from automarine_cli.pipeline.manifest import read_manifest
 from automarine_cli.pipeline.recipe import toml_text
 from automarine_cli.workflows.diagnose import FILES
@@ -20,7 +21,7 @@ from automarine_cli.workflows.simulate import simulate
 
 STRONG = 3.0
 """Times the usual start of an effect's size: it shows at once."""
-VARYING = [name for name in effects.names() if effects.get(name).per_run and "yaw" in effects.get(name).axes]
+VARYING = [name for name in effects.names() if effects.get(name).per_run and effects.get(name).acts_in(YAW)]
 MIRROR = "[columns]\nheading_deg = { from = 'heading_deg', sign = -1 }\ntau = { from = 'tau', sign = -1 }\n"
 
 

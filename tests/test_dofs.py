@@ -9,7 +9,7 @@ from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
 TRANSLATIONS = (SURGE, HEAVE)
 
 
-@pytest.mark.parametrize("dof", DOFS.values(), ids=str)
+@pytest.mark.parametrize("dof", DOFS.values(), ids=list(DOFS))
 def test_an_axis_is_one_object_in_every_process(dof: Dof) -> None:
     assert pickle.loads(pickle.dumps(dof)) is dof
 
@@ -41,13 +41,13 @@ def test_equations_and_labels_have_the_letters_of_the_motion() -> None:
     )
 
 
-@pytest.mark.parametrize("dof", TRANSLATIONS, ids=str)
+@pytest.mark.parametrize("dof", TRANSLATIONS, ids=("surge", "heave"))
 def test_names_of_files_and_effects_are_left_alone(dof: Dof) -> None:
     for name in ("bias-moment", "heading-moment", "logs/port/yaw.csv", "port_run", "thruster-map"):
         assert dof.say(name) == name
 
 
-@pytest.mark.parametrize("dof", TRANSLATIONS, ids=str)
+@pytest.mark.parametrize("dof", TRANSLATIONS, ids=("surge", "heave"))
 def test_keys_come_back(dof: Dof) -> None:
     content = {
         "models": {"3": {"I_r": 1.0, "k_rr": {"value": 2.0}}},
@@ -59,9 +59,10 @@ def test_keys_come_back(dof: Dof) -> None:
     assert dof.plain(named) == content
 
 
-@pytest.mark.parametrize("dof", TRANSLATIONS, ids=str)
+@pytest.mark.parametrize("dof", TRANSLATIONS, ids=("surge", "heave"))
 def test_units_are_those_of_a_force_over_speeds(dof: Dof) -> None:
-    assert [dof.unit_of(name, "N") for name in ("I_r", "k_r", "k_rr", "theta_c")] == [
+    assert [dof.unit_of(name, "N") for name in ("inertia", "linear", "quadratic", "ratio")] == [
         "kg", "N s/m", "N s²/m²", "m",
     ]  # fmt: skip
-    assert dof.unit_in("{moment} s²", "nu") == "nu s²/m²"
+    assert [dof.unit_of(name, "N") for name in (dof.symbols.inertia, dof.symbols.cubic)] == ["kg", "N s³/m³"]
+    assert dof.unit_in("{force} s²{/x2}", "nu") == "nu s²/m²" and dof.unit_in("{x}/s", "nu") == "m/s"

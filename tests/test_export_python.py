@@ -83,7 +83,7 @@ def model_file(model: YawModel, path: Path) -> Path:
     number = "1" if model.terms[0].name == "linear-drag" else "3"
     drag = {"1": "k_r", "3": "k_rr"}[number]
     added = [
-        {"name": t.name, "parameters": {p.name: v for p, v in zip(effects.get(t.name).parameters, t.values)}}
+        {"name": t.name, "parameters": dict(zip(effects.get(t.name).names_in(model.dof), t.values))}
         for t in model.terms[1:]
     ]
     base = {"I_r": model.inertia, drag: model.terms[0].values[0]}

@@ -22,8 +22,8 @@ from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import simulate
 from automarine_cli.workflows.fit_yaw import fit_heave, fit_surge
 
-SURGE_TRUTH = {"I_r": 17.0, "k_rr": 24.0, "e": -3.0}
-HEAVE_TRUTH = {"I_r": 26.0, "k_rr": 45.0, "b": -2.0, "e": 6.0}
+SURGE_TRUTH = {"m_u": 17.0, "X_uu": 24.0, "half_difference": -3.0}
+HEAVE_TRUTH = {"m_w": 26.0, "Z_ww": 45.0, "constant_force": -2.0, "half_difference": 6.0}
 LOGS = {"surge": [SAMPLE_RUNS / "surge"], "heave": [SAMPLE_RUNS / "heave"]}
 
 
@@ -54,8 +54,8 @@ def test_surge_is_recovered(surge: tuple[YawFit, Path]) -> None:
         assert holds(fit.preferred.estimates[name], truth, 0.1), name
     assert fit.seed_method is not None
     assert holds(fit.seed_method.inertia["3"].overall, 17.0)
-    assert holds(fit.seed_method.drag["3"].estimates["k_rr"], 24.0)
-    assert holds(fit.seed_method.drag["3"].estimates["e"], -3.0, 0.1)
+    assert holds(fit.seed_method.drag["3"].estimates["X_uu"], 24.0)
+    assert holds(fit.seed_method.drag["3"].estimates["half_difference"], -3.0, 0.1)
     assert {turn.cut_by for turn in fit.turns} == {"the way allowed"}
     assert max(abs(turn.turned) for turn in fit.turns) < 3.03
 
@@ -67,7 +67,7 @@ def test_heave_is_recovered_with_its_buoyancy(heave: tuple[YawFit, Path]) -> Non
         assert holds(fit.preferred.estimates[name], truth, 0.1), name
     assert fit.seed_method is not None
     assert holds(fit.seed_method.inertia["3"].overall, 26.0)
-    assert holds(fit.seed_method.drag["3"].estimates["b"], -2.0, 0.2)
+    assert holds(fit.seed_method.drag["3"].estimates["constant_force"], -2.0, 0.2)
     assert fit.buoyancy is not None and fit.buoyancy.ballast is not None
     assert fit.buoyancy.ballast.value == pytest.approx(2.0 / 9.81, rel=0.06)
     assert "up: to balance it add 0.2" in fit.buoyancy.says
@@ -100,9 +100,10 @@ def test_a_mirrored_campaign_has_the_mirrored_vehicle(
     runs = [mirrored(run) for run in load_runs(LOGS[motion], dof=dof).runs]
     trim = Trim(3.0) if motion == "surge" else Trim(None, -3.6, 0.0)
     there, here = identify(runs, trim=trim).preferred.estimates, fit.preferred.estimates
-    signs = {"I_r": 1.0, "k_rr": 1.0, "b": -1.0, "e": -1.0}
+    signed = (dof.symbols.constant, dof.symbols.difference)
     for name, one in here.items():
-        assert there[name].value == pytest.approx(signs[name] * one.value, rel=2e-4, abs=1e-4), name
+        sign = -1.0 if name in signed else 1.0
+        assert there[name].value == pytest.approx(sign * one.value, rel=2e-4, abs=1e-4), name
 
 
 def test_drag_that_is_the_same_both_ways_is_pooled() -> None:
@@ -110,8 +111,8 @@ def test_drag_that_is_the_same_both_ways_is_pooled() -> None:
     runs = [run for run in load_runs(LOGS["surge"], dof=SURGE).runs if run.command.max() > 0]
     both = [*runs, *(replace(mirrored(run), name=f"{run.name}_back") for run in runs)]
     fit = identify(both, trim=Trim(3.0)).preferred
-    assert fit.ways is not None and not fit.ways.differ and "e" not in fit.estimates
-    assert holds(fit.estimates["k_rr"], 21.0)
+    assert fit.ways is not None and not fit.ways.differ and "half_difference" not in fit.estimates
+    assert holds(fit.estimates["X_uu"], 21.0)
     assert [term.name for term in fit.model.terms] == ["quadratic-drag"]
 
 

@@ -14,6 +14,7 @@ from click.testing import Result
 from made_campaigns import campaign, moving_run
 from made_runs import INERTIA, K_RR, written
 
+from automarine_cli.dofs import YAW
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.runs.run import Run
 
@@ -41,7 +42,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = write_logs(runs, tmp_path_factory.mktemp("made") / "logs")
     still = campaign([0.4], seed=2)[0]
     heading = np.zeros(len(still)) + np.radians(np.random.default_rng(0).normal(size=len(still)))
-    written(Run("still", "", still.time, heading, still.moment, "nu"), folder / "still.csv")
+    written(Run("still", "", still.time, heading, still.moment, "nu", dof=YAW), folder / "still.csv")
     return folder
 
 

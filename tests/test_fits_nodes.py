@@ -7,6 +7,7 @@ import pytest
 from made_campaigns import ODD_MOMENTS, PAPER, Vehicle, both_ways, campaign
 from made_runs import mirrored
 
+from automarine_cli.dofs import YAW
 from automarine_cli.fits import nodes as room
 from automarine_cli.fits import output_error
 from automarine_cli.fits.mixed_model import Problem, derivatives
@@ -83,7 +84,7 @@ def sharp(inertia: float, seconds: float = 8.0) -> StepData:
         response(time, moment, inertia, 0.0, PAPER.k_rr)[0] + np.radians(0.5) * rng.standard_normal(len(time))
         for moment in moments
     ]
-    return step_data([str(m) for m in moments], [time] * 6, turned, moments, [0.01] * 6)
+    return step_data([str(m) for m in moments], [time] * 6, turned, moments, [0.01] * 6, YAW)
 
 
 @pytest.mark.parametrize("inertia", [1.0, 0.12, 0.03])

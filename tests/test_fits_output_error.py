@@ -19,6 +19,7 @@ from made_campaigns import (
 from made_runs import mirrored
 from scipy import stats
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.identify import NOTHING_KNOWN, identify
 from automarine_cli.fits.mixed_model import fit_mixed
@@ -167,7 +168,7 @@ def test_another_unit_of_the_moment_scales_inertia_and_drag_alike(number: str) -
 def test_the_zero_of_the_heading_changes_nothing() -> None:
     runs = campaign(seed=7)
     turned = [
-        Run(run.name, run.source, run.time, run.position + 0.9 * i, run.moment, run.moment_unit)
+        Run(run.name, run.source, run.time, run.position + 0.9 * i, run.moment, run.moment_unit, dof=YAW)
         for i, run in enumerate(runs)
     ]
     assert values(fitted(turned)) == pytest.approx(values(fitted(runs)), rel=1e-6)
@@ -381,6 +382,7 @@ def test_a_delay_of_the_thrusters_is_noticed() -> None:
             np.interp(run.time - 0.5, run.time, run.position),
             run.moment,
             "nu",
+            dof=YAW,
         )
         for run in campaign(seed=1)
     ]

@@ -6,6 +6,7 @@ from made_campaigns import ODD_MOMENTS, PAPER, Vehicle, both_ways, campaign, tim
 from numpy.typing import NDArray
 from tolerances import assert_close
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.identify import identify
@@ -35,7 +36,7 @@ def noise_free(
     moments = both_ways(sizes)
     times = [np.linspace(0.0, time_to_turn(np.pi, m, vehicle), samples) for m in moments]
     turned = [response(t, m, vehicle.inertia, vehicle.k_r, vehicle.k_rr)[0] for t, m in zip(times, moments)]
-    return step_data([str(m) for m in moments], times, turned, moments, [0.1] * len(moments))
+    return step_data([str(m) for m in moments], times, turned, moments, [0.1] * len(moments), YAW)
 
 
 def fitted(data: StepData, offset: float = 0.0) -> VelocityErrorFit:
@@ -50,7 +51,7 @@ def test_tail_lines_have_the_bias_that_theory_gives(
     """PHYSICS 4.7, the same at every moment."""
     time = np.linspace(0.0, time_to_turn(np.pi, moment), 4000)[None]
     heading = response(time, moment, PAPER.inertia, 0.0, PAPER.k_rr)[0]
-    lines = tail_lines(time, heading, np.zeros(1), np.abs(heading) >= np.radians(tail))
+    lines = tail_lines(time, heading, np.zeros(1), np.abs(heading) >= np.radians(tail), YAW)
     with_known = inertia_from_velocity_error(lines.error, moment, 0.0, PAPER.k_rr)
     with_own = inertia_from_velocity_error(lines.error, moment, 0.0, np.abs(moment) / lines.rate**2)
     digits = 0.006 if abs(known) < 1.5 else 0.06  # of the printed table
@@ -124,7 +125,7 @@ def test_model_2_finds_its_truth_when_both_drags_act() -> None:
 def test_moving_the_instant_of_the_steps_moves_each_intercept_by_rate_times_shift() -> None:
     data = noise_free()
     fit = fitted(data)
-    later = tail_lines(data.time - 0.03, data.heading, np.zeros(len(data.moment)), fit.tails.used)
+    later = tail_lines(data.time - 0.03, data.heading, np.zeros(len(data.moment)), fit.tails.used, YAW)
     assert_close(later.rate, fit.tails.rate, "closed form")
     assert_close(later.error - fit.tails.error, 0.03 * fit.tails.rate, "closed form")
     quarter = fitted(data, offset=0.25)  # of intervals of 0.1 s
@@ -135,7 +136,7 @@ def test_moving_the_instant_of_the_steps_moves_each_intercept_by_rate_times_shif
 def test_mirrored_turns_give_the_same_inertia() -> None:
     data = noise_free(sizes=(0.2, 0.5, 0.9))
     other = step_data(
-        data.names, list(data.time), list(-data.heading), list(-data.moment), list(data.interval)
+        data.names, list(data.time), list(-data.heading), list(-data.moment), list(data.interval), YAW
     )
     there, mirrored = fitted(data), fitted(other)
     assert there.tail_from == mirrored.tail_from and there.bias == pytest.approx(mirrored.bias, rel=1e-12)
@@ -172,7 +173,7 @@ def identify_seed(seed: int) -> VelocityErrorFit:
     data, rng = noise_free(samples=60), np.random.default_rng(seed)
     noisy = data.heading + data.seen * np.radians(1.0) * rng.standard_normal(data.heading.shape)
     return fit_velocity_error(
-        step_data(data.names, list(data.time), list(noisy), list(data.moment), list(data.interval)),
+        step_data(data.names, list(data.time), list(noisy), list(data.moment), list(data.interval), YAW),
         np.zeros(len(data.moment)),
     )
 
@@ -193,7 +194,7 @@ def test_headings_that_run_ahead_of_their_line_are_refused() -> None:
     moments = both_ways((0.3, 0.6, 0.9))
     times = [np.linspace(0.0, 4.0, 60)] * len(moments)
     ahead = [np.sign(m) * (0.3 + np.sqrt(abs(m) / 1.257) * t) for t, m in zip(times, moments)]
-    data = step_data([str(m) for m in moments], times, ahead, moments, [0.1] * len(moments))
+    data = step_data([str(m) for m in moments], times, ahead, moments, [0.1] * len(moments), YAW)
     with pytest.raises(
         FitError, match=r"negative inertia or drag: .*check the sign of the moment and of the heading"
     ):
@@ -213,7 +214,7 @@ def test_tails_of_too_few_samples_are_refused() -> None:
     with pytest.raises(
         FitError, match=r"only 2 samples in the steady tail .* 3 are needed; log the heading faster"
     ):
-        tail_lines(time, time, np.zeros(1), used)
+        tail_lines(time, time, np.zeros(1), used, YAW)
 
 
 @pytest.mark.parametrize("value", [2.0, -2.0])

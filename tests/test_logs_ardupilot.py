@@ -10,6 +10,7 @@ import vehicle_logs
 from reader_contract import log
 from vehicle_logs import dataflash, dive, telemetry
 
+from automarine_cli.dofs import YAW
 from automarine_cli.logs import ColumnMap, ColumnRule, LogTable, read_log
 
 pytest.importorskip("pymavlink", reason="the extra automarine[ardupilot] is not installed")
@@ -20,6 +21,7 @@ def flash(folder: Path, content: bytes, **columns: str) -> LogTable:
     return read_log(
         log(folder, content, "dive.bin"),
         ColumnMap({name: ColumnRule(source) for name, source in columns.items()}),
+        dof=YAW,
     )
 
 
@@ -64,19 +66,19 @@ def test_a_damaged_packet_is_passed_over_and_told(tmp_path: Path) -> None:
     good = bytearray(telemetry(dive()))
     at = good.find(struct.pack("<I", 8000), 2000)  # the stamp of an attitude
     good[at + 12] ^= 0x55
-    table = read_log(log(tmp_path, bytes(good), "dive.tlog"))
+    table = read_log(log(tmp_path, bytes(good), "dive.tlog"), dof=YAW)
     assert len(table) == 199 and "1 packets with a wrong checksum were passed over" in table.notes
 
 
 def test_the_vehicle_s_clock_serves_not_the_link_s(tmp_path: Path) -> None:
-    late = read_log(log(tmp_path, telemetry(dive(), delay=0.3), "dive.tlog"))
+    late = read_log(log(tmp_path, telemetry(dive(), delay=0.3), "dive.tlog"), dof=YAW)
     steps = np.diff(late.columns["time"])
     np.testing.assert_allclose(steps, 0.1, atol=1e-5)
 
 
 def test_a_vehicle_that_starts_anew_in_one_log_goes_on_in_time(tmp_path: Path) -> None:
     twice = telemetry(dive()) + telemetry(dive(), start=1.7e9 + 60)
-    table = read_log(log(tmp_path, twice, "dive.tlog"))
+    table = read_log(log(tmp_path, twice, "dive.tlog"), dof=YAW)
     assert len(table) == 400
     np.testing.assert_allclose(table.columns["time"][200:] - table.columns["time"][:200], 60, atol=2e-3)
 
@@ -91,7 +93,7 @@ def test_a_counter_of_microseconds_that_is_full_begins_anew(tmp_path: Path) -> N
         modes=tuple((t + since, mode) for t, mode in first.modes),
         arming=tuple((t + since, armed) for t, armed in first.arming),
     )  # fmt: skip
-    table = read_log(log(tmp_path, telemetry(later), "dive.tlog"))
+    table = read_log(log(tmp_path, telemetry(later), "dive.tlog"), dof=YAW)
     np.testing.assert_allclose(table.extras["SERVO_OUTPUT_RAW.servo1_raw"], first.commands_at(first.time)[0])
 
 

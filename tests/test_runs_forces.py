@@ -61,9 +61,9 @@ def test_a_position_of_many_metres_is_not_wrapped(tmp_path: Path) -> None:
 def test_a_spike_of_a_turn_in_metres_is_a_spike() -> None:
     time, distance = np.arange(100) / 10, way()
     distance[50] += 2 * np.pi
-    assert np.flatnonzero(find_glitches(time, distance, SURGE.turn)).tolist() == [50]
-    assert not find_glitches(time, distance, YAW.turn).any()
-    np.testing.assert_array_equal(unwrap(time, distance, np.array([40]), SURGE.turn).position, distance)
+    assert np.flatnonzero(find_glitches(time, distance, SURGE)).tolist() == [50]
+    assert not find_glitches(time, distance, YAW).any()
+    np.testing.assert_array_equal(unwrap(time, distance, np.array([40]), SURGE).position, distance)
 
 
 def test_a_log_of_both_is_read_as_asked(tmp_path: Path) -> None:

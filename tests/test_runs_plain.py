@@ -28,7 +28,7 @@ def logged(run: Run, wrap: str) -> Columns:
 
 def table(columns: Columns) -> LogTable:
     count = len(columns["time"])
-    return LogTable("log.csv", columns, np.arange(1, count + 1), moment_unit="nu")
+    return LogTable("log.csv", columns, np.arange(1, count + 1), moment_unit="nu", dof=YAW)
 
 
 def both_ways(columns: Columns, monkeypatch: pytest.MonkeyPatch) -> tuple[object, object]:

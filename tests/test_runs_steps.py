@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_runs import mirrored, step_heading, step_run
 
+from automarine_cli.dofs import YAW
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import find_steps, segments, start_position
 
@@ -72,7 +73,7 @@ def test_coasting_is_no_rest_until_it_is_over() -> None:
     coast = step_heading(np.minimum(time, 6), 0.8)
     rate = np.sqrt(0.8 / 1.257)
     slowed = 1.018 / 1.257 * np.log1p(1.257 / 1.018 * rate * np.clip(time - 6, 0, None))
-    run = Run("run", "run.csv", time, coast + slowed, moment, "nu")
+    run = Run("run", "run.csv", time, coast + slowed, moment, "nu", dof=YAW)
     first, second = find_steps(run)
     assert first.from_rest and not second.from_rest and second.rest is None
 

@@ -9,6 +9,7 @@ from made_sequences import STEPS, sequence_run, solved
 from numpy.typing import NDArray
 from tolerances import assert_close
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import RunError
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
@@ -21,7 +22,7 @@ DRAGS = {"1": (0.9,), "2": (0.8, 0.3), "3": (K_RR,)}
 
 
 def model(number: str = "3") -> YawModel:
-    return YawModel.base(number, INERTIA, DRAGS[number])
+    return YawModel.base(number, INERTIA, DRAGS[number], "nu", YAW)
 
 
 def drags(number: str) -> dict[str, float]:
@@ -29,7 +30,9 @@ def drags(number: str) -> dict[str, float]:
 
 
 def run_of(time: Floats, moment: Floats | float) -> Run:
-    return Run("run", "run.csv", time, np.zeros(len(time)), np.broadcast_to(moment, time.shape).copy(), "nu")
+    return Run(
+        "run", "run.csv", time, np.zeros(len(time)), np.broadcast_to(moment, time.shape).copy(), "nu", dof=YAW
+    )
 
 
 def headings(number: str, run: Run, step: float = 0.02, **start: object) -> Floats:

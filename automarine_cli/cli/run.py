@@ -9,12 +9,11 @@ import click
 
 from automarine_cli.cli import options
 from automarine_cli.cli.echo import CampaignTeller, end_with
+from automarine_cli.dofs import TRANSLATIONS
 
 MOST_NAMED = 12  # campaigns whose folders are named at the end
-STEPS = (
-    "check", "fit-thrusters", "fit-yaw", "validate", "diagnose", "fit-surge", "validate-surge", "diagnose-surge",
-    "fit-heave", "validate-heave", "diagnose-heave", "report",
-)  # fmt: skip
+OF_TRANSLATIONS = tuple(f"{step}-{name}" for name in TRANSLATIONS for step in ("fit", "validate", "diagnose"))
+STEPS = ("check", "fit-thrusters", "fit-yaw", "validate", "diagnose", *OF_TRANSLATIONS, "report")
 
 
 @click.command("run", short_help="Every step of a campaign, and one report.")
@@ -41,8 +40,8 @@ def run(
     ctx: click.Context, campaigns: tuple[Path, ...], until: str | None, force: bool, recorded: Path | None,
     inputs: tuple[Path, ...], out: Path | None, overwrite: bool, jobs: int, cluster: str | None, as_json: bool,
 ) -> object:  # fmt: skip
-    """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report; with sections
-    [surge] and [heave] their fit, validation and diagnosis too.
+    """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report; with a section
+    [surge], [sway] or [heave] its fit, validation and diagnosis too.
 
     Each step has a folder of its own in DIR. A step is kept if its result is there and its inputs, settings and
     versions have not changed; for every other the reason is told. `automarine init` writes a campaign file.

@@ -5,9 +5,15 @@ import numpy as np
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.study import Study, without_scatter
 from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.mixed_problem import SWITCH
 
-NOISE, SCATTER, LEFT = "noise of the heading", "scatter between runs", "left over"
+SCATTER, LEFT = "scatter between runs", "left over"
+
+
+def noise_of(dof: Dof) -> str:
+    """What the noise is called."""
+    return f"noise of the {dof.words.position}"
 
 
 def budget(diagnosis: Diagnosis) -> dict[str, float]:
@@ -30,8 +36,11 @@ def budget(diagnosis: Diagnosis) -> dict[str, float]:
     after = min(diagnosis.gap.after**2, level)
     noise = min(study.floor**2, after)
     return {
-        NOISE: noise / whole, SCATTER: (level - after) / whole, **shares, LEFT: (after - noise) / whole
-    }  # fmt: skip
+        noise_of(study.base.dof): noise / whole,
+        SCATTER: (level - after) / whole,
+        **shares,
+        LEFT: (after - noise) / whole,
+    }
 
 
 def _stages(study: Study, base: Trial, final: Trial) -> list[Trial]:

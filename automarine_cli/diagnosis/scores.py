@@ -76,7 +76,7 @@ def candidates(study: Study, model: YawModel) -> list[str]:
     present = {term.name for term in model.terms}
     return [
         name for name in effects.names()
-        if name not in present and model.dof.name in effects.get(name).axes
+        if name not in present and effects.get(name).acts_in(model.dof)
         and set(effects.get(name).needs) <= set(study.signals)
         and (study.position_counts or not _of_positions(name))
     ]  # fmt: skip

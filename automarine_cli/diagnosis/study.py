@@ -147,21 +147,22 @@ class Study:
         within = not self.disturbed
         problem = whole_run_problem(model, self.batch, self.at_rest, within)
         most = MOST_OFFSET if within else 0.5
-        if self.disturbed and any(term.name == "input-delay" for term in model.terms):
+        if self.disturbed and any(effects.get(term.name).delays for term in model.terms):
             most = 0.0  # an offset common to all changes of command is the same delay
         bounds, positive = [(0.0, np.inf)], [True]
-        main = "k_rr" if any(term.name == "quadratic-drag" for term in self.base.terms) else "k_r"
+        roles = [effects.get(term.name).role for term in self.base.terms]
+        main = "quadratic" if "quadratic" in roles else "linear"
         for i, term in enumerate(model.terms):
             own = i < len(self.base.terms)
             effect = effects.get(term.name)
             for parameter, value, fixed in zip(effect.parameters, term.values, effect.held(term.values)):
-                logger = self.logger_delay if term.name == "input-delay" and not own else -np.inf
+                logger = self.logger_delay if effect.delays and not own else -np.inf
                 lower = max(parameter.lower, logger)
                 slow = self.slowest if parameter.scan and effect.varies(term.values) else np.inf
                 bounds.append((value, value) if fixed else (lower, min(parameter.upper, slow)))
                 # In open water another effect may take over all of the drag: searched on the logarithm it would only
                 # creep towards nothing.
-                drag = own and parameter.name == main and not self.disturbed
+                drag = own and effect.role == main and not self.disturbed
                 positive.append(parameter.log or drag)
         # In open water neither gains nor delays of switches: a delay of the vehicle is what is looked for.
         quiet = {"gain": 0.0, "switch_instants": 0.0} if self.disturbed else {"disturbance": 0.0}

@@ -20,7 +20,7 @@ class Symbols:
 
     `position`, `velocity`, `force` are the states and what drives them; `inertia`, `linear`, `quadratic`, `cubic` the
     parameters of the equation of motion, `constant` and `difference` a force that always acts and half the difference
-    of drag between the two ways.
+    of drag between the two ways; `water` is the water's velocity.
     """
 
     position: str
@@ -40,6 +40,7 @@ class Symbols:
     cubic: str
     constant: str = "constant_force"
     difference: str = "half_difference"
+    water: str = "w"
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,12 @@ class Words:
     each_way: str
     one_way: str
     other_way: str  # of positions that count against the convention: counter-clockwise, the other way
+    gone_key: str  # of how far it went: turned, covered
+    the_other: str  # than one_way: to the other, the other
+    way: str  # one of the two: side, direction
+    rate_sensor: str  # what measures the velocity: gyro, speed sensor
+    way_key: str  # of how far a step is to go, as a key begins: turn, travel
+    range_key: str  # the key of how far a run went in all: turns, covered_m
 
 
 @dataclass(frozen=True)
@@ -115,9 +122,11 @@ class Limits:
 
     `trim` is how far a step is followed unless asked otherwise, `least` what it has to cover before its end, `still`
     what counts as not having moved, `start` what counts as its beginning; `plausible` are ratios of inertia to
-    quadratic drag. `spike`, `end_spike` and `jump` are the least sizes of readings that no vehicle makes;
-    `acceleration` is what none reaches, `far` and `fast` what none gets to; `position_sd` and `velocity_sd` are
-    standard deviations, wide ones, of the start of a run, `bias_sd` that of what a velocity sensor adds.
+    quadratic drag. `spike`, `end_spike` and `jump` are the least sizes of readings that no vehicle makes (a smaller one
+    is left to the noise), beside what the log's own noise and speed allow; three steps of `large_step` from sample to
+    sample stay below half of what wraps. `acceleration` is what none reaches, `far` and `fast` what none gets to;
+    `position_sd` and `velocity_sd` are standard deviations, wide ones, of the start of a run, `bias_sd` that
+    of what a velocity sensor adds. `long` is how far a long run goes.
     """
 
     trim: float
@@ -135,20 +144,26 @@ class Limits:
     position_sd: float
     velocity_sd: float
     bias_sd: float
+    long: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Dof:
-    """One degree of freedom: a position, and the moment or force that drives it.
+    """One degree of freedom: a position, and the moment or force that drives it. One object, the same in every process.
 
+    `number` is its place among the six, from 0: surge, sway, heave, roll, pitch, yaw, forces X, Y, Z, K, M, N.
     `position`, `velocity` and `command` are canonical quantities of the logs, `thrusters` the commands of which a map
     makes moment or force, each counting by `sides`; `levered` where that takes a lever arm. `turn` is after how much
-    the position wraps [rad or m], infinite where it does not. `has_constant`: a constant force is part of every model;
+    the position wraps [rad or m], infinite where it does not. `has_constant`: a constant force is part of every
+    model; `windowed`: steps are followed inside a window of positions (`depths`), not for a length (`within`);
     `directional`: drag may differ between the two ways, the positive one first. `columns` are the names under which
-    logs hold its command, as (column, unit); `nicknames` how people call its quantities, for suggestions only.
+    logs hold its quantities, by quantity, as (column, unit). `nicknames` is how people call them, for suggestions only;
+    `plain_names` are those that mean nothing else. `mounts` says which thruster each of `thrusters` is; `horizontal`
+    that it is a motion in the plane of the water, of which the velocities are known to tests of all motions.
     """
 
     name: str
+    number: int
     position: str
     velocity: str
     command: str
@@ -161,11 +176,15 @@ class Dof:
     turn: float = inf
     levered: bool = False
     has_constant: bool = False
+    windowed: bool = False
     directional: bool = False
-    columns: tuple[tuple[str, str], ...] = ()
+    columns: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
     nicknames: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     keys: Mapping[str, str] = field(default_factory=dict)
     renamed_words: Mapping[str, str] = field(default_factory=dict)
+    plain_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    mounts: tuple[str, ...] = ()
+    horizontal: bool = True
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _dof_of, (self.name,)
@@ -179,6 +198,10 @@ class Dof:
     def channels(self) -> tuple[str, str]:
         """The quantities that sensors may give of this motion: position and velocity."""
         return self.position, self.velocity
+
+    def column(self, quantity: str, unit: str) -> str:
+        """The name under which logs hold a quantity of this motion in a unit."""
+        return next(name for name, own in self.columns[quantity] if own == unit)
 
     def shown(self, position: Any) -> Any:
         """A position or velocity in the unit in which people see it."""
@@ -201,19 +224,40 @@ class Dof:
             "constant": own.constant, "difference": own.difference,
         }  # fmt: skip
 
+    def parameter(self, role: str) -> str:
+        """The qualified name of a parameter of the equation of motion, such as "yaw.k_rr" for "quadratic"."""
+        return f"{self.name}.{self.parameters[role]}"
+
+    @property
+    def ratio_key(self) -> str:
+        """Key of inertia over quadratic drag in result files."""
+        return f"{self.words.inertial_length.replace(' ', '_')}_{self.units.base}"
+
+    @property
+    def velocity_key(self) -> str:
+        """Key of a velocity in base units in result files."""
+        return f"{self.velocity}_{self.units.base}_s"
+
+    @property
+    def steps_key(self) -> str:
+        """What files of all steps are called: half_turns, steps."""
+        return f"{self.words.step}s".replace("-", "_")
+
     @cached_property
     def vocabulary(self) -> Mapping[str, str]:
         """Every word and symbol by name, for templates such as "-{quadratic} |{v}| {v}": the fields of `Words`, the
-        parameters by what they are, `x`, `v` and `f` for position, velocity and force, and the units."""
+        parameters but the inertia by what they are, `x`, `v`, `f` and `water` for position, velocity, force and the
+        water's velocity, and the units."""
         words = {k: v for k, v in vars(self.words).items() if isinstance(v, str)}
-        plural = {"forces": f"{words['force']}s", "positions": f"{words['position']}s"}
+        plural = {f"{name}s": f"{words[name]}s" for name in ("force", "position", "speed")}
         there, back = self.words.ways
         to, fro = self.words.to_ways
+        own, units = self.symbols, self.units
         return {
-            **words, **plural, **self.parameters, "motion": self.name,
-            "x": self.symbols.position, "v": self.symbols.velocity, "f": self.symbols.force,
+            **self.parameters, **words, **plural, "motion": self.name,
+            "x": own.position, "v": own.velocity, "f": own.force, "water": own.water,
             "positive": there, "negative": back, "to_positive": to, "to_negative": fro,
-            "base_unit": self.units.base, "log_unit": self.units.log, "shown_unit": self.units.shown,
+            "base_unit": units.base, "log_unit": units.log, "shown_unit": units.shown,
         }  # fmt: skip
 
     def fill(self, template: str) -> str:
@@ -223,36 +267,19 @@ class Dof:
     def unit_of(self, parameter: str, force_unit: str = "nu") -> str:
         """Unit of "inertia", "linear", "quadratic", "cubic", "constant", "difference" or "ratio" (inertia over
         quadratic drag) for a force in `force_unit`; also by the parameter's name."""
-        parameter = {name: role for role, name in self.parameters.items()}.get(parameter, parameter)
-        parameter = _YAW.get(parameter, parameter)
-        if parameter == "ratio":
+        role = {name: role for role, name in self.parameters.items()}.get(parameter, parameter)
+        if role == "ratio":
             return self.units.base
-        if parameter == "inertia" and force_unit == "N":
+        if role == "inertia" and force_unit == "N":
             return "kg"
-        powers = {
-            "inertia": (2, 1),
-            "linear": (1, 1),
-            "quadratic": (2, 2),
-            "cubic": (3, 3),
-            "constant": (0, 0),
-        }
-        seconds, metres = powers["quadratic" if parameter == "difference" else parameter]
-        text = f"{force_unit}{_power(' s', seconds)}"
-        return text if self.wraps else text + _power("/m", metres)
+        return self.unit_in(_UNITS[role], force_unit)
 
     def unit_in(self, template: str, force_unit: str) -> str:
-        """A unit of an effect's parameter: `{force}` stands for the force's unit, `{x}` for the base unit of positions
-        where it is a metre and `rad` elsewhere, `{/x}`, `{/x2}`, `{/x3}` for "per metre" (nothing for angles)."""
-        rotation = self.wraps
-        if not rotation:
-            template = _PER_METRE.get(template, template)
-        return (
-            template.replace("{moment}", force_unit)
-            .replace("{force}", force_unit)
-            .replace("{x}", self.units.base)
-            .replace("{/x}", "" if rotation else "/m")
-            .replace("{/x2}", "" if rotation else "/m²")
-            .replace("{/x3}", "" if rotation else "/m³")
+        """A unit such as "{force} s²{/x2}": `{force}` stands for the force's unit, `{x}` for the base unit of
+        positions, `{/x}`, `{/x2}`, `{/x3}` for "per metre" (nothing for angles)."""
+        per = [""] * 3 if self.wraps else [f"/{self.units.base}{power}" for power in ("", "²", "³")]
+        return template.format_map(
+            {"force": force_unit, "x": self.units.base, "/x": per[0], "/x2": per[1], "/x3": per[2]}
         )
 
     def say(self, text: str) -> str:
@@ -297,26 +324,10 @@ class Dof:
         return re.compile("|".join(word_pattern(one) for one in longest))
 
 
-_YAW = {
-    "I_r": "inertia", "k_r": "linear", "k_rr": "quadratic", "k_rrr": "cubic", "tau": "constant", "b": "constant",
-    "c": "constant", "e": "difference", "theta_c": "ratio",
+_UNITS = {
+    "inertia": "{force} s²{/x}", "linear": "{force} s{/x}", "quadratic": "{force} s²{/x2}",
+    "cubic": "{force} s³{/x3}", "constant": "{force}", "difference": "{force} s²{/x2}",
 }  # fmt: skip
-
-
-def _power(text: str, power: int) -> str:
-    """`text` to a power in print: nothing, itself, or with a raised digit."""
-    return "" if power == 0 else text if power == 1 else f"{text}{'²³'[power - 2]}"
-
-
-_PER_METRE = {
-    "{moment} s": "{moment} s/m",
-    "{moment} s²": "{moment} s²/m²",
-    "{moment} s³": "{moment} s³/m³",
-    "{moment}/rad": "{moment}/m",
-    "({moment})^1/2 s": "({moment})^1/2 s/m",
-    "rad": "m",
-    "rad/s": "m/s",
-}
 
 
 def _dof_of(name: str) -> Dof:

@@ -6,6 +6,7 @@ from automarine_cli.dofs.translation import LIMITS, METRES, symbols, words
 
 HEAVE = Dof(
     name="heave",
+    number=2,
     position="depth",
     velocity="heave",
     command="force_Z",
@@ -16,8 +17,13 @@ HEAVE = Dof(
     units=METRES,
     limits=LIMITS,
     has_constant=True,
+    windowed=True,
     directional=True,
-    columns=(("force_Z_N", "N"), ("Z", "nu")),
+    columns={
+        "depth": (("depth_m", "m"),),
+        "heave": (("heave_m_s", "m/s"),),
+        "force_Z": (("force_Z_N", "N"), ("Z", "nu")),
+    },
     nicknames={
         "depth": ("depth", "z", "pressure_depth", "depth_sensor", "pos_z"),
         "force_Z": ("force_z", "heave_force", "thrust_z", "fz", "tau_z", "z_force"),
@@ -25,4 +31,6 @@ HEAVE = Dof(
     },
     keys=keys_of("Z", "w", "m_w", "depth"),
     renamed_words=words_of("heave", "Z", "w", "m_w", "depth", ("down", "up")),
+    mounts=("vertical",),
+    horizontal=False,
 )

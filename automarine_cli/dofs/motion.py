@@ -8,14 +8,19 @@ north and east, and the heading (Fossen 2021, chapter 2).
 from dataclasses import dataclass
 
 from automarine_cli.dofs.dof import Dof
+from automarine_cli.dofs.surge import SURGE
+from automarine_cli.dofs.sway import SWAY
+from automarine_cli.dofs.yaw import YAW
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Degrees of freedom that move together, in the order of the last axis of all states."""
+    """Degrees of freedom that move together, in the order of the last axis of all states; `positions` are the
+    quantities of their positions."""
 
     name: str
     dofs: tuple[Dof, ...]
+    positions: tuple[str, ...]
 
     @property
     def turns(self) -> bool:
@@ -29,4 +34,8 @@ class Motion:
 
 def alone(dof: Dof) -> Motion:
     """The motion of one degree of freedom."""
-    return Motion(dof.name, (dof,))
+    return Motion(dof.name, (dof,), (dof.position,))
+
+
+PLANAR = Motion("planar", (SURGE, SWAY, YAW), ("north", "east", YAW.position))
+"""Motion in the plane of the water."""

@@ -6,6 +6,7 @@ from automarine_cli.dofs.translation import LIMITS, METRES, symbols, words
 
 SURGE = Dof(
     name="surge",
+    number=0,
     position="distance",
     velocity="surge",
     command="force_X",
@@ -16,11 +17,16 @@ SURGE = Dof(
     units=METRES,
     limits=LIMITS,
     directional=True,
-    columns=(("force_X_N", "N"), ("X", "nu")),
+    columns={
+        "distance": (("distance_m", "m"),),
+        "surge": (("surge_m_s", "m/s"),),
+        "force_X": (("force_X_N", "N"), ("X", "nu")),
+    },
     nicknames={
         "distance": ("distance", "dist", "x", "position", "range", "travel", "surge_position", "pos_x"),
         "force_X": ("force_x", "surge_force", "thrust_x", "fx", "tau_x", "x_force"),
     },
     keys=keys_of("X", "u", "m_u", "distance"),
     renamed_words=words_of("surge", "X", "u", "m_u", "distance", ("ahead", "astern")),
+    mounts=("port", "starboard"),
 )

@@ -16,14 +16,15 @@ LIMITS = Limits(
     plausible=(0.02, 20.0),
     spike=0.1,
     end_spike=0.35,
-    large_step=0.35,
+    large_step=inf,  # nothing wraps
     jump=0.25,
     acceleration=20.0,  # twice that of a free fall
-    far=500.0,
+    far=5000.0,  # ten minutes at the speed of a small boat
     fast=15.0,
     position_sd=10.0,
     velocity_sd=1.0,
     bias_sd=0.2,
+    long=5.0,
 )
 
 
@@ -46,6 +47,7 @@ def symbols(force: str, velocity: str, position: str) -> Symbols:
         quadratic_print=f"{drag}|{letter}|",
         quadratic_math=f"{force}_{{{letter}|{letter}|}}",
         cubic=drag + 2 * letter,
+        water=f"{letter}_w",
     )
 
 
@@ -82,4 +84,10 @@ def words(name: str, position: str, ways: tuple[str, str]) -> Words:
         each_way="each way",
         one_way="one way",
         other_way="the other way",
+        gone_key="covered",
+        the_other="the other",
+        way="direction",
+        rate_sensor="speed sensor",
+        way_key="travel",
+        range_key="covered_m",
     )

@@ -8,6 +8,7 @@ DEGREE = pi / 180
 
 YAW = Dof(
     name="yaw",
+    number=5,
     position="heading",
     velocity="yaw_rate",
     command="moment",
@@ -63,6 +64,12 @@ YAW = Dof(
         each_way="to each side",
         one_way="to one side",
         other_way="counter-clockwise",
+        gone_key="turned",
+        the_other="to the other",
+        way="side",
+        rate_sensor="gyro",
+        way_key="turn",
+        range_key="turns",
     ),
     units=Units(
         base="rad", log="deg", per_base=1 / DEGREE, shown="deg", shown_per_base=1 / DEGREE, mark="°",
@@ -84,10 +91,23 @@ YAW = Dof(
         position_sd=10.0,
         velocity_sd=1.0,
         bias_sd=0.2,
+        long=4.0 * pi,
     ),
-    columns=(("tau", "nu"), ("tau_Nm", "N m")),
+    columns={
+        "heading": (("heading_deg", "deg"), ("heading_rad", "rad")),
+        "yaw_rate": (("yaw_rate_deg_s", "deg/s"), ("yaw_rate_rad_s", "rad/s")),
+        "moment": (("tau", "nu"), ("tau_Nm", "N m")),
+    },
     nicknames={
         "heading": ("heading", "yaw", "psi", "hdg", "compass", "head", "azimuth", "course", "yaw_deg", "yaw_rad"),
         "moment": ("tau", "moment", "torque", "nm", "rudder", "rudder_deg", "yaw_moment", "tau_nm", "mz"),
+        "n_port": ("n_port", "port", "port_cmd", "left", "n_left", "cmd_port"),
+        "n_stbd": ("n_stbd", "stbd", "starboard", "stbd_cmd", "right", "n_right", "cmd_stbd"),
     },
+    plain_names={
+        "heading": ("heading", "yaw", "psi", "hdg", "compass"),
+        "n_port": ("n_port", "port", "left", "cmd_port", "port_cmd", "n_left"),
+        "n_stbd": ("n_stbd", "stbd", "starboard", "right", "cmd_stbd", "stbd_cmd", "n_right"),
+    },
+    mounts=("port", "starboard"),
 )  # fmt: skip

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from automarine_cli.dofs import Dof
 from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place, State
 
 
@@ -11,8 +12,8 @@ class HeadingMoment(Effect):
     name = "heading-moment"
     place = Place.MOMENT
     parameters = (
-        Parameter("b", "sine part", "{moment}", -float("inf"), float("inf"), 0.03),
-        Parameter("c", "cosine part", "{moment}", -float("inf"), float("inf"), 0.0),
+        Parameter("b", "sine part", "{force}", -float("inf"), float("inf"), 0.03),
+        Parameter("c", "cosine part", "{force}", -float("inf"), float("inf"), 0.0),
     )
     equation = "b sin psi + c cos psi"
     says = "A moment turns the vehicle towards one heading, like a weathervane."
@@ -26,7 +27,9 @@ class HeadingMoment(Effect):
     parity = MIXED
     steered = True
     placed = True
-    axes = ("yaw",)
+
+    def acts_in(self, dof: Dof) -> bool:
+        return dof.wraps
 
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         b, c = values

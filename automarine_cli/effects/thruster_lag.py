@@ -11,9 +11,9 @@ class ThrusterLag(Effect):
     name = "thruster-lag"
     place = Place.ACTUATOR
     parameters = (Parameter("T", "time constant of the propeller speed", "s", 0.0, 3.0, 0.15),)
-    equation = "T n' = n_c - n, tau = n |n|"
+    equation = "T n' = n_c - n, {f} = n |n|"
     says = "The propellers reach the commanded speed only after a lag."
-    reveals = "starts of steps, reversals and square waves; nothing in the steady turn"
+    reveals = "starts of steps, reversals and square waves; nothing in the steady {move}"
     mistaken_for = ("input-delay", "sensor-lag")
     separated_by = "a fast square wave, or a log of the propeller's speed"
     source = "Yoerger, Cooke and Slotine (1990), IEEE J. Oceanic Engineering 15:167"

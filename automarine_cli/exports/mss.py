@@ -9,7 +9,6 @@ N_rrr.
 from automarine_cli import effects
 from automarine_cli.exports.base import (
     DRAG,
-    NAMES,
     Target,
     Written,
     YawSubject,
@@ -24,9 +23,9 @@ MORE = ("cubic-drag", "drag-asymmetry", "linear-drag-asymmetry", "bias-moment")
 
 def write(subject: YawSubject) -> Written:
     """The Python or MATLAB text."""
-    force, r = subject.names.force, subject.names.rate_letter
+    force, r, words = subject.force, subject.dof.symbols.velocity, subject.dof.words
     rigid, added = subject.inertias
-    own = "I_z" if subject.dof.name == "yaw" else "m"
+    own = "I_z" if subject.dof.wraps else "m"
     terms = {
         "linear-drag": (f"{force}_{r}", r, "linear damping"),
         "quadratic-drag": (f"{force}_{r}{r}", f"|{r}| {r}", "quadratic damping"),
@@ -43,8 +42,7 @@ def write(subject: YawSubject) -> Written:
             unit = subject.dof.unit_in(effects.get(effect).parameters[0].unit, subject.model.moment_unit)
             rows.append((name, value, plain(unit), told))
             equation += f" + {name} {factor}".rstrip()
-    moment = subject.dof.say("moment")
-    signs = f"Signs: derivatives of the hydrodynamic {moment}; damping and added inertia are negative."
+    signs = f"Signs: derivatives of the hydrodynamic {words.force}; damping and added {words.inertia} are negative."
     notes = (signs, subject.about_inertia())
     sign, end = ("%", ";") if subject.form == "matlab" else ("#", "")
     lines = "".join(
@@ -62,6 +60,5 @@ TARGET = Target(
     carries=frozenset({*DRAG, *MORE}),
     si=False,
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
-    axes=tuple(NAMES),
     write=write,
 )

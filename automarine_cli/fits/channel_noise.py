@@ -65,6 +65,11 @@ def channels_of(choice: ChannelChoice, noises: Mapping[str, Estimate]) -> dict[s
     return {"channels": entries}
 
 
+def fit_sentences(choice: ChannelChoice, fit: MixedFit, dof: Dof) -> list[str]:
+    """`channel_sentences` with the noises of a fit."""
+    return channel_sentences(choice, channel_noises(fit, dof), dof)
+
+
 def channel_sentences(choice: ChannelChoice, noises: Mapping[str, Estimate], dof: Dof) -> list[str]:
     """One line on the sensors that count, and one on each that does not; none where only positions are logged."""
     if not choice.verdicts:

@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from automarine_cli.dofs import YAW, Dof
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.fits.estimate import Estimate
+from automarine_cli.models.yaw_model import base_roles, main_drag
 
 Floats = NDArray[np.float64]
 
-COLUMNS = {"1": ("k_r",), "2": ("k_rr", "k_r"), "3": ("k_rr",), "3+c": ("k_rr", "c")}
-"""Parameters of each reading of Table 1, in the order of the regressors."""
+WITH_CONSTANT, C = "3+c", "c"
+"""The reading of Table 1 with a constant moment, and what it is called there."""
 
 FEWEST_A_WAY = 3
 """Runs each way from which on it is asked whether drag differs."""
@@ -29,29 +30,38 @@ FEWEST_A_WAY = 3
 
 @dataclass(frozen=True)
 class DragFit:
-    """Least squares of one drag model: estimates by name, SSE [moment²], AICc, residuals (R,) [moment]."""
+    """Least squares of one drag model of a motion: estimates by name, SSE [moment²], AICc, residuals (R,) [moment]."""
 
     model: str
+    dof: Dof
     estimates: dict[str, Estimate]
     sse: float
     aicc: float
     residuals: Floats
 
     def acting(self, moment: Floats) -> tuple[Floats, Floats | float, Floats | float]:
-        """What each run (R,) moves by: the moment with the constant one, k_r and k_rr on the way that it goes."""
-        k_r, k_rr = self.drag
-        if "b" in self.estimates:
-            moment = moment + self.estimates["b"].value
-        if "e" not in self.estimates:
-            return moment, k_r, k_rr
-        more = np.sign(moment) * self.estimates["e"].value
-        return (moment, k_r + more, k_rr) if self.model == "1" else (moment, k_r, k_rr + more)
+        """What each run (R,) moves by: the moment with the constant one, linear and quadratic drag on the way that it
+        goes."""
+        linear, quadratic = self.drag
+        moment = moment + self._value("constant")
+        if not self.sided:
+            return moment, linear, quadratic
+        more = np.sign(moment) * self._value("difference")
+        return (moment, linear + more, quadratic) if self.model == "1" else (moment, linear, quadratic + more)
 
     @property
     def drag(self) -> tuple[float, float]:
-        """(k_r, k_rr), zero where the model has no such term."""
-        values = {name: e.value for name, e in self.estimates.items()}
-        return values.get("k_r", 0.0), values.get("k_rr", 0.0)
+        """Linear and quadratic drag, zero where the model has no such term."""
+        return self._value("linear"), self._value("quadratic")
+
+    @property
+    def sided(self) -> bool:
+        """Whether drag differs between the two ways."""
+        return self.dof.symbols.difference in self.estimates
+
+    def _value(self, role: str) -> float:
+        name = self.dof.parameters[role]
+        return self.estimates[name].value if name in self.estimates else 0.0
 
 
 @dataclass(frozen=True)
@@ -63,16 +73,21 @@ class NestedTest:
     p_value: float
 
 
-def columns_of(model: str, dof: Dof = YAW, sided: bool = False) -> tuple[str, ...]:
-    """Parameters of a drag model of a motion: `b` is the constant force, `e` half the difference between the ways."""
-    return (*COLUMNS[model], *(("b",) if dof.has_constant else ()), *(("e",) if sided else ()))
+def columns_of(model: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
+    """Parameters of a reading of Table 1 of a motion, by what they are, in the order of the regressors."""
+    return ("quadratic", C) if model == WITH_CONSTANT else base_roles(model, dof, sided)[1:]
 
 
-def regressors(rate: Floats, model: str, names: Sequence[str] = ()) -> Floats:
+def regressors(rate: Floats, model: str, columns: Sequence[str]) -> Floats:
     """Regressor columns (R, p) of a drag model for steady rates (R,) [rad/s]."""
-    known = {"k_rr": np.abs(rate) * rate, "k_r": rate, "c": np.ones_like(rate), "b": -np.ones_like(rate)}
-    known["e"] = np.abs(rate) if model == "1" else rate**2
-    return np.stack([known[name] for name in names or COLUMNS[model]], axis=1)
+    known = {
+        "quadratic": np.abs(rate) * rate,
+        "linear": rate,
+        C: np.ones_like(rate),
+        "constant": -np.ones_like(rate),
+    }
+    known["difference"] = np.abs(rate) if model == "1" else rate**2
+    return np.stack([known[name] for name in columns], axis=1)
 
 
 def fit_drag_by_way(moment: Floats, rate: Floats, model: str, moment_unit: str, dof: Dof) -> DragFit:
@@ -84,7 +99,7 @@ def fit_drag_by_way(moment: Floats, rate: Floats, model: str, moment_unit: str, 
         apart = fit_drag(moment, rate, model, moment_unit, dof, sided=True)
     except FitError:
         return fit_drag(moment, rate, model, moment_unit, dof)
-    low, high = apart.estimates["e"].ci95
+    low, high = apart.estimates[dof.symbols.difference].ci95
     return apart if low > 0 or high < 0 else fit_drag(moment, rate, model, moment_unit, dof)
 
 
@@ -92,22 +107,22 @@ def fit_drag(
     moment: Floats,
     rate: Floats,
     model: str,
-    moment_unit: str = "nu",
-    dof: Dof = YAW,
+    moment_unit: str,
+    dof: Dof,
     sided: bool = False,
 ) -> DragFit:
     """Fit one drag model to steady points: moments (R,) and rates (R,) [rad/s].
 
     Raises FitError for fewer points than the model needs or points that cannot tell its terms apart.
     """
-    names = columns_of(model, dof, sided)
-    x = regressors(rate, model, names)
+    columns = columns_of(model, dof, sided)
+    x = regressors(rate, model, columns)
     points, count = x.shape
     if points < count + 1 or np.linalg.matrix_rank(x / np.abs(x).max(axis=0)) < count:
         sizes = len(np.unique(np.round(np.abs(moment), 9)))
         raise FitError(
-            f"model {model} of Table 1 needs at least {count + 1} runs and as many sizes of moment as it has drag "
-            f"terms ({count}); there are {points} at {sizes}: run more moments"
+            f"model {model} of Table 1 needs at least {count + 1} runs and as many sizes of {dof.words.force} as it "
+            f"has drag terms ({count}); there are {points} at {sizes}: run more {dof.words.force}s"
         )
     inverse = np.linalg.inv(x.T @ x)
     values = inverse @ x.T @ moment
@@ -117,17 +132,17 @@ def fit_drag(
     stderr = np.sqrt(np.diagonal(inverse @ score.T @ score @ inverse))
     sse = float(residuals @ residuals)
     estimates = {
-        name: Estimate.from_stderr(v, e, points - count, dof.unit_of(_like(name, model), moment_unit))
-        for name, v, e in zip(names, values, stderr)
+        dof.parameters.get(role, role): Estimate.from_stderr(
+            v, e, points - count, dof.unit_of(_like(role, model), moment_unit)
+        )
+        for role, v, e in zip(columns, values, stderr)
     }
-    return DragFit(model, estimates, sse, _aicc(sse, points, count), residuals)
+    return DragFit(model, dof, estimates, sse, _aicc(sse, points, count), residuals)
 
 
-def _like(name: str, model: str) -> str:
-    """The parameter that has the same unit: the difference between two ways is one of their drag."""
-    if name == "e":
-        return "k_r" if model == "1" else "k_rr"
-    return "tau" if name in ("b", "c") else name
+def _like(role: str, model: str) -> str:
+    """What has the same unit: the difference between two ways is one of the drag that the model always has."""
+    return main_drag(model) if role == "difference" else "constant" if role == C else role
 
 
 def _aicc(sse: float, points: int, parameters: int) -> float:

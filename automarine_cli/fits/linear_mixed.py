@@ -23,10 +23,6 @@ from automarine_cli.fits.run_effects import RunEffects
 
 Floats = NDArray[np.float64]
 
-NOT_FINITE = (
-    "no motion of a vehicle fits these runs: simulated headings run out of all bounds; look at the logs with "
-    "`automarine check` for gaps, a wrong clock, or wrong units or signs of heading and moment (--columns)"
-)
 NO_MOTION = (
     "the runs show no motion that a model could be fitted to; look at the logs with `automarine check`"
 )
@@ -35,6 +31,18 @@ FEW = 4
 """Run effects up to which equations are solved row by row, all runs at once."""
 FLAT = 1e-4
 """Slope of the deviance that counts as none, by variances in units of their own standard errors."""
+
+
+class NotFinite(FitError):
+    """Simulations run out of all bounds. Who knows the motion says so in its words, see `not_finite`."""
+
+
+def not_finite(position: str, force: str) -> str:
+    """The sentence, by what the position and what drives it are called."""
+    return (
+        f"no motion of a vehicle fits these runs: simulated {position}s run out of all bounds; look at the logs with "
+        f"`automarine check` for gaps, a wrong clock, or wrong units or signs of {position} and {force} (--columns)"
+    )
 
 
 @dataclass(frozen=True)
@@ -60,7 +68,7 @@ class Weighted:
 def weigh(grams: Grams, effects: RunEffects, variances: Floats) -> Weighted:
     """Apply R_i^-1 to every inner product. Raises FitError where the response was not finite."""
     if not grams.is_finite:
-        raise FitError(NOT_FINITE)
+        raise NotFinite(not_finite("position", "command"))
     gram = grams.at(variances)
     s2 = np.exp(2.0 * variances[0])
     scale = effects.deviation(variances)

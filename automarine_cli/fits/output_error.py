@@ -18,7 +18,7 @@ from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.step_response import Known, StepData, instant, step_problem
 from automarine_cli.fits.ways import Ways
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem, without_gain
-from automarine_cli.models.yaw_model import YawModel, base_names
+from automarine_cli.models.yaw_model import YawModel, base_names, base_roles, main_drag
 from automarine_cli.simulation.batch import Batch
 
 Floats = NDArray[np.float64]
@@ -74,13 +74,12 @@ def fit_half_turns(
     constant: float = 0.0,
     sided: bool = False,
 ) -> OutputErrorFit:
-    """Fit one model to half-turns; `start` is (I_r, k_r, k_rr) to begin from, wherever it came from.
+    """Fit one model to half-turns; `start` is inertia, linear and quadratic drag to begin from, wherever found.
 
     Of motions that have them also a `constant` force and, if `sided`, the difference of drag between the ways.
     """
-    inertia, k_r, k_rr = start
-    begins = {"I_r": inertia, "k_r": k_r, "k_rr": k_rr, "b": constant, "e": 0.0}
-    begin = np.array([*(begins[name] for name in base_names(number, data.dof, sided)), 0.0])
+    begins = {**dict(zip(("inertia", "linear", "quadratic"), start)), "constant": constant, "difference": 0.0}
+    begin = np.array([*(begins[role] for role in base_roles(number, data.dof, sided)), 0.0])
     problem, mixed = _fit_at_nodes(data, number, known, begin, sided)
     return _outcome(number, problem, mixed, begin, moment_unit, data.dof, sided, of_half_turns=True)
 
@@ -190,17 +189,19 @@ def _outcome(
     covariance = run_covariance(mixed, problem if of_half_turns else None)
     alone = float(problem.count.sum() - len(mixed.theta)) if len(problem.measured) == 1 else None
     axes = np.eye(len(mixed.theta))
-    names = base_names(number, dof, sided)
-    like = {"b": "tau", "e": "k_r" if number == "1" else "k_rr"}
+    roles, names = base_roles(number, dof, sided), base_names(number, dof, sided)
+    at = {role: mixed.names.index(dof.parameter(role)) for role in roles}
+    like = {"difference": main_drag(number)}
     estimates = {
-        name: estimate_of(mixed, covariance, i, dof.unit_of(like.get(name, name), moment_unit), alone)
-        for i, name in enumerate(names)
+        name: estimate_of(mixed, covariance, at[role], dof.unit_of(like.get(role, role), moment_unit), alone)
+        for role, name in zip(roles, names)
     }
     turn = None
-    if "k_rr" in names and 1 not in mixed.at_bound:
-        stderr = float(np.sqrt(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1]))
-        freedom = alone or run_dof(mixed, axes[0] - axes[1])
-        turn = Estimate.from_log(mixed.theta[0] / mixed.theta[1], stderr, freedom, dof.unit_of("theta_c"))
+    if "quadratic" in roles and at["quadratic"] not in mixed.at_bound:
+        i, k = at["inertia"], at["quadratic"]
+        stderr = float(np.sqrt(covariance[i, i] + covariance[k, k] - 2 * covariance[i, k]))
+        freedom = alone or run_dof(mixed, axes[i] - axes[k])
+        turn = Estimate.from_log(mixed.theta[i] / mixed.theta[k], stderr, freedom, dof.unit_of("ratio"))
     if problem.effects.of(problem.effects.scale, GAIN).any():
         low, high = mixed.factor_interval(GAIN)
         scatter = Estimate(mixed.factor(GAIN), (high - low) / 3.92, (low, high), "1")

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from automarine_cli.dofs import YAW, Dof
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.mixed_problem import SWITCH, Problem, slots_of
 from automarine_cli.fits.nodes import Nodes, nodes_of
 from automarine_cli.fits.run_effects import GAIN, START_POSITION, SWITCHES, Block, RunEffects, bias_of
 from automarine_cli.models.closed_form import response
-from automarine_cli.models.yaw_model import base_names
+from automarine_cli.models.yaw_model import base_roles, main_drag
 from automarine_cli.runs.half_turn import MOST_REST, HalfTurn
 from automarine_cli.simulation.batch import Channel
 
@@ -43,7 +43,7 @@ class StepData:
     seen: NDArray[np.bool_]
     moment: Floats
     interval: Floats
-    dof: Dof = YAW
+    dof: Dof
     velocity: Floats | None = None
     velocity_seen: NDArray[np.bool_] | None = None
     position_counts: NDArray[np.bool_] | None = None
@@ -109,7 +109,7 @@ def half_turn_data(turns: Sequence[HalfTurn], channels: Sequence[str] | None = N
     sample, any other in the middle of the interval in which it did; both may move by half an interval.
     """
     names, times, headings, velocities, moments, intervals = [], [], [], [], [], []
-    dof = turns[0].step.run.dof if turns else YAW
+    dof = turns[0].step.run.dof
     for turn in turns:
         run, rest = turn.step.run, turn.step.rest or slice(turn.kept.start, turn.kept.start)
         instant = turn.switch_to if turn.step.begins_log else turn.step.switch_mid
@@ -122,7 +122,7 @@ def half_turn_data(turns: Sequence[HalfTurn], channels: Sequence[str] | None = N
         velocities.append(np.concatenate([velocity[part] for part in kept]))
         moments.append(turn.moment)
         intervals.append(turn.switch_to - turn.switch_from)
-    data = replace(step_data(names, times, headings, moments, intervals), dof=dof)
+    data = step_data(names, times, headings, moments, intervals, dof)
     if channels is None or dof.velocity not in channels:
         return data
     read = np.full(data.seen.shape, np.nan)
@@ -142,6 +142,7 @@ def step_data(
     headings: Sequence[Floats],
     moments: Sequence[float],
     intervals: Sequence[float],
+    dof: Dof,
 ) -> StepData:
     """Pad runs, given as time since the middle of the switch interval [s] and heading less start heading
     [rad]."""
@@ -151,7 +152,13 @@ def step_data(
     for i, (t, psi) in enumerate(zip(times, headings)):
         time[i, : len(t)], heading[i, : len(t)], seen[i, : len(t)] = t, psi, True
     return StepData(
-        tuple(names), time, heading, seen, np.array(moments, dtype=float), np.array(intervals, dtype=float)
+        tuple(names),
+        time,
+        heading,
+        seen,
+        np.array(moments, dtype=float),
+        np.array(intervals, dtype=float),
+        dof,
     )
 
 
@@ -165,13 +172,13 @@ def step_problem(
     """Likelihood of the half-turns under model "1", "2" or "3", by their samples or by the `nodes` made of them;
     `sided` with a drag that differs between the ways.
 
-    theta is (the parameters of `base_names`, SWITCH): z places the instants of the steps in their sample intervals
+    theta is (the parameters of `base_roles`, SWITCH): z places the instants of the steps in their sample intervals
     (see `instant`), the logger's convention, common to all runs. Run effects are start position, log gain of the
     moment, the run's own part of z, and the bias of a velocity sensor; gain and z scatter by an estimated factor, which
     for instants that are uniform over their intervals is one.
     """
-    names = base_names(model, data.dof, sided)
-    main = "k_r" if model == "1" else "k_rr"
+    roles, main = base_roles(model, data.dof, sided), main_drag(model)
+    names = (*(data.dof.parameter(role) for role in roles), SWITCH)
     channels = data.channels
     clocks = [data.time for _ in channels] if nodes is None else [one.time for one in nodes]
     moment, interval = data.moment[None, :, None], data.interval[None, :, None]
@@ -181,22 +188,23 @@ def step_problem(
         columns = [theta[:, i, None, None] for i in range(theta.shape[1])]
         late = interval * instant(columns[-1] + blocks.of(b, SWITCHES))
         gained = moment * np.exp(blocks.of(b, GAIN))
-        own = dict(zip(names[1:], columns[1:]))
+        own = dict(zip(roles, columns))
         if data.dof.has_constant:
-            gained = gained + own.pop("b")
+            gained = gained + own["constant"]
         if sided:
-            own[main] = np.maximum(own[main] + np.sign(gained) * own.pop("e"), LEAST_SHARE * own[main])
+            own[main] = np.maximum(own[main] + np.sign(gained) * own["difference"], LEAST_SHARE * own[main])
+        inertia, drag = own["inertia"], (own.get("linear", 0.0), own.get("quadratic", 0.0))
         begin, shown = blocks.of(b, START_POSITION), []
         for c, (channel, clock) in enumerate(zip(channels, clocks)):
             if c == 0 or nodes is not None:
-                states = response(clock[None] - late, gained, columns[0], **own, heading0=begin)
+                states = response(clock[None] - late, gained, inertia, *drag, heading0=begin)
             found = states[1] + blocks.of(b, bias_of(channel.quantity)) if channel.velocity else states[0]
             shown.append(found if nodes is None else (nodes[c].carry @ found[..., None])[..., 0])
         return shown[0] if len(shown) == 1 else np.concatenate(shown, axis=2)
 
     signed = [
-        name in ("b", "e") or (name == "k_r" and model == "2") for name in names[1:]
-    ]  # k_r has either sign beside k_rr, as in Table 1
+        role in ("constant", "difference") or (role == "linear" and main != role) for role in roles[1:]
+    ]  # linear drag has either sign beside a quadratic one, as in Table 1
     drags = [(-np.inf if either else 0.0, np.inf) for either in signed]
     most = 0.0 if known.switch_instant else MOST_OFFSET
     bounds = np.array([(0.0, np.inf), *drags, (-most, most)])
@@ -206,7 +214,7 @@ def step_problem(
         measured, seen = (
             np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in channels))
         )
-        return Problem(readings, measured, seen, blocks, bounds, positive, (*names, SWITCH), slots)
+        return Problem(readings, measured, seen, blocks, bounds, positive, names, slots)
     at = np.cumsum([0, *(one.time.shape[1] for one in nodes)]).tolist()
     slots = tuple(replace(slot, part=slice(i, j)) for slot, i, j in zip(slots, at, at[1:]))
     counted = [c for c, channel in enumerate(channels) if channel.counts]
@@ -217,7 +225,7 @@ def step_problem(
         blocks,
         bounds,
         positive,
-        (*names, SWITCH),
+        names,
         slots,
         np.stack([channels[c].seen.sum(axis=1) for c in counted], axis=1),
         np.stack([nodes[c].left for c in counted], axis=1),

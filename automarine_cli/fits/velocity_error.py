@@ -64,30 +64,29 @@ def fit_velocity_error(
     moment_unit: str = "nu",
     models: Sequence[str] = ("1", "2", "3", "3+c"),
 ) -> VelocityErrorFit:
-    """Run the paper's method on half-turns, for some of the models of `drag.COLUMNS`.
+    """Run the paper's method on half-turns, for some of the readings of Table 1 (see drag.py).
 
     `start_heading` (R,) [rad] on the scale of `data.heading`; `offset` moves every instant of a step by that
     share of its switch interval (the logger's convention). Raises FitError where too few runs or samples are
     left.
     """
-    time = data.time - offset * data.interval[:, None]
+    time, dof, words = data.time - offset * data.interval[:, None], data.dof, data.dof.words
     if len(data.moment) < 3 or len(np.unique(np.abs(data.moment))) < 2:
         raise FitError(
-            f"{len(data.moment)} half-turns at {len(np.unique(np.abs(data.moment)))} sizes of moment cannot "
+            f"{len(data.moment)} {words.step}s at {len(np.unique(np.abs(data.moment)))} sizes of {words.force} cannot "
             "carry Table 1; "
-            "run at least 3 steps at 2 moments"
+            f"run at least 3 steps at 2 {words.force}s"
         )
-    dof = data.dof
     used = _last_share(time, data.seen, 0.3)
-    noise = _noise_about_lines(time, data.heading, used)
+    noise = _noise_about_lines(time, data.heading, used, dof)
     for _ in range(3):  # the reference that places the tail comes from the tail: two rounds settle it
-        tails = tail_lines(time, data.heading, start_heading, used)
+        tails = tail_lines(time, data.heading, start_heading, used, dof)
         reference = _reference(data.moment, tails, dof)
         tail_from, bias = _choose_tail(time, data, reference, noise)
         before, used = used, _tail_mask(time, data, reference, tail_from)
         if np.array_equal(used, before):
             break
-    tails = tail_lines(time, data.heading, start_heading, used)
+    tails = tail_lines(time, data.heading, start_heading, used, dof)
     drag, inertia = {}, {}
     for model in models:
         if model in ("2", "3+c") and (len(data.moment) < 4 or len(np.unique(np.abs(data.moment))) < 2):
@@ -107,12 +106,12 @@ def fit_velocity_error(
     return VelocityErrorFit(float(tail_from), bias, max(np.abs(bias)) <= BIAS_LIMIT, tails, drag, inertia)
 
 
-def tail_lines(time: Floats, heading: Floats, start_heading: Floats, used: Mask) -> TailLines:
+def tail_lines(time: Floats, heading: Floats, start_heading: Floats, used: Mask, dof: Dof) -> TailLines:
     """Least-squares line through the used samples of each run: shapes (..., R, N); slope and intercept at
     time 0."""
     count = used.sum(axis=-1)
     if np.any(count < FEWEST_TAIL_SAMPLES):
-        raise _too_few(int(count.min()))
+        raise _too_few(int(count.min()), dof)
     mean_t = np.sum(time * used, axis=-1) / count
     mean_h = np.sum(heading * used, axis=-1) / count
     spread = (time - mean_t[..., None]) * used
@@ -120,10 +119,10 @@ def tail_lines(time: Floats, heading: Floats, start_heading: Floats, used: Mask)
     return TailLines(rate, mean_h - rate * mean_t - start_heading, used)
 
 
-def _too_few(samples: int) -> FitError:
+def _too_few(samples: int, dof: Dof) -> FitError:
     return FitError(
-        f"only {samples} samples in the steady tail of a half-turn where {FEWEST_TAIL_SAMPLES} are needed; "
-        "log the heading faster, or drop the highest moments"
+        f"only {samples} samples in the steady tail of a {dof.words.step} where {FEWEST_TAIL_SAMPLES} are needed; "
+        f"log the {dof.words.position} faster, or drop the highest {dof.words.force}s"
     )
 
 
@@ -156,9 +155,11 @@ def _reference(moment: Floats, tails: TailLines, dof: Dof) -> _Reference:
     inertia = float(np.median(inertia_from_velocity_error(tails.error, *best.acting(moment))))
     if inertia <= 0 or max(best.drag) <= 0:
         raise FitError(
-            "the half-turns give a negative inertia or drag: the heading runs ahead of its steady line or "
-            "against the moment; "
-            "check the sign of the moment and of the heading (--columns), and that each step starts from rest"
+            dof.fill(
+                "the {step}s give a negative {inertia} or drag: the {position} runs ahead of its steady line or "
+                "against the {force}; "
+                "check the sign of the {force} and of the {position} (--columns), and that each step starts from rest"
+            )
         )
     return _Reference(inertia, best)
 
@@ -173,9 +174,9 @@ def _tail_mask(time: Floats, data: StepData, model: _Reference, start: float) ->
     return past | few
 
 
-def _noise_about_lines(time: Floats, heading: Floats, used: Mask) -> float:
+def _noise_about_lines(time: Floats, heading: Floats, used: Mask, dof: Dof) -> float:
     """Root mean square [rad] of the headings about the line of each run."""
-    lines = tail_lines(time, heading, np.zeros(len(time)), used)
+    lines = tail_lines(time, heading, np.zeros(len(time)), used, dof)
     off = (heading - lines.error[:, None] - lines.rate[:, None] * time)[used]
     return float(np.sqrt(off @ off / max(used.sum() - 2 * len(time), 1)))
 
@@ -192,7 +193,9 @@ class _Lines:
     spread: Floats
 
 
-def _lines_to_the_end(time: Floats, heading: Floats, seen: Mask, first: NDArray[np.int64]) -> _Lines:
+def _lines_to_the_end(
+    time: Floats, heading: Floats, seen: Mask, first: NDArray[np.int64], dof: Dof
+) -> _Lines:
     """Least-squares lines from the samples `first` (R, A) of each run to its last, by sums from behind."""
     runs = np.arange(len(time))[:, None]
     last = _last(seen)[:, None]
@@ -201,7 +204,7 @@ def _lines_to_the_end(time: Floats, heading: Floats, seen: Mask, first: NDArray[
         np.cumsum(x[:, ::-1], axis=1)[:, ::-1][runs, first] for x in (seen * 1.0, t, h, t * t, t * h)
     )
     if np.any(count < FEWEST_TAIL_SAMPLES):
-        raise _too_few(int(count.min()))
+        raise _too_few(int(count.min()), dof)
     spread = sum_tt - sum_t**2 / count
     rate = (sum_th - sum_t * sum_h / count) / spread
     mean = sum_t / count + np.take_along_axis(time, last, axis=1)
@@ -224,19 +227,19 @@ def _choose_tail(
     few = np.maximum(last - FEWEST_TAIL_SAMPLES + 1, begun)
     # the reference turns one way: what is past an angle is what comes after the first sample past it
     past = [np.searchsorted(np.abs(psi[: n + 1]), starts) for psi, n in zip(exact, last)]
-    lines = _lines_to_the_end(time, exact, data.seen, np.minimum(past, few[:, None]))
-    k_r, k_rr = like.drag
+    lines = _lines_to_the_end(time, exact, data.seen, np.minimum(past, few[:, None]), data.dof)
+    linear, quadratic = like.drag
     if data.dof.wraps:
-        linear, moment = k_rr == 0, data.moment[:, None]
-        x = lines.rate if linear else np.abs(lines.rate) * lines.rate
+        of_first, moment = quadratic == 0, data.moment[:, None]
+        x = lines.rate if of_first else np.abs(lines.rate) * lines.rate
         drag = (x * moment).sum(axis=0) / (x * x).sum(axis=0)
-        inertia = inertia_from_velocity_error(lines.error, moment, drag * linear, drag * (not linear)).mean(
-            axis=0
-        )
+        inertia = inertia_from_velocity_error(
+            lines.error, moment, drag * of_first, drag * (not of_first)
+        ).mean(axis=0)
     else:
         found = [_like(like, data, rate, error) for rate, error in zip(lines.rate.T, lines.error.T)]
         inertia, drag = np.array(found).T
-    biases = np.stack([inertia / model.inertia - 1.0, drag / max(k_r, k_rr) - 1.0])
+    biases = np.stack([inertia / model.inertia - 1.0, drag / max(linear, quadratic) - 1.0])
     worst = np.abs(biases).max(axis=0)
     # relative standard error of a mean over the velocity errors
     variance = noise**2 * (1.0 / lines.count + lines.mean**2 / lines.spread) / lines.error**2
@@ -247,7 +250,7 @@ def _choose_tail(
 
 def _like(like: DragFit, data: StepData, rate: Floats, error: Floats) -> tuple[float, float]:
     """Inertia and drag of a translation by tails of these rates and velocity errors (R,), in the form of `like`."""
-    fit = fit_drag(data.moment, rate, like.model, dof=data.dof, sided="e" in like.estimates)
+    fit = fit_drag(data.moment, rate, like.model, data.dof.units.forces[0], data.dof, sided=like.sided)
     return float(np.mean(inertia_from_velocity_error(error, *fit.acting(data.moment)))), max(fit.drag)
 
 

@@ -162,8 +162,10 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
     left = np.sum((y - x[:, keep] @ [*values, *constant]) ** 2)
     if np.all(values < 0) and left < (1.0 - AGAINST) * np.sum(y**2):
         raise FitError(
-            "the headings turn against the moment: inertia and drag would be negative. If the heading counts "
-            "counter-clockwise, or the moment does, map it with sign = -1 in the --columns file"
+            batch.dof.fill(
+                "the {positions} {move} against the {force}: {inertia} and drag would be negative. If the {position} "
+                "counts {other_way}, or the {force} does, map it with sign = -1 in the --columns file"
+            )
         )
     scale = float(np.abs(batch.force).max()) or 1.0
     values = np.where(values > 1e-3 * scale, values, 0.3 * scale)

@@ -4,18 +4,25 @@ from collections.abc import Sequence
 
 from automarine_cli.dofs import DOFS
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import CANONICAL, likely_canonical, likely_column, names_of
+from automarine_cli.logs.canonical import (
+    CANONICAL,
+    driven,
+    likely_canonical,
+    likely_column,
+    motions_in,
+    names_of,
+)
 from automarine_cli.logs.table import LogTable
 from automarine_cli.pipeline.words import listed, printable, quoted
 
 _WORDS = {
-    "moment": "yaw moment",
-    "force_X": "surge force",
-    "force_Z": "heave force",
     "n": "control signal",
-    "n_vert": "vertical thruster command",
-    "n_port": "port thruster command",
-    "n_stbd": "starboard thruster command",
+    **{dof.command: dof.words.full_force for dof in DOFS.values()},
+    **{
+        name: f"{mount} thruster command"
+        for dof in DOFS.values()
+        for name, mount in zip(dof.thrusters, dof.mounts)
+    },
 }
 
 
@@ -33,11 +40,10 @@ def require_motion(table: LogTable) -> None:
     """Refuse a table that is no log of its motion: time, position (or velocity, which can be summed up), and a moment
     or force or every thruster command."""
     dof = table.dof
-    commands = [quantity for quantity in dof.thrusters if quantity in table.columns]
     measured = dof.velocity if is_velocity_only(table) else dof.position
-    if dof.command in table.columns or len(commands) == len(dof.thrusters):
+    if dof.command in table.columns or driven(dof, table.columns.keys()):
         require(table, ("time", measured))
-    elif commands:
+    elif any(quantity in table.columns for quantity in dof.thrusters):
         require(table, ("time", measured, *dof.thrusters))
     else:
         require(table, ("time", measured, dof.command))
@@ -55,10 +61,11 @@ def require_thruster(table: LogTable) -> None:
 
 def is_thruster_test(table: LogTable) -> bool:
     """Whether the table is, or seems meant as, a thruster test rather than a log of a motion."""
-    if table.dof.position in table.columns or is_velocity_only(table):
+    position = table.dof.position
+    if position in table.columns or is_velocity_only(table):
         return False
     return "force" in table.columns or (
-        _guess(table, "force") is not None and _guess(table, "heading") is None
+        _guess(table, "force") is not None and _guess(table, position) is None
     )
 
 
@@ -89,13 +96,10 @@ def _meant_for(table: LogTable, lacking: Sequence[str]) -> str:
     if set(lacking) == {"time"}:
         return ""
 
-    def has(*quantities: str) -> bool:
-        return all(set(names_of(one)) & set(table.names) for one in quantities)
-
-    for dof in DOFS.values():
-        if has(dof.position) and (has(dof.command) or has(*dof.thrusters)):
-            return f"This is a log of {dof.name}: give it to automarine fit-{dof.name}"
-    return "This is a thruster test: give it to automarine fit-thrusters" if has("n", "force") else ""
+    held = {CANONICAL[name].quantity for name in table.names if name in CANONICAL}
+    for dof in motions_in(held):
+        return f"This is a log of {dof.name}: give it to automarine fit-{dof.name}"
+    return "This is a thruster test: give it to automarine fit-thrusters" if held >= {"n", "force"} else ""
 
 
 def _held(table: LogTable) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from automarine_cli.dofs import YAW, Dof
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN, TIMESTAMP, Canonical, foreign, motion_of
 from automarine_cli.logs.columns import ColumnMap, ColumnRule
@@ -27,7 +27,7 @@ class _Use:
     rule: ColumnRule
 
 
-def read_log(file: LogFile, columns: ColumnMap | None = None, dof: Dof | None = YAW) -> LogTable:
+def read_log(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None) -> LogTable:
     """Read one log of a motion; None: of the motion that its columns show.
 
     Raises LogError with file, row, column, what was found, what was expected and what to do. Columns that a

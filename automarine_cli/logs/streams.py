@@ -14,14 +14,18 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import CANONICAL, motion_of, names_of
+from automarine_cli.logs.canonical import CANONICAL, VELOCITIES, motion_of, names_of
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import RawLog
 from automarine_cli.logs.table import Floats
 from automarine_cli.pipeline.words import listed, printable
 
 PAUSE = 5.0  # s without a heading: the recorder stood still
-MOTION = ("yaw_rate", "surge", "sway", "heave", "distance", "depth")  # no heading: it wraps
+MOTION = {
+    *VELOCITIES,
+    *(q for dof in DOFS.values() for q in dof.channels if q != dof.position or not dof.wraps),
+}
+"""What moves on between two messages: no position that wraps."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,6 @@ from automarine_cli.fits.run_effects import SWITCHES
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.fitting import Fitting
 from automarine_cli.planning.layout import alike
-from automarine_cli.quantities import unit_of
 
 Floats = NDArray[np.float64]
 
@@ -40,10 +39,11 @@ def names_of(fitting: Fitting) -> tuple[str, ...]:
 
 def labels(fitting: Fitting) -> tuple[str, ...]:
     """Names of all parameters: those of an effect beside the drag begin with the effect's."""
-    own = ["I_r"]
+    dof = fitting.model.dof
+    own = [dof.symbols.inertia]
     for i, term in enumerate(fitting.model.terms):
         prefix = "" if i < len(fitting.base.terms) else f"{term.name} "
-        own += [f"{prefix}{parameter.name}" for parameter in effects.get(term.name).parameters]
+        own += [f"{prefix}{name}" for name in effects.get(term.name).names_in(dof)]
     return tuple(own)
 
 
@@ -133,12 +133,14 @@ def moving(per_run: Floats) -> Floats:
 
 
 def directions(fitting: Fitting) -> dict[str, Floats]:
-    """What is wanted, each as a direction (p,) of the search's coordinates: every parameter, and I/k_rr."""
+    """What is wanted, each as a direction (p,) of the search's coordinates: every parameter, and inertia over
+    quadratic drag."""
     names = names_of(fitting)
     axes = np.eye(len(names))
     found = {name: axes[i] for i, name in enumerate(names) if name != OFFSET}
-    if "k_rr" in found:
-        found[ANGLE] = found["I_r"] - found["k_rr"]
+    own = fitting.model.dof.symbols
+    if own.quadratic in found:
+        found[ANGLE] = found[own.inertia] - found[own.quadratic]
     return found
 
 
@@ -167,10 +169,12 @@ def _parameters(fitting: Fitting) -> tuple[dict[str, float], dict[str, bool], di
     model, unit, names = fitting.model, fitting.model.moment_unit, labels(fitting)
     values = dict(zip(names, map(float, model.theta)))
     logarithms = dict(zip(names, fitting.on_log))
-    every = [p for term in model.terms for p in effects.get(term.name).parameters]
-    units = {"I_r": unit_of("I_r", unit)} | {name: p.unit_for(unit) for name, p in zip(names[1:], every)}
-    if "k_rr" in values:
-        values[ANGLE], logarithms[ANGLE], units[ANGLE] = values["I_r"] / values["k_rr"], True, "rad"
+    dof, own = model.dof, model.dof.symbols
+    every = [p for term in model.terms for p in effects.get(term.name).card(dof, unit).parameters]
+    units = {own.inertia: dof.unit_of("inertia", unit)} | {name: p.unit for name, p in zip(names[1:], every)}
+    if own.quadratic in values:
+        values[ANGLE], logarithms[ANGLE] = values[own.inertia] / values[own.quadratic], True
+        units[ANGLE] = dof.unit_of("ratio")
     return values, logarithms, units
 
 

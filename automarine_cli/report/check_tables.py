@@ -1,8 +1,8 @@
-"""The tables of `check`: one line for each yaw run, one for each thruster test."""
+"""The tables of `check`: one line for each run, one for each thruster test."""
 
 from collections.abc import Sequence
 
-from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
 
@@ -10,14 +10,14 @@ from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
 def run_tables(runs: Sequence[RunSeen]) -> list[Table]:
     """One table for each motion that was seen."""
     return [
-        run_table([run for run in runs if run.motion == dof.name], dof)
+        run_table([run for run in runs if run.dof is dof], dof)
         for dof in DOFS.values()
-        if any(run.motion == dof.name for run in runs)
+        if any(run.dof is dof for run in runs)
     ]
 
 
-def run_table(runs: Sequence[RunSeen], dof: Dof = YAW) -> Table:
-    """Sampling, what was dropped, moments, and the half-turn that a fit would keep; reasons in the notes."""
+def run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
+    """Sampling, what was dropped, commands, and what a fit would keep of the step; reasons in the notes."""
     header = (
         "run",
         "samples",
@@ -26,15 +26,15 @@ def run_table(runs: Sequence[RunSeen], dof: Dof = YAW) -> Table:
         "jitter ms",
         "gaps",
         "dropped",
-        "noise deg",
+        f"noise {dof.units.shown}",
         "levels",
-        "turns" if dof.wraps else "m",
+        "turns" if dof.wraps else dof.units.base,
         "kept of the step",
         "cut by",
-        "no half-turn because",
+        f"no {dof.words.step} because",
     )
     rows = tuple(_run_row(run, dof) for run in runs)
-    return Table("Yaw runs", header, rows, notes=tuple(_notes(runs, dof))).said(dof, names=False)
+    return Table(f"{dof.name.capitalize()} runs", header, rows, notes=tuple(_notes(runs, dof)))
 
 
 def _run_row(run: RunSeen, dof: Dof) -> tuple[str, ...]:
@@ -48,12 +48,12 @@ def _run_row(run: RunSeen, dof: Dof) -> tuple[str, ...]:
         number(run.jitter_ms, 2),
         str(run.counts.get("gaps", 0)),
         str(dropped),
-        number(run.heading_noise_deg, 2),
+        number(run.noise, 2),
         MISSING if run.levels is None else ", ".join(number(level, 3) for level in run.levels),
-        number(run.turns, 2),
+        number(run.extent, 2),
         MISSING
         if turn is None
-        else f"{turn.kept_samples} samples, {turn.turned_deg:.0f} {dof.units.shown} of {number(turn.moment, 3)}",
+        else f"{turn.kept_samples} samples, {turn.gone:.0f} {dof.units.shown} of {number(turn.moment, 3)}",
         MISSING if turn is None else turn.cut_by,
         MISSING if run.why is None else run.why.split(":")[0],
     )

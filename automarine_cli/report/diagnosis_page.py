@@ -34,7 +34,7 @@ def page(
 ) -> str:
     """The whole page in Markdown; `budget` in shares of one. Either may be None, where it could not be worked out."""
     dof = diagnosis.study.base.dof
-    parts = [dof.say("# Diagnosis of the yaw model"), _summary(diagnosis)]
+    parts = [f"# Diagnosis of the {dof.name} model", _summary(diagnosis)]
     for effect in diagnosis.effects:
         parts += [f"## {effect.name}", _effect(diagnosis, effect)]
     parts += ["## Where the gap is", _where(where), "![Where the gap is](where.png)"]
@@ -46,7 +46,7 @@ def page(
         "![Before and after](before_after.png)",
         "The budget of the gap could not be worked out."
         if budget is None
-        else budget_table(budget).said(dof).to_markdown(),
+        else budget_table(budget).to_markdown(),
     ]
     parts += ["## What remains", _remains(diagnosis)]
     parts += ["## What to run next", _next(diagnosis)]
@@ -63,6 +63,7 @@ def escape(text: str) -> str:
 def _summary(diagnosis: Diagnosis) -> str:
     """The verdict in a few sentences."""
     dof = diagnosis.study.base.dof
+    position, units = dof.words.position, dof.words.units
     runs = f"{len(diagnosis.study.runs)} runs were fitted"
     if diagnosis.held_out is not None:
         runs += f" and {len(diagnosis.held_out.runs)} held out"
@@ -73,33 +74,30 @@ def _summary(diagnosis: Diagnosis) -> str:
         names = " and ".join(f"**{effect.name}**" for effect in diagnosis.effects)
         says = " ".join(effect.says for effect in diagnosis.effects)
         return (
-            f"The model lacks {names}. {says} "
-            + dof.say("With that added the gap between simulated and measured heading falls ")
-            + dof.say(
-                f"from {before} to {after} degrees; the noise of the heading itself is {floor} degrees. {runs}."
-            )
+            f"The model lacks {names}. {says} With that added the gap between simulated and measured {position} falls "
+            f"from {before} to {after} {units}; the noise of the {position} itself is {floor} {units}. {runs}."
         )
     if diagnosis.verdict == "unexplained":
-        return dof.say(
-            f"Something is missing, and no effect of the library explains it: the gap is {after} degrees where the "
-            f"noise of the heading is {floor} degrees, and what is left hangs together in time. Nothing is "
+        return (
+            f"Something is missing, and no effect of the library explains it: the gap is {after} {units} where the "
+            f"noise of the {position} is {floor} {units}, and what is left hangs together in time. Nothing is "
             f"named. {runs}."
         )
-    return dof.say(
-        f"Nothing is missing that these runs could show: the gap is {before} degrees, the noise of the heading {floor} "
-        f"degrees. {runs}."
+    return (
+        f"Nothing is missing that these runs could show: the gap is {before} {units}, the noise of the {position} "
+        f"{floor} {units}. {runs}."
     )
 
 
 def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     """One effect: equation, parameters, how sure, rivals, source."""
-    card, say = effects.get(effect.name), diagnosis.study.base.dof.say
+    card = effects.get(effect.name).card(diagnosis.study.base.dof)
     means = {parameter.name: parameter.meaning for parameter in card.parameters}
     table = Table(
         "", ("parameter", "meaning", "estimate and 95 % interval", "unit"),
         tuple(
-            (name, say(means[name]), parameter_cell(effect.name, name, e), e.unit or MISSING)
-            for name, e in effect.parameters.items()
+            (name, means[name], parameter_cell(effect.name, i, e), e.unit or MISSING)
+            for i, (name, e) in enumerate(effect.parameters.items())
         ),
     )  # fmt: skip
     smallest = 1.0 / (1 + len(diagnosis.found.rounds[0].scores.null))
@@ -110,12 +108,12 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     )
     if not effect.rivals:
         sure += " No other effect of the library comes near."
-    lines = [effect.says, f"`{diagnosis.study.base.dof.equation(card.equation)}`", table.to_markdown(), sure]
+    lines = [effect.says, f"`{card.equation}`", table.to_markdown(), sure]
     for rival in effect.rivals:
         lines.append(
             f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}."
         )
-    return "\n\n".join([*lines, f"Source: {card.source}."])
+    return "\n\n".join([*lines, f"Source: {effects.get(effect.name).source}."])
 
 
 def _where(where: Where) -> str:
@@ -143,17 +141,21 @@ def _why(diagnosis: Diagnosis, key: NamingKey | None) -> str:
             "Every candidate was fitted together with the base model by simulating whole runs.",
         ),
     )  # fmt: skip
-    said = ["The naming key (how the runs' own drag and inertia drift with the moment) could not be formed."]
+    dof = diagnosis.study.base.dof
+    ratio = f"{dof.words.inertia} over drag"
+    drift = f"how the runs' own drag and {dof.words.inertia} drift with the {dof.words.force}"
+    said = [f"The naming key ({drift}) could not be formed."]
     if key is not None:
-        said = [_drift(key.best("k"), "drag"), _drift(key.best("I/k"), "inertia over drag")]
-    return "\n\n".join([table.to_markdown(), diagnosis.study.base.dof.say(" ".join(said))])
+        said = [_drift(key.best("k"), "drag", dof), _drift(key.best("I/k"), ratio, dof)]
+    return "\n\n".join([table.to_markdown(), " ".join(said)])
 
 
-def _drift(drift: Drift | None, what: str) -> str:
+def _drift(drift: Drift | None, what: str, dof: Dof) -> str:
+    force = dof.words.force
     if drift is None or drift.p_value > CERTAIN_DRIFT:
-        return f"The runs' own {what} does not drift with the moment beyond chance."
+        return f"The runs' own {what} does not drift with the {force} beyond chance."
     return (
-        f"The runs' own {what} drifts with |moment| to the power {drift.power:g}, {drift.parity} in its sign, which "
+        f"The runs' own {what} drifts with |{force}| to the power {drift.power:g}, {drift.parity} in its sign, which "
         f"points to {drift.means}."
     )
 
@@ -197,17 +199,15 @@ def _moves(diagnosis: Diagnosis) -> str:
 
 def _called(name: str, dof: Dof) -> str:
     """A base parameter as people call it."""
-    if dof.wraps:
-        return name
-    return {"b": "constant force", "e": "half the difference of drag"}.get(name, dof.say(name))
+    own = dof.symbols
+    return {own.constant: "constant force", own.difference: "half the difference of drag"}.get(name, name)
 
 
 def _remains(diagnosis: Diagnosis) -> str:
     gap = diagnosis.gap
     ratio = gap.after / max(gap.floor, 1e-12)
-    text = diagnosis.study.base.dof.say(
-        f"The gap that is left is {ratio:.2f} times the noise of the heading."
-    )
+    position = diagnosis.study.base.dof.words.position
+    text = f"The gap that is left is {ratio:.2f} times the noise of the {position}."
     if ratio < 1.0 + judge.WELL_ABOVE:
         return text + " That is the floor: these runs hold nothing more that could be fitted."
     if diagnosis.study.disturbed:
@@ -222,7 +222,7 @@ def _next(diagnosis: Diagnosis) -> str:
         for rival in effect.rivals
     ]
     for effect in diagnosis.effects:
-        reveals = diagnosis.study.base.dof.say(effects.get(effect.name).reveals)
+        reveals = effects.get(effect.name).card(diagnosis.study.base.dof).reveals
         told.append(f"- To see {effect.name} better: {reveals}.")
     return "\n".join(
         [*told, *(f"- {line}" for line in general_advice(diagnosis.study, diagnosis.detectable))]

@@ -29,7 +29,7 @@ def overall_table(comparison: Comparison) -> Table:
     count = len(comparison.runs)
     title = f"Validation over {count} run{'s' * (count != 1)}"
     notes = (comparison.because, *_notes(comparison))
-    return Table(title, header, tuple(rows), notes=notes).said(_axis(comparison))
+    return Table(title, header, tuple(rows), notes=notes)
 
 
 def _axis(comparison: Comparison) -> Dof:
@@ -58,7 +58,7 @@ def run_table(comparison: Comparison) -> Table:
         floor, horizon = number(comparison.floors[i], 2), number(comparison.restarts[i].horizon, 3)
         rows.append((run.name, length, floor, *free, *again, horizon, start))
     title = "Heading error of each run: rmse in degrees, free run and restarted"
-    return Table(title, header, tuple(rows)).said(_axis(comparison), names=False)
+    return Table(title, header, tuple(rows))
 
 
 def score_table(comparison: Comparison) -> Table:
@@ -81,7 +81,7 @@ def score_table(comparison: Comparison) -> Table:
         cells = (number(scored.overall[name].value, 6) for name in SCORES)
         tail = (number(comparison.floor, 6), MISSING, MISSING, MISSING)
         rows.append(("all runs", model, *cells, *tail))
-    return Table("Scores", header, tuple(rows)).said(_axis(comparison), names=False)
+    return Table("Scores", header, tuple(rows))
 
 
 def _cell(name: str, score: Overall) -> str:

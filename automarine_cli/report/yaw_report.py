@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from automarine_cli.dofs import Dof
-from automarine_cli.fits.channel_noise import channel_noises, channel_sentences
+from automarine_cli.fits.channel_noise import fit_sentences
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.run_effects import GAIN, START_VELOCITY, SWITCHES
 from automarine_cli.fits.step_response import instant
@@ -40,46 +40,46 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
 def sentences(fit: YawFit) -> tuple[str, ...]:
     """What a person should read beside the tables: choice, inertial turn angle, scatter, warnings."""
     preferred, turn = fit.preferred, fit.inertial_turn_angle
+    dof, words, own = fit.dof, fit.dof.words, fit.dof.symbols
     lines = [fit.preference.because]
     if turn is not None:
         low, high = turn.ci95
         lines.append(
-            f"Inertial turn angle I_r/k_r|r|: {turn.value:.4g} rad [{low:.4g}, {high:.4g}], whatever the "
-            "moment's unit."
+            f"{words.inertial_length.capitalize()} {own.inertia}/{own.quadratic_print}: {turn.value:.4g} "
+            f"{dof.units.base} [{low:.4g}, {high:.4g}], whatever the {words.force}'s unit."
         )
-    low, high = preferred.gain_scatter.ci95
+    scatter, (low, high) = preferred.gain_scatter.value, preferred.gain_scatter.ci95
+    late, (first, last) = preferred.offset.value, preferred.offset.ci95
     lines.append(
-        f"Thrust scatters from run to run by {100 * preferred.gain_scatter.value:.1f} % [{100 * low:.1f}, "
-        f"{100 * high:.1f}]; "
-        f"{_noise(fit)}. Moments switch {preferred.offset.value:+.2f} sample "
-        f"intervals [{preferred.offset.ci95[0]:+.2f}, {preferred.offset.ci95[1]:+.2f}] from the middle between "
-        "the first sample that shows them and the one before."
+        f"Thrust scatters from run to run by {100 * scatter:.1f} % [{100 * low:.1f}, {100 * high:.1f}]; {_noise(fit)}. "
+        f"{words.force.capitalize()}s switch {late:+.2f} sample intervals [{first:+.2f}, {last:+.2f}] from the middle "
+        "between the first sample that shows them and the one before."
     )
-    lines = [fit.dof.say(line) for line in lines]
-    lines += channel_sentences(fit.channels, channel_noises(preferred.mixed, fit.dof), fit.dof)
+    lines += fit_sentences(fit.channels, preferred.mixed, dof)
     if preferred.ways is not None:
-        lines.append(_by_way(preferred.ways, fit.dof))
+        lines.append(_by_way(preferred.ways, dof))
     if fit.buoyancy is not None:
         lines.append(fit.buoyancy.says)
     return (*lines, *(f"Warning: {warning}" for warning in fit.warnings))
 
 
 def _noise(fit: YawFit) -> str:
-    """The noise of the sensor that the fit rests on first, for a sentence about yaw."""
-    if fit.preferred.noise is not None:
-        return f"heading noise {fit.dof.shown(fit.preferred.noise):.2f}°"
-    return f"yaw rate noise {fit.dof.shown(fit.preferred.mixed.noise):.3g}°/s"
+    """The noise of the sensor that the fit rests on first."""
+    words, units, noise = fit.dof.words, fit.dof.units, fit.preferred.noise
+    if noise is not None:
+        return f"{words.position} noise {fit.dof.shown(noise):.2f}{units.mark}"
+    return f"{words.rate} noise {fit.dof.shown(fit.preferred.mixed.noise):.3g}{units.mark}/s"
 
 
 def _by_way(ways: Ways, dof: Dof) -> str:
     """Whether drag differs between the ways, in a sentence."""
-    symbol = dof.say("k_r|r|" if ways.parameter == "k_rr" else "k_r")
+    symbol = dof.symbols.quadratic_print if ways.role == "quadratic" else dof.symbols.linear
     told = " and ".join(f"{interval(one)} {way}" for way, one in ways.drag.items())
     unit = next(iter(ways.drag.values())).unit
     if ways.differ:
-        far = " and ".join(f"{interval(one)} m {way}" for way, one in ways.distance.items())
+        far = " and ".join(f"{interval(one)} {one.unit} {way}" for way, one in ways.distance.items())
         said = f"Drag differs between the ways (p = {ways.p_value:.2g}): {symbol} is {told} {unit}"
-        return f"{said}, the inertial distance {far}." if far else f"{said}."
+        return f"{said}, the {dof.words.inertial_length} {far}." if far else f"{said}."
     return f"Drag does not differ between the ways beyond chance (p = {ways.p_value:.2g}): {symbol} {told} {unit}."
 
 
@@ -98,7 +98,7 @@ def drawings(fit: YawFit) -> dict[str, Draw]:
     if seed is None or data is None:
         return {"whole_runs": lambda: figures.whole_runs_figure(fit)}
     return {
-        "half_turns" if fit.dof.wraps else "steps": lambda: figures.half_turns_figure(fit),
+        fit.dof.steps_key: lambda: figures.half_turns_figure(fit),
         "drag": lambda: figures.drag_figure(fit, seed),
         "inertia": lambda: figures.inertia_figure(fit, seed),
         "collapse": lambda: figures.collapse_figure(fit, data),
@@ -107,11 +107,12 @@ def drawings(fit: YawFit) -> dict[str, Draw]:
 
 def run_rows(fit: YawFit) -> pa.Table:
     """One row a run: what was kept of it, why, and what both methods found in it."""
-    return pa.Table.from_pylist([fit.dof.named(row) for row in _rows(fit)])
+    return pa.Table.from_pylist(_rows(fit))
 
 
 def _rows(fit: YawFit) -> list[dict[str, object]]:
-    dof = fit.dof
+    dof, words = fit.dof, fit.dof.words
+    shown, shown_rate = dof.units.key, dof.units.rate_key
     mixed, measured = fit.preferred.mixed, list[dict[str, object]]()
     if fit.seed_method is None or fit.data is None:
         for i, run in enumerate(fit.runs):
@@ -122,9 +123,9 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
                     "file": run.source,
                     "samples": len(run),
                     "duration_s": float(run.time[-1] - run.time[0]),
-                    "start_rate_deg_s": float(dof.shown(mixed.own(START_VELOCITY)[i, 0])),
+                    f"start_{words.speed}_{shown_rate}": float(dof.shown(mixed.own(START_VELOCITY)[i, 0])),
                     "gain": float(np.exp(mixed.own(GAIN)[i, 0])),
-                    "rmse_deg": float(np.sqrt(np.mean(off**2))),
+                    f"rmse_{shown}": float(np.sqrt(np.mean(off**2))),
                 }
             )
         return measured
@@ -134,22 +135,22 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
         row: dict[str, object] = {
             "run": turn.name,
             "file": turn.step.run.source,
-            "moment": turn.moment,
+            words.force: turn.moment,
             "time_from_s": float(turn.time[0]),
             "time_to_s": float(turn.time[-1]),
             "samples": len(turn.time),
-            "turned_deg": float(dof.shown(turn.turned)),
+            f"{words.gone_key}_{shown}": float(dof.shown(turn.turned)),
             "cut_by": turn.cut_by,
             "steady": turn.steady,
-            "start_heading_deg": float(dof.shown(turn.start_position)),
+            f"start_{words.position}_{dof.units.log}": float(dof.logged(turn.start_position)),
             "switch_from_s": turn.switch_from,
             "switch_to_s": turn.switch_to,
             "tail_samples": int(seed.tails.used[i].sum()),
-            "steady_rate_deg_s": float(dof.shown(seed.tails.rate[i])),
-            "velocity_error_deg": float(dof.shown(seed.tails.error[i])),
+            f"steady_{words.speed}_{shown_rate}": float(dof.shown(seed.tails.rate[i])),
+            f"velocity_error_{shown}": float(dof.shown(seed.tails.error[i])),
         }
         row |= {
-            f"{dof.key('I_r')}_model_{number}": float(table.per_run[i])
+            f"{dof.symbols.inertia}_model_{number}": float(table.per_run[i])
             for number, table in seed.inertia.items()
         }
         row |= {
@@ -157,7 +158,7 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
             "switch_shift_s": float(
                 data.interval[i] * instant(mixed.value(SWITCH) + mixed.own(SWITCHES)[i, 0])
             ),
-            "rmse_deg": float(np.sqrt(np.mean(off**2))),
+            f"rmse_{shown}": float(np.sqrt(np.mean(off**2))),
         }
         measured.append(row)
     return measured

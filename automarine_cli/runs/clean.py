@@ -1,4 +1,4 @@
-"""A log's rows become runs: the clock rises, the heading is unwrapped, everything dropped is counted."""
+"""A log's rows become runs: the clock rises, the position is unwrapped, everything dropped is counted."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,7 +14,7 @@ from automarine_cli.runs.jumps import find_jumps
 from automarine_cli.runs.noise import median
 from automarine_cli.runs.plain import plain_position
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.sense import LARGEST_HEADING, clock_trouble, command_trouble, position_trouble, stuck
+from automarine_cli.runs.sense import beyond, clock_trouble, command_trouble, position_trouble, stuck
 from automarine_cli.runs.summed import summed_position
 from automarine_cli.runs.unwrap import find_glitches, unwrap, wrapped
 
@@ -33,7 +33,7 @@ def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tupl
     """Clean the rows `chosen` (indices into the table, shape (N,), or a slice) of one run; a wide gap may split it
     into several.
 
-    Rows without time, heading or command are dropped and counted, as are repeated stamps and heading spikes.
+    Rows without time, position or command are dropped and counted, as are repeated stamps and spikes of the position.
     Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
     """
     columns = {key: values[chosen] for key, values in {**table.extras, **table.columns}.items()}
@@ -66,13 +66,10 @@ def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tupl
     if not summed:
         _refuse(position_trouble(columns["time"], columns[dof.position], dof))
     for key in commands:
-        _refuse(
-            command_trouble(columns[key], dof.say("moment") if key == dof.command else "thruster command")
-        )
+        _refuse(command_trouble(columns[key], dof.words.force if key == dof.command else "thruster command"))
     if summed:
         return _bridged(_summed_up(_run(table, columns, name, counts)))
-    glitch = find_glitches(columns["time"], columns[dof.position], dof.turn)
-    glitch |= np.abs(columns[dof.position]) > LARGEST_HEADING  # what some compasses say instead of nothing
+    glitch = find_glitches(columns["time"], columns[dof.position], dof) | beyond(columns[dof.position], dof)
     counts["glitches"] = int(np.count_nonzero(glitch))
     if counts["glitches"]:
         columns = _only(columns, ~glitch)
@@ -154,30 +151,29 @@ def _any_command(run: Run) -> Floats:
 
 
 def _bridged(run: Run) -> tuple[Run, ...]:
-    """Unwrap the heading; gaps that can be bridged are flagged, at the others and at jumps the run is split."""
+    """Unwrap the position; gaps that can be bridged are flagged, at the others and at jumps the run is split."""
     steps = np.diff(run.time)
     gaps = np.flatnonzero(steps > GAP_IN_PERIODS * median(steps))
-    dof = run.dof
-    jumps = np.setdiff1d(find_jumps(run.time, run.position, dof.turn), gaps)
+    dof, words = run.dof, run.dof.words
+    jumps = np.setdiff1d(find_jumps(run.time, run.position, dof), gaps)
     sizes = dof.shown(np.abs(wrapped(np.diff(run.position)[jumps], dof.turn)))
-    result = unwrap(run.time, run.position, gaps, dof.turn)
+    result = unwrap(run.time, run.position, gaps, dof)
     run = replace(run, position=result.position)
     widest = f"{steps[gaps].max():.3g} s" if gaps.size else ""
     notes = run.notes
     if jumps.size:
         notes += (
-            dof.say(
-                f"split at {_counted(len(jumps), 'jump')} of up to {sizes.max():.0f} degrees from one sample to the "
-                "next, which no vehicle makes: samples are missing there, or the compass slipped"
-            ),
+            f"split at {_counted(len(jumps), 'jump')} of up to {sizes.max():.0f} {words.units} from one sample to the "
+            f"next, which no vehicle makes: samples are missing there, or the {words.sensor} slipped",
         )
     if result.broken_after:
         notes += (
             f"split at {_counted(len(result.broken_after), 'gap')} of up to {widest}, "
-            "across which the heading cannot be followed",
+            f"across which the {words.position} cannot be followed",
         )
     elif gaps.size:
-        notes += (f"{_counted(gaps.size, 'gap')} of up to {widest}, bridged by the rates beside them",)
+        bridged = f", bridged by the {words.speed}s beside them" if dof.wraps else ""
+        notes += (f"{_counted(gaps.size, 'gap')} of up to {widest}{bridged}",)
     edges = [0, *(int(i) + 1 for i in sorted({*result.broken_after, *jumps})), len(run)]
     if len(edges) == 2:
         return (replace(run, counts={**run.counts, "gaps": int(gaps.size)}, notes=notes),)
@@ -196,8 +192,9 @@ def too_short(part: Run) -> str | None:
     length = float(part.time[-1] - part.time[0])
     if not part.counts["jumps"] or length >= SHORTEST_PART:
         return None
-    return part.dof.say(
-        f"only {length:.2g} s are left beside a jump of the heading; at least {SHORTEST_PART:g} s are needed"
+    name = part.dof.position
+    return (
+        f"only {length:.2g} s are left beside a jump of the {name}; at least {SHORTEST_PART:g} s are needed"
     )
 
 

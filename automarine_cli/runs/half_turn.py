@@ -22,14 +22,12 @@ from automarine_cli.runs.steps import Step, find_steps, start_position
 
 Floats = NDArray[np.float64]
 
-HALF_TURN = "half a turn"
-MOMENT_ENDS = "the moment changed"
-LOG_ENDS = "the log ended"
-WAY, WINDOW = "the way allowed", "the window"
+COMMAND_ENDS = "the {force} changed"
+LOG_ENDS, WINDOW = "the log ended", "the window"
 
 FEWEST_SAMPLES = 8
 MOST_REST = 200
-"""Samples of rest before a step that are used; more would say little of the start heading and much of slow drifts."""
+"""Samples of rest before a step that are used; more would say little of the start and much of slow drifts."""
 MARGIN_IN_SIGMA = 3.0
 STILL_CHANGING = 0.1  # of the last third's rate
 SURE = 4.0  # standard errors
@@ -60,7 +58,7 @@ class Trim:
 
     def ended(self, dof: Dof) -> str:
         """What ended a step that was cut, in words."""
-        return HALF_TURN if dof.wraps else WAY if self.reach is not None else WINDOW
+        return dof.words.reach if dof.wraps or self.reach is not None else WINDOW
 
 
 UNTRIMMED = Trim()
@@ -69,10 +67,10 @@ UNTRIMMED = Trim()
 @dataclass(frozen=True)
 class HalfTurn:
     """What is kept of a step: `kept` are its samples in the run, `time` [s, campaign clock] and `position`
-    [rad] theirs.
+    [rad or m] theirs.
 
-    `start_position` [rad] is psi0; the switch lies in (`switch_from`, `switch_to`] [s]; `cut_by` is what ended
-    it, in words; `turned` [rad] the signed angle from psi0 to the end; `noise` [rad] of the heading; `steady`
+    `start_position` [rad or m] is psi0; the switch lies in (`switch_from`, `switch_to`] [s]; `cut_by` is what ended
+    it, in words; `turned` [rad or m] the signed way from psi0 to the end; `noise` [rad or m] of the position; `steady`
     whether the rate had settled. `why` is empty, or the sentence for which the half-turn is set aside.
     """
 
@@ -112,7 +110,7 @@ def half_turn(run: Run, step: Step, trim: Trim = UNTRIMMED) -> HalfTurn:
     whole = run.position[step.segment]
     stop, crossed = _end(whole - zero, trim.beyond(whole, zero, noise, run.dof), noise)
     kept = slice(step.first, step.first + stop)
-    cut_by = trim.ended(run.dof) if crossed else LOG_ENDS if step.ends_log else MOMENT_ENDS
+    cut_by = trim.ended(run.dof) if crossed else LOG_ENDS if step.ends_log else run.dof.fill(COMMAND_ENDS)
     time, position = run.time[kept], run.position[kept]
     steady = _is_steady(time, position, noise)
     turned = _last_position(time, position) - zero
@@ -156,7 +154,7 @@ def first_half_turn(run: Run, trim: Trim = UNTRIMMED) -> tuple[HalfTurn | None, 
         if turn.serves:
             return turn, ""
         why = why or turn.why
-    return None, why or run.dof.say(NO_STEP)
+    return None, why or run.dof.fill(NO_STEP)
 
 
 @dataclass(frozen=True)
@@ -207,9 +205,7 @@ def _copied(run: Run, start: int, stop: int) -> Run:
     return replace(run, time=time, position=position, moment=moment, extras=extras)
 
 
-NO_STEP = (
-    "no step: no constant moment is held for at least 5 samples. Hold the moment constant, or fit whole runs"
-)
+NO_STEP = "no step: no constant {force} is held for at least 5 samples. Hold the {force} constant, or fit whole runs"
 
 
 def _end(turned: Floats, beyond: NDArray[np.bool_], noise: float) -> tuple[int, bool]:
@@ -226,10 +222,10 @@ def _end(turned: Floats, beyond: NDArray[np.bool_], noise: float) -> tuple[int, 
 
 
 def _last_position(time: Floats, position: Floats) -> float:
-    """Heading at the last sample [rad], from the line through the last six."""
-    late, psi = time[-6:], position[-6:]
-    rate, _ = slope(late, psi)
-    return float(psi.mean() + rate * (late[-1] - late.mean()))
+    """Position at the last sample [rad or m], from the line through the last six."""
+    late, last = time[-6:], position[-6:]
+    rate, _ = slope(late, last)
+    return float(last.mean() + rate * (late[-1] - late.mean()))
 
 
 def _is_steady(time: Floats, position: Floats, noise: float) -> bool:
@@ -249,50 +245,46 @@ def _why_not(
     step: Step, position: Floats, turned: float, noise: float, cut_by: str, steady: bool, crossed: bool
 ) -> str:
     """The sentence for which a half-turn is set aside, or nothing."""
-    return step.run.dof.say(_why_not_yaw(step, position, turned, noise, cut_by, steady, crossed))
-
-
-def _why_not_yaw(
-    step: Step, position: Floats, turned: float, noise: float, cut_by: str, steady: bool, crossed: bool
-) -> str:
-    """The same in the words of yaw."""
-    dof = step.run.dof
+    dof, words = step.run.dof, step.run.dof.words
     whole = round(abs(float(dof.shown(turned))))
-    degrees = f"{whole} degree{'s' * (whole != 1)}"
+    way = f"{whole} {words.unit if whole == 1 else words.units}"
     at = f"the step of {step.moment:.4g} {step.run.moment_unit}".rstrip()
     repeats, _ = longest_repeat(position, np.ones(len(position), dtype=bool))
     if repeats >= max(10, len(position) / 2):
         return (
-            f"compass stuck: {repeats} of {len(position)} samples of {at} show one heading. "
-            "Check the compass, or whether the vehicle was held"
+            f"{words.sensor} stuck: {repeats} of {len(position)} samples of {at} show one {words.position}. "
+            f"Check the {words.sensor}, or whether the vehicle was held"
         )
     if len(position) < FEWEST_SAMPLES:
         return (
             f"too short: {at} has {len(position)} samples ({cut_by}); at least {FEWEST_SAMPLES} are needed. "
-            "Log faster or hold the moment longer"
+            f"Log faster or hold the {words.force} longer"
         )
     if abs(turned) < max(dof.limits.still, 5 * noise):
+        radians = (
+            f"; if the {words.position} column is in radians, name it {dof.column(dof.position, 'rad')}"
+            if dof.wraps
+            else ""
+        )
         return (
-            f"never moved: {degrees} turned in {at}. Use a larger moment, and check thrusters and tether"
-            + ("; if the heading column is in radians, name it heading_rad" if dof.wraps else "")
+            f"never moved: {way} {words.moved} in {at}. Use a larger {words.force}, and check thrusters and "
+            f"tether{radians}"
         )
     if not step.from_rest:
         return (
-            f"not from rest: {at} begins at {dof.shown(step.start_rate):.3g} degrees/s. "
-            f"Let the vehicle come to rest{' at zero moment' * (not dof.has_constant)} before each step"
+            f"not from rest: {at} begins at {dof.shown(step.start_rate):.3g} {words.units}/s. "
+            f"Let the vehicle come to rest{f' at zero {words.force}' * (not dof.has_constant)} before each step"
         )
     if turned * step.moment < 0 and not dof.has_constant:
-        counts = "counter-clockwise" if dof.wraps else "the other way"
         return (
-            f"units look wrong: {at} turned the vehicle {degrees} against it. If the heading counts "
-            f"{counts}, map it with sign = -1 in the --columns file"
+            f"units look wrong: {at} {words.moved} the vehicle {way} against it. If the {words.position} counts "
+            f"{words.other_way}, map it with sign = -1 in the --columns file"
         )
     if not crossed and (abs(turned) < dof.limits.least or not steady):
+        longer = f"Hold each {words.force} for {words.reach if dof.wraps else 'longer'}"
         if not dof.wraps and steady:
-            return f"ended too soon: {cut_by} after {degrees} of {at}. Hold each moment for longer"
-        rate = "its rate was still changing" if not steady else "half a turn was not near"
-        ended = "moment changed before steady" if cut_by == MOMENT_ENDS else "ended before steady"
-        return f"{ended}: {cut_by} after {degrees} of {at}, and {rate}. " + (
-            "Hold each moment for half a turn" if dof.wraps else "Hold each moment for longer"
-        )
+            return f"ended too soon: {cut_by} after {way} of {at}. {longer}"
+        settled = f"its {words.speed} was still changing" if not steady else f"{words.reach} was not near"
+        ended = "ended before steady" if step.ends_log else f"{words.force} changed before steady"
+        return f"{ended}: {cut_by} after {way} of {at}, and {settled}. {longer}"
     return ""

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import YAW, Dof
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_motion
 from automarine_cli.logs.canonical import names_of
@@ -45,7 +45,7 @@ def load_runs(
     logs: Sequence[str | Path],
     columns: ColumnMap | None = None,
     *,
-    dof: Dof = YAW,
+    dof: Dof,
     strict: bool = False,
     progress: Progress = silent,
     jobs: int = 1,
@@ -78,7 +78,7 @@ def load_half_turns(
     columns: ColumnMap | None = None,
     drive: Callable[[Run], Run] | None = None,
     *,
-    dof: Dof = YAW,
+    dof: Dof,
     trim: Trim = UNTRIMMED,
     strict: bool = False,
     progress: Progress = silent,
@@ -135,7 +135,7 @@ def _paying(files: Sequence[LogFile], jobs: int) -> int:
 def _read_trimmed(
     file: LogFile, columns: ColumnMap | None, drive: Callable[[Run], Run] | None, dof: Dof, trim: Trim
 ) -> tuple[list[Trimmed], list[SetAside]]:
-    runs, aside = read_runs(file, columns, dof)
+    runs, aside = read_runs(file, columns, dof=dof)
     return [trimmed(run if drive is None else drive(run), trim) for run in runs], aside
 
 
@@ -179,13 +179,13 @@ def told_beside(aside: Sequence[SetAside]) -> Iterator[None]:
 
 
 def read_runs(
-    file: LogFile, columns: ColumnMap | None = None, dof: Dof | None = YAW
+    file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None
 ) -> tuple[list[Run], list[SetAside]]:
     """The runs of one log of a motion (None: whichever its columns show), and those set aside. Raises LogError or
     RunError if the log was named and is unreadable.
     """
     try:
-        table = read_log(file, columns, dof)
+        table = read_log(file, columns, dof=dof)
     except LogError as error:
         if file.named:
             raise
@@ -278,12 +278,12 @@ def names_apart(runs: Sequence[tuple[str, str]]) -> list[str]:
 
 
 def _one_unit(runs: Sequence[Run]) -> tuple[Run, ...]:
-    """All moments of a campaign in one unit. Raises RunError where tau and tau_Nm are mixed."""
+    """All commands of a campaign in one unit. Raises RunError where normalised ones and others are mixed."""
     units = {run.moment_unit: run for run in runs if run.moment is not None}
     if len(units) > 1:
         first, second = list(units.values())[:2]
         raise RunError(
-            f"{first.source} gives its {first.dof.say('moment')} in {first.moment_unit}, {second.source} in "
+            f"{first.source} gives its {first.dof.words.force} in {first.moment_unit}, {second.source} in "
             f"{second.moment_unit}; expected one unit in a campaign. Analyse them apart, or map both "
             f"columns to {' or to '.join(names_of(first.dof.command))} with --columns"
         )

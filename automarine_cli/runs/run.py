@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import YAW, Dof
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs.canonical import names_of
 from automarine_cli.runs.noise import median, position_noise
@@ -31,13 +31,14 @@ class SetAside:
 class Run:
     """One test of one vehicle, checked once: arrays of shape (N,), SI units.
 
-    `time` [s] rises strictly on the campaign's clock; `position` [rad] is unwrapped; `moment` [`moment_unit`] is
-    the commanded yaw moment, held until the next sample, or None where the log has thruster commands instead.
+    `time` [s] rises strictly on the campaign's clock; `position` of the motion `dof` [rad or m] is unwrapped; `moment`
+    [`moment_unit`] is the commanded moment or force, held until the next sample, or None where the log has thruster
+    commands instead.
     `extras` holds every other numeric column (`yaw_rate` [rad/s], `n_port`, `n_stbd`, `voltage` [V], `surge`,
     `sway` [m/s], ...). `counts` says what cleaning did (name -> number), `notes` what a person should know.
     `reading` are those of the notes that tell how the log was read, such as signs that were turned and how old held
-    values are. In a run of another motion (`dof`) `position` is in metres and `moment` the force. Where `summed_up` the
-    log has no position: it is that of the velocity, added up to trim runs by and to look at, and no evidence.
+    values are. Where `summed_up` the log has no position: it is that of the velocity, added up to trim runs by and to
+    look at, and no evidence.
     """
 
     name: str
@@ -50,8 +51,8 @@ class Run:
     counts: Mapping[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     reading: tuple[str, ...] = ()
-    dof: Dof = YAW
     summed_up: bool = False
+    dof: Dof = field(kw_only=True)
 
     def __post_init__(self) -> None:
         for name, column in {"time": self.time, "position": self.position, **self.extras}.items():
@@ -70,13 +71,14 @@ class Run:
 
     @property
     def command(self) -> Floats:
-        """Commanded yaw moment [`moment_unit`], shape (N,). Raises RunError where the log has none."""
+        """Commanded moment or force [`moment_unit`], shape (N,). Raises RunError where the log has none."""
         if self.moment is None:
             dof, names = self.dof, ", ".join(names_of(self.dof.command))
+            arm = " and --arm METRES" * dof.levered
+            thrusters = f"give --thrusters MAP.json{arm} for {' and '.join(dof.thrusters)}, or "
             raise RunError(
-                f"{self.source}, run {self.name!r}: no {dof.say('yaw moment')} ({names}) in the log; "
-                f"give --thrusters MAP.json{' and --arm METRES' * dof.levered} for {' and '.join(dof.thrusters)}, "
-                f"or name the {dof.say('moment')}'s column with --columns"
+                f"{self.source}, run {self.name!r}: no {dof.words.full_force} ({names}) in the log; "
+                f"{thrusters * bool(dof.thrusters)}name the {dof.words.force}'s column with --columns"
             )
         return self.moment
 
@@ -102,7 +104,8 @@ class Run:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation [rad] of the white noise on the heading at the start of the run, see `position_noise`."""
+        """Standard deviation [rad or m] of the white noise on the position at the start of the run, see
+        `position_noise`."""
         return position_noise(self.time[:NOISE_FROM], self.position[:NOISE_FROM])
 
     def as_commanded(self) -> "Run":
@@ -115,7 +118,7 @@ class Run:
         return self.with_moment(np.asarray(total), names)
 
     def with_moment(self, moment: Floats, unit: str) -> "Run":
-        """The same run driven by another moment (thruster commands through a map)."""
+        """The same run driven by another moment or force (thruster commands through a map)."""
         return replace(self, moment=moment, moment_unit=unit)
 
     def cut(self, start: int, stop: int) -> "Run":

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from automarine_cli.dofs import Dof
 from automarine_cli.runs.run import Run, SetAside
 
 ALIKE = 1.25  # pushes of one size: steps that end at one angle are logged a sample more or less
-PIECE_S = 1.0  # headings are averaged over pieces of about this length, so that noise is no motion
+PIECE_S = 1.0  # positions are averaged over pieces of about this length, so that noise is no motion
 
 
 def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]:
@@ -34,7 +33,7 @@ def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]
 
 
 def _moved(run: Run) -> bool:
-    """Whether the mean headings of its pieces differ by more than noise would make them."""
+    """Whether the mean positions of its pieces differ by more than noise would make them."""
     count = max(1, min(len(run) // 3, int((run.time[-1] - run.time[0]) / PIECE_S)))
     means = [float(piece.mean()) for piece in np.array_split(run.position, count)]
     return max(means) - min(means) >= max(run.dof.limits.still, 5 * run.noise)
@@ -61,9 +60,8 @@ def _moved_by_no_more(run: Run, moved: Sequence[Run]) -> Run | None:
 
 
 def _why(run: Run, other: Run) -> str:
-    dof: Dof = run.dof
     size = np.abs(run.command).max() * np.sign(run.command.sum())
-    return dof.say(
-        f"never moved under a moment of {size:.4g} {run.moment_unit}, though run {other.name} did under no more; check "
-        "thrusters and tether, and make the run again"
+    return (
+        f"never moved under a {run.dof.words.force} of {size:.4g} {run.moment_unit}, though run {other.name} did under "
+        "no more; check thrusters and tether, and make the run again"
     )

@@ -139,7 +139,7 @@ def make_batch(
     """Lay `runs` out for simulation with steps of at most `max_step` [s].
 
     `motion` is by default that of the runs' one degree of freedom. `channels` names the quantities measured that are to
-    be followed, by default the position of the runs alone; `signals` the columns of `Run.extras` that effects need;
+    be followed, by default the positions of the runs alone; `signals` the columns of `Run.extras` that effects need;
     without `hold` nobody holds a vehicle. Raises RunError for no runs, a run without a moment, runs with moments in
     different units, or a missing signal.
     """
@@ -196,18 +196,18 @@ def _padded(rows: Sequence[NDArray[Any]], width: int) -> NDArray[Any]:
 def _channels(
     runs: Sequence[Run], motion: Motion, samples: int, wanted: Sequence[str] | None
 ) -> Iterator[Channel]:
-    """The channels of the motion that are wanted; the first position always, if only to show."""
-    for d, dof in enumerate(motion.dofs):
-        for quantity in dof.channels:
-            first = d == 0 and quantity == dof.position
-            asked = first if wanted is None else quantity in wanted
+    """The channels of the motion that are wanted and that any run has; the first position always, if only to show."""
+    for d, (dof, position) in enumerate(zip(motion.dofs, motion.positions)):
+        for quantity in (position, dof.velocity):
+            first = d == 0 and quantity == position
+            asked = quantity == position if wanted is None else quantity in wanted
             columns = [run.channel(quantity) for run in runs]
-            if not (first or asked):
+            if not (first or asked) or (wanted is None and all(column is None for column in columns)):
                 continue
             values = [np.full(len(run), np.nan) if c is None else c for run, c in zip(runs, columns)]
             seen = _padded([np.isfinite(column) for column in values], samples)
             filled = _padded([np.nan_to_num(column) for column in values], samples)
-            if asked and quantity == dof.position:
+            if asked and quantity == position:
                 seen &= np.array([[not run.summed_up] for run in runs])
             yield Channel(quantity, d, quantity == dof.velocity, filled, seen, counts=asked)
 

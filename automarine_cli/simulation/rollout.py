@@ -18,6 +18,7 @@ from automarine_cli.effects import Commands, Place, State
 from automarine_cli.models.vehicle import Bound, Vehicle
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.simulation.batch import Batch, Channel
+from automarine_cli.simulation.plane import coriolis, in_body_axes, in_earth_axes
 
 Floats = NDArray[np.float64]
 Slope = Callable[..., tuple[Floats, Floats, Sequence[Floats]]]
@@ -28,10 +29,11 @@ class Start:
     """What differs from run to run and is no property of the vehicle; each broadcasts to (P, R), switch_delay to
     (P, R, E).
 
-    `position` and `velocity` at the first sample, of several degrees of freedom (D, P, R); `log_gain` of what is
-    delivered, `switch_delay` [s] of every change of command from the middle of the interval in which it happened,
-    `disturbance` (P, R, windows) a moment or force on the first degree of freedom in each window of the batch, `own` by
-    name the coefficients (P, R, k) of effects that vary from run to run.
+    `position` and `velocity` at the first sample, of several degrees of freedom (D, P, R), or (D, 1, 1) for all runs
+    alike: in the plane north, east and heading, and the velocities over ground in the vehicle's axes. `log_gain` is
+    that of everything delivered, `switch_delay` [s] of every change of command from the middle of the interval in which
+    it happened, `disturbance` (D, P, R, windows), of one degree of freedom (P, R, windows), a moment or force in each
+    window of the batch, `own` by name the coefficients (P, R, k) of effects that vary from run to run.
     """
 
     position: ArrayLike = 0.0
@@ -51,7 +53,8 @@ class Start:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Simulated states at the samples: `read` positions as the sensors show them, true positions and velocities.
+    """Simulated states at the samples: positions as the sensors show them, true positions and velocities. In the plane
+    positions are north, east and heading, velocities those over ground in the vehicle's axes.
 
     `nodes` holds the three at all nodes of the simulation grid, (D, P, R, M + 1) each; samples are picked when asked
     for.
@@ -108,6 +111,7 @@ def simulate(
     shape = np.broadcast_shapes(
         (len(model.motion.dofs), len(theta), len(batch.names)),
         np.shape(start.position),
+        np.shape(start.velocity),
         np.shape(start.log_gain),
     )
     terms = [start.bind(term) for term in model.forces(theta)]
@@ -200,18 +204,21 @@ def _integrate(
         travelled[1:] *= lengths[:, None]
         np.cumsum(travelled, axis=0, out=travelled)
     elif current is not None:
-        velocities += np.stack([in_body_axes(current, one[2]) for one in travelled])
+        velocities += np.moveaxis(in_body_axes(current, travelled[:, 2]), 0, 1)
     return np.moveaxis(travelled, 0, 3), np.moveaxis(velocities, 0, 3)
 
 
 def _delivered(batch: Batch, commands: Sequence[Commands], start: Start, shape: tuple[int, ...]) -> Floats:
     """What is held over each step with the run's gain and disturbance, (M, D, P, R)."""
     gain, rows = np.exp(np.asarray(start.log_gain))[..., None], []
+    pushed = start.disturbance
+    if pushed is not None and pushed.ndim == 3:
+        pushed = pushed[None]
     for d, one in enumerate(commands):
         force = one.force * gain
-        if d == 0 and start.disturbance is not None:
-            index = np.broadcast_to(batch.window[None], (len(start.disturbance), *batch.window.shape))
-            force = force + np.take_along_axis(start.disturbance, index, axis=2)
+        if pushed is not None:
+            index = np.broadcast_to(batch.window, (*pushed.shape[1:2], *batch.window.shape))
+            force = force + np.take_along_axis(pushed[d], index, axis=2)
         rows.append(np.broadcast_to(force, (*shape[1:], force.shape[2])))
     together = rows[0][None] if len(rows) == 1 else np.stack(rows)
     return np.ascontiguousarray(np.moveaxis(together, 3, 0))
@@ -223,64 +230,43 @@ def _slope(
     """The right-hand side: accelerations and rates of the positions (D, P, R), derivatives of the water's states."""
     single = not motion.turns
     inverse = 1.0 / inertia[:, 0, :1] if single else np.linalg.inv(inertia)
-    count, none = len(motion.dofs), np.zeros(())
-    states = [State(none, origin[d], none, none, none, none, {}) for d in range(count)]
+    none = np.zeros(())
+    flow = [none] * len(motion.dofs)
+    states = [State(none, start, none, none, none, none, {}, flow) for start in origin]
 
     def slope(  # type: ignore[no-untyped-def]
         position: Floats, velocity: Floats, water: Sequence[Floats], force: Floats, time: Floats, signals
     ):
+        over_ground = velocity if current is None else velocity + in_body_axes(current, position[2])
         for d, state in enumerate(states):
-            state.position, state.velocity, state.relative = position[d], velocity[d], velocity[d]
+            state.position, state.velocity = position[d], over_ground[d]
+            state.relative = flow[d] = velocity[d]
             state.delivered, state.time, state.signals = force[d], time, signals
         if water:
             left = iter(water)
             own = [tuple(islice(left, len(term.effect.states))) for term in movers]
             for term, stored in zip(movers, own):
                 if term.effect.place is Place.WATER:
-                    states[term.dof].relative = states[term.dof].relative - term.effect.water_rate(
+                    state = states[term.dof]
+                    state.relative = flow[term.dof] = state.relative - term.effect.water_rate(
                         stored, term.values
                     )
         total = list(force)
         for term in movers:
             total[term.dof] = total[term.dof] + term.effect.moment(states[term.dof], term.values)
-        flow: list[Floats] = []
+        stirred: list[Floats] = []
         if water:
             for term, stored in zip(movers, own):
-                flow.extend(term.effect.derivatives(states[term.dof], stored, term.values) if stored else ())
+                stirred.extend(
+                    term.effect.derivatives(states[term.dof], stored, term.values) if stored else ()
+                )
         if single:
-            return (total[0] * inverse)[None], velocity, flow
+            return (total[0] * inverse)[None], velocity, stirred
         turning = np.stack(total) - coriolis(inertia, velocity)
-        moved = over_ground(velocity, position[2], current)
-        return np.einsum("pij,jpr->ipr", inverse, turning), moved, flow
+        moved = in_earth_axes(over_ground, position[2])
+        return np.einsum("pij,jpr->ipr", inverse, turning), moved, stirred
 
     return slope
-
-
-def coriolis(inertia: Floats, velocity: Floats) -> Floats:
-    """Coriolis and centripetal force C(nu) nu of surge, sway and yaw (3, P, R), of rigid and added inertia (P, 3, 3).
-
-    With momentum p = M nu it is (-p_y r, p_x r, p_y u - p_x v): the axes turn with the vehicle (Fossen 2021, equation
-    3.64 and chapter 6.3 for the added part), and does no work.
-    """
-    along, abeam, _ = np.einsum("pij,jpr->ipr", inertia, velocity)
-    u, v, r = velocity
-    return np.stack([-abeam * r, along * r, abeam * u - along * v])
-
-
-def over_ground(velocity: Floats, heading: Floats, current: Floats | None) -> Floats:
-    """Rates of north, east and heading (3, P, R) for velocities through the water in the vehicle's axes."""
-    u, v, r = velocity
-    north, east = np.cos(heading) * u - np.sin(heading) * v, np.sin(heading) * u + np.cos(heading) * v
-    if current is not None:
-        north, east = north + current[0], east + current[1]
-    return np.stack([north, east, r])
-
-
-def in_body_axes(current: Floats, heading: Floats) -> Floats:
-    """A current (2, P, 1) north and east in axes at `heading` (P, R): its part of the velocities (3, P, R)."""
-    north, east = current
-    u, v = north * np.cos(heading) + east * np.sin(heading), east * np.cos(heading) - north * np.sin(heading)
-    return np.stack([u, v, np.zeros_like(u)])
 
 
 def _ahead(states: Sequence[Floats], step: Floats, slopes: Sequence[Floats]) -> list[Floats]:

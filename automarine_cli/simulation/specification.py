@@ -41,12 +41,12 @@ class EffectSetting:
             raise SettingError(
                 f"effect {self.name!r} needs the column {effect.needs[0]!r}, which simulated runs lack; leave it out"
             )
-        names = [parameter.name for parameter in effect.parameters]
+        names = [parameter.name_in(YAW) for parameter in effect.parameters]
         allowed = ", ".join(names)
         for name in self.values:
             if name not in names:
                 raise SettingError(f"effect {self.name!r} has no parameter {name!r}; it has {allowed}")
-        for name in (p.name for p in effect.parameters if not p.choices):
+        for name in (p.name_in(YAW) for p in effect.parameters if not p.choices):
             if name not in self.values:
                 raise SettingError(
                     f"effect {self.name!r} needs its parameter {name!r} (of {allowed}); give it"
@@ -55,7 +55,7 @@ class EffectSetting:
     @property
     def ordered(self) -> tuple[float, ...]:
         """The values in the effect's own order."""
-        return tuple(self.values.get(p.name, p.start) for p in library.get(self.name).parameters)
+        return tuple(self.values.get(p.name_in(YAW), p.start) for p in library.get(self.name).parameters)
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ class Specification:
 
     def model(self) -> YawModel:
         """The true model: the vehicle's drag and the effects, in their order."""
-        terms = tuple(Term(name, (value,)) for name, value in self.vehicle.terms)
+        terms = tuple(Term(name, (value,), own=True) for name, value in self.vehicle.terms)
         model = YawModel(self.vehicle.I_r, terms, self.vehicle.moment_unit, self.vehicle.dof)
         for effect in self.effects:
             model = model.with_effect(effect.name, effect.ordered)

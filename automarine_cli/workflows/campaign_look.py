@@ -98,7 +98,7 @@ def look_at(folder: Path, files: Sequence[LogFile], jobs: int = 1, progress: Pro
     rules = ColumnMap({one.key: ColumnRule(one.source, one.unit) for one in columns if not one.as_named})
     yaw = [file for layout in layouts if not layout.bollard for file in layout.files]
     found = ordered_map(
-        partial(_runs_of, columns=rules), yaw, jobs, progress=progress, stage="looking at runs"
+        partial(_runs_of, columns=rules, dof=YAW), yaw, jobs, progress=progress, stage="looking at runs"
     )
     aside += [one for _, bad in found for one in bad]
     runs = dict(zip(yaw, (good for good, _ in found)))
@@ -158,9 +158,9 @@ def _wanted(layout: Layout) -> tuple[str, ...]:
     return OF_YAW
 
 
-def _runs_of(file: LogFile, columns: ColumnMap, dof: Dof = YAW) -> tuple[tuple[RunKind, ...], list[SetAside]]:
+def _runs_of(file: LogFile, columns: ColumnMap, dof: Dof) -> tuple[tuple[RunKind, ...], list[SetAside]]:
     try:
-        runs, aside = read_runs(LogFile(file.path, file.name, False), columns, dof)
+        runs, aside = read_runs(LogFile(file.path, file.name, False), columns, dof=dof)
     except LogError as error:  # a guess that does not fit this log
         return (), [unreadable(file, error)]
     return tuple(kind_of(run) for run in runs), aside
@@ -191,7 +191,7 @@ def _kind_of(file: LogFile, runs: Sequence[RunKind]) -> str:
 
 
 def _with_forces(look: Look, files: Sequence[LogFile]) -> Look:
-    """The look with the logs of surge and heave, each under its motion and kind."""
+    """The look with the logs of translations, each under its motion and kind."""
     forces: dict[str, dict[str, list[LogFile]]] = {}
     aside, runs = list(look.set_aside), dict(look.runs)
     for layout in look.layouts:

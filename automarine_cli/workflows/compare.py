@@ -1,6 +1,6 @@
 """`compare`: results of two or more campaigns side by side: another vehicle, another day, another battery."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -8,7 +8,7 @@ from typing import Any
 
 from automarine_cli.comparison.result_files import shared_models, side
 from automarine_cli.comparison.side_by_side import Difference, Side, differences
-from automarine_cli.dofs import DOFS
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
 from automarine_cli.pipeline.outputs import result_folder
@@ -28,7 +28,7 @@ RESULTS = {
     **{f"{name}_model.json": (f"automarine/{name}-model/1", f"fit-{name}") for name in DOFS},
     "thrusters.json": ("automarine/thruster-map/1", "fit-thrusters"),
 }
-STEPS = ("yaw", "thrusters", "diagnosis")
+STEPS = tuple(dict.fromkeys(("yaw", "thrusters", "diagnosis", *DOFS)))
 
 
 @dataclass(frozen=True, repr=False)
@@ -78,9 +78,14 @@ class _Found:
     kind: str
 
     @property
+    def dof(self) -> Dof:
+        """The motion that it is of."""
+        return DOFS.get(str(self.data.get("motion")), YAW)
+
+    @property
     def unit(self) -> str:
-        """The unit of moments; nothing for thrusters."""
-        return str(self.data.get("moment_unit", self.data.get("force_unit", "")))
+        """The unit of moments or forces; nothing for thrusters."""
+        return str(self.data.get(f"{self.dof.words.force}_unit", ""))
 
 
 def compare(
@@ -172,15 +177,19 @@ def _find(folder: Path, name: str) -> _Found:
 
 
 def _refuse_mixtures(found: Sequence[_Found]) -> None:
-    for what, of in (("results of", lambda one: one.kind), ("moments in", lambda one: one.unit)):
+    same: tuple[tuple[str, Callable[[_Found], str], str], ...] = (
+        ("results of", lambda one: one.kind, "compare results of one command"),
+        ("results in", lambda one: one.dof.name, "compare results of one motion"),
+        (
+            f"{found[0].dof.words.force}s in",
+            lambda one: one.unit,
+            "there is no factor between the two, so compare results in one unit",
+        ),
+    )
+    for what, of, advice in same:
         values = list(dict.fromkeys(map(of, found)))
         if len(values) > 1:
             told = "; ".join(f"{one.name}: {of(one)}" for one in found)
-            advice = (
-                "compare results of one command"
-                if what == "results of"
-                else "there is no factor between the two, so compare results in one unit"
-            )
             raise SettingError(f"{what} {' and '.join(values)} cannot be compared ({told}); {advice}")
 
 

@@ -14,13 +14,11 @@ from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.verdict import NamedEffect, base_estimates, gap_json, parameter_estimates
 from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import SettingError
-from automarine_cli.fits.channel_noise import channel_noises, channel_sentences, channels_json
+from automarine_cli.fits.channel_noise import channels_json, fit_sentences
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.validity import covariance_json, valid_range
-from automarine_cli.fits.yaw_fit import KEYS
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models, schema_of
-from automarine_cli.models.yaw_model import ASYMMETRY, BASE_NAMES
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import lasting_map
@@ -56,12 +54,12 @@ class YawDiagnosis(Shown):
         moved = base_estimates(self.diagnosis.study, found.final)
         before = base_estimates(self.diagnosis.study, found.base)
         dof = self.stored.dof
-        content = {
+        return {
             "schema": "automarine/diagnosis/1",
             **({} if dof.wraps else {"motion": dof.name}),
             "verdict": self.diagnosis.verdict,
             "model": self.stored.preferred,
-            "moment_unit": self.stored.moment_unit,
+            f"{dof.words.force}_unit": self.stored.moment_unit,
             "effects": [_effect_json(effect) for effect in self.diagnosis.effects],
             "where": [region.to_json(dof) for region in self.where.regions],
             "gap": {
@@ -74,11 +72,7 @@ class YawDiagnosis(Shown):
             ],
             "threshold": found.rounds[0].threshold,
             "base": {
-                name if dof.wraps else KEYS.get(name, name): {
-                    "before": before[name].to_json(),
-                    "after": moved[name].to_json(),
-                }
-                for name in before
+                name: {"before": before[name].to_json(), "after": moved[name].to_json()} for name in before
             },
             "smallest_visible": {k: v for k, v in self.diagnosis.detectable.items() if np.isfinite(v)},
             "open_water": self.diagnosis.study.disturbed,
@@ -92,7 +86,6 @@ class YawDiagnosis(Shown):
                 **readings(self.diagnosis.study.runs),
             },
         }
-        return dict(dof.named(content))
 
     def tables(self) -> list[Table | str]:
         """What the terminal shows: verdict, effects, gap, candidates."""
@@ -103,8 +96,7 @@ class YawDiagnosis(Shown):
                 f"Not excluded is {rival.name} (weight {rival.confidence:.0%}): {rival.split_by}"
                 for rival in effect.rivals
             ]
-        fit, dof = self.diagnosis.found.final.fit, self.stored.dof
-        lines += channel_sentences(self.diagnosis.channels, channel_noises(fit, dof), dof)
+        lines += fit_sentences(self.diagnosis.channels, self.diagnosis.found.final.fit, self.stored.dof)
         return [*lines, *diagnosis_tables.tables(self.diagnosis)]
 
     def extended_model(self) -> dict[str, Any]:
@@ -116,35 +108,33 @@ class YawDiagnosis(Shown):
 
 def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha256: str) -> dict[str, Any]:
     """A yaw-model file of one model with its effects, and the hash of the file that it grew from."""
-    base, dof = base_estimates(study, trial), study.base.dof
-    core, names = ["linear-drag", "quadratic-drag"], {name: name for name in ("k_rr", "k_r", "I_r")}
-    sides = ASYMMETRY[stored.preferred]
-    own = ["bias-moment"] * dof.has_constant + [sides] * (sides in [term.name for term in study.base.terms])
-    if not dof.wraps:
-        core += own
-        names |= {BASE_NAMES[name]: KEYS[BASE_NAMES[name]] for name in own}
-    drag = {key: base[name].to_json() for name, key in names.items() if name in base}
-    angle, covariance, fit = None, study.covariance(trial.model, trial.fit), trial.fit
-    order = [dof.key(KEYS.get(name, name)) if not dof.wraps else name for name in trial.model.parameter_names]
-    told = drag | {"covariance": covariance_json(order, fit.theta, fit.positive, covariance)}
-    if "k_rr" in base and base["k_rr"].value > 0:
-        spread = float(np.sqrt(max(covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1], 0.0)))
-        angle = Estimate.from_log(
-            base["I_r"].value / base["k_rr"].value, spread, len(study.runs) - 1, dof.unit_of("theta_c")
+    base, model, dof = base_estimates(study, trial), trial.model, study.base.dof
+    roles = ("quadratic", "linear", "inertia", "constant", "difference")
+    own = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
+    drag = {name: base[name].to_json() for name in own.values()}
+    ratio, covariance, fit = None, study.covariance(model, trial.fit), trial.fit
+    told = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.positive, covariance)}
+    if "quadratic" in own and base[own["quadratic"]].value > 0:
+        i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
+        spread = float(np.sqrt(max(covariance[i, i] + covariance[k, k] - 2.0 * covariance[i, k], 0.0)))
+        ratio = Estimate.from_log(
+            base[own["inertia"]].value / base[own["quadratic"]].value,
+            spread,
+            len(study.runs) - 1,
+            dof.unit_of("ratio"),
         ).to_json()
-    added = [term.name for term in trial.model.terms if term.name not in core]
-    added += [name for name in trial.added if name in core]
-    content = {
+    added = [term.name for term in model.terms if not term.own]
+    return {
         "schema": schema_of(dof),
         **({} if dof.wraps else {"motion": dof.name}),
-        "moment_unit": stored.moment_unit,
+        f"{dof.words.force}_unit": stored.moment_unit,
         "fitted_to": "whole runs",
         "models": {stored.preferred: {**drag, "output_error": told, "velocity_error": None, "sse": None}},
         "preferred": stored.preferred,
         "preferred_because": f"Model {stored.preferred} was the base of the diagnosis.",
-        "inertial_turn_angle_rad": angle,
+        dof.ratio_key: ratio,
         "valid_range": valid_range(
-            (end for run in study.runs for end in (run.command.min(), run.command.max())), trial.model
+            (end for run in study.runs for end in (run.command.min(), run.command.max())), model
         ),
         "effects": [
             {
@@ -153,10 +143,11 @@ def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha2
             }
             for name in added
         ],
-        "heading_noise_deg": float(dof.shown(trial.fit.noise)) if study.position_counts else None,
+        f"{dof.words.position}_noise_{dof.units.key}": float(dof.shown(trial.fit.noise))
+        if study.position_counts
+        else None,
         "parent": {"file": stored.source, "sha256": parent_sha256},
     }
-    return dict(dof.named(content))
 
 
 def _effect_json(effect: NamedEffect) -> dict[str, Any]:
@@ -294,8 +285,8 @@ def _runs(
     units = {run.moment_unit for run in runs if run.moment is not None}
     if units - {stored.moment_unit}:
         raise SettingError(
-            f"{stored.source} is a model of {dof.say('moments')} in {stored.moment_unit}, the logs give "
-            f"{', '.join(sorted(units))}; fit a model to these logs first, or map their {dof.say('moment')} with "
+            f"{stored.source} is a model of {dof.words.force}s in {stored.moment_unit}, the logs give "
+            f"{', '.join(sorted(units))}; fit a model to these logs first, or map their {dof.words.force} with "
             "--columns"
         )
     moving, stuck = without_stuck(runs)

@@ -8,6 +8,7 @@ from pathlib import Path
 from automarine_cli.dofs import HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.identify import NOTHING_KNOWN, identify_turns
+from automarine_cli.fits.linear_mixed import NotFinite, not_finite
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.step_response import Known
 from automarine_cli.fits.yaw_fit import YawFit
@@ -139,9 +140,11 @@ def _fit(
     def work() -> YawFit:
         with told_beside(campaign.set_aside):
             try:
-                fit = identify_turns(campaign.turns, campaign.not_turned, whole, kind, known, each, channels)
-            except FitError as problem:
-                raise FitError(dof.say(str(problem))) from None
+                fit = identify_turns(
+                    dof, campaign.turns, campaign.not_turned, whole, kind, known, each, channels
+                )
+            except NotFinite:
+                raise FitError(not_finite(dof.words.position, dof.words.force)) from None
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside))
         if strict and fit.set_aside:
             raise refused_by_strict(fit.set_aside[0])

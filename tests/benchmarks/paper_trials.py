@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.dofs import YAW
 from automarine_cli.fits.drag import fit_drag, identity_gap
 from automarine_cli.fits.step_response import half_turn_data
 from automarine_cli.fits.velocity_error import fit_velocity_error
@@ -92,7 +93,7 @@ def run_trial(item: tuple[Specification, Setting, int]) -> dict[str, float]:
     inertia = {number: table.per_run for number, table in fit.inertia.items()}
     if setting.recorded:  # the same tails, against moments that were written down wrong
         moment = _misread(moment, specification.scatter.moment, seed)
-        drags = {number: fit_drag(moment, fit.tails.rate, number) for number in drags}
+        drags = {number: fit_drag(moment, fit.tails.rate, number, "nu", YAW) for number in drags}
         inertia = {
             number: inertia_from_velocity_error(fit.tails.error, moment, *drags[number].drag)
             for number in inertia

@@ -7,12 +7,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.budget import LEFT, NOISE, SCATTER
+from automarine_cli.diagnosis.budget import LEFT, SCATTER, noise_of
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.where import Where
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, in_words
-from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure, said
+from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure
 
 Floats = NDArray[np.float64]
 
@@ -51,8 +52,8 @@ def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str,
         bottom.set_xlabel("time [s]", labelpad=1)
         if column:
             bottom.set_yticklabels([])
-    grid[0, 0].set_ylabel("turned [deg]")
-    grid[1, 0].set_ylabel("measured − sim. [deg]")
+    grid[0, 0].set_ylabel(f"{dof.words.moved} [{dof.units.shown}]")
+    grid[1, 0].set_ylabel(f"measured − sim. [{dof.units.shown}]")
     place = grid[0, 0].get_gridspec()
     for axes in grid[2:].ravel():
         axes.remove()
@@ -61,11 +62,11 @@ def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str,
     if count > 1:
         _by_variable(figure.add_subplot(place[2, half:]), diagnosis, where)
     if shares is not None:
-        _budget(figure.add_subplot(place[3, :]), shares)
+        _budget(figure.add_subplot(place[3, :]), shares, dof)
     figure.suptitle(_sizes_in_words(diagnosis))
     handles = [h for axes in (grid[0, 0], grid[1, 0]) for h in axes.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
-    return said(figure, dof)
+    return figure
 
 
 def _sizes_in_words(diagnosis: Diagnosis) -> str:
@@ -74,13 +75,16 @@ def _sizes_in_words(diagnosis: Diagnosis) -> str:
     parts = []
     for gap, word in ((diagnosis.gap, "fitted"), (diagnosis.held_out_gap, "held out")):
         if gap is not None:
-            parts.append(f"runs {word} {dof.shown(gap.before):.2f} → {dof.shown(gap.after):.2f} deg")
+            parts.append(
+                f"runs {word} {dof.shown(gap.before):.2f} → {dof.shown(gap.after):.2f} {dof.units.shown}"
+            )
     added = (
         "Added: " + " and ".join(diagnosis.found.final.added)
         if diagnosis.found.final.added
         else "Nothing added"
     )
-    return f"Gap: {', '.join(parts)} (noise {dof.shown(diagnosis.gap.floor):.2f} deg). {added}"
+    noise = f"{dof.shown(diagnosis.gap.floor):.2f} {dof.units.shown}"
+    return f"Gap: {', '.join(parts)} (noise {noise}). {added}"
 
 
 Pick = tuple[str, Floats, Floats, Floats, Floats]
@@ -134,12 +138,12 @@ def _sizes(axes: Axes, diagnosis: Diagnosis) -> None:
         color="0.5",
         linewidth=0.8,
         linestyle="--",
-        label="noise of the heading",
+        label=f"noise of the {dof.words.position}",
     )
     axes.set_xlim(0.0, 1.05 * top)
     axes.set_ylim(0.0, 1.05 * top)
-    axes.set_xlabel("gap before [deg]", labelpad=1)
-    axes.set_ylabel("gap after [deg]")
+    axes.set_xlabel(f"gap before [{dof.units.shown}]", labelpad=1)
+    axes.set_ylabel(f"gap after [{dof.units.shown}]")
     axes.legend(loc="upper left", fontsize=6.5)
 
 
@@ -158,7 +162,8 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis, where: Where) -> None:
         dof = where.dof
         gaps = (diagnosis.gap.residuals_before, diagnosis.gap.residuals_after)
         pairs = [dof.shown(gap * where.sign if row.directed else gap) for gap in gaps]
-        axes.set_ylabel("mean gap [deg]" + ("\nalong the moment" if row.directed else ""))
+        along = f"\nalong the {dof.words.force}" if row.directed else ""
+        axes.set_ylabel(f"mean gap [{dof.units.shown}]{along}")
     have = np.isfinite(column.values)
     which = np.where(have, np.digitize(np.nan_to_num(column.values), variable.edges[1:-1]), -1)
     axes.axhline(0.0, color="0.3", linewidth=0.6)
@@ -173,13 +178,13 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis, where: Where) -> None:
             ]
         )
         axes.plot(variable.middle, means, style, color=colour, markersize=2.5, linewidth=1.0, label=label)
-    axes.set_xlabel(in_words(variable), labelpad=1, parse_math=False)
+    axes.set_xlabel(in_words(variable, where.dof), labelpad=1, parse_math=False)
     axes.legend(loc="best", fontsize=6.5)
 
 
-def _budget(axes: Axes, shares: Mapping[str, float]) -> None:
+def _budget(axes: Axes, shares: Mapping[str, float], dof: Dof) -> None:
     """One stacked bar of the whole gap."""
-    fixed = {NOISE: "0.6", SCATTER: "0.82", LEFT: COLOURS["black"]}
+    fixed = {noise_of(dof): "0.6", SCATTER: "0.82", LEFT: COLOURS["black"]}
     others = [COLOURS[name] for name in ("blue", "sky", "green")]
     at, used = 0.0, 0
     for name, share in shares.items():

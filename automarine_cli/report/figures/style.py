@@ -14,10 +14,8 @@ import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import Dof
 from automarine_cli.report.figures import panels
 
 # Okabe and Ito (2008), ordered so that neighbours differ in lightness too.
@@ -142,12 +140,3 @@ def legend(axes: Axes, **keywords: Any) -> None:
     """The axes' legend in the house's type size, if anything in it has a label."""
     if axes.get_legend_handles_labels()[0]:
         axes.legend(**keywords)
-
-
-def said(figure: Figure, dof: Dof) -> Figure:
-    """The figure of another motion: every text that was written for yaw in its words."""
-    if not dof.wraps:
-        for text in figure.findobj(Text):
-            if isinstance(text, Text):
-                text.set_text(dof.say(text.get_text()))
-    return figure
