@@ -65,6 +65,13 @@ def channels_of(choice: ChannelChoice, noises: Mapping[str, Estimate]) -> dict[s
     return {"channels": entries}
 
 
+def noise_words(fit: MixedFit, dof: Dof) -> str:
+    """The noises of a fit in a line, such as "heading noise 1.00 deg"."""
+    names = {dof.position: dof.words.position, dof.velocity: dof.words.rate}
+    noises = channel_noises(fit, dof).items()
+    return ", ".join(f"{names[name]} noise {one.value:.2f} {one.unit}" for name, one in noises)
+
+
 def fit_sentences(choice: ChannelChoice, fit: MixedFit, dof: Dof) -> list[str]:
     """`channel_sentences` with the noises of a fit."""
     return channel_sentences(choice, channel_noises(fit, dof), dof)

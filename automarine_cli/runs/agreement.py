@@ -212,7 +212,7 @@ def _delay(moving: Sequence[Stretch], scale: float | None) -> tuple[float, float
     """How late the velocity is [s], the standard error of that over stretches, and the misfit that it leaves."""
     longest = min(LATEST, median(np.array([one.time[-1] for one in moving])) / 3.0)
     step = longest / GRID
-    coarse = step * np.arange(-GRID, GRID + 1)
+    coarse = np.asarray(step * np.arange(-GRID, GRID + 1), dtype=np.float64)
     best = coarse[_misfit(moving, coarse, scale).sum(axis=0).argmin()]
     fine = best + 2.0 * step * np.arange(-FINE, FINE + 1) / FINE
     misfit = _misfit(moving, fine, scale)

@@ -8,7 +8,7 @@ from automarine_cli.comparison.scores import SCORES
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
-from automarine_cli.fits.channel_noise import channel_noises
+from automarine_cli.fits.channel_noise import noise_words
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.thruster_result import ThrusterFit
 from automarine_cli.fits.yaw_fit import YawFit
@@ -92,10 +92,7 @@ def _yaw_lines(fit: YawFit) -> Iterator[str]:
     if fit.inertial_turn_angle is not None:
         found[f"{own.inertia}/{own.quadratic_print}"] = fit.inertial_turn_angle
     yield from _aligned(found)
-    noises = channel_noises(fit.preferred.mixed, dof)
-    sensors = {dof.position: dof.position, dof.velocity: dof.words.rate}
-    noise = ", ".join(f"{sensors[name]} noise {one.value:.2f} {one.unit}" for name, one in noises.items())
-    yield f"  {noise}; {_counted(len(fit.warnings), 'warning')}"
+    yield f"  {noise_words(fit.preferred.mixed, dof)}; {_counted(len(fit.warnings), 'warning')}"
 
 
 def _yaw_rows(fit: YawFit) -> Iterator[Row]:
