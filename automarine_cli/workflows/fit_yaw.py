@@ -20,6 +20,7 @@ from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import yaw_report
 from automarine_cli.report.figures.files import refuse_unknown, write_figures
+from automarine_cli.runs.channels import AUTO, asked_channels, wanted_channels
 from automarine_cli.runs.half_turn import UNTRIMMED, Trim
 from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run
@@ -37,6 +38,7 @@ def fit_yaw(
     arm: float | None = None,
     fit_to: str = "auto",
     known: Known = NOTHING_KNOWN,
+    channels: str = AUTO,
     out: Path | None = None,
     figure_formats: tuple[str, ...] = ("png",),
     overwrite: bool = False,
@@ -48,11 +50,13 @@ def fit_yaw(
     `figure_formats` (png, svg, pdf).
 
     `thrusters` and `arm` [m] turn thruster commands into moments; `fit_to` and `known` as in
-    `fits.identify.identify`. Raises LogError, RunError, FitError, SettingError or OutputError.
+    `fits.identify.identify`, `channels` as in `runs.channels.choose_channels`.
+    Raises LogError, RunError, FitError, SettingError or OutputError.
     """
     return _fit(
-        YAW, UNTRIMMED, {"arm": arm}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, known=known, out=out,
-        figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs, progress=progress,
+        YAW, UNTRIMMED, {"arm": arm}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, known=known,
+        channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs,
+        progress=progress,
     )  # fmt: skip
 
 
@@ -60,7 +64,7 @@ def fit_surge(
     logs: Sequence[str | Path], *, columns: Path | ColumnMap | None = None, thrusters: Path | ThrusterMap | None = None,
     within: float | None = None, fit_to: str = "auto", known: Known = NOTHING_KNOWN, out: Path | None = None,
     figure_formats: tuple[str, ...] = ("png",), overwrite: bool = False, strict: bool = False, jobs: int = 1,
-    progress: Progress = silent,
+    progress: Progress = silent, channels: str = AUTO,
 ) -> YawFit:  # fmt: skip
     """Identify the surge model of a vehicle: distance against force, as `fit_yaw` does heading against moment.
 
@@ -71,8 +75,8 @@ def fit_surge(
         raise SettingError(f"within is {within:g}; expected metres above 0")
     return _fit(
         SURGE, Trim(within), {"within": within}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to,
-        known=known, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs,
-        progress=progress,
+        known=known, channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict,
+        jobs=jobs, progress=progress,
     )  # fmt: skip
 
 
@@ -80,7 +84,7 @@ def fit_heave(
     logs: Sequence[str | Path], *, columns: Path | ColumnMap | None = None, thrusters: Path | ThrusterMap | None = None,
     depths: tuple[float, float] | None = None, fit_to: str = "auto", known: Known = NOTHING_KNOWN,
     out: Path | None = None, figure_formats: tuple[str, ...] = ("png",), overwrite: bool = False,
-    strict: bool = False, jobs: int = 1, progress: Progress = silent,
+    strict: bool = False, jobs: int = 1, progress: Progress = silent, channels: str = AUTO,
 ) -> YawFit:  # fmt: skip
     """Identify the heave model of a vehicle: depth against force, its buoyancy with it, as `fit_yaw` does heading.
 
@@ -93,7 +97,8 @@ def fit_heave(
     trim = UNTRIMMED if depths is None else Trim(None, *depths)
     return _fit(
         HEAVE, trim, {"depths": depths}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, known=known,
-        out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs, progress=progress,
+        channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs,
+        progress=progress,
     )  # fmt: skip
 
 
@@ -107,6 +112,7 @@ def _fit(
     thrusters: Path | ThrusterMap | None,
     fit_to: str,
     known: Known,
+    channels: str,
     out: Path | None,
     figure_formats: tuple[str, ...],
     overwrite: bool,
@@ -116,6 +122,7 @@ def _fit(
 ) -> YawFit:
     """The fit of any motion; `own` are the options that only it has."""
     refuse_unknown(figure_formats)
+    wanted_channels(channels, dof)
     column_map = given_columns(columns)
     arm, kind = own.get("arm"), FIT_TO[1] if fit_to == STEPS else fit_to
     drive = moment_maker(thrusters, arm if isinstance(arm, int | float) else None, column_map, dof)
@@ -133,7 +140,9 @@ def _fit(
     def work() -> YawFit:
         with told_beside(campaign.set_aside):
             try:
-                fit = identify_turns(dof, campaign.turns, campaign.not_turned, whole, kind, known, each)
+                fit = identify_turns(
+                    dof, campaign.turns, campaign.not_turned, whole, kind, known, each, channels
+                )
             except NotFinite:
                 raise FitError(not_finite(dof.words.position, dof.words.force)) from None
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside))
@@ -153,6 +162,7 @@ def _fit(
         "known": known,
         "figure_formats": figure_formats,
         "strict": strict,
+        **asked_channels(channels),
     }
     command = f"fit-{dof.name}"
     with result_folder(

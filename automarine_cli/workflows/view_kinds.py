@@ -8,6 +8,7 @@ from automarine_cli.comparison.scores import SCORES
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
+from automarine_cli.fits.channel_noise import noise_words
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.thruster_result import ThrusterFit
 from automarine_cli.fits.yaw_fit import YawFit
@@ -91,8 +92,7 @@ def _yaw_lines(fit: YawFit) -> Iterator[str]:
     if fit.inertial_turn_angle is not None:
         found[f"{own.inertia}/{own.quadratic_print}"] = fit.inertial_turn_angle
     yield from _aligned(found)
-    noise = f"{dof.words.position} noise {dof.shown(fit.preferred.noise):.2f} {dof.units.shown}"
-    yield f"  {noise}; {_counted(len(fit.warnings), 'warning')}"
+    yield f"  {noise_words(fit.preferred.mixed, dof)}; {_counted(len(fit.warnings), 'warning')}"
 
 
 def _yaw_rows(fit: YawFit) -> Iterator[Row]:
