@@ -5,10 +5,15 @@ them the reading of Table 1 with a constant moment, tau = k_rr |r| r + c, which 
 errors are
 robust against unequal scatter (HC3, MacKinnon and White 1985, J. Econometrics 29:305), intervals from
 Student's t.
+
+The moment is commanded, so all noise is in the rates, and least squares on a noisy regressor find too little of it
+("dilution"); in model 2 that looks like linear drag. Where the variance of the rates is known its part of every sum
+is taken off first (corrected score, Nakamura 1990, Biometrika 77:127): of w = r + noise of variance v the Hermite
+polynomials 1, w, w² - v, w³ - 3 v w, w⁴ - 6 v w² + 3 v² have the means 1, r, r², r³, r⁴.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,16 +31,29 @@ COLUMNS = {"1": ("k_r",), "2": ("k_rr", "k_r"), "3": ("k_rr",), "3+c": ("k_rr", 
 FEWEST_A_WAY = 3
 """Runs each way from which on it is asked whether drag differs."""
 
+MOST_DILUTED = 0.5
+"""Share of a sum that is taken off as noise at most: where more is noise, what is left says little."""
+
 
 @dataclass(frozen=True)
 class DragFit:
-    """Least squares of one drag model: estimates by name, SSE [moment²], AICc, residuals (R,) [moment]."""
+    """Least squares of one drag model: estimates by name; SSE [moment²], AICc and residuals (R,) [moment] of the plain
+    least squares.
+
+    `variance` (R,) [rad²/s²] is that of the rates whose dilution was taken off, `dilution` by how much that moved each
+    estimate from the plain least squares, `explained` [moment²] what of the moments' squares the model explains;
+    `influence` (R, p) is how far each run moves the estimates.
+    """
 
     model: str
     estimates: dict[str, Estimate]
     sse: float
     aicc: float
     residuals: Floats
+    variance: Floats
+    dilution: Mapping[str, float]
+    explained: float
+    influence: Floats
 
     def acting(self, moment: Floats) -> tuple[Floats, Floats | float, Floats | float]:
         """What each run (R,) moves by: the moment with the constant one, k_r and k_rr on the way that it goes."""
@@ -52,6 +70,22 @@ class DragFit:
         """(k_r, k_rr), zero where the model has no such term."""
         values = {name: e.value for name, e in self.estimates.items()}
         return values.get("k_r", 0.0), values.get("k_rr", 0.0)
+
+    def holding(self, values: Sequence[float]) -> "DragFit":
+        """The same with other values, in the order of the estimates."""
+        own = {name: replace(e, value=float(v)) for (name, e), v in zip(self.estimates.items(), values)}
+        return replace(self, estimates=own)
+
+    def moved_by(self, influence: Floats) -> "DragFit":
+        """The same with intervals that know of this influence of the runs (R, p) on the estimates beside its own."""
+        total = self.influence + influence
+        stderr = np.sqrt(np.sum(total**2, axis=0))
+        spare = len(total) - len(self.estimates)
+        own = {
+            name: Estimate.from_stderr(e.value, error, spare, e.unit)
+            for (name, e), error in zip(self.estimates.items(), stderr)
+        }
+        return replace(self, estimates=own, influence=total)
 
 
 @dataclass(frozen=True)
@@ -75,17 +109,56 @@ def regressors(rate: Floats, model: str, names: Sequence[str] = ()) -> Floats:
     return np.stack([known[name] for name in names or COLUMNS[model]], axis=1)
 
 
-def fit_drag_by_way(moment: Floats, rate: Floats, model: str, moment_unit: str, axis: Axis) -> DragFit:
+@dataclass(frozen=True)
+class Sums:
+    """Each run's part of the normal equations of a drag model, noise of the rates taken off: squares (R, p, p), their
+    products with the moment (R, p)."""
+
+    squares: Floats
+    products: Floats
+
+    def solve(self) -> tuple[Floats, Floats]:
+        """Values (p,) and the inverse (p, p) of the sum of squares."""
+        inverse = np.linalg.inv(self.squares.sum(axis=0))
+        return inverse @ self.products.sum(axis=0), inverse
+
+
+def sums(moment: Floats, rate: Floats, variance: Floats | float, model: str, names: Sequence[str]) -> Sums:
+    """The normal equations of moments (R,) on the regressors of rates (R,) of that variance [rad²/s²]."""
+    power = np.array([_power(name, model) for name in names])
+    hermite = without_noise(rate, variance)
+    sign = np.sign(regressors(np.sign(rate), model, names))
+    products = sign * hermite[:, power] * moment[:, None]
+    return Sums(sign[:, :, None] * sign[:, None, :] * hermite[:, power[:, None] + power], products)
+
+
+def _power(name: str, model: str) -> int:
+    """Power of the rate with which a parameter of a drag model goes."""
+    return {"k_rr": 2, "k_r": 1, "e": 1 if model == "1" else 2}.get(name, 0)
+
+
+def without_noise(rate: Floats, variance: Floats | float) -> Floats:
+    """Powers 0 to 4 of the size of rates (R,) without what noise of this variance adds to their means, (R, 5)."""
+    w, v = np.abs(rate), np.broadcast_to(variance, rate.shape)
+    powers = [np.ones_like(w), w, w**2 - v, w**3 - 3.0 * v * w, w**4 - 6.0 * v * w**2 + 3.0 * v**2]
+    return np.stack(powers, axis=1)
+
+
+def fit_drag_by_way(
+    moment: Floats, rate: Floats, model: str, moment_unit: str, axis: Axis, variance: Floats | float = 0.0
+) -> DragFit:
     """`fit_drag`; of a motion whose drag may differ between its two ways with that, where the points show it."""
     ways = np.sum(rate > 0), np.sum(rate < 0)
     if not axis.sided or min(ways) < FEWEST_A_WAY or model not in ("1", "2", "3"):
-        return fit_drag(moment, rate, model, moment_unit, axis)
+        return fit_drag(moment, rate, model, moment_unit, axis, variance=variance)
     try:
-        apart = fit_drag(moment, rate, model, moment_unit, axis, sided=True)
+        apart = fit_drag(moment, rate, model, moment_unit, axis, sided=True, variance=variance)
     except FitError:
-        return fit_drag(moment, rate, model, moment_unit, axis)
+        return fit_drag(moment, rate, model, moment_unit, axis, variance=variance)
     low, high = apart.estimates["e"].ci95
-    return apart if low > 0 or high < 0 else fit_drag(moment, rate, model, moment_unit, axis)
+    return (
+        apart if low > 0 or high < 0 else fit_drag(moment, rate, model, moment_unit, axis, variance=variance)
+    )
 
 
 def fit_drag(
@@ -95,8 +168,9 @@ def fit_drag(
     moment_unit: str = "nu",
     axis: Axis = YAW,
     sided: bool = False,
+    variance: Floats | float = 0.0,
 ) -> DragFit:
-    """Fit one drag model to steady points: moments (R,) and rates (R,) [rad/s].
+    """Fit one drag model to steady points: moments (R,) and rates (R,) [rad/s] of known variance [rad²/s²], 0 or (R,).
 
     Raises FitError for fewer points than the model needs or points that cannot tell its terms apart.
     """
@@ -109,18 +183,35 @@ def fit_drag(
             f"model {model} of Table 1 needs at least {count + 1} runs and as many sizes of moment as it has drag "
             f"terms ({count}); there are {points} at {sizes}: run more moments"
         )
-    inverse = np.linalg.inv(x.T @ x)
-    values = inverse @ x.T @ moment
-    residuals = moment - x @ values
+    plain = sums(moment, rate, 0.0, model, names)
+    variance = np.broadcast_to(variance, rate.shape) * _credible(plain, moment, rate, variance, model, names)
+    kept = sums(moment, rate, variance, model, names)
+    values, inverse = kept.solve()
+    without = plain.solve()[0]
+    residuals = moment - x @ without
     leverage = np.einsum("rp,pk,rk->r", x, inverse, x)
-    score = x * (residuals / np.maximum(1.0 - leverage, 1e-6))[:, None]
-    stderr = np.sqrt(np.diagonal(inverse @ score.T @ score @ inverse))
+    score = (kept.products - kept.squares @ values) / np.maximum(1.0 - leverage, 1e-6)[:, None]
+    influence = score @ inverse
+    stderr = np.sqrt(np.sum(influence**2, axis=0))
     sse = float(residuals @ residuals)
     estimates = {
         name: Estimate.from_stderr(v, e, points - count, axis.unit_of(_like(name, model), moment_unit))
         for name, v, e in zip(names, values, stderr)
     }
-    return DragFit(model, estimates, sse, _aicc(sse, points, count), residuals)
+    dilution = dict(zip(names, (values - without).tolist()))
+    explained = float(kept.products.sum(axis=0) @ values)
+    aicc = _aicc(sse, points, count)
+    return DragFit(model, estimates, sse, aicc, residuals, variance, dilution, explained, influence)
+
+
+def _credible(
+    plain: Sums, moment: Floats, rate: Floats, variance: Floats | float, model: str, names: Sequence[str]
+) -> float:
+    """The share of the variance whose dilution can be taken off: all, but where it would be most of some sum."""
+    squares = plain.squares.sum(axis=0)
+    noise = squares - sums(moment, rate, variance, model, names).squares.sum(axis=0)
+    worst = float(np.linalg.eigvals(np.linalg.solve(squares, noise)).real.max())
+    return min(1.0, MOST_DILUTED / worst) if worst > 0 else 1.0
 
 
 def _like(name: str, model: str) -> str:
@@ -139,17 +230,19 @@ def _aicc(sse: float, points: int, parameters: int) -> float:
 
 
 def nested_test(small: DragFit, large: DragFit) -> NestedTest:
-    """Does the larger of two nested models explain more than chance would?"""
+    """Does the larger of two nested models explain more than chance would? Both with the same noise taken off."""
     more = len(large.estimates) - len(small.estimates)
     rest = len(large.residuals) - len(large.estimates)
-    f = (small.sse - large.sse) / more / max(large.sse / rest, 1e-300)
+    f = max(large.explained - small.explained, 0.0) / more / max(large.sse / rest, 1e-300)
     return NestedTest(float(f), (more, rest), float(stats.f.sf(f, more, rest)))
 
 
-def identity_gap(rate: Floats, k3: float, k2: float, k_r: float) -> float:
-    """k3 - (k2 + k_r sum|r|³/sum r⁴): zero for any least-squares pair of models 3 and 2, whatever the data.
+def identity_gap(rate: Floats, k3: float, k2: float, k_r: float, variance: Floats | float = 0.0) -> float:
+    """k3 - (k2 + k_r sum|r|³/sum r⁴): zero for any least-squares pair of models 3 and 2, whatever the data; the sums
+    are those without noise of the rates.
 
     The first normal equation of model 2 divided by that of model 3. The paper's printed pair breaks it:
     1.257 - 1.259 = -0.002 with k_r = +0.02753, where at least +0.028 is needed.
     """
-    return float(k3 - k2 - k_r * np.sum(np.abs(rate) ** 3) / np.sum(rate**4))
+    cubes, fourths = without_noise(rate, variance)[:, 3:].sum(axis=0)
+    return float(k3 - k2 - k_r * cubes / fourths)

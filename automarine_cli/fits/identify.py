@@ -43,16 +43,18 @@ def identify(
     known: Known = NOTHING_KNOWN,
     each: Map | None = None,
     trim: Trim = UNTRIMMED,
+    tail: float | None = None,
 ) -> YawFit:
     """Fit the three models to `runs`, whose steps are followed as far as `trim` says.
 
     `fit_to` is "half-turns", "whole-runs", or "auto": half-turns if at least three at two sizes of moment
     serve and they are half of the runs or more, else whole runs. `known` is what need not be estimated;
-    `each` maps a function over the models (to use processes). Raises RunError where too few runs are left,
+    `each` maps a function over the models (to use processes); `tail` [rad or m] is where the tails of the paper's
+    method start, None: where they are best. Raises RunError where too few runs are left,
     FitError where the data cannot carry a fit.
     """
     turns, set_aside = half_turns(runs, trim)
-    return identify_turns(turns, set_aside, lambda: runs, fit_to, known, each)
+    return identify_turns(turns, set_aside, lambda: runs, fit_to, known, each, tail)
 
 
 def identify_turns(
@@ -62,6 +64,7 @@ def identify_turns(
     fit_to: str = "auto",
     known: Known = NOTHING_KNOWN,
     each: Map | None = None,
+    tail: float | None = None,
 ) -> YawFit:
     """As `identify`, of half-turns and the runs without one; `whole` gives the runs, if they are needed."""
     each = each or (lambda function, models: [function(model) for model in models])
@@ -77,7 +80,12 @@ def identify_turns(
             f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         )
     if fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs):
-        return _fit_steps(turns, set_aside, known, each)
+        return _fit_steps(turns, set_aside, known, each, tail)
+    if tail is not None:
+        raise RunError(
+            f"{_counted(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
+            "none; leave the tail out, or give more runs from rest at one command"
+        )
     return _fit_whole(tuple(whole()), turns, fit_to, each)
 
 
@@ -94,7 +102,11 @@ def _reasons(set_aside: Sequence[SetAside]) -> str:
 
 
 def _fit_steps(
-    turns: tuple[HalfTurn, ...], set_aside: tuple[SetAside, ...], known: Known, each: Map
+    turns: tuple[HalfTurn, ...],
+    set_aside: tuple[SetAside, ...],
+    known: Known,
+    each: Map,
+    tail: float | None,
 ) -> YawFit:
     unit, axis = turns[0].step.run.moment_unit, turns[0].step.run.axis
     data = half_turn_data(turns)
@@ -109,7 +121,7 @@ def _fit_steps(
     )  # fmt: skip
     fits = dict(zip("123", each(ask, ("1", "2", "3"))))
     preference = prefer(fits)
-    seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit)
+    seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit, tail=tail)
     noise = float(np.median([turn.noise for turn in turns]))
     cautions = (
         *design_cautions([turn.moment for turn in turns], unit, of_steps=True),

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.axes import Axis
-from automarine_cli.fits.drag import DragFit, regressors
+from automarine_cli.fits.drag import DragFit, regressors, sums
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.linear_mixed import solve_scaled
+from automarine_cli.fits.tails import TailLines
 from automarine_cli.models.closed_form import inertia_from_velocity_error
 
 Floats = NDArray[np.float64]
@@ -17,62 +18,65 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class InertiaTable:
-    """Table 2 for one model: inertia of each run (R,), mean at each moment, overall with its interval."""
+    """Table 2 for one model: inertia of each run (R,), mean at each moment, overall with its interval, and the
+    influence of each run on it (R,)."""
 
     per_run: Floats
     per_moment: Mapping[float, float]
     overall: Estimate
+    influence: Floats
+
+    def moved_by(self, influence: Floats) -> "InertiaTable":
+        """The same with an interval that knows of this influence of the runs (R,) on the inertia beside its own."""
+        total = self.influence + influence
+        stderr = float(np.sqrt(total @ total))
+        overall = Estimate.from_stderr(self.overall.value, stderr, len(total) - 1, self.overall.unit)
+        return replace(self, overall=overall, influence=total)
 
 
 def inertia_table(
-    moment: Floats, rate: Floats, error: Floats, drag: DragFit, moment_unit: str, axis: Axis
+    moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str, axis: Axis
 ) -> InertiaTable | None:
     """Inertia of each run, mean at each moment and over all; standard error by the jackknife over runs, drag
     refitted.
 
     None where the drag has no steady rate at some moment: the least squares of model 2 may make k_rr negative.
     """
+    error = tails.error
     per_run = inertia_from_velocity_error(error, *drag.acting(moment))
     levels = np.unique(moment)
     per_moment = {float(level): float(per_run[moment == level].mean()) for level in levels}
-    if axis.wraps:
-        left_out = _without_each(moment, rate, error, drag.model)
-    else:
-        left_out = np.array([_without(i, moment, rate, error, drag) for i in range(len(moment))])
+    left_out = _without_each(moment, error, drag, _refitted(moment, tails.rate, drag))
     if not (np.all(np.isfinite(per_run)) and np.all(np.isfinite(left_out))):
         return None
     count = len(moment)
-    stderr = float(np.sqrt((count - 1) / count * np.sum((left_out - left_out.mean()) ** 2)))
+    influence = np.sqrt((count - 1) / count) * (left_out.mean() - left_out)
+    stderr = float(np.sqrt(influence @ influence))
     overall = Estimate.from_stderr(float(per_run.mean()), stderr, count - 1, axis.unit_of("I_r", moment_unit))
-    return InertiaTable(per_run, per_moment, overall)
+    return InertiaTable(per_run, per_moment, overall, influence)
 
 
-def _without_each(moment: Floats, rate: Floats, error: Floats, model: str) -> Floats:
-    """Mean inertia (R,) without each run in turn, drag refitted: from the normal equations less one row."""
-    x = regressors(rate, model)
-    unit = np.abs(x).max(axis=0)
-    x = x / unit
-    values = solve_scaled(x.T @ x - x[:, :, None] * x[:, None, :], x.T @ moment - x * moment[:, None]) / unit
-    if model == "2":
-        means = [
-            np.delete(inertia_from_velocity_error(error, moment, k_r, k_rr), i).mean()
-            for i, (k_rr, k_r) in enumerate(values)
-        ]
-        return np.array(means)
-    # equations 7 and 9: inertia goes with the square of k_r, or with k_rr
-    drag, power = ((1.0, 0.0), 2) if model == "1" else ((0.0, 1.0), 1)
-    each = inertia_from_velocity_error(error, moment, *drag)
-    return np.asarray((each.sum() - each) / (len(each) - 1) * values[:, 0] ** power)
-
-
-def _without(i: int, moment: Floats, rate: Floats, error: Floats, drag: DragFit) -> float:
-    """The same for a translation, without run `i`."""
-    keep = np.arange(len(moment)) != i
+def _refitted(moment: Floats, rate: Floats, drag: DragFit) -> Floats:
+    """Drag (R, p) without each run in turn: from the normal equations less one run."""
     names = list(drag.estimates)
-    x = regressors(rate[keep], drag.model, names)
-    values = np.linalg.lstsq(x, moment[keep], rcond=None)[0]
-    refitted = replace(
-        drag,
-        estimates={n: replace(drag.estimates[n], value=float(v)) for n, v in zip(names, values)},
-    )
-    return float(np.mean(inertia_from_velocity_error(error[keep], *refitted.acting(moment[keep]))))
+    unit = np.abs(regressors(rate, drag.model, names)).max(axis=0)
+    every = sums(moment, rate, drag.variance, drag.model, names)
+    squares, products = every.squares / (unit[:, None] * unit), every.products / unit
+    return solve_scaled(squares.sum(axis=0) - squares, products.sum(axis=0) - products) / unit
+
+
+def _without_each(moment: Floats, error: Floats, drag: DragFit, refitted: Floats) -> Floats:
+    """Mean inertia (R,) without each run in turn, by the drag refitted without it, (R, p)."""
+    names = list(drag.estimates)
+    if names == ["k_r"] or names == [
+        "k_rr"
+    ]:  # equations 7 and 9: inertia goes with the square of k_r, or with k_rr
+        power = 2 if names == ["k_r"] else 1
+        each = inertia_from_velocity_error(error, moment, *np.sign(drag.drag))
+        return np.asarray((each.sum() - each) / (len(each) - 1) * refitted[:, 0] ** power)
+    means = []
+    for i, values in enumerate(refitted):
+        keep = np.arange(len(moment)) != i
+        acting = drag.holding(values).acting(moment[keep])
+        means.append(float(np.mean(inertia_from_velocity_error(error[keep], *acting))))
+    return np.array(means)

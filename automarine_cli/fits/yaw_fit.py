@@ -154,7 +154,10 @@ class YawFit(Shown):
             "I_r_mean_at_moment": {
                 f"{level:g}": mean for level, mean in (table.per_moment if table else {}).items()
             },
+            "dilution_taken_off": {KEYS.get(name, name): moved for name, moved in drag.dilution.items()},
             "tail_from_deg": float(self.axis.shown(seed.tail_from)),
+            "tail_because": seed.tail_because(self.axis),
+            "tail_expected": seed.expected.to_json(),
         }
         return content
 

@@ -7,7 +7,8 @@ import numpy as np
 from automarine_cli.axes import YAW, Axis
 from automarine_cli.fits.drag import identity_gap
 from automarine_cli.fits.output_error import OutputErrorFit, Preference
-from automarine_cli.fits.velocity_error import BIAS_LIMIT, VelocityErrorFit
+from automarine_cli.fits.tail_choice import BIAS_LIMIT
+from automarine_cli.fits.velocity_error import VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import Caution
 from automarine_cli.runs.half_turn import HalfTurn
 
@@ -38,9 +39,9 @@ def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, axis: Axis 
     found = []
     if not seed.steady:
         found.append(
-            "Half a turn is not enough to get steady: the best tail, from "
-            f"{axis.shown(seed.tail_from):.0f}° on, still leaves a bias of "
-            f"{100 * max(map(abs, seed.bias)):.1f} %, more than {100 * BIAS_LIMIT:.1f} %; trust the maximum "
+            "Half a turn is not enough to get steady: every tail is off by more than "
+            f"{100 * BIAS_LIMIT:.1f} % by itself, that from {axis.shown(seed.tail_from):.0f} {axis.unit} on by "
+            f"{100 * max(map(abs, seed.bias)):.1f} %, which was taken off by a rough model; trust the maximum "
             "likelihood, which needs no tail."
         )
     unsteady = [turn.name for turn in turns if not turn.steady]
@@ -51,7 +52,7 @@ def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, axis: Axis 
     )  # no constant force, no two ways
     if pooled and "2" in seed.drag and len(seed.drag["2"].estimates) == 2:
         rate, two = seed.tails.rate, seed.drag["2"].drag
-        gap = identity_gap(rate, seed.drag["3"].drag[1], two[1], two[0])
+        gap = identity_gap(rate, seed.drag["3"].drag[1], two[1], two[0], seed.drag["2"].variance)
         if abs(gap) > 1e-6 * abs(two[1]):
             found.append(
                 f"Table 1 breaks the identity k3 = k2 + k_r sum|r|^3/sum r^4 by {gap:.2g}: the fit is "

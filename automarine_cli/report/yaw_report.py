@@ -22,7 +22,7 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
     `short`, for the terminal, leaves that to the warnings, and leaves out the means at each moment.
     """
     notes = (
-        (yaw_tables.tail_note(fit.seed_method, fit.axis),)
+        (fit.seed_method.tail_because(fit.axis),)
         if fit.seed_method is not None
         else (f"{fit.why_no_seed_method}.",)
     )
@@ -132,6 +132,7 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
             "switch_to_s": turn.switch_to,
             "tail_samples": int(seed.tails.used[i].sum()),
             "steady_rate_deg_s": float(axis.shown(seed.tails.rate[i])),
+            "steady_rate_stderr_deg_s": float(axis.shown(np.sqrt(seed.variance[i]))),
             "velocity_error_deg": float(axis.shown(seed.tails.error[i])),
         }
         row |= {

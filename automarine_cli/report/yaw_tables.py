@@ -52,8 +52,8 @@ def drag_table(
     rows += _force_rows(fits, ml, axis)
     squared = f"({unit})²" if " " in unit else f"{unit}²"
     unit_note = (
-        f"Moment [{unit}], k_r|r| [{axis.unit_of('k_rr', unit)}], k_r [{axis.unit_of('k_r', unit)}], SSE [{squared}]; "
-        "brackets are 95 % intervals."
+        f"Moment [{unit}], k_r|r| [{axis.unit_of('k_rr', unit)}], k_r [{axis.unit_of('k_r', unit)}], SSE [{squared}] "
+        "of the plain least squares; brackets are 95 % intervals."
     )
     notes = (unit_note, *_signs(axis), *notes)
     return Table("Table 1. Identified yaw models: drag", HEADER, tuple(rows), (3, 7), notes).said(axis)
@@ -138,15 +138,6 @@ def caution_notes(cautions: Sequence[Caution]) -> tuple[tuple[str, ...], tuple[s
     return (
         tuple(one.sentence for one in cautions if set(DRAG) & set(one.parameters)),
         tuple(one.sentence for one in cautions if INERTIA in one.parameters),
-    )
-
-
-def tail_note(seed: VelocityErrorFit, axis: Axis = YAW) -> str:
-    """Where the tails start and what bias that leaves."""
-    inertia, drag = (100 * b for b in seed.bias)
-    return (
-        f"Tails start at {axis.shown(seed.tail_from):.0f}° of turn, where the method's own bias is "
-        f"{inertia:+.2f} % in inertia and {drag:+.2f} % in drag; the intervals hold it."
     )
 
 

@@ -113,7 +113,9 @@ def _fit(campaign: Campaign, out: Path, motion: str) -> Plan | str:
         return f"its {driven} need the thruster map, and fit-thrusters gave none"
     asked = campaign.settings(motion)
     own = {key: getattr(asked, key) for key in ("within", "depths") if hasattr(asked, key)}
-    return Plan(FITS[motion], logs, {**_common(campaign), **drive, **own, "fit_to": asked.fit_to})
+    return Plan(
+        FITS[motion], logs, {**_common(campaign), **drive, **own, "fit_to": asked.fit_to, "tail": asked.tail}
+    )
 
 
 def _judge(campaign: Campaign, out: Path, motion: str, work: Callable[..., object]) -> Plan | str:
