@@ -2,7 +2,8 @@
 out/bench.json.
 
 Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [thrusters] [effects] [planning] [tails] [startup]
-       [simulator] [fit] [many] [diagnose] [reading] [memory] [broken] [cluster] [--jobs N] [--campaigns N] [--repeats N] [--full]
+       [simulator] [fit] [many] [diagnose] [reading] [memory] [broken] [cluster]
+       [--jobs N] [--campaigns N] [--repeats N] [--full]
 """
 
 import os

@@ -92,7 +92,7 @@ def run_trial(item: tuple[Specification, Setting, int]) -> dict[str, float]:
     inertia = {number: table.per_run for number, table in fit.inertia.items()}
     if setting.recorded:  # the same tails, against moments that were written down wrong
         moment = _misread(moment, specification.scatter.moment, seed)
-        drags = {number: fit_drag(moment, fit.tails.rate, number) for number in drags}
+        drags = {number: fit_drag(moment, fit.tails.rate, number, variance=fit.variance) for number in drags}
         inertia = {
             number: inertia_from_velocity_error(fit.tails.error, moment, *drags[number].drag)
             for number in inertia
@@ -116,7 +116,7 @@ def run_trial(item: tuple[Specification, Setting, int]) -> dict[str, float]:
         "half-turns": float(len(turns)),
         "tail from": float(np.degrees(fit.tail_from)),
         "steady": float(fit.steady),
-        "identity gap": identity_gap(fit.tails.rate, k3, k2, k_r),
+        "identity gap": identity_gap(fit.tails.rate, k3, k2, k_r, drags["2"].variance),
         "sum ratio": float(np.sum(rate**3) / np.sum(rate**4)),
         "residual": float(np.sqrt(values["SSE of model 3"] / len(turns))),
     }
