@@ -12,7 +12,7 @@ is taken off first (corrected score, Nakamura 1990, Biometrika 77:127): of w = r
 polynomials 1, w, w² - v, w³ - 3 v w, w⁴ - 6 v w² + 3 v² have the means 1, r, r², r³, r⁴.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,12 +57,19 @@ class DragFit:
 
     def acting(self, moment: Floats) -> tuple[Floats, Floats | float, Floats | float]:
         """What each run (R,) moves by: the moment with the constant one, k_r and k_rr on the way that it goes."""
-        k_r, k_rr = self.drag
-        if "b" in self.estimates:
-            moment = moment + self.estimates["b"].value
-        if "e" not in self.estimates:
+        return self.acting_with(moment, [e.value for e in self.estimates.values()])
+
+    def acting_with(
+        self, moment: Floats, values: Iterable[float]
+    ) -> tuple[Floats, Floats | float, Floats | float]:
+        """The same with other values, in the order of the estimates."""
+        own = dict(zip(self.estimates, values))
+        k_r, k_rr = own.get("k_r", 0.0), own.get("k_rr", 0.0)
+        if "b" in own:
+            moment = moment + own["b"]
+        if "e" not in own:
             return moment, k_r, k_rr
-        more = np.sign(moment) * self.estimates["e"].value
+        more = np.sign(moment) * own["e"]
         return (moment, k_r + more, k_rr) if self.model == "1" else (moment, k_r, k_rr + more)
 
     @property
@@ -70,11 +77,6 @@ class DragFit:
         """(k_r, k_rr), zero where the model has no such term."""
         values = {name: e.value for name, e in self.estimates.items()}
         return values.get("k_r", 0.0), values.get("k_rr", 0.0)
-
-    def holding(self, values: Sequence[float]) -> "DragFit":
-        """The same with other values, in the order of the estimates."""
-        own = {name: replace(e, value=float(v)) for (name, e), v in zip(self.estimates.items(), values)}
-        return replace(self, estimates=own)
 
     def moved_by(self, influence: Floats) -> "DragFit":
         """The same with intervals that know of this influence of the runs (R, p) on the estimates beside its own."""

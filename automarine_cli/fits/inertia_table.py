@@ -77,6 +77,6 @@ def _without_each(moment: Floats, error: Floats, drag: DragFit, refitted: Floats
     means = []
     for i, values in enumerate(refitted):
         keep = np.arange(len(moment)) != i
-        acting = drag.holding(values).acting(moment[keep])
+        acting = drag.acting_with(moment[keep], values.tolist())
         means.append(float(np.mean(inertia_from_velocity_error(error[keep], *acting))))
     return np.array(means)

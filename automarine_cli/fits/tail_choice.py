@@ -62,7 +62,7 @@ class Reference:
         drag, _ = (x[:, 0] for x in self.balance(tails.rate[:, None]))
         moment, k_r, k_rr = self.acting
         squares = drag @ drag
-        factor = drag @ moment / squares
+        factor = float(drag @ moment / squares)
 
         def inertia(drag: float) -> Floats:
             return inertia_from_velocity_error(tails.error, moment, drag * k_r, drag * k_rr)

@@ -42,7 +42,7 @@ class Feedback:
         """Table 2 for the drag of `fit` with an interval that knows of the correction."""
         slopes = []
         for tails in self.moved:
-            acting = fit.holding(self._values(moment, fit, tails)).acting(moment)
+            acting = fit.acting_with(moment, self._values(moment, fit, tails).tolist())
             mean = inertia_from_velocity_error(tails.error, *acting).mean()
             slopes.append((mean - table.overall.value) / STEP)
         return table.moved_by(self.influence @ np.array(slopes))

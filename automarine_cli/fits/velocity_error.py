@@ -41,7 +41,7 @@ from automarine_cli.fits.tails import (
 
 Floats = NDArray[np.float64]
 
-MODELS = ("1", "2", "3")
+MODELS: tuple[str, ...] = ("1", "2", "3")
 
 ROUNDS = 8
 PLACED = 2
