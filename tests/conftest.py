@@ -11,7 +11,7 @@ if (
 for _library in ("OPENBLAS", "OMP", "MKL"):  # as the console script does, before numpy comes
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -19,6 +19,8 @@ from click.testing import CliRunner, Result
 from hypothesis import settings
 
 from automarine_cli.cli import automarine
+from automarine_cli.pipeline.attempts import Attempt
+from automarine_cli.pipeline.outputs import ResultFolder
 
 ROOT = Path(__file__).resolve().parent.parent
 SAMPLE_RUNS = ROOT / "sample_runs"
@@ -26,6 +28,27 @@ SAMPLE_RUNS = ROOT / "sample_runs"
 # The same examples on every machine, no clock, and no folder of examples beside the repository.
 settings.register_profile("house", derandomize=True, deadline=None, database=None, max_examples=50)
 settings.load_profile("house")
+
+TAKEN = ResultFolder.taken
+
+
+@pytest.fixture(scope="session", autouse=True)
+def strict_figures() -> Iterator[None]:
+    """A figure that cannot be drawn is a warning to a user, and here fails whatever asked for it."""
+
+    def taken(folder: ResultFolder, attempt: Attempt[object]) -> object:
+        assert not attempt.warning, attempt.warning
+        return attempt.made
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ResultFolder, "taken", taken)
+        yield
+
+
+@pytest.fixture
+def lenient_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests of what becomes of a result whose figure cannot be drawn."""
+    monkeypatch.setattr(ResultFolder, "taken", TAKEN)
 
 
 @pytest.fixture

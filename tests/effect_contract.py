@@ -3,6 +3,7 @@
 `planted` makes runs of the paper's vehicle with effects in it; the contract itself is in `test_effects`.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -11,7 +12,8 @@ from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.effects import Effect
+from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.effects import Card, Effect
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -42,11 +44,51 @@ SIZES: Mapping[str, tuple[float, ...]] = {
 """Sizes that show in the campaign below, where half more than the start is not one; references left out."""
 
 
+PLAIN = frozenset(
+    re.findall(
+        r"\w+",
+        "a an and the to of with half one other way ways side sides both each more whole again back up "
+        "speed sensor step steps spring stiffness move moves moved moving",
+    )
+)
+"""Words of a motion's record that are as good in any other."""
+
+
+def texts_of(card: Card) -> list[str]:
+    """All that people read of an effect."""
+    own = [text for p in card.parameters for text in (p.name, p.meaning, p.unit)]
+    return [card.equation, card.says, card.reveals, card.separated_by, *own]
+
+
+def tokens(text: str) -> set[str]:
+    """Words and symbols of a text, less what is the same in all motions: names of effects, rates of loss, and so on."""
+    for name in (*sorted(effects.names(), key=len, reverse=True), "rate at which", "propeller turns"):
+        text = text.replace(name, "")
+    return set(re.findall(r"[A-Za-z_]+(?:-[a-z]+)*", text))
+
+
+def own_tokens(dof: Dof) -> set[str]:
+    """Every word and symbol of a motion's record, and their plurals."""
+    words = [text for text in vars(dof.words).values() if isinstance(text, str)]
+    found = [dof.name, *words, *dof.words.ways, *vars(dof.symbols).values(), dof.units.base, dof.units.shown]
+    single = {token for text in found for token in tokens(text)}
+    return single | {f"{token}s" for token in single if token.isalpha()}
+
+
+def strange_to(dof: Dof, text: str, needs: Sequence[str] = ()) -> set[str]:
+    """Words, symbols and units of other motions in a text that is about this one, and about the columns it needs."""
+    known = {
+        token for one in DOFS.values() if one is dof or one.velocity in needs for token in own_tokens(one)
+    }
+    every = {token for one in DOFS.values() for token in own_tokens(one)}
+    return tokens(text) & (every - known - PLAIN)
+
+
 def base_for(name: str, scale: float = 1.0, unit: str = "nu") -> YawModel:
     """The paper's vehicle as model 3; as model 1 for the effect that is model 3's own drag."""
     if name == "quadratic-drag":
-        return YawModel.base("1", scale * INERTIA, (scale * 0.6,), unit)
-    return YawModel.base("3", scale * INERTIA, (scale * K_RR,), unit)
+        return YawModel.base("1", scale * INERTIA, (scale * 0.6,), unit, YAW)
+    return YawModel.base("3", scale * INERTIA, (scale * K_RR,), unit, YAW)
 
 
 def sizes_of(effect: Effect) -> tuple[float, ...]:
@@ -107,7 +149,7 @@ def unmeasured(plan: Plan, number: int, moment_unit: str = "nu", scale: float = 
     extras = {"voltage": voltage, "surge": surge}
     name = f"run_{number:02d}"
     clock = WAIT * number + time
-    return Run(name, f"{name}.csv", clock, np.zeros(len(time)), command, moment_unit, extras)
+    return Run(name, f"{name}.csv", clock, np.zeros(len(time)), command, moment_unit, extras, dof=YAW)
 
 
 def measured(
@@ -127,14 +169,14 @@ def measured(
     batch = make_batch(runs, 0.05, needed)
     shape = (1, *batch.interval.shape)
     start = Start(
-        heading=random.uniform(-np.pi, np.pi, (1, len(runs))),
+        position=random.uniform(-np.pi, np.pi, (1, len(runs))),
         log_gain=gain * random.standard_normal((1, len(runs))),
-        shift=batch.interval[None] * random.uniform(-0.5, 0.5, shape),
+        switch_delay=batch.interval[None] * random.uniform(-0.5, 0.5, shape),
         disturbance=None if snag is None else snag((1, len(runs), batch.windows)),
     )
-    found = simulate(truth, batch, start=start).heading[0]
+    found = simulate(truth, batch, start=start).position[0]
     found = found + np.deg2rad(noise_deg) * random.standard_normal(found.shape)
-    return [replace(run, heading=row[: len(run)]) for run, row in zip(runs, found)]
+    return [replace(run, position=row[: len(run)]) for run, row in zip(runs, found)]
 
 
 def planted(

@@ -21,6 +21,7 @@ from made_runs import INERTIA, K_RR
 from reader_contract import RECORDERS
 from vehicle_logs import dive
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, read_column_map, read_log
 from automarine_cli.logs.text import MISSING
@@ -192,7 +193,7 @@ def agrees_with_simple_reader(path: Path) -> None:
         or len({len(row) for row in rows}) > 1
     ):
         return
-    table: LogTable = read_log(LogFile(path, path.name, True))
+    table: LogTable = read_log(LogFile(path, path.name, True), dof=YAW)
     read = np.column_stack(
         [table.columns["time"], np.rad2deg(table.columns["heading"]), table.columns["moment"]]
     )
@@ -219,7 +220,7 @@ def judge_columns(path: Path) -> None:
     log = path.with_name("with_columns.csv")
     if not log.exists():
         log.write_bytes(_yaw_log())
-    read_log(LogFile(log, log.name, True), columns)
+    read_log(LogFile(log, log.name, True), columns, dof=YAW)
 
 
 def judge_specification(path: Path) -> None:

@@ -8,6 +8,7 @@ from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 from scipy import integrate, optimize
 
+from automarine_cli.dofs import YAW
 from automarine_cli.models.closed_form import response
 from automarine_cli.runs.run import Run
 
@@ -76,7 +77,7 @@ def campaign(
         )[0]
         heading = truth + np.deg2rad(noise_deg) * rng.standard_normal(len(time))
         command = np.where(time > 0, moment, 0.0)
-        runs.append(Run(f"run_{i:02d}", "made.csv", 60.0 * i + time, heading, command, unit))
+        runs.append(Run(f"run_{i:02d}", "made.csv", 60.0 * i + time, heading, command, unit, dof=YAW))
     return runs
 
 
@@ -114,4 +115,8 @@ def moving_run(
     )
     heading = solved.y[0] + np.deg2rad(noise_deg) * rng.standard_normal(len(time))
     command = levels[np.searchsorted(edges, time, side="right")]
-    return Run(f"moving_{seed}", "moving.csv", 50.0 * seed + time, heading, command, "nu"), start, rate
+    return (
+        Run(f"moving_{seed}", "moving.csv", 50.0 * seed + time, heading, command, "nu", dof=YAW),
+        start,
+        rate,
+    )

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from automarine_cli.dofs import YAW
 from automarine_cli.models.closed_form import response
 from automarine_cli.runs.run import Run
 
@@ -39,20 +40,20 @@ def step_run(
     time = period * (np.arange(-round(rest / period), round(length / period)) + phase)
     noise = np.deg2rad(noise_deg) * np.random.default_rng(seed).standard_normal(len(time))
     heading = step_heading(time, moment, rate0=rate0) + noise
-    return Run("run", "run.csv", clock + time, heading, np.where(time > 0, moment, 0.0), "nu")
+    return Run("run", "run.csv", clock + time, heading, np.where(time > 0, moment, 0.0), "nu", dof=YAW)
 
 
 def mirrored(run: Run) -> Run:
     """The same run turning the other way."""
     assert run.moment is not None
-    return Run(run.name, run.source, run.time, -run.heading, -run.moment, run.moment_unit)
+    return Run(run.name, run.source, run.time, -run.position, -run.moment, run.moment_unit, dof=YAW)
 
 
 def written(run: Run, path: Path, **columns: Mapping[str, object]) -> Path:
     """The run as a CSV log with a wrapped heading; `columns` replace or add."""
     table = {
         "time_s": run.time,
-        "heading_deg": np.rad2deg(run.heading) % 360,
+        "heading_deg": np.rad2deg(run.position) % 360,
         "tau": run.moment,
         **columns,
     }

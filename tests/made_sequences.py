@@ -10,6 +10,7 @@ from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from automarine_cli.dofs import YAW
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
@@ -53,7 +54,7 @@ def sequence_run(
     """Rest, then each moment held for `hold` [s]; commands switch halfway between two samples."""
     time, heading, held = _clean(tuple(moments), hold, rest, period, k_r, k_rr, rate0)
     noise = np.deg2rad(noise_deg) * np.random.default_rng(seed).standard_normal(len(time))
-    return Run(name, f"{name}.csv", 50.0 + time, 0.4 + heading + noise, held, "nu")
+    return Run(name, f"{name}.csv", 50.0 + time, 0.4 + heading + noise, held, "nu", dof=YAW)
 
 
 @cache

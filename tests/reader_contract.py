@@ -23,6 +23,7 @@ from vehicle_can import COLUMNS, DBC, capture
 from vehicle_logs import Dive, dataflash, dive, telemetry
 from vehicle_ulog import ulog
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, column_rules, read_log
 from automarine_cli.logs.formats import formats
@@ -113,7 +114,7 @@ RECORDERS = {
 }  # fmt: skip
 SUFFIXES = sorted(suffix for form in formats() for suffix in form.suffixes)
 
-YAW: Columns = {
+GOOD: Columns = {
     "time_s": [round(0.1 * i, 1) for i in range(40)],
     "heading_deg": [0.0] * 10 + [0.5 * i * i for i in range(30)],
     "tau": [0.0] * 10 + [0.5] * 30,
@@ -132,7 +133,7 @@ def log(folder: Path, content: bytes, name: str = "log.csv", *, named: bool = Tr
 def refusal(file: LogFile) -> str:
     """The sentence with which a log is refused; the test fails if it is read."""
     try:
-        table = read_log(file)
+        table = read_log(file, dof=YAW)
     except LogError as error:
         return str(error)
     raise AssertionError(f"{file.name} was read: {len(table)} rows of {list(table.columns)}")
@@ -140,23 +141,25 @@ def refusal(file: LogFile) -> str:
 
 def judge_good_file(folder: Path, suffix: str) -> None:
     """What was written comes back in SI units, with row numbers and the columns nobody asked for."""
-    table = read_log(log(folder, WRITERS[suffix](YAW), f"good{suffix}"))
+    table = read_log(log(folder, WRITERS[suffix](GOOD), f"good{suffix}"), dof=YAW)
     first = 1 if suffix == ".parquet" else 2
     assert isinstance(table, LogTable)
     assert sorted(table.columns) == ["heading", "moment", "time"]
-    np.testing.assert_allclose(table.columns["time"], YAW["time_s"], rtol=1e-15)
-    np.testing.assert_allclose(table.columns["heading"], np.deg2rad(np.array(YAW["heading_deg"])), rtol=1e-15)
-    np.testing.assert_array_equal(table.columns["moment"], YAW["tau"])
-    np.testing.assert_array_equal(table.extras["water_temperature"], YAW["water_temperature"])
+    np.testing.assert_allclose(table.columns["time"], GOOD["time_s"], rtol=1e-15)
+    np.testing.assert_allclose(
+        table.columns["heading"], np.deg2rad(np.array(GOOD["heading_deg"])), rtol=1e-15
+    )
+    np.testing.assert_array_equal(table.columns["moment"], GOOD["tau"])
+    np.testing.assert_array_equal(table.extras["water_temperature"], GOOD["water_temperature"])
     assert list(table.rows) == list(range(first, first + 40))
     assert table.run is not None and set(table.run) == {"07"}
     assert table.moment_unit == "nu"
-    assert table.names == tuple(YAW)
+    assert table.names == tuple(GOOD)
 
 
 def judge_bad_files(folder: Path, suffix: str) -> None:
     """Whatever is no log is refused in one printable line that begins with the file's name."""
-    good = WRITERS[suffix](YAW)
+    good = WRITERS[suffix](GOOD)
     text = suffix in (".csv", ".tsv")
     bad = {
         "empty": b"",
@@ -179,7 +182,7 @@ def judge_recording(folder: Path, suffix: str, mirrored: bool) -> None:
     """Every stream comes back on the heading's clock: motion as it was, commands held, their age told."""
     made, told = dive(mirrored), RECORDERS[suffix]
     pytest.importorskip(told.package)
-    table = read_log(recorded(folder, suffix, told.write(made)), told.columns)
+    table = read_log(recorded(folder, suffix, told.write(made)), told.columns, dof=YAW)
     np.testing.assert_allclose(table.columns["time"] - told.starts, made.time, atol=told.clock)
     error = np.rad2deg(table.columns["heading"]) - made.heading - told.turned
     assert np.abs((error + 180) % 360 - 180).max() <= 1.01 * told.step_deg
@@ -217,12 +220,12 @@ def judge_cut_recording(folder: Path, suffix: str) -> None:
     told = RECORDERS[suffix]
     pytest.importorskip(told.package)
     whole = told.write(dive())
-    full = read_log(recorded(folder, suffix, whole), told.columns)
+    full = read_log(recorded(folder, suffix, whole), told.columns, dof=YAW)
     lengths = set()
     for size in np.linspace(1, len(whole) - 1, 60).astype(int):
         file = recorded(folder, suffix, whole[:size])
         try:
-            table = read_log(file, told.columns)
+            table = read_log(file, told.columns, dof=YAW)
         except LogError as error:
             assert str(error).startswith(file.name) and str(error).isprintable(), error
             continue

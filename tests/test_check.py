@@ -114,7 +114,7 @@ def test_thruster_commands_are_looked_at_as_their_difference(tmp_path: Path) -> 
 
 def test_what_cleaning_did_is_told(tmp_path: Path) -> None:
     run = step_run(0.5)
-    heading = np.rad2deg(run.heading) % 360
+    heading = np.rad2deg(run.position) % 360
     heading[30] += 150
     path = written(replace(run), tmp_path / "run.csv", heading_deg=heading)
     result = check([path])

@@ -8,10 +8,10 @@ import pytest
 from conftest import SAMPLE_RUNS
 
 from automarine_cli import effects
-from automarine_cli.axes import AXES, HEAVE, SURGE
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.scores import candidates
 from automarine_cli.diagnosis.study import study_of
+from automarine_cli.dofs import DOFS, HEAVE, SURGE
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_tables import verdict_sentence
@@ -23,7 +23,7 @@ from automarine_cli.workflows.validate import validate
 
 def hidden(motion: str, names: Sequence[str]) -> list[Run]:
     """Runs of the hidden campaign whose names begin so."""
-    loaded = load_runs([SAMPLE_RUNS / f"hidden_{motion}"], axis=AXES[motion])
+    loaded = load_runs([SAMPLE_RUNS / f"hidden_{motion}"], dof=DOFS[motion])
     assert loaded.set_aside == ()
     return [run for run in loaded.runs if run.name.startswith(tuple(names))]
 
@@ -56,42 +56,42 @@ def test_the_tether_hidden_in_heave_is_found() -> None:
 
 @pytest.mark.parametrize("motion", ["yaw", "surge", "heave"])
 def test_effects_are_looked_for_where_they_may_act(motion: str) -> None:
-    axis = AXES[motion]
+    dof = DOFS[motion]
     runs = [] if motion == "yaw" else hidden(motion, ("X_+8", "Z_+9"))
-    model = YawModel.base("3", 1.0, [1.0, 0.0][: 1 + axis.constant], axis.units[0], axis)
+    model = YawModel.base("3", 1.0, [1.0, 0.0][: 1 + dof.has_constant], dof.units.forces[0], dof)
     tried = set(candidates(study_of(runs, model), model)) if runs else None
     turning = {"compass-deviation", "heading-moment", "cross-coupling"}
     for name in effects.names():
-        assert (motion in effects.get(name).axes) == (motion == "yaw" or name not in turning) or (
+        assert (motion in effects.get(name).motions) == (motion == "yaw" or name not in turning) or (
             name == "linear-drag-asymmetry" and motion == "yaw"
         )
     if tried is not None:
         assert not tried & turning and {"thruster-lag", "drag-asymmetry", "linear-drag-asymmetry"} <= tried
-        assert ("bias-moment" in tried) == (axis is SURGE)
+        assert ("bias-moment" in tried) == (dof is SURGE)
 
 
 @pytest.mark.parametrize(
-    ("axis", "letters"), [(SURGE, ("m_u", "X_uu", "X_u")), (HEAVE, ("m_w", "Z_ww", "Z_w"))]
+    ("dof", "letters"), [(SURGE, ("m_u", "X_uu", "X_u")), (HEAVE, ("m_w", "Z_ww", "Z_w"))]
 )
-def test_the_truth_validates_down_to_the_scatter_of_the_thrust(axis, letters, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
-    vehicle = read_specification(SAMPLE_RUNS / f"{axis.name}.toml").vehicle
+def test_the_truth_validates_down_to_the_scatter_of_the_thrust(dof, letters, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    vehicle = read_specification(SAMPLE_RUNS / f"{dof.name}.toml").vehicle
     entry = {letters[0]: vehicle.I_r, letters[1]: vehicle.k_rr, "half_difference": vehicle.half_difference}
-    entry |= {"constant_force": vehicle.constant_force} if axis is HEAVE else {}
+    entry |= {"constant_force": vehicle.constant_force} if dof is HEAVE else {}
     model = {
-        "schema": f"automarine/{axis.name}-model/1", "motion": axis.name, "force_unit": "N", "models": {"3": entry},
+        "schema": f"automarine/{dof.name}-model/1", "motion": dof.name, "force_unit": "N", "models": {"3": entry},
         "preferred": "3",
     }  # fmt: skip
     path = tmp_path / "model.json"
     path.write_text(json.dumps(model))
-    assert load_yaw_models(path).axis is axis
-    found = validate([SAMPLE_RUNS / f"{axis.name}_validation"], model=path)
+    assert load_yaw_models(path).dof is dof
+    found = validate([SAMPLE_RUNS / f"{dof.name}_validation"], model=path)
     content = found.to_json()
     score = content["models"]["3"]
-    assert content["motion"] == axis.name and 0.8 < content["noise_floor_cm"] < 1.2
+    assert content["motion"] == dof.name and 0.8 < content["noise_floor_cm"] < 1.2
     assert score["rmse_cm"] < 15 and score["restarted_rmse_cm"] < 7 and score["fit_percent"] > 90
     wrong = {**entry, letters[1]: 2 * vehicle.k_rr}
     path.write_text(json.dumps({**model, "models": {"3": wrong}}))
-    worse = validate([SAMPLE_RUNS / f"{axis.name}_validation"], model=path).to_json()["models"]["3"]
+    worse = validate([SAMPLE_RUNS / f"{dof.name}_validation"], model=path).to_json()["models"]["3"]
     assert worse["rmse_cm"] > 3 * score["rmse_cm"]
 
 

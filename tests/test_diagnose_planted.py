@@ -17,10 +17,11 @@ from test_effects import mirrored_signs
 from automarine_cli import effects
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 
-IN_YAW = [name for name in effects.names() if "yaw" in effects.get(name).axes]
+IN_YAW = [name for name in effects.names() if effects.get(name).acts_in(YAW)]
 EVERY_EFFECT = pytest.mark.parametrize("name", IN_YAW)
 Judge = Callable[..., Diagnosis]
 
@@ -98,7 +99,7 @@ def test_a_tether_that_snags_is_not_in_the_library(judge: Judge) -> None:
 
 def mirrored(runs: Sequence[Run]) -> list[Run]:
     """Heading and command negated, and nothing else."""
-    return [replace(run, heading=-run.heading, moment=-run.command) for run in runs]
+    return [replace(run, position=-run.position, moment=-run.command) for run in runs]
 
 
 def reordered(runs: Sequence[Run]) -> list[Run]:

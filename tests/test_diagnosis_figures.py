@@ -7,20 +7,23 @@ import pytest
 from matplotlib.patches import Rectangle
 
 from automarine_cli.diagnosis import search
-from automarine_cli.diagnosis.budget import LEFT, NOISE, SCATTER, budget
+from automarine_cli.diagnosis.budget import LEFT, SCATTER, budget, noise_of
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.naming_key import NamingKey, naming_key
 from automarine_cli.diagnosis.where import Where, find_where
+from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_page import escape, page
 from automarine_cli.report.diagnosis_page_tables import gap_table
-from automarine_cli.report.figures.diagnosis import before_after_figure, where_figure, why_figure
+from automarine_cli.report.figures.diagnosis_gap import before_after_figure
+from automarine_cli.report.figures.diagnosis_where import where_figure
+from automarine_cli.report.figures.diagnosis_why import why_figure
 from automarine_cli.report.figures.style import png
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 
-TRUTH = YawModel.base("3", 1.018, (1.257,))
+TRUTH = YawModel.base("3", 1.018, (1.257,), "nu", YAW)
 TRIED = ("thruster-lag", "input-delay", "dead-band", "bias-moment")
 Shown = tuple[Diagnosis, Where, NamingKey, dict[str, float]]
 
@@ -34,12 +37,12 @@ def campaign(model: YawModel, name: str, seed: int, runs: int = 12) -> list[Run]
         time = np.arange(0.0, 14.0, 0.2) + 60.0 * i
         into = time - time[0]
         command = np.where(into < 1.9, 0.0, np.where(into < 8.9, tau, 0.0 if i % 3 == 0 else tau))
-        plans.append(Run(f"{name} {i}", "planted", time, 0 * time, command, "nu"))
+        plans.append(Run(f"{name} {i}", "planted", time, 0 * time, command, "nu", dof=YAW))
     batch = make_batch(plans, 0.05)
-    start = Start(heading=random.uniform(0, 6, (1, runs)), log_gain=0.02 * random.normal(size=(1, runs)))
-    heading = simulate(model, batch, start=start).heading[0]
+    start = Start(position=random.uniform(0, 6, (1, runs)), log_gain=0.02 * random.normal(size=(1, runs)))
+    heading = simulate(model, batch, start=start).position[0]
     return [
-        replace(plan, heading=row[: len(plan)] + np.radians(1.0) * random.normal(size=len(plan)))
+        replace(plan, position=row[: len(plan)] + np.radians(1.0) * random.normal(size=len(plan)))
         for plan, row in zip(plans, heading)
     ]
 
@@ -74,7 +77,7 @@ def test_the_budget_is_whole(lag: Shown, nothing: Shown) -> None:
     for diagnosis, _, _, shares in (lag, nothing):
         assert sum(shares.values()) == pytest.approx(1.0, abs=1e-12)
         assert all(share >= 0.0 for share in shares.values())
-        assert set(shares) == {NOISE, SCATTER, LEFT, *diagnosis.found.final.added}
+        assert set(shares) == {noise_of(YAW), SCATTER, LEFT, *diagnosis.found.final.added}
     assert lag[0].found.final.added and lag[3][lag[0].found.final.added[0]] > 0.05
     assert lag[3][LEFT] < 0.02
 

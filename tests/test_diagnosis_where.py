@@ -12,12 +12,13 @@ from automarine_cli.diagnosis.study import Study, study_of
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.variables import Column, columns, direction, edges
 from automarine_cli.diagnosis.where import find_where, gaps
+from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 
-TRUTH = YawModel.base("3", 1.018, (1.257,))
+TRUTH = YawModel.base("3", 1.018, (1.257,), "nu", YAW)
 
 
 def campaign(
@@ -32,12 +33,12 @@ def campaign(
         into = time - time[0]
         after = (tau, tau, 0.0, -tau)[i % 4]
         command = np.where(into < 2.95, 0.0, np.where(into < 10.95, tau, after))
-        plans.append(Run(f"run {i}", "planted", time, 0 * time, command, "nu"))
+        plans.append(Run(f"run {i}", "planted", time, 0 * time, command, "nu", dof=YAW))
     batch = make_batch(plans, 0.05)
-    start = Start(heading=random.uniform(0, 6, (1, runs)), log_gain=scatter * random.normal(size=(1, runs)))
-    heading = simulate(model, batch, start=start).heading[0]
+    start = Start(position=random.uniform(0, 6, (1, runs)), log_gain=scatter * random.normal(size=(1, runs)))
+    heading = simulate(model, batch, start=start).position[0]
     return [
-        replace(plan, heading=row[: len(plan)] + np.radians(noise) * random.normal(size=len(plan)))
+        replace(plan, position=row[: len(plan)] + np.radians(noise) * random.normal(size=len(plan)))
         for plan, row in zip(plans, heading)
     ]
 
@@ -81,7 +82,7 @@ def test_a_compass_that_is_off_stands_out_against_heading_alone(compass: tuple[S
 
 def test_the_result_has_the_form_of_the_contract(compass: tuple[Study, Trial]) -> None:
     for region in find_where(*compass, seed=0).regions:
-        data = region.to_json()
+        data = region.to_json(YAW)
         assert {"variable", "from", "to", "unit", "gap_deg", "p_value", "runs"} <= set(data)
         assert data["unit"] == "deg" and 0.0 <= float(str(data["from"])) < float(str(data["to"])) <= 360.0
         assert data["runs"] and set(data["runs"]) <= {run.name for run in compass[0].runs}  # type: ignore[call-overload]
@@ -104,7 +105,7 @@ def test_nothing_stands_out_where_nothing_is_missing() -> None:
 
 def test_mirrored_runs_show_the_same_gap(dead: tuple[Study, Trial, Trial, Trial]) -> None:
     study, base, _, _ = dead
-    other = study_of([replace(r, heading=-r.heading, moment=-r.command) for r in study.runs], TRUTH)
+    other = study_of([replace(r, position=-r.position, moment=-r.command) for r in study.runs], TRUTH)
     ours, mirrored = (find_where(s, t, 0) for s, t in ((study, base), (other, fitted(other, TRUTH))))
     for name in ("moment-size", "time-in-run", "time-since-command-change"):
         one, two = (next(v for v in w.variables if v.name == name) for w in (ours, mirrored))
@@ -149,7 +150,7 @@ def test_other_columns_are_looked_at_too() -> None:
         for i, r in enumerate(runs)
     ]
     study = study_of(with_more, TRUTH)
-    found = {column.name: column for column in columns(study, study.batch.heading)}
+    found = {column.name: column for column in columns(study, study.batch.position)}
     assert found["depth-m"].of_the_run and not found["tilt"].of_the_run
     assert {"heading", "turned-angle", "run-order", "campaign-clock", "start-heading", "yaw-rate"} <= set(
         found
@@ -189,7 +190,7 @@ def test_the_naming_key_of_a_dead_band_is_the_power_minus_one(
 def test_powers_and_parities_are_recovered(power: float, parity: str) -> None:
     moment = np.array([s * m for s in (-1, 1) for m in (0.1, 0.2, 0.4, 0.7, 1.2)])
     log = 0.05 * np.abs(moment) ** power * (np.sign(moment) if parity == "odd" else 1.0)
-    best = max(drifts_of("k", moment, log, np.full(10, 0.001), 0.01), key=lambda drift: drift.share)
+    best = max(drifts_of("k", moment, log, np.full(10, 0.001), 0.01, YAW), key=lambda drift: drift.share)
     assert (best.power, best.parity) == (power, parity) and best.slope == pytest.approx(0.05)
 
 

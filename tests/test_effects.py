@@ -18,6 +18,8 @@ from effect_contract import (
     measured,
     planted,
     sizes_of,
+    strange_to,
+    texts_of,
     unmeasured,
     with_planted,
 )  # fmt: skip
@@ -26,7 +28,8 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.verdict import parameter_estimates
-from automarine_cli.effects import Effect, Motion, Place
+from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
+from automarine_cli.effects import Effect, Place, State
 from automarine_cli.effects.base import EVEN, MIXED, ODD
 from automarine_cli.errors import ModelError
 from automarine_cli.models.yaw_model import YawModel
@@ -41,6 +44,7 @@ CONTRACT = (
     "water-swirl", "coulomb-drag", "compass-deviation", "sensor-lag", "gyro-drift", "periodic-disturbance",
     "heading-moment", "cross-coupling", "thrust-exponent",
 )  # fmt: skip
+EVERY_MOTION = pytest.mark.parametrize("dof", DOFS.values(), ids=list(DOFS))
 UNITS = ("nu", "N m")
 STARTS = (0.4, -1.1, 2.0)  # rad
 
@@ -61,8 +65,8 @@ def headings(
     """Simulated headings (P, R, N) from the STARTS."""
     needs = {need for term in model.terms for need in effects.get(term.name).needs}
     batch = make_batch(runs, 0.05, sorted(needs))
-    start = Start(heading=sign * np.array([STARTS[: len(runs)]]))
-    return simulate(model, batch, theta, start).heading
+    start = Start(position=sign * np.array([STARTS[: len(runs)]]))
+    return simulate(model, batch, theta, start).position
 
 
 def with_effect(name: str, values: Sequence[float] | None = None) -> YawModel:
@@ -79,29 +83,90 @@ def test_the_contracts_names_are_there() -> None:
 
 
 @EVERY_EFFECT
-def test_card_is_complete(name: str) -> None:
+def test_is_complete(name: str) -> None:
     effect = effects.get(name)
     assert effect.name == name and isinstance(effect.place, Place) and effect.parity in (EVEN, ODD, MIXED)
     assert Path(inspect.getfile(type(effect))).stem == name.replace("-", "_")
-    assert re.fullmatch(r"[A-Z].*\.", effect.says), effect.says
-    for text in (effect.equation, effect.reveals, effect.separated_by, effect.source):
-        assert text.strip() == text and text and not text.endswith("."), text
+    assert effect.source.strip() == effect.source and effect.source and not effect.source.endswith(".")
     assert effect.mistaken_for and set(effect.mistaken_for) <= set(effects.names()) - {name}
-    assert effect.parameters
+    assert effect.parameters and set(effect.motions) <= set(DOFS) and effect.motions
+    assert effect.role in ("", *YAW.parameters) and (not effect.role or len(effect.parameters) == 1)
     documented = (inspect.getmodule(type(effect)), type(effect))
     assert all(one and one.__doc__ and '"' not in one.__doc__ for one in documented)
 
 
 @EVERY_EFFECT
+@EVERY_MOTION
+def test_card_is_complete(name: str, dof: Dof) -> None:
+    effect = effects.get(name)
+    if not effect.acts_in(dof):
+        return
+    card = effect.card(dof)
+    assert card.name == name and re.fullmatch(r"[A-Z].*\.", card.says), card.says
+    for text in (card.equation, card.reveals, card.separated_by):
+        assert text.strip() == text and text and not text.endswith("."), text
+    assert not re.search(r"[{}]", " ".join(texts_of(card)))
+    assert len({p.name for p in card.parameters}) == len(effect.parameters) == len(card.parameters)
+    assert tuple(p.name for p in card.parameters) == effect.names_in(dof)
+
+
+@EVERY_EFFECT
+@EVERY_MOTION
+def test_card_speaks_of_no_other_motion(name: str, dof: Dof) -> None:
+    effect = effects.get(name)
+    if effect.acts_in(dof):
+        for text in texts_of(effect.card(dof)):
+            assert not strange_to(dof, text, effect.needs), text
+
+
+def test_a_word_of_another_motion_is_seen() -> None:
+    assert strange_to(SURGE, "a heading of 3 rad under a moment, to port; k_rr |r|") == {
+        "heading", "rad", "moment", "port", "k_rr", "r",
+    }  # fmt: skip
+    assert strange_to(HEAVE, "headings turned ahead by m_u, X |u| u") == {
+        "headings", "turned", "ahead", "m_u", "X", "u",
+    }  # fmt: skip
+    assert strange_to(YAW, "the depth sensor reads m/s, mass, 3 cm, X_uu") == {
+        "depth",
+        "mass",
+        "m",
+        "cm",
+        "X_uu",
+    }
+    assert strange_to(YAW, "surge speed u of 3 m/s") and not strange_to(
+        YAW, "surge speed u of 3 m/s", ["surge"]
+    )
+    assert not strange_to(YAW, "bias-moment against gyro-drift: turned to port by tau, k_rr |r| r")
+    assert not strange_to(SURGE, "bias-moment against gyro-drift: moved ahead by X, X_uu |u| u")
+
+
+def test_equations_have_the_letters_of_the_motion() -> None:
+    def equations(name: str) -> list[str]:
+        return [effects.get(name).card(dof).equation for dof in (YAW, SURGE, HEAVE)]
+
+    assert equations("quadratic-drag") == ["-k_rr |r| r", "-X_uu |u| u", "-Z_ww |w| w"]
+    assert equations("thrust-loss") == ["-b sqrt|tau| r", "-b sqrt|X| u", "-b sqrt|Z| w"]
+    assert equations("tether-spring")[1:] == ["-kappa (x - x_start)", "-kappa (z - z_start)"]
+    assert equations("water-swirl") == [
+        "drag on s = r - w, T_w w' = chi s - (1 - chi) w, or with |s| s for s",
+        "drag on s = u - u_w, T_w u_w' = chi s - (1 - chi) u_w, or with |s| s for s",
+        "drag on s = w - w_w, T_w w_w' = chi s - (1 - chi) w_w, or with |s| s for s",
+    ]
+
+
+@EVERY_EFFECT
 def test_parameters_have_units_and_bounds_that_hold_their_start(name: str) -> None:
-    for p in effects.get(name).parameters:
+    effect = effects.get(name)
+    for p in effect.parameters:
         assert p.name and p.meaning and p.unit
         assert p.lower < p.upper and p.lower <= p.start <= p.upper and np.isfinite(p.start)
         assert all(p.lower <= value <= p.upper for value in p.scan)
-        for unit in UNITS:
-            assert "{" not in p.unit_for(unit) and ("{moment}" in p.unit) == (unit in p.unit_for(unit))
         assert p.reference in ("", "moment", "clock", "voltage")
         assert not p.log or p.lower > 0.0
+    for dof in DOFS.values():
+        for unit in (*UNITS, *dof.units.forces):
+            for p, filled in zip(effect.parameters, effect.card(dof, unit).parameters):
+                assert ("{force}" in p.unit) == (unit in filled.unit)
 
 
 @EVERY_EFFECT
@@ -124,7 +189,7 @@ def test_says_whether_it_asks_for_the_heading(name: str) -> None:
     effect, one = effects.get(name), np.ones((1, 1))
     own = np.zeros((effect.per_run, 1, 1))
     values = (*(np.full((1, 1), value) for value in sizes_of(effect)), *own)
-    unknown = Motion(one * np.nan, one * np.nan, one, 0.5 * one, one, one, dict.fromkeys(effect.needs, one))
+    unknown = State(one * np.nan, one * np.nan, one, 0.5 * one, one, one, dict.fromkeys(effect.needs, one))
     assert np.isnan(effect.moment(unknown, values)).any() == effect.steered
 
 
@@ -141,7 +206,7 @@ def test_vectorised_over_parameter_sets_and_runs(name: str) -> None:
     for p, values in enumerate(theta):
         for r, run in enumerate(RUNS):
             batch = make_batch([run], 0.05, effects.get(name).needs)
-            alone = simulate(model, batch, values, Start(heading=np.array([[STARTS[r]]]))).heading[0, 0]
+            alone = simulate(model, batch, values, Start(position=np.array([[STARTS[r]]]))).position[0, 0]
             np.testing.assert_allclose(together[p, r, : len(run)], alone, rtol=0, atol=1e-12)
 
 
@@ -198,9 +263,9 @@ def test_recovered_from_data_made_with_it(name: str) -> None:
     fit = study.fit(model)
     trial = Trial((name,), model.with_theta(fit.theta[:-1]), fit, 0.0)
     found = parameter_estimates(study, trial, name)
-    for parameter, value in zip(effect.parameters, truth):
-        estimate = found[parameter.name]
-        assert estimate.unit == parameter.unit_for("nu")
+    for parameter, filled, value in zip(effect.parameters, effect.card(YAW, "nu").parameters, truth):
+        estimate = found[filled.name]
+        assert estimate.unit == filled.unit
         if parameter.held:
             assert estimate.value == pytest.approx(value)
         else:
@@ -241,20 +306,41 @@ def test_the_list(run: Callable[..., Result]) -> None:
     lines = found.stdout.splitlines()
     for name in effects.names():
         (line,) = (line for line in lines if line.startswith(f"{name} "))
-        assert effects.get(name).place.value in line and effects.get(name).equation in line
+        assert effects.get(name).place.value in line and effects.get(name).card(YAW).equation in line
 
 
 @EVERY_EFFECT
 def test_the_whole_card(name: str, run: Callable[..., Result]) -> None:
     effect = effects.get(name)
-    text = run("effects", name).stdout
-    for part in (effect.equation, effect.says, effect.reveals, effect.separated_by, effect.source):
+    card, text = effect.card(YAW), run("effects", name).stdout
+    for part in (card.equation, card.says, card.reveals, card.separated_by, effect.source):
         assert part in text
     for words in (effect.mistaken_for, effect.needs, effect.states):
         assert ", ".join(words) in text
-    for p in effect.parameters:
+    for p in card.parameters:
         assert re.search(rf"^{re.escape(p.name)} +{re.escape(p.meaning)}", text, flags=re.MULTILINE)
     assert effect.parity in text and effect.place.value in text and "{" not in text and "inf" not in text
+
+
+@EVERY_MOTION
+def test_the_list_and_the_cards_of_a_motion(dof: Dof, run: Callable[..., Result]) -> None:
+    own = [name for name in effects.names() if effects.get(name).acts_in(dof)]
+    lines = run("effects", "--motion", dof.name).stdout.splitlines()
+    assert {line.split(" ")[0] for line in lines} & set(effects.names()) == set(own)
+    whole = json.loads(run("effects", "--motion", dof.name, "--json").stdout)
+    assert [card["name"] for card in whole["effects"]] == own
+    assert whole.get("motion", YAW.name) == dof.name
+    text = run("effects", "saturation", "--motion", dof.name).stdout
+    assert effects.get("saturation").card(dof).equation in text
+    assert not strange_to(dof, text.partition("source")[0])
+
+
+def test_an_effect_that_a_motion_does_not_have_is_refused(run: Callable[..., Result]) -> None:
+    found = run("effects", "compass-deviation", "--motion", "surge")
+    assert (found.exit_code, found.stdout) == (1, "")
+    assert found.stderr == (
+        "Error: compass-deviation does not act in surge; it acts in yaw: give --motion yaw\n"
+    )
 
 
 def test_json_is_the_library_without_infinities(run: Callable[..., Result]) -> None:

@@ -29,7 +29,7 @@ RUNS = [unmeasured(plan, i) for i, plan in enumerate(long_plans())]
 
 def headings(model: YawModel, runs: Sequence[Run], start: Start | None = None) -> Floats:
     """Simulated headings (R, N)."""
-    return simulate(model, make_batch(runs, 0.05), start=start).heading[0]
+    return simulate(model, make_batch(runs, 0.05), start=start).position[0]
 
 
 @BY_LAW
@@ -115,14 +115,14 @@ def wavy(seed: int, amplitude: float = AMPLITUDE) -> list[Run]:
     own = amplitude * np.stack([np.cos(phase), np.sin(phase)], axis=1)[None]
     batch = make_batch(RUNS, 0.05)
     start = Start(
-        heading=random.uniform(-np.pi, np.pi, (1, len(RUNS))),
+        position=random.uniform(-np.pi, np.pi, (1, len(RUNS))),
         log_gain=0.02 * random.standard_normal((1, len(RUNS))),
         own={"periodic-disturbance": own},
     )
     truth = BASE.with_effect("periodic-disturbance", (amplitude, 0.0, PERIOD, 1.0))
-    found = simulate(truth, batch, start=start).heading[0]
+    found = simulate(truth, batch, start=start).position[0]
     found = found + np.deg2rad(0.5) * random.standard_normal(found.shape)
-    return [replace(run, heading=row[: len(run)]) for run, row in zip(RUNS, found)]
+    return [replace(run, position=row[: len(run)]) for run, row in zip(RUNS, found)]
 
 
 def test_own_phases_are_the_run_s_and_not_the_model_s() -> None:
@@ -169,6 +169,6 @@ def test_simulated_campaigns_draw_a_phase_for_every_run() -> None:
     waves = {"name": "periodic-disturbance", "A": 0.05, "B": 0.0, "T": 3.0, "phase": 1.0}
     still = make_runs(specification_from(plain), seed=1)
     runs = make_runs(specification_from({**plain, "effects": [waves]}), seed=1)
-    added = [run.heading - flat.heading for run, flat in zip(runs, still)]
+    added = [run.position - flat.position for run, flat in zip(runs, still)]
     assert len(added) == 6 and all(np.ptp(one) > 0.01 for one in added)
     assert all(np.abs(a - b).max() > 3e-3 for i, a in enumerate(added) for b in added[:i])

@@ -16,6 +16,7 @@ from export_readers import MESH_TORQUE, READERS, fall_time, gz_sim, rise_time, r
 
 import automarine_cli as am
 from automarine_cli import exports as targets
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError, OutputError, SettingError
 from automarine_cli.exports.base import YAW_MODEL
 from automarine_cli.models.yaw_model import YawModel, steady_rate
@@ -55,11 +56,11 @@ def exported(path: Path, target: str, form: str, **settings: Any) -> Exported:
 @cache
 def ours(moment: float, rate0: float, seconds: float, number: str = "2") -> tuple[Any, Any]:
     """Times and rates of our own simulation."""
-    model = YawModel.base(number, I_R, list(DRAGS[number].values()), "N m")
+    model = YawModel.base(number, I_R, list(DRAGS[number].values()), "N m", YAW)
     run = unmeasured([(moment, seconds)], 0, "N m")
-    run = type(run)(run.name, run.source, run.time, run.heading, np.full(len(run), moment), "N m")
-    found = simulate(model, make_batch([run], 0.02), start=Start(rate=rate0))
-    return run.time - run.time[0], found.rate[0, 0]
+    run = type(run)(run.name, run.source, run.time, run.position, np.full(len(run), moment), "N m", dof=YAW)
+    found = simulate(model, make_batch([run], 0.02), start=Start(velocity=rate0))
+    return run.time - run.time[0], found.velocity[0, 0]
 
 
 def test_every_form_of_every_simulator_has_a_reader() -> None:

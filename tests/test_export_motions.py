@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,11 @@ import pytest
 from export_readers import constants_of, number_in, yaml_of
 
 from automarine_cli import exports as targets
-from automarine_cli.axes import AXES
+from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import NAMES, Origin, Settings, Written, YawSubject
+from automarine_cli.exports.base import FORCES, Origin, Settings, Written, YawSubject
 from automarine_cli.exports.frames import in_enu
-from automarine_cli.exports.prepare import axis_of, in_unit, refuse_inertia, split
+from automarine_cli.exports.prepare import in_unit, refuse_inertia, refuse_motion, split
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.workflows.export import export
 
@@ -27,10 +28,11 @@ PLACES = {"surge": 0, "heave": 2, "yaw": 5}
 
 def subject(motion: str, target: str, form: str, **change: Any) -> YawSubject:
     """A model with both drags and an asymmetry, in newtons."""
-    model = YawModel.base("2", MASS, [QUADRATIC, LINEAR], AXES[motion].units[1])
+    dof = DOFS[motion]
+    model = replace(YawModel.base("2", MASS, [QUADRATIC, LINEAR], dof.units.forces[1], YAW), dof=dof)
     settings = Settings(rigid_inertia=OWN)
     frame = targets.get(target).frames[0]
-    made = YawSubject(Origin("model.json", "0" * 64, "2"), model, frame, form, settings, axis=AXES[motion])
+    made = YawSubject(Origin("model.json", "0" * 64, "2"), model, frame, form, settings)
     return YawSubject(**{**vars(made), **change})
 
 
@@ -41,8 +43,15 @@ def written(motion: str, target: str, form: str, **change: Any) -> Written:
     return found
 
 
-def test_every_motion_has_names_and_a_place_of_its_own() -> None:
-    assert set(NAMES) == set(AXES) and {name: one.index for name, one in NAMES.items()} == PLACES
+def letters(motion: str) -> tuple[str, str]:
+    """Those of force and speed."""
+    dof = DOFS[motion]
+    return FORCES[dof.number], dof.symbols.velocity
+
+
+def test_every_motion_has_a_place_of_its_own() -> None:
+    assert {name: dof.number for name, dof in DOFS.items()} == PLACES
+    assert [letters(name) for name in PLACES] == [("X", "u"), ("Z", "w"), ("N", "r")]
 
 
 @pytest.mark.parametrize(("motion", "linear", "absolute", "dot", "fluid"), [
@@ -62,7 +71,7 @@ def test_gazebo_calls_them_by_their_letters(
     text = written(motion, "gz-sim", "fluid-added-mass").text
     letter = linear[1].lower()
     assert f"(mass + {fluid}) {letter}' = {linear[0].upper()} + {linear} {letter}" in text
-    assert "rate m/s, inertia kg" in text and "No axis but " + motion in text
+    assert "speed m/s, mass kg" in text and "No axis but " + motion in text
 
 
 @pytest.mark.parametrize("motion", ["surge", "heave"])
@@ -102,22 +111,22 @@ def test_derivatives_have_the_motions_letters(motion: str, force: str, letter: s
 
 def test_heave_turns_over_in_enu_and_surge_does_not() -> None:
     model = subject("heave", "mss", "python").model.with_effect("bias-moment", [2.0])
-    assert in_enu(model, AXES["heave"]).terms[-1].values == (-2.0,)
-    assert in_enu(model, AXES["surge"]) == model
+    assert in_enu(model).terms[-1].values == (-2.0,)
+    ahead = replace(model, dof=DOFS["surge"])
+    assert in_enu(ahead) == ahead
 
 
 @pytest.mark.parametrize("motion", ["surge", "heave"])
 def test_a_card_speaks_of_the_motion(motion: str) -> None:
     text = written(motion, "card", "markdown", data={}).text
     assert text.startswith(f"# Model of {motion}: `model.json`") and "- Unit of force: N" in text
-    name, letter = NAMES[motion].inertia, NAMES[motion].rate_letter
+    (force, letter), name = letters(motion), DOFS[motion].symbols.inertia
     assert re.search(rf"^\| {name} \| rigid and added together \|.*\| kg \|$", text, flags=re.MULTILINE)
-    assert f"{name} {letter}' = {NAMES[motion].force} + the forces" in text and "N s²/m²" in text
-    force = NAMES[motion].force
+    assert f"{name} {letter}' = {force} + the forces" in text and "N s²/m²" in text
     assert (
         f"- quadratic-drag: `-{force}_{letter}{letter} |{letter}| {letter}`. Part of the drag grows" in text
     )
-    assert "yaw" not in text.partition("## Parameters")[2]
+    assert "yaw" not in text and "inertia" not in text and "rate" not in text
 
 
 @pytest.mark.parametrize(("motion", "position", "rate"), [("surge", "x", "u"), ("heave", "z", "w")])
@@ -130,13 +139,10 @@ def test_python_has_the_motions_letters_and_moves_it(
         .with_effect("thruster-lag", [0.2])
     )
     text = written(motion, "python", "simulate", model=model).text
-    names = NAMES[motion]
-    assert (
-        f"# Equation: {names.inertia} {rate}' = {names.force} -{names.force}_{rate}{rate} |{rate}| {rate}"
-        in text
-    )
+    (force, _), mass = letters(motion), DOFS[motion].symbols.inertia
+    assert f"# Equation: {mass} {rate}' = {force} -{force}_{rate}{rate} |{rate}| {rate}" in text
     assert f"{position}, {rate}, n, water = state" in text and f"return {position}, {rate}\n" in text
-    assert "as it is read [m] and rate [m/s] at `time` [s] under `tau` [N], all (N,)" in text
+    assert "as it is read [m] and speed [m/s] at `time` [s] under `tau` [N], all (N,)" in text
     made = tmp_path / "made.py"
     made.write_text(written(motion, "python", "simulate").text)
     call = "import made, numpy as np; t = np.arange(0, 20, 0.1); print(made.simulate(t, 0 * t + 6.0)[1][-1])"
@@ -150,45 +156,43 @@ def test_what_a_target_does_not_take_is_refused() -> None:
     origin = Origin("surge_model.json", "0" * 64)
     data = {"schema": "automarine/surge-model/1"}
     with pytest.raises(SettingError) as problem:
-        axis_of(targets.get("stonefish"), data, origin)
+        refuse_motion(targets.get("stonefish"), data, origin)
     assert str(problem.value) == "surge_model.json is a model of surge; --to stonefish takes models of yaw"
-    assert axis_of(targets.get("uuv"), data, origin) is AXES["surge"]
+    refuse_motion(targets.get("uuv"), data, origin)
 
 
 def test_a_mass_that_holds_water_is_not_a_links_mass() -> None:
     one = subject("surge", "gz-sim", "fluid-added-mass")
     with pytest.raises(SettingError) as problem:
-        refuse_inertia(targets.get("gz-sim"), None, one.model, one.axis, one.origin)
+        refuse_inertia(targets.get("gz-sim"), None, one.model, one.origin)
     assert str(problem.value) == (
         "model.json: the identified mass, 16, holds the water that moves along; as a link's mass it would weigh on the "
         "vehicle: give the vehicle's own with --rigid-inertia"
     )
-    refuse_inertia(targets.get("mss"), None, one.model, one.axis, one.origin)
+    refuse_inertia(targets.get("mss"), None, one.model, one.origin)
 
 
 def test_the_constant_force_of_heave_is_for_mass_and_volume() -> None:
     one = subject("heave", "uuv", "urdf")
-    kept, (left,) = split(
-        targets.get("uuv"), one.model.with_effect("bias-moment", [-2.0]), one.axis, Settings()
-    )
+    kept, (left,) = split(targets.get("uuv"), one.model.with_effect("bias-moment", [-2.0]), Settings())
     assert kept == one.model.terms and left.name == "bias-moment"
     assert left.why == "it is the vehicle's weight less its buoyancy: set mass and volume of your model by it"
 
 
 def test_normalised_forces_need_their_size_in_newtons() -> None:
-    axis, origin = AXES["surge"], Origin("surge_model.json", "0" * 64)
-    model = YawModel.base("2", 2.0, [3.0, 0.5])
+    origin = Origin("surge_model.json", "0" * 64)
+    model = YawModel.base("2", 2.0, [3.0, 0.5], "nu", DOFS["surge"])
     with pytest.raises(
         SettingError, match=r"its forces are normalised \(nu\) and uuv needs newtons; give .* \[N\]"
     ):
-        in_unit(targets.get("uuv"), model, axis, Settings(), origin)
-    found = in_unit(targets.get("uuv"), model, axis, Settings(newton_metres_per_nu=8.0), origin)
+        in_unit(targets.get("uuv"), model, Settings(), origin)
+    found = in_unit(targets.get("uuv"), model, Settings(newton_metres_per_nu=8.0), origin)
     assert (found.inertia, found.drag(), found.moment_unit) == (16.0, (4.0, 24.0), "N")
 
 
 def fitted(folder: Path, motion: str, number: str = "3", **more: float) -> Path:
     """A file as fit-surge and fit-heave write it."""
-    force, letter = NAMES[motion].force, NAMES[motion].rate_letter
+    force, letter = letters(motion)
     drag = {"1": {f"{force}_{letter}": LINEAR}, "3": {f"{force}_{letter}{letter}": QUADRATIC}}[number]
     constant = {"constant_force": 0.0} if motion == "heave" else {}
     entry = {f"m_{letter}": MASS, "half_difference": SKEW, **drag, **constant, **more}
@@ -217,7 +221,7 @@ def test_a_fitted_file_goes_out_in_both_frames(tmp_path: Path, motion: str, fram
 
 @pytest.mark.parametrize("motion", ["surge", "heave"])
 def test_linear_drag_that_differs_both_ways(tmp_path: Path, motion: str) -> None:
-    path, force, letter = fitted(tmp_path, motion, "1"), NAMES[motion].force, NAMES[motion].rate_letter
+    path, (force, letter) = fitted(tmp_path, motion, "1"), letters(motion)
     text = export(path, to="mss", rigid_inertia=OWN).text
     assert constants_of(text)[f"{force}_abs{letter}"] == -SKEW and f"{force}_abs{letter} |{letter}|" in text
     with pytest.raises(SettingError, match="uuv cannot represent linear-drag-asymmetry"):

@@ -83,7 +83,7 @@ def model_file(model: YawModel, path: Path) -> Path:
     number = "1" if model.terms[0].name == "linear-drag" else "3"
     drag = {"1": "k_r", "3": "k_rr"}[number]
     added = [
-        {"name": t.name, "parameters": {p.name: v for p, v in zip(effects.get(t.name).parameters, t.values)}}
+        {"name": t.name, "parameters": dict(zip(effects.get(t.name).names_in(model.dof), t.values))}
         for t in model.terms[1:]
     ]
     base = {"I_r": model.inertia, drag: model.terms[0].values[0]}
@@ -95,9 +95,9 @@ def model_file(model: YawModel, path: Path) -> Path:
 def simulated(model: YawModel, run: Run) -> tuple[Floats, Floats]:
     """Our own headings and rates, with commands that change at the samples as the file takes them."""
     batch = make_batch([run], 0.02)
-    start = Start(heading=HEADING, shift=0.499 * batch.interval[None])
+    start = Start(position=HEADING, switch_delay=0.499 * batch.interval[None])
     found = simulate(model, batch, start=start)
-    return found.heading[0, 0], found.rate[0, 0]
+    return found.position[0, 0], found.velocity[0, 0]
 
 
 @pytest.fixture(scope="module")

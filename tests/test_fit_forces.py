@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import SAMPLE_RUNS
 
-from automarine_cli.axes import HEAVE, SURGE
+from automarine_cli.dofs import HEAVE, SURGE
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.identify import identify, starts_at_rest
@@ -22,8 +22,8 @@ from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import simulate
 from automarine_cli.workflows.fit_yaw import fit_heave, fit_surge
 
-SURGE_TRUTH = {"I_r": 17.0, "k_rr": 24.0, "e": -3.0}
-HEAVE_TRUTH = {"I_r": 26.0, "k_rr": 45.0, "b": -2.0, "e": 6.0}
+SURGE_TRUTH = {"m_u": 17.0, "X_uu": 24.0, "half_difference": -3.0}
+HEAVE_TRUTH = {"m_w": 26.0, "Z_ww": 45.0, "constant_force": -2.0, "half_difference": 6.0}
 LOGS = {"surge": [SAMPLE_RUNS / "surge"], "heave": [SAMPLE_RUNS / "heave"]}
 
 
@@ -49,25 +49,25 @@ def holds(estimate: Estimate, truth: float, precise: float = 0.05) -> bool:
 
 def test_surge_is_recovered(surge: tuple[YawFit, Path]) -> None:
     fit, _ = surge
-    assert fit.axis is SURGE and fit.preference.number == "3" and fit.used == 20 and fit.warnings == ()
+    assert fit.dof is SURGE and fit.preference.number == "3" and fit.used == 20 and fit.warnings == ()
     for name, truth in SURGE_TRUTH.items():
         assert holds(fit.preferred.estimates[name], truth, 0.1), name
     assert fit.seed_method is not None
     assert holds(fit.seed_method.inertia["3"].overall, 17.0)
-    assert holds(fit.seed_method.drag["3"].estimates["k_rr"], 24.0)
-    assert holds(fit.seed_method.drag["3"].estimates["e"], -3.0, 0.1)
+    assert holds(fit.seed_method.drag["3"].estimates["X_uu"], 24.0)
+    assert holds(fit.seed_method.drag["3"].estimates["half_difference"], -3.0, 0.1)
     assert {turn.cut_by for turn in fit.turns} == {"the way allowed"}
     assert max(abs(turn.turned) for turn in fit.turns) < 3.03
 
 
 def test_heave_is_recovered_with_its_buoyancy(heave: tuple[YawFit, Path]) -> None:
     fit, _ = heave
-    assert fit.axis is HEAVE and fit.preference.number == "3" and fit.used == 20
+    assert fit.dof is HEAVE and fit.preference.number == "3" and fit.used == 20
     for name, truth in HEAVE_TRUTH.items():
         assert holds(fit.preferred.estimates[name], truth, 0.1), name
     assert fit.seed_method is not None
     assert holds(fit.seed_method.inertia["3"].overall, 26.0)
-    assert holds(fit.seed_method.drag["3"].estimates["b"], -2.0, 0.2)
+    assert holds(fit.seed_method.drag["3"].estimates["constant_force"], -2.0, 0.2)
     assert fit.buoyancy is not None and fit.buoyancy.ballast is not None
     assert fit.buoyancy.ballast.value == pytest.approx(2.0 / 9.81, rel=0.06)
     assert "up: to balance it add 0.2" in fit.buoyancy.says
@@ -89,44 +89,45 @@ def test_the_drag_of_each_way_is_that_of_the_truth(
 
 def mirrored(run: Run) -> Run:
     """The run with ahead and astern, down and up, exchanged."""
-    return replace(run, heading=-run.heading, moment=-run.command)
+    return replace(run, position=-run.position, moment=-run.command)
 
 
 @pytest.mark.parametrize("motion", ["surge", "heave"])
 def test_a_mirrored_campaign_has_the_mirrored_vehicle(
     motion: str, surge: tuple[YawFit, Path], heave: tuple[YawFit, Path]
 ) -> None:
-    fit, axis = (surge[0], SURGE) if motion == "surge" else (heave[0], HEAVE)
-    runs = [mirrored(run) for run in load_runs(LOGS[motion], axis=axis).runs]
+    fit, dof = (surge[0], SURGE) if motion == "surge" else (heave[0], HEAVE)
+    runs = [mirrored(run) for run in load_runs(LOGS[motion], dof=dof).runs]
     trim = Trim(3.0) if motion == "surge" else Trim(None, -3.6, 0.0)
     there, here = identify(runs, trim=trim).preferred.estimates, fit.preferred.estimates
-    signs = {"I_r": 1.0, "k_rr": 1.0, "b": -1.0, "e": -1.0}
+    signed = (dof.symbols.constant, dof.symbols.difference)
     for name, one in here.items():
-        assert there[name].value == pytest.approx(signs[name] * one.value, rel=2e-4, abs=1e-4), name
+        sign = -1.0 if name in signed else 1.0
+        assert there[name].value == pytest.approx(sign * one.value, rel=2e-4, abs=1e-4), name
 
 
 def test_drag_that_is_the_same_both_ways_is_pooled() -> None:
     """Each way of the same runs mirrored: no difference is left."""
-    runs = [run for run in load_runs(LOGS["surge"], axis=SURGE).runs if run.command.max() > 0]
+    runs = [run for run in load_runs(LOGS["surge"], dof=SURGE).runs if run.command.max() > 0]
     both = [*runs, *(replace(mirrored(run), name=f"{run.name}_back") for run in runs)]
     fit = identify(both, trim=Trim(3.0)).preferred
-    assert fit.ways is not None and not fit.ways.differ and "e" not in fit.estimates
-    assert holds(fit.estimates["k_rr"], 21.0)
+    assert fit.ways is not None and not fit.ways.differ and "half_difference" not in fit.estimates
+    assert holds(fit.estimates["X_uu"], 21.0)
     assert [term.name for term in fit.model.terms] == ["quadratic-drag"]
 
 
 def test_the_result_file_is_read_back(surge: tuple[YawFit, Path], heave: tuple[YawFit, Path]) -> None:
     for (fit, out), letters in ((surge, ("m_u", "X_uu")), (heave, ("m_w", "Z_ww"))):
-        path = out / f"{fit.axis.name}_model.json"
+        path = out / f"{fit.dof.name}_model.json"
         data = json.loads(path.read_text(encoding="utf-8"))
-        assert data["schema"] == f"automarine/{fit.axis.name}-model/1" and data["motion"] == fit.axis.name
+        assert data["schema"] == f"automarine/{fit.dof.name}-model/1" and data["motion"] == fit.dof.name
         assert set(letters) <= set(data["models"]["3"]) and data["force_unit"] == "N"
         assert data["models"]["3"][letters[0]]["unit"] == "kg"
         assert data["inertial_distance_m"]["unit"] == "m"
         text = path.read_text(encoding="utf-8")
         assert not any(word in text for word in ("heading", "moment", "_deg", "I_r", "k_r", "yaw"))
         stored = load_yaw_models(path)
-        assert stored.axis is fit.axis
+        assert stored.dof is fit.dof
         for number, one in fit.output_error.items():
             assert stored.models[number] == one.model
     assert (
@@ -151,10 +152,10 @@ def test_tables_state_signs_and_speak_of_force(heave: tuple[YawFit, Path]) -> No
 
 def test_a_held_vehicle_stays_until_its_command_changes() -> None:
     """A vehicle that floats up stands still in the simulation as it does in the log, and moves with the step."""
-    runs = load_runs(LOGS["heave"], axis=HEAVE).runs[:4]
+    runs = load_runs(LOGS["heave"], dof=HEAVE).runs[:4]
     assert all(starts_at_rest(run) for run in runs)
     model = load_model()
-    found = simulate(model, make_batch(runs, 0.05)).heading[0]
+    found = simulate(model, make_batch(runs, 0.05)).position[0]
     for run, depth in zip(runs, found):
         first = int(np.flatnonzero(run.command)[0])
         assert np.ptp(depth[:first]) == 0.0
@@ -175,7 +176,7 @@ def load_model():  # type: ignore[no-untyped-def]
 def test_a_floating_vehicle_that_drifts_has_a_start_speed_of_its_own() -> None:
     """Let go at the start of the log it already rises when the step comes; whole runs take that."""
     runs = []
-    for run in load_runs(LOGS["heave"], axis=HEAVE).runs:
+    for run in load_runs(LOGS["heave"], dof=HEAVE).runs:
         first = int(np.flatnonzero(run.command)[0])
         runs.append(run.cut(first + 8, len(run)))
     assert not any(starts_at_rest(run) for run in runs)
@@ -185,11 +186,11 @@ def test_a_floating_vehicle_that_drifts_has_a_start_speed_of_its_own() -> None:
 
 
 def test_a_depth_window_ends_a_step_where_it_ends() -> None:
-    runs = load_runs(LOGS["heave"], axis=HEAVE).runs
+    runs = load_runs(LOGS["heave"], dof=HEAVE).runs
     turns, _ = half_turns(runs, Trim(None, 1.0, 2.4))
     assert turns == ()  # they begin outside
     turns, _ = half_turns(runs, Trim(None, 0.0, 2.4))
-    assert turns and all(turn.heading.max() < 2.45 for turn in turns)
+    assert turns and all(turn.position.max() < 2.45 for turn in turns)
     assert {turn.cut_by for turn in turns} == {"the window"}
 
 

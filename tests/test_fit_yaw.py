@@ -14,6 +14,7 @@ from click.testing import Result
 from made_campaigns import campaign, moving_run
 from made_runs import INERTIA, K_RR, written
 
+from automarine_cli.dofs import YAW
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.runs.run import Run
 
@@ -41,7 +42,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = write_logs(runs, tmp_path_factory.mktemp("made") / "logs")
     still = campaign([0.4], seed=2)[0]
     heading = np.zeros(len(still)) + np.radians(np.random.default_rng(0).normal(size=len(still)))
-    written(Run("still", "", still.time, heading, still.moment, "nu"), folder / "still.csv")
+    written(Run("still", "", still.time, heading, still.moment, "nu", dof=YAW), folder / "still.csv")
     return folder
 
 
@@ -281,7 +282,7 @@ def thruster_logs(folder: Path) -> Path:
         run = campaign([moment], seed=i, noise_deg=0.5, unit="N m")[0]
         on = run.command != 0
         folder.mkdir(exist_ok=True)
-        rows = zip(run.time, np.degrees(run.heading) % 360, n * on, -n * on)
+        rows = zip(run.time, np.degrees(run.position) % 360, n * on, -n * on)
         lines = "\n".join(f"{t:.6f},{psi:.6f},{port},{stbd}" for t, psi, port, stbd in rows)
         (folder / f"run_{i}.csv").write_text(f"time_s,heading_deg,n_port,n_stbd\n{lines}\n")
     return folder

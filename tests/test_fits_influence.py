@@ -8,14 +8,18 @@ from made_campaigns import both_ways, campaign
 from made_runs import mirrored
 
 from automarine_cli.fits.influence import covariance_of_changes, degrees_of_freedom, left_out_changes
-from automarine_cli.fits.linear_mixed import RunEffects
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
+from automarine_cli.fits.mixed_problem import Slot
 from automarine_cli.fits.output_error import run_covariance
+from automarine_cli.fits.run_effects import Block, RunEffects
 from automarine_cli.fits.step_response import half_turn_data, step_problem
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.run import Run
 
 RUNS = 10
+
+
+WHOLE = (Slot("heading", slice(0, 30)),)
 
 
 def linear_problem(seed: int = 0) -> Problem:
@@ -27,9 +31,18 @@ def linear_problem(seed: int = 0) -> Problem:
     def response(theta: np.ndarray, b: np.ndarray) -> np.ndarray:
         return theta[:, 0, None, None] * x + theta[:, 1, None, None] + b[:, :, :1]
 
-    effects = RunEffects(np.ones((RUNS, 1)), np.array([0]), ((1e-3, 2.0),))
+    effects = RunEffects((Block("offset", np.ones((RUNS, 1)), (1e-3, 2.0)),))
     free = np.array([[-np.inf, np.inf]] * 2)
-    return Problem(response, measured, np.ones(x.shape, dtype=bool), effects, free, np.zeros(2, dtype=bool))
+    return Problem(
+        response,
+        measured,
+        np.ones(x.shape, dtype=bool),
+        effects,
+        free,
+        np.zeros(2, dtype=bool),
+        ("a", "b"),
+        WHOLE,
+    )
 
 
 def test_of_a_linear_problem_it_is_the_linearised_jackknife() -> None:
@@ -47,7 +60,9 @@ def fitted(runs: list[Run], of: MixedFit | None = None) -> tuple[Problem, MixedF
     begin, noise, factors = np.array([1.2, 1.0, 0.0]), 0.02, np.array([0.03, 0.5])
     if of is not None:
         held = tuple((f, f * (1 + 1e-9)) for f in of.factors)
-        problem = replace(problem, effects=replace(problem.effects, limits=held))
+        limits = dict(zip(problem.effects.factor_names, held))
+        blocks = tuple(replace(block, limits=limits.get(block.name)) for block in problem.effects.blocks)
+        problem = replace(problem, effects=RunEffects(blocks))
         begin, noise, factors = of.theta, of.noise, of.factors
     return problem, fit_mixed(problem, begin, noise=noise, factors=factors, settled=1e-5)
 
@@ -96,7 +111,8 @@ def lines(steep: np.ndarray) -> MixedFit:
     noise = 0.1 * np.random.default_rng(1).standard_normal(x.shape)
     problem = Problem(
         lambda theta, b: theta[:, 0, None, None] * x + b[:, :, :1], 2.0 * x + noise, np.ones(x.shape, dtype=bool),
-        RunEffects(np.zeros((len(steep), 1)), np.array([-1])), np.array([[-np.inf, np.inf]]), np.zeros(1, dtype=bool),
+        RunEffects((Block("offset", np.zeros((len(steep), 1))),)), np.array([[-np.inf, np.inf]]),
+        np.zeros(1, dtype=bool), ("slope",), WHOLE,
     )  # fmt: skip
     return fit_mixed(problem, np.ones(1), noise=0.2, factors=np.array([]))
 

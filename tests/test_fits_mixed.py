@@ -10,8 +10,10 @@ from tolerances import assert_close
 
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.linear_mixed import Gram, RunEffects
-from automarine_cli.fits.mixed_model import Problem, fit_mixed
+from automarine_cli.fits.gram import Gram, Grams
+from automarine_cli.fits.mixed_model import fit_mixed
+from automarine_cli.fits.mixed_problem import Problem, Slot
+from automarine_cli.fits.run_effects import Block, RunEffects
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +35,13 @@ class Linear:
         scale = rng.uniform(0.5, 1.5, (RUNS, EFFECTS))
         scale[:, 0] = 10.0
         scale[2, 1] = 0.0  # one effect that one run does not have
-        self.effects = RunEffects(scale, np.array([-1, 0, 1]), limits)
+        self.effects = RunEffects(
+            (
+                Block("start", scale[:, :1]),
+                Block("gain", scale[:, 1:2], limits[0]),
+                Block("instant", scale[:, 2:], limits[1]),
+            )
+        )
         b = self.effects.deviation(VARIANCES) * rng.normal(size=scale.shape)
         noise = np.exp(VARIANCES[0]) * rng.normal(size=self.seen.shape)
         self.w = self.j @ TRUTH + np.einsum("rnq,rq->rn", self.v, b) + noise
@@ -45,13 +53,16 @@ class Linear:
             return np.einsum("rnp,sp->srn", self.j, theta) + np.einsum("rnq,srq->srn", self.v, b)
 
         bounds = np.array([(low, high), (-np.inf, np.inf)])
-        return Problem(response, self.w, self.seen, self.effects, bounds, np.zeros(2, dtype=bool))
+        slots = (Slot("heading", slice(0, SAMPLES)),)
+        return Problem(
+            response, self.w, self.seen, self.effects, bounds, np.zeros(2, dtype=bool), ("one", "two"), slots
+        )
 
-    def gram(self, phi: Floats | None = None, b: Floats | None = None) -> Gram:
+    def gram(self, phi: Floats | None = None, b: Floats | None = None) -> Grams:
         """Linearised about phi and b, zero where not given."""
         phi, b = np.zeros(PARAMETERS) if phi is None else phi, np.zeros((RUNS, EFFECTS)) if b is None else b
         residual = np.where(self.seen, self.w - self.j @ phi - np.einsum("rnq,rq->rn", self.v, b), 0.0)
-        return Gram.of(self.j, self.v, residual, self.seen.sum(axis=1), b)
+        return Grams((Gram.of(self.j, self.v, residual, self.seen.sum(axis=1), b),))
 
     def dense(self, variances: Floats = VARIANCES) -> list[tuple[Floats, Floats, Floats, Floats]]:
         """(J, V, w, R) of each run, R its covariance written out."""
@@ -129,7 +140,7 @@ def test_headings_of_a_hundred_radians_do_not_drown_the_likelihood() -> None:
     b = np.full((RUNS, EFFECTS), 1e4)
     b[2, 1] = 0.0
     linear.w = linear.w + np.where(linear.seen, np.einsum("rnq,rq->rn", linear.v, b), 0.0)
-    wide = replace(linear.effects, scale=1e5 * linear.effects.scale)
+    wide = RunEffects(tuple(replace(block, scale=1e5 * block.scale) for block in linear.effects.blocks))
     points = [
         linear_mixed.deviance(
             linear.gram(b=b), wide, VARIANCES + np.array([0.0, 1e-6 * i, 0.0]), restricted=True
@@ -151,6 +162,58 @@ def test_the_slope_of_the_likelihood_is_exact(restricted: bool) -> None:
     _, slope = linear_mixed.deviance_and_slope(gram, linear.effects, VARIANCES, restricted=restricted)
     steps = 1e-5 * np.eye(len(VARIANCES))
     numeric = [(value(VARIANCES + step) - value(VARIANCES - step)) / 2e-5 for step in steps]
+    assert slope == pytest.approx(numeric, rel=1e-6, abs=1e-5)
+
+
+def two_channels(seed: int) -> tuple[Linear, Grams]:
+    """The first twelve readings of each run are of one sensor, the rest of another."""
+    linear = Linear(seed)
+    b = np.where(linear.effects.scale > 0, 0.3, 0.0)
+    left = np.where(linear.seen, linear.w - np.einsum("rnq,rq->rn", linear.v, b), 0.0)
+    parts = (slice(0, 12), slice(12, SAMPLES))
+    channels = tuple(
+        Gram.of(linear.j[:, p], linear.v[:, p], left[:, p], linear.seen[:, p].sum(axis=1), b) for p in parts
+    )
+    return linear, Grams(channels)
+
+
+TWO_NOISES = np.log([0.3, 0.8, 0.6, 0.2])
+
+
+def test_two_channels_have_the_likelihood_of_their_dense_covariance() -> None:
+    linear, grams = two_channels(4)
+    deviation = np.where(np.arange(SAMPLES) < 12, 0.3, 0.8)
+    scale = linear.effects.deviation(TWO_NOISES)
+    hessian, gradient, rows = np.zeros((PARAMETERS, PARAMETERS)), np.zeros(PARAMETERS), []
+    for i, seen in enumerate(linear.seen):
+        v, j, w = linear.v[i, seen], linear.j[i, seen], linear.w[i, seen]
+        covariance = np.diag(deviation[seen] ** 2) + v @ np.diag(scale[i] ** 2) @ v.T
+        hessian += j.T @ np.linalg.solve(covariance, j)
+        gradient += j.T @ np.linalg.solve(covariance, w)
+        rows.append((j, w, covariance))
+    theta = np.linalg.solve(hessian, gradient)
+    logs = [stats.multivariate_normal(j @ theta, r).logpdf(w) for j, w, r in rows]
+    found = linear_mixed.deviance(grams, linear.effects, TWO_NOISES, restricted=False)
+    expected = -2.0 * np.sum(logs) - linear.seen.sum() * np.log(2 * np.pi)
+    assert_close(np.array(found), np.array(expected), "closed form")
+    weighted = linear_mixed.weigh(grams, linear.effects, TWO_NOISES)
+    assert_close(
+        linear_mixed.solve_scaled(weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)),
+        theta,
+        "closed form",
+    )
+
+
+@pytest.mark.parametrize("restricted", [False, True])
+def test_the_slope_by_each_channels_noise_is_exact(restricted: bool) -> None:
+    linear, grams = two_channels(5)
+
+    def value(variances: Floats) -> float:
+        return linear_mixed.deviance(grams, linear.effects, variances, restricted=restricted)
+
+    _, slope = linear_mixed.deviance_and_slope(grams, linear.effects, TWO_NOISES, restricted=restricted)
+    steps = 1e-5 * np.eye(len(TWO_NOISES))
+    numeric = [(value(TWO_NOISES + step) - value(TWO_NOISES - step)) / 2e-5 for step in steps]
     assert slope == pytest.approx(numeric, rel=1e-6, abs=1e-5)
 
 
@@ -228,10 +291,8 @@ def test_a_bound_that_is_not_in_the_way_changes_nothing() -> None:
 
 def test_an_effect_of_no_scale_stays_at_zero_and_counts_for_nothing() -> None:
     linear = Linear(1)
-    scale = linear.effects.scale.copy()
-    scale[:, 2] = 0.0
-    without = RunEffects(scale[:, :2], np.array([-1, 0]), linear.effects.limits[:1])
-    zero = replace(linear.problem(), effects=replace(linear.effects, scale=scale))
+    without = RunEffects(linear.effects.blocks[:2])
+    zero = replace(linear.problem(), effects=linear.effects.with_scale(instant=0.0))
     fit = fit_mixed(zero, np.zeros(2), noise=1.0, factors=np.ones(2))
     linear.v = linear.v[:, :, :2]
     smaller = replace(linear.problem(), effects=without)
@@ -250,19 +311,19 @@ def test_a_factor_stops_at_its_limits_and_its_interval_says_so() -> None:
         factors=np.array([1.0, 0.01]),
     )
     assert below.factors[1] == pytest.approx(0.02)
-    assert below.factor_interval(1)[1] == pytest.approx(0.02)
+    assert below.factor_interval("instant")[1] == pytest.approx(0.02)
     above = fit_mixed(
         Linear(1, ((1e-4, 10.0), (5.0, 9.0))).problem(), np.zeros(2), noise=1.0, factors=np.array([1.0, 6.0])
     )
     assert above.factors[1] == pytest.approx(5.0)
-    assert above.factor_interval(1)[0] == 0.0  # nothing between the limit and zero was looked at
+    assert above.factor_interval("instant")[0] == 0.0  # nothing between the limit and zero was looked at
 
 
 def test_interval_of_a_factor_holds_the_truth() -> None:
     held = 0
     for seed in range(30):
         fit = fit_mixed(Linear(seed).problem(), np.zeros(2), noise=0.5, factors=np.full(2, 0.5))
-        low, high = fit.factor_interval(0)
+        low, high = fit.factor_interval("gain")
         assert low <= fit.factors[0] <= high
         held += low <= 0.6 <= high
     assert held >= 25  # 28.5 expected; fewer than 25 has one chance in a hundred

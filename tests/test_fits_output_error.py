@@ -19,6 +19,7 @@ from made_campaigns import (
 from made_runs import mirrored
 from scipy import stats
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.identify import NOTHING_KNOWN, identify
 from automarine_cli.fits.mixed_model import fit_mixed
@@ -167,7 +168,7 @@ def test_another_unit_of_the_moment_scales_inertia_and_drag_alike(number: str) -
 def test_the_zero_of_the_heading_changes_nothing() -> None:
     runs = campaign(seed=7)
     turned = [
-        Run(run.name, run.source, run.time, run.heading + 0.9 * i, run.moment, run.moment_unit)
+        Run(run.name, run.source, run.time, run.position + 0.9 * i, run.moment, run.moment_unit, dof=YAW)
         for i, run in enumerate(runs)
     ]
     assert values(fitted(turned)) == pytest.approx(values(fitted(runs)), rel=1e-6)
@@ -268,7 +269,7 @@ def test_runs_that_move_from_the_start_are_fitted_whole() -> None:
 def test_start_heading_and_start_rate_of_moving_runs_are_found() -> None:
     runs, start, rate = moving(4)
     effects = whole().output_error["3"].mixed.run_effects
-    first = np.array([run.heading[0] for run in runs])
+    first = np.array([run.position[0] for run in runs])
     assert first + effects[:, 0] == pytest.approx(start, abs=np.radians(1.0))
     assert effects[:, 1] == pytest.approx(rate, abs=0.03)
 
@@ -375,7 +376,13 @@ def test_a_run_that_decides_alone_is_named() -> None:
 def test_a_delay_of_the_thrusters_is_noticed() -> None:
     runs = [
         Run(
-            run.name, run.source, run.time, np.interp(run.time - 0.5, run.time, run.heading), run.moment, "nu"
+            run.name,
+            run.source,
+            run.time,
+            np.interp(run.time - 0.5, run.time, run.position),
+            run.moment,
+            "nu",
+            dof=YAW,
         )
         for run in campaign(seed=1)
     ]

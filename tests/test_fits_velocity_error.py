@@ -2,16 +2,16 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from made_campaigns import ODD_MOMENTS, PAPER, Vehicle, both_ways, campaign, time_to_turn
+from made_runs import mirrored
 from numpy.typing import NDArray
 from tolerances import assert_close
 
-from automarine_cli.axes import HEAVE, SURGE, YAW, Axis
+from automarine_cli.dofs import HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.identify import identify
 from automarine_cli.fits.step_response import StepData, half_turn_data, step_data
@@ -38,7 +38,7 @@ def noise_free(
     moments = both_ways(sizes)
     times = [np.linspace(0.0, time_to_turn(np.pi, m, vehicle), samples) for m in moments]
     turned = [response(t, m, vehicle.inertia, vehicle.k_r, vehicle.k_rr)[0] for t, m in zip(times, moments)]
-    return step_data([str(m) for m in moments], times, turned, moments, [0.1] * len(moments))
+    return step_data([str(m) for m in moments], times, turned, moments, [0.1] * len(moments), YAW)
 
 
 def fitted(data: StepData, offset: float = 0.0) -> VelocityErrorFit:
@@ -53,7 +53,7 @@ def test_tail_lines_have_the_bias_that_theory_gives(
     """PHYSICS 4.7, the same at every moment."""
     time = np.linspace(0.0, time_to_turn(np.pi, moment), 4000)[None]
     heading = response(time, moment, PAPER.inertia, 0.0, PAPER.k_rr)[0]
-    lines = tail_lines(time, heading, np.zeros(1), np.abs(heading) >= np.radians(tail))
+    lines = tail_lines(time, heading, np.zeros(1), np.abs(heading) >= np.radians(tail), YAW)
     with_known = inertia_from_velocity_error(lines.error, moment, 0.0, PAPER.k_rr)
     with_own = inertia_from_velocity_error(lines.error, moment, 0.0, np.abs(moment) / lines.rate**2)
     digits = 0.006 if abs(known) < 1.5 else 0.06  # of the printed table
@@ -68,7 +68,7 @@ def test_without_noise_the_bias_that_is_known_is_all_there_is_and_is_taken_off()
     assert fit.inertia["3"].overall.value == pytest.approx(PAPER.inertia, rel=1e-6)
     assert fit.drag["3"].drag[1] == pytest.approx(PAPER.k_rr, rel=1e-6)
     data = noise_free()
-    raw = tail_lines(data.time, data.heading, np.zeros(len(data.moment)), fit.tails.used)
+    raw = tail_lines(data.time, data.heading, np.zeros(len(data.moment)), fit.tails.used, YAW)
     drag = np.sum(data.moment * raw.rate * np.abs(raw.rate)) / np.sum(raw.rate**4)
     inertia = inertia_from_velocity_error(raw.error, data.moment, 0.0, drag).mean()
     assert [inertia / PAPER.inertia - 1, drag / PAPER.k_rr - 1] == pytest.approx(fit.bias, abs=1e-6)
@@ -105,7 +105,7 @@ def test_a_tail_beyond_the_end_of_a_run_is_refused_with_its_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("tail", "axis", "sentence"),
+    ("tail", "dof", "sentence"),
     [
         (180.0, YAW, "tail is 180; expected 15 to 165 degrees"),
         (-20.0, YAW, "tail is -20; expected 15 to 165 degrees"),
@@ -114,10 +114,10 @@ def test_a_tail_beyond_the_end_of_a_run_is_refused_with_its_name() -> None:
         (np.inf, HEAVE, "tail is inf; expected metres above 0"),
     ],
 )
-def test_a_tail_that_cannot_be_is_refused(tail: float, axis: Axis, sentence: str) -> None:
+def test_a_tail_that_cannot_be_is_refused(tail: float, dof: Dof, sentence: str) -> None:
     with pytest.raises(SettingError, match=re.escape(sentence)):
-        asked_tail(tail, axis)
-    assert asked_tail(None, axis) is None
+        asked_tail(tail, dof)
+    assert asked_tail(None, dof) is None
 
 
 def test_asked_tails_are_degrees_or_metres() -> None:
@@ -171,10 +171,10 @@ def test_ten_campaigns_of_72_runs_come_out_right() -> None:
 
 def test_mirrored_campaigns_with_noise_give_the_same_tables() -> None:
     runs = campaign(2 * both_ways((0.2, 0.5, 0.9)), seed=4, gain_scatter=0.03)
-    mirrored = [replace(run, heading=-run.heading).with_moment(-run.command, "nu") for run in runs]
+    turned = [mirrored(run) for run in runs]
     one, other = (
         fit_velocity_error(data, np.zeros(len(runs)))
-        for data in (half_turn_data(half_turns(each)[0]) for each in (runs, mirrored))
+        for data in (half_turn_data(half_turns(each)[0]) for each in (runs, turned))
     )
     assert one.tail_from == other.tail_from
     for number in ("1", "2", "3"):
@@ -237,8 +237,8 @@ def test_moving_the_instant_of_the_steps_moves_each_intercept_by_rate_times_shif
     data = noise_free()
     fit = fitted(data)
     zero = np.zeros(len(data.moment))
-    lines = tail_lines(data.time, data.heading, zero, fit.tails.used)
-    later = tail_lines(data.time - 0.03, data.heading, zero, fit.tails.used)
+    lines = tail_lines(data.time, data.heading, zero, fit.tails.used, YAW)
+    later = tail_lines(data.time - 0.03, data.heading, zero, fit.tails.used, YAW)
     assert_close(later.rate, lines.rate, "closed form")
     assert_close(later.error - lines.error, 0.03 * lines.rate, "closed form")
     quarter = fitted(data, offset=0.25)  # of intervals of 0.1 s
@@ -249,13 +249,13 @@ def test_moving_the_instant_of_the_steps_moves_each_intercept_by_rate_times_shif
 def test_mirrored_turns_give_the_same_inertia() -> None:
     data = noise_free(sizes=(0.2, 0.5, 0.9))
     other = step_data(
-        data.names, list(data.time), list(-data.heading), list(-data.moment), list(data.interval)
+        data.names, list(data.time), list(-data.heading), list(-data.moment), list(data.interval), YAW
     )
-    there, mirrored = fitted(data), fitted(other)
-    assert there.tail_from == mirrored.tail_from and there.bias == pytest.approx(mirrored.bias, rel=1e-12)
+    there, back = fitted(data), fitted(other)
+    assert there.tail_from == back.tail_from and there.bias == pytest.approx(back.bias, rel=1e-12)
     for number in ("1", "2", "3"):
-        assert_close(mirrored.inertia[number].per_run, there.inertia[number].per_run, "closed form")
-        assert mirrored.inertia[number].per_moment.keys() == {-m for m in there.inertia[number].per_moment}
+        assert_close(back.inertia[number].per_run, there.inertia[number].per_run, "closed form")
+        assert back.inertia[number].per_moment.keys() == {-m for m in there.inertia[number].per_moment}
 
 
 def test_table_2_is_the_mean_of_its_runs_and_of_each_moment() -> None:
@@ -288,7 +288,7 @@ def noisy(seed: int, noise_deg: float, vehicle: Vehicle = PAPER) -> VelocityErro
     data, rng = noise_free(vehicle, samples=60), np.random.default_rng(seed)
     noisy = data.heading + data.seen * np.radians(noise_deg) * rng.standard_normal(data.heading.shape)
     return fit_velocity_error(
-        step_data(data.names, list(data.time), list(noisy), list(data.moment), list(data.interval)),
+        step_data(data.names, list(data.time), list(noisy), list(data.moment), list(data.interval), YAW),
         np.zeros(len(data.moment)),
     )
 
@@ -314,7 +314,7 @@ def test_headings_that_run_ahead_of_their_line_are_refused() -> None:
     moments = both_ways((0.3, 0.6, 0.9))
     times = [np.linspace(0.0, 4.0, 60)] * len(moments)
     ahead = [np.sign(m) * (0.3 + np.sqrt(abs(m) / 1.257) * t) for t, m in zip(times, moments)]
-    data = step_data([str(m) for m in moments], times, ahead, moments, [0.1] * len(moments))
+    data = step_data([str(m) for m in moments], times, ahead, moments, [0.1] * len(moments), YAW)
     with pytest.raises(
         FitError, match=r"negative inertia or drag: .*check the sign of the moment and of the heading"
     ):
@@ -334,4 +334,4 @@ def test_tails_of_too_few_samples_are_refused() -> None:
     with pytest.raises(
         FitError, match=r"only 2 samples in the steady tail .* 3 are needed; log the heading faster"
     ):
-        tail_lines(time, time, np.zeros(1), used)
+        tail_lines(time, time, np.zeros(1), used, YAW)

@@ -24,7 +24,7 @@ Column = Callable[[Run], NDArray[np.float64]]
 MOMENTS = (0.4, -0.4, 0.8, -0.8)
 CANONICAL: Mapping[str, Column] = {
     "time_s": lambda run: run.time,
-    "heading_deg": lambda run: np.rad2deg(run.heading) % 360,
+    "heading_deg": lambda run: np.rad2deg(run.position) % 360,
     "tau": lambda run: run.command,
 }
 
@@ -87,7 +87,7 @@ def test_a_whole_campaign_with_one_question(tmp_path: Path, run: Callable[..., R
 
 def test_other_names_and_units_are_recognised(tmp_path: Path) -> None:
     def wrapped(run: Run) -> NDArray[np.float64]:
-        return (run.heading + np.pi) % (2 * np.pi) - np.pi
+        return (run.position + np.pi) % (2 * np.pi) - np.pi
 
     other = {"T (ms)": lambda run: 1000 * run.time, "Yaw (rad)": wrapped, "tau_Nm": lambda run: run.command}
     write_logs(tmp_path / "pool" / "logs", other)
@@ -100,7 +100,7 @@ def test_other_names_and_units_are_recognised(tmp_path: Path) -> None:
 
 
 def test_a_unit_that_contradicts_its_range_is_asked_about(tmp_path: Path) -> None:
-    wrong = {**CANONICAL, "heading_deg": lambda run: run.heading % (2 * np.pi)}
+    wrong = {**CANONICAL, "heading_deg": lambda run: run.position % (2 * np.pi)}
     write_logs(tmp_path / "pool" / "logs", wrong)
     found, data = asked(tmp_path / "pool")
     assert found.questions == ("columns.heading_deg.unit",)
@@ -109,14 +109,14 @@ def test_a_unit_that_contradicts_its_range_is_asked_about(tmp_path: Path) -> Non
 
 
 def test_a_heading_that_hardly_moved_is_asked_about(tmp_path: Path) -> None:
-    straight = {**CANONICAL, "heading_deg": lambda run: run.heading - run.heading[0]}
+    straight = {**CANONICAL, "heading_deg": lambda run: run.position - run.position[0]}
     write_logs(tmp_path / "pool" / "logs", straight)
     _, data = asked(tmp_path / "pool")
     assert data["columns"]["heading_deg"] == {"from": "heading_deg", "unit": "?"}
 
 
 def test_a_sign_that_contradicts_the_moment_is_asked_about(tmp_path: Path) -> None:
-    mirrored = {**CANONICAL, "heading_deg": lambda run: np.rad2deg(-run.heading) % 360}
+    mirrored = {**CANONICAL, "heading_deg": lambda run: np.rad2deg(-run.position) % 360}
     write_logs(tmp_path / "pool" / "logs", mirrored)
     found, data = asked(tmp_path / "pool")
     assert data["columns"]["heading_deg"] == {"from": "heading_deg", "sign": "?"}

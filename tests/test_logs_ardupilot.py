@@ -10,6 +10,7 @@ import vehicle_logs
 from reader_contract import log
 from vehicle_logs import dataflash, dive, telemetry
 
+from automarine_cli.dofs import YAW
 from automarine_cli.logs import ColumnMap, ColumnRule, LogTable, read_log
 
 pytest.importorskip("pymavlink", reason="the extra automarine[ardupilot] is not installed")
@@ -20,6 +21,7 @@ def flash(folder: Path, content: bytes, **columns: str) -> LogTable:
     return read_log(
         log(folder, content, "dive.bin"),
         ColumnMap({name: ColumnRule(source) for name, source in columns.items()}),
+        dof=YAW,
     )
 
 
@@ -64,19 +66,19 @@ def test_a_damaged_packet_is_passed_over_and_told(tmp_path: Path) -> None:
     good = bytearray(telemetry(dive()))
     at = good.find(struct.pack("<I", 8000), 2000)  # the stamp of an attitude
     good[at + 12] ^= 0x55
-    table = read_log(log(tmp_path, bytes(good), "dive.tlog"))
+    table = read_log(log(tmp_path, bytes(good), "dive.tlog"), dof=YAW)
     assert len(table) == 199 and "1 packets with a wrong checksum were passed over" in table.notes
 
 
 def test_the_vehicle_s_clock_serves_not_the_link_s(tmp_path: Path) -> None:
-    late = read_log(log(tmp_path, telemetry(dive(), delay=0.3), "dive.tlog"))
+    late = read_log(log(tmp_path, telemetry(dive(), delay=0.3), "dive.tlog"), dof=YAW)
     steps = np.diff(late.columns["time"])
     np.testing.assert_allclose(steps, 0.1, atol=1e-5)
 
 
 def test_a_vehicle_that_starts_anew_in_one_log_goes_on_in_time(tmp_path: Path) -> None:
     twice = telemetry(dive()) + telemetry(dive(), start=1.7e9 + 60)
-    table = read_log(log(tmp_path, twice, "dive.tlog"))
+    table = read_log(log(tmp_path, twice, "dive.tlog"), dof=YAW)
     assert len(table) == 400
     np.testing.assert_allclose(table.columns["time"][200:] - table.columns["time"][:200], 60, atol=2e-3)
 
@@ -91,7 +93,7 @@ def test_a_counter_of_microseconds_that_is_full_begins_anew(tmp_path: Path) -> N
         modes=tuple((t + since, mode) for t, mode in first.modes),
         arming=tuple((t + since, armed) for t, armed in first.arming),
     )  # fmt: skip
-    table = read_log(log(tmp_path, telemetry(later), "dive.tlog"))
+    table = read_log(log(tmp_path, telemetry(later), "dive.tlog"), dof=YAW)
     np.testing.assert_allclose(table.extras["SERVO_OUTPUT_RAW.servo1_raw"], first.commands_at(first.time)[0])
 
 
@@ -99,12 +101,12 @@ def test_a_log_of_a_descent_is_on_the_clock_of_its_depth(tmp_path: Path) -> None
     """Named together with the vertical command, the depth is the position; its own samples stay as they are."""
     columns = {"depth_m": "BAT.Volt", "n_vert": "RCOU.C3"}
     rules = ColumnMap({name: ColumnRule(source) for name, source in columns.items()})
-    table = read_log(log(tmp_path, dataflash(dive()), "dive.bin"), rules, axis=None)
-    assert table.axis.position == "depth" and len(table) == 42
+    table = read_log(log(tmp_path, dataflash(dive()), "dive.bin"), rules, dof=None)
+    assert table.dof.position == "depth" and len(table) == 42
     np.testing.assert_allclose(table.columns["depth"], dive().voltage, rtol=1e-6)
     both = rules.columns | {"n_port": ColumnRule("RCOU.C1"), "n_stbd": ColumnRule("RCOU.C2")}
-    turning = read_log(log(tmp_path, dataflash(dive()), "dive.bin"), ColumnMap(both), axis=None)
-    assert turning.axis.position == "heading" and len(turning) == 200
+    turning = read_log(log(tmp_path, dataflash(dive()), "dive.bin"), ColumnMap(both), dof=None)
+    assert turning.dof.position == "heading" and len(turning) == 200
 
 
 def test_what_was_sent_before_the_recording_paused_says_nothing_of_after(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from vehicle_can import COLUMNS, DBC, capture, frames, slcan
 from vehicle_logs import dive
 
 import automarine_cli as am
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogTable, read_column_map, read_log
 from automarine_cli.logs.can_signals import bits_of, raw_of, values_of
@@ -25,7 +26,7 @@ cantools = pytest.importorskip("cantools", reason="the extra automarine[can] is 
 
 def read(folder: Path, content: bytes, name: str = "dive.slcan", columns: ColumnMap = CAN) -> LogTable:
     """A capture of these bytes, read with the columns of the dive."""
-    return read_log(log(folder, content, name), columns)
+    return read_log(log(folder, content, name), columns, dof=YAW)
 
 
 @pytest.mark.parametrize("order", ["little_endian", "big_endian"])

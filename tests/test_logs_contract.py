@@ -9,8 +9,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from reader_contract import RECORDERS, SUFFIXES, WRITERS, YAW, judge_bad_files, judge_good_file, log, refusal
+from reader_contract import GOOD, RECORDERS, SUFFIXES, WRITERS, judge_bad_files, judge_good_file, log, refusal
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.logs import LogFile, read_log, require_motion
 from automarine_cli.logs.formats import format_of, formats, stem_of
@@ -41,7 +42,7 @@ def test_bad_files(tmp_path: Path, suffix: str) -> None:
 
 @pytest.mark.parametrize("suffix", WRITERS)
 def test_damaged_bytes_give_an_answer_or_one_clear_line(tmp_path: Path, suffix: str) -> None:
-    good, rng = WRITERS[suffix](YAW), random.Random(suffix)
+    good, rng = WRITERS[suffix](GOOD), random.Random(suffix)
     outcomes = set()
     for _ in range(150):
         content = bytearray(good)
@@ -54,7 +55,7 @@ def test_damaged_bytes_give_an_answer_or_one_clear_line(tmp_path: Path, suffix: 
                     [b"", b'"', b"\n", b"\xff,", b"1e999"]
                 )
         try:
-            require_motion(read_log(log(tmp_path, bytes(content), f"damaged{suffix}")))
+            require_motion(read_log(log(tmp_path, bytes(content), f"damaged{suffix}"), dof=YAW))
             outcomes.add("read")
         except AutomarineError as error:
             assert str(error).isprintable() and str(error).startswith("damaged")
@@ -63,10 +64,10 @@ def test_damaged_bytes_give_an_answer_or_one_clear_line(tmp_path: Path, suffix: 
 
 
 def test_packed_text_that_is_damaged_or_no_log(tmp_path: Path) -> None:
-    good = WRITERS[".csv.gz"](YAW)
+    good = WRITERS[".csv.gz"](GOOD)
     cut = refusal(log(tmp_path, good[:-20], "cut.csv.gz"))
     assert cut == "cut.csv.gz: the gzip data ends too early; the file was cut short, copy it again"
-    plain = refusal(log(tmp_path, WRITERS[".csv"](YAW), "plain.csv.gz"))
+    plain = refusal(log(tmp_path, WRITERS[".csv"](GOOD), "plain.csv.gz"))
     assert plain == (
         "plain.csv.gz: found no gzip data, expected some by the name; drop .gz from the name if it is plain text"
     )
@@ -80,7 +81,7 @@ def test_packed_text_that_is_damaged_or_no_log(tmp_path: Path) -> None:
 
 
 def test_parquet_that_was_cut_short(tmp_path: Path) -> None:
-    sentence = refusal(log(tmp_path, WRITERS[".parquet"](YAW)[:-20], "cut.parquet"))
+    sentence = refusal(log(tmp_path, WRITERS[".parquet"](GOOD)[:-20], "cut.parquet"))
     assert sentence == "cut.parquet: the Parquet data ends too early; the file was cut short, copy it again"
 
 
@@ -105,7 +106,7 @@ def test_what_is_no_regular_file_does_not_hang(tmp_path: Path) -> None:
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may read everything")
 @pytest.mark.parametrize("suffix", WRITERS)
 def test_a_file_that_may_not_be_read(tmp_path: Path, suffix: str) -> None:
-    file = log(tmp_path, WRITERS[suffix](YAW), f"secret{suffix}")
+    file = log(tmp_path, WRITERS[suffix](GOOD), f"secret{suffix}")
     file.path.chmod(0)
     assert refusal(file) == (
         f"secret{suffix}: cannot be opened (Permission denied); check that it exists and that you may read it"

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from reader_contract import log, refusal
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, read_log, require, require_motion
 
@@ -35,7 +36,7 @@ TWO_SAMPLES = {
 
 @pytest.mark.parametrize("content", TWO_SAMPLES.values(), ids=TWO_SAMPLES.keys())
 def test_one_table_in_many_spellings(tmp_path: Path, content: bytes) -> None:
-    table = read_log(log(tmp_path, content))
+    table = read_log(log(tmp_path, content), dof=YAW)
     np.testing.assert_allclose(table.columns["time"], [0, 0.1], rtol=1e-15)
     np.testing.assert_allclose(np.rad2deg(table.columns["heading"]), [1.5, 2], rtol=1e-15)
     np.testing.assert_array_equal(table.columns["moment"], [0, 1])
@@ -44,13 +45,13 @@ def test_one_table_in_many_spellings(tmp_path: Path, content: bytes) -> None:
 def test_row_numbers_are_those_of_the_file(tmp_path: Path) -> None:
     text = "# a, b\n\n#c\ntime_s,heading_deg,tau\n# d\n0,1,0\n   \n\n  # e,f,g\n0.1,2,1\n\t\n0.2,3,1\n# end"
     for ending in ("\n", "\r\n"):
-        table = read_log(log(tmp_path, text.replace("\n", ending).encode()))
+        table = read_log(log(tmp_path, text.replace("\n", ending).encode()), dof=YAW)
         assert list(table.rows) == [6, 10, 12]
         assert table.names == ("time_s", "heading_deg", "tau")
 
 
 def test_missing_values_are_nan(tmp_path: Path) -> None:
-    table = read_log(log(tmp_path, b"time_s,heading_deg,tau\n0,nan,0\n0.1, ,NA\n,3,null\n"))
+    table = read_log(log(tmp_path, b"time_s,heading_deg,tau\n0,nan,0\n0.1, ,NA\n,3,null\n"), dof=YAW)
     assert [int(np.isnan(table.columns[name]).sum()) for name in ("time", "heading", "moment")] == [1, 2, 2]
 
 
@@ -63,19 +64,19 @@ def late(cell: bytes, row: int = 1000) -> bytes:
 
 @pytest.mark.parametrize(("cell", "value"), [(b"1000.5", 1000.5), (b"1000,5", 1000.5), (b"", np.nan)])
 def test_what_the_head_does_not_show_is_read_right(tmp_path: Path, cell: bytes, value: float) -> None:
-    table = read_log(log(tmp_path, late(cell)))
+    table = read_log(log(tmp_path, late(cell)), dof=YAW)
     np.testing.assert_allclose(np.rad2deg(table.columns["heading"][999:1002]), [999, value, 1001])
 
 
 def test_a_column_nobody_asked_for_may_turn_into_text(tmp_path: Path) -> None:
     content = late(b"7").replace(b"tau", b"tau;state").replace(b";0\n", b";0;1\n")
-    table = read_log(log(tmp_path, content.replace(b"1000;7;0;1", b"1000;7;0;lost")))
+    table = read_log(log(tmp_path, content.replace(b"1000;7;0;1", b"1000;7;0;lost")), dof=YAW)
     assert len(table) == 3000 and dict(table.extras) == {}
 
 
 def test_units_become_si(tmp_path: Path) -> None:
     header = "time_ms,heading_rad,yaw_rate_deg_s,tau_Nm,voltage_V,surge_m_s,sway_m_s,n,force_kgf\n"
-    table = read_log(log(tmp_path, (header + "250,0.5,90,-2,12.5,0.25,-0.25,1500,2\n").encode()))
+    table = read_log(log(tmp_path, (header + "250,0.5,90,-2,12.5,0.25,-0.25,1500,2\n").encode()), dof=YAW)
     values = {name: float(column[0]) for name, column in table.columns.items()}
     assert values == pytest.approx(
         {"time": 0.25, "heading": 0.5, "yaw_rate": np.pi / 2, "moment": -2, "voltage": 12.5, "surge": 0.25,
@@ -86,7 +87,7 @@ def test_units_become_si(tmp_path: Path) -> None:
 @pytest.mark.parametrize("zone", ["", "Z", "+02:00"])
 def test_timestamps(tmp_path: Path, zone: str) -> None:
     rows = "".join(f"2024-05-01T12:00:0{s}{zone},1,0\n" for s in ("0.25", "0.5", "1"))
-    table = read_log(log(tmp_path, f"time,heading_deg,tau\n{rows}".encode()))
+    table = read_log(log(tmp_path, f"time,heading_deg,tau\n{rows}".encode()), dof=YAW)
     hours = 10 if zone == "+02:00" else 12
     assert table.columns["time"][0] == 1714521600 + 3600 * hours + 0.25
     np.testing.assert_allclose(np.diff(table.columns["time"]), [0.25, 0.5])
@@ -106,7 +107,7 @@ def test_parquet_types(tmp_path: Path, unit: str) -> None:
     })  # fmt: skip
     path = tmp_path / "log.parquet"
     pq.write_table(table, path)
-    read = read_log(LogFile(path, path.name, True))
+    read = read_log(LogFile(path, path.name, True), dof=YAW)
     assert read.columns["time"][0] == 1_700_000_000 and np.isnan(read.columns["time"][1])
     assert read.columns["heading"][0] == pytest.approx(np.pi / 2) and np.isnan(read.columns["heading"][1])
     assert list(read.extras) == ["on"] and list(read.extras["on"]) == [1, 0]
@@ -115,13 +116,13 @@ def test_parquet_types(tmp_path: Path, unit: str) -> None:
 
 
 def test_run_names_keep_their_zeros(tmp_path: Path) -> None:
-    table = read_log(log(tmp_path, b"time_s,heading_deg,tau,run\n0,1,0, 01\n1,2,0,1\n2,2,2,b c\n"))
+    table = read_log(log(tmp_path, b"time_s,heading_deg,tau,run\n0,1,0, 01\n1,2,0,1\n2,2,2,b c\n"), dof=YAW)
     assert table.run is not None and list(table.run) == ["01", "1", "b c"]
 
 
 def mapped(content: bytes, folder: Path, **rules: ColumnRule) -> LogTable:
     """The table of these bytes through a column map."""
-    return read_log(log(folder, content), ColumnMap(rules))
+    return read_log(log(folder, content), ColumnMap(rules), dof=YAW)
 
 
 def test_column_map_names_units_and_signs(tmp_path: Path) -> None:
@@ -207,7 +208,7 @@ def test_refused_with_this_sentence(tmp_path: Path, content: bytes, sentence: st
 
 
 def test_what_a_yaw_log_lacks_is_said_at_once(tmp_path: Path) -> None:
-    table = read_log(log(tmp_path, b"t,Heading_deg,depth\n0,1,2\n"))
+    table = read_log(log(tmp_path, b"t,Heading_deg,depth\n0,1,2\n"), dof=YAW)
     with pytest.raises(LogError) as refused:
         require_motion(table)
     assert str(refused.value) == (
@@ -234,7 +235,7 @@ def test_what_a_yaw_log_lacks_is_said_at_once(tmp_path: Path) -> None:
     ],
 )
 def test_a_near_name_is_suggested_not_guessed(tmp_path: Path, quantity: str, column: str, line: str) -> None:
-    table = read_log(log(tmp_path, f"{column},depth\n0,1\n".encode()))
+    table = read_log(log(tmp_path, f"{column},depth\n0,1\n".encode()), dof=YAW)
     assert quantity not in table.columns
     with pytest.raises(LogError, match="meant, write") as refused:
         require(table, [quantity])
@@ -244,7 +245,7 @@ def test_a_near_name_is_suggested_not_guessed(tmp_path: Path, quantity: str, col
 def test_twenty_thousand_columns(tmp_path: Path) -> None:
     names = ["time_s", "heading_deg", "tau", *(f"c{i}" for i in range(20_000))]
     row = ",".join(["1"] * len(names))
-    table = read_log(log(tmp_path, "\n".join([",".join(names), row, row, ""]).encode()))
+    table = read_log(log(tmp_path, "\n".join([",".join(names), row, row, ""]).encode()), dof=YAW)
     assert len(table) == 2 and len(table.extras) == 20_000
     short = refusal(log(tmp_path, "\n".join([",".join(names), row, "1,2", ""]).encode(), "short.csv"))
     assert short.startswith("short.csv, row 3: found 2 cells, expected 20003 as in the header (row 1)")
@@ -273,7 +274,7 @@ def test_rows_keep_their_numbers_in_any_pieces(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr("automarine_cli.logs.csv.PIECE", 7)
     lines = ["", "1,2", "", "", "3,4", "5,6", "", "", "", "7,8", ""]
     for ending in ("\n", "\r\n"):
-        table = read_log(log(tmp_path, ending.join(["time_s,tau", *lines]).encode()))
+        table = read_log(log(tmp_path, ending.join(["time_s,tau", *lines]).encode()), dof=YAW)
         assert list(table.rows) == [3, 6, 7, 11] and list(table.columns["moment"]) == [2, 4, 6, 8]
 
 
@@ -318,7 +319,7 @@ def test_any_table_survives_any_spelling(
         lines = [line.replace(".", ",") for line in lines]
     for k, mark in enumerate(marks):
         lines.insert((3 * k) % (len(lines) + 1), mark)
-    table = read_log(log(tmp_path_factory.mktemp("logs"), ending.join(lines).encode()))
+    table = read_log(log(tmp_path_factory.mktemp("logs"), ending.join(lines).encode()), dof=YAW)
     assert list(zip(table.columns["time"], table.columns["moment"])) == values
     numbered = [i for i, line in enumerate(lines, 1) if line.strip() and line[0] != "#"]
     assert list(table.rows) == numbered[1:]

@@ -14,6 +14,7 @@ from conftest import ROOT
 from reader_contract import RECORDERS, Recorder, judge_cut_recording, judge_recording, recorded, refusal
 from vehicle_logs import Dive, dive
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError, LogError
 from automarine_cli.logs import (
     ColumnMap,
@@ -54,9 +55,9 @@ def test_a_recording_cut_anywhere(tmp_path: Path, suffix: str) -> None:
 @EVERY
 def test_a_run_of_a_recording_turns_through_north(tmp_path: Path, suffix: str) -> None:
     content, told = made(suffix)
-    runs, aside = read_runs(recorded(tmp_path, suffix, content), told.columns)
+    runs, aside = read_runs(recorded(tmp_path, suffix, content), told.columns, dof=YAW)
     assert not aside and len(runs) == 1
-    assert np.rad2deg(runs[0].heading[-1] - runs[0].heading[0]) == pytest.approx(150, abs=0.02)
+    assert np.rad2deg(runs[0].position[-1] - runs[0].position[0]) == pytest.approx(150, abs=0.02)
     assert set(np.round(runs[0].extras["n_port"], 6)) == {0.0, 0.25}
 
 
@@ -65,7 +66,7 @@ def test_a_recording_without_a_heading_says_what_it_holds(tmp_path: Path, suffix
     content, told = made(suffix, without=RECORDERS[suffix].heading)
     file = recorded(tmp_path, suffix, content)
     with pytest.raises(LogError) as refused:
-        read_log(file, told.columns)
+        read_log(file, told.columns, dof=YAW)
     sentence = str(refused.value)
     assert sentence.startswith(f"{file.name}: no heading in it; found the ") and told.commands[0] in sentence
     assert "give it with --columns FILE.toml" in sentence and sentence.isprintable()
@@ -75,7 +76,7 @@ def test_a_recording_without_a_heading_says_what_it_holds(tmp_path: Path, suffix
 def test_a_recording_without_commands_says_what_it_holds(tmp_path: Path, suffix: str) -> None:
     content, told = made(suffix, without=RECORDERS[suffix].commands)
     with pytest.raises(LogError, match="no yaw moment") as refused:
-        require_motion(read_log(recorded(tmp_path, suffix, content), told.columns))
+        require_motion(read_log(recorded(tmp_path, suffix, content), told.columns, dof=YAW))
     assert told.heading[0] in str(refused.value)
 
 
@@ -92,13 +93,13 @@ def test_a_recording_of_no_messages_is_refused(tmp_path: Path, suffix: str) -> N
     except (IndexError, ValueError):
         pytest.skip("the library writes no such file")
     with pytest.raises(LogError, match=r"no heading in it|found no|the file is empty"):
-        read_log(recorded(tmp_path, suffix, content), told.columns)
+        read_log(recorded(tmp_path, suffix, content), told.columns, dof=YAW)
 
 
 @EVERY
 def test_an_empty_stream_is_one_that_is_not_there(tmp_path: Path, suffix: str) -> None:
     content, told = made(suffix, replace(dive(), voltage_time=np.zeros(0), voltage=np.zeros(0)))
-    assert "voltage" not in read_log(recorded(tmp_path, suffix, content), told.columns).columns
+    assert "voltage" not in read_log(recorded(tmp_path, suffix, content), told.columns, dof=YAW).columns
 
 
 @EVERY
@@ -109,7 +110,7 @@ def test_commands_that_begin_late_are_missing_until_then(tmp_path: Path, suffix:
         suffix,
         replace(whole, command_time=whole.command_time[late], port=whole.port[late], stbd=whole.stbd[late]),
     )
-    table = read_log(recorded(tmp_path, suffix, content), told.columns)
+    table = read_log(recorded(tmp_path, suffix, content), told.columns, dof=YAW)
     unknown = int(np.count_nonzero(whole.time < whole.command_time[late][0] - 1e-3))
     assert (
         np.isnan(table.columns["n_port"][:unknown]).all()
@@ -124,7 +125,7 @@ def test_a_clock_that_steps_back_is_refused_with_its_row(tmp_path: Path, suffix:
     back = replace(whole, time=np.where(np.arange(200) == 120, whole.time - 0.35, whole.time))
     content, told = made(suffix, back)
     try:
-        runs, aside = read_runs(recorded(tmp_path, suffix, content), told.columns)
+        runs, aside = read_runs(recorded(tmp_path, suffix, content), told.columns, dof=YAW)
     except AutomarineError as error:
         assert "the clock steps back" in str(error) and "row 1" in str(error)
     else:  # the format sorts its messages
@@ -166,7 +167,7 @@ def test_torn_recordings_give_an_answer_or_one_clear_line(tmp_path: Path, suffix
                 [b"", b"\xff", b"\0", bytes([rng.randrange(256)])]
             )
         try:
-            require_motion(read_log(recorded(tmp_path, suffix, bytes(torn)), told.columns))
+            require_motion(read_log(recorded(tmp_path, suffix, bytes(torn)), told.columns, dof=YAW))
             outcomes.add("read")
         except AutomarineError as error:
             assert str(error).isprintable() and str(error).startswith(f"dive{suffix}"), error
@@ -181,7 +182,7 @@ def test_one_bad_recording_in_a_folder_is_set_aside(tmp_path: Path, suffix: str)
     content, told = made(suffix)
     recorded(tmp_path, suffix, content)
     (tmp_path / f"cut{suffix}").write_bytes(content[: len(content) // 50])
-    found = load_runs([tmp_path], told.columns)
+    found = load_runs([tmp_path], told.columns, dof=YAW)
     assert [run.name for run in found.runs] == ["dive"]
     assert [one.file.rpartition("/")[2] for one in found.set_aside] == [f"cut{suffix}"]
 
@@ -203,7 +204,7 @@ def test_the_column_maps_of_the_page_work(tmp_path: Path, suffix: str, number: i
     columns = ColumnMap(
         column_rules(shown["columns"], "columns.toml"), dbc=told.columns.dbc if "can" in shown else ""
     )
-    table = read_log(recorded(tmp_path, suffix, content), columns)
+    table = read_log(recorded(tmp_path, suffix, content), columns, dof=YAW)
     require_motion(table)
     assert not any("the file has no such column" in note for note in table.notes)
     assert len(pages_maps()) == 4
@@ -215,9 +216,9 @@ def test_a_thruster_test_is_on_the_clock_of_its_force(tmp_path: Path, suffix: st
     content, told = made(suffix)
     port = told.columns.columns["n_port"]
     rules = {"n": port, "force_N": ColumnRule(VOLTS[told.extra])}
-    table = read_log(recorded(tmp_path, suffix, content), replace(told.columns, columns=rules))
+    table = read_log(recorded(tmp_path, suffix, content), replace(told.columns, columns=rules), dof=YAW)
     assert is_thruster_test(table) and "heading" not in table.columns
     np.testing.assert_allclose(table.columns["force"], dive().voltage, atol=2e-3)
     require_thruster(table)
     both = replace(told.columns, columns=rules | dict(told.columns.columns))  # as in a campaign file
-    assert not is_thruster_test(read_log(recorded(tmp_path, suffix, content), both))
+    assert not is_thruster_test(read_log(recorded(tmp_path, suffix, content), both, dof=YAW))

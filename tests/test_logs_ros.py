@@ -11,6 +11,7 @@ from reader_contract import log
 from vehicle_bags import bag
 from vehicle_logs import dive
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogTable, read_log
 
@@ -20,7 +21,7 @@ EVERY = pytest.mark.parametrize("suffix", [".bag", ".db3", ".mcap"])
 
 def read(folder: Path, suffix: str, content: bytes, **columns: ColumnRule) -> LogTable:
     """A bag of these bytes, read with these columns."""
-    return read_log(log(folder, content, f"dive{suffix}"), ColumnMap(columns))
+    return read_log(log(folder, content, f"dive{suffix}"), ColumnMap(columns), dof=YAW)
 
 
 @EVERY

@@ -8,6 +8,7 @@ from reader_contract import log
 from vehicle_logs import dive
 from vehicle_ulog import ulog
 
+from automarine_cli.dofs import YAW
 from automarine_cli.logs import ColumnMap, ColumnRule, LogTable, read_log
 
 pytest.importorskip("pyulog", reason="the extra automarine[px4] is not installed")
@@ -16,7 +17,7 @@ pytest.importorskip("pyulog", reason="the extra automarine[px4] is not installed
 def read(folder: Path, content: bytes, **columns: str) -> LogTable:
     """A PX4 log of these bytes, read with columns by these names."""
     rules = {name: ColumnRule(source) for name, source in columns.items()}
-    return read_log(log(folder, content, "dive.ulg"), ColumnMap(rules))
+    return read_log(log(folder, content, "dive.ulg"), ColumnMap(rules), dof=YAW)
 
 
 def test_pyulog_reads_the_same_file(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from automarine_cli.dofs import YAW
 from automarine_cli.fits.identify import identify
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import YawModel
@@ -27,7 +28,7 @@ from automarine_cli.simulation.specification import Logger, Scatter, Schedule, S
 Floats = NDArray[np.float64]
 
 INERTIA, DRAG, NOISE, SCATTER = 1.018, 1.257, np.deg2rad(1.0), 0.03
-MODEL = YawModel.base("3", INERTIA, [DRAG])
+MODEL = YawModel.base("3", INERTIA, [DRAG], "nu", YAW)
 FITTING = Fitting(MODEL, "whole-runs", NOISE, SCATTER)
 STEP = Candidate("step", "step", ((0.8, 4.0),))
 MIXED = (
@@ -91,8 +92,8 @@ def test_one_run_more_never_widens(fit: str) -> None:
         for i, (size, side) in enumerate(((0.3, 1), (0.6, -1), (1.2, 1), (1.0, -1)))
     ]
     told = information(fitting, runs)
-    for axis in np.eye(told.shape[1]):
-        errors = [axis @ np.linalg.inv(told[:count].sum(axis=0)) @ axis for count in (2, 3, 4)]
+    for dof in np.eye(told.shape[1]):
+        errors = [dof @ np.linalg.inv(told[:count].sum(axis=0)) @ dof for count in (2, 3, 4)]
         assert errors == sorted(errors, reverse=True)
 
 

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.fitting import Fitting
 from automarine_cli.planning.rivals import Explanation, closest, fitted, shows, splits, with_effect
 
-BASE = YawModel.base("3", 1.018, [1.257])
+BASE = YawModel.base("3", 1.018, [1.257], "nu", YAW)
 FITTING = Fitting(BASE, "diagnosis", np.deg2rad(1.0), 0.03, frame=BASE)
 STEPS = tuple(
     Candidate("step", f"{side * size:+g}", ((side * size, round(4.6 / np.sqrt(size), 1)),))

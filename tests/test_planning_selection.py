@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from automarine_cli.dofs import YAW
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.budget import Supply
@@ -12,14 +13,14 @@ from automarine_cli.planning.known import Doubt, Known
 from automarine_cli.planning.limits import Limits, Logger, Moments, Pool, Runs
 from automarine_cli.planning.selection import DRIFT, NARROW
 
-MODEL = YawModel.base("3", 1.018, [1.257])
+MODEL = YawModel.base("3", 1.018, [1.257], "nu", YAW)
 LIMITS = Limits(
     pool=Pool(minutes=25, runs=12), moments=Moments(levels=3), logger=Logger(gain_scatter=0.03, noise_deg=1.0)
 )
 
 
 def planned(limits: Limits = LIMITS, model: YawModel = MODEL, doubts: tuple[Doubt, ...] = ()) -> Campaign:
-    known = Known(StoredModels({"3": MODEL}, "3", "nu", 0.0, "model"), model, {}, None, None, 0, doubts)
+    known = Known(StoredModels({"3": MODEL}, "3", "nu", 0.0, "model", YAW), model, {}, None, None, 0, doubts)
     return plan_campaign(known, limits, 1.2, Supply(0.3, 6.0, 1.2))
 
 

@@ -10,6 +10,7 @@ from automarine_cli.comparison.residuals import free_runs
 from automarine_cli.comparison.restart import find_restarts, restarted_errors
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.diagnosis.study import study_of
+from automarine_cli.dofs import YAW
 from automarine_cli.fits.output_error import fit_whole_runs
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.logs import read_column_map
@@ -103,7 +104,7 @@ def test_commands_through_our_own_bollard_map_agree(nominal: YawFit, tmp_path: P
     """The map fitted to the raw bollard series of two thrusters gives inertia and drag within a quarter."""
     thrusters = fit_thrusters([BOLLARD], columns=column_map(tmp_path, TWO_TOGETHER)).map
     columns = read_column_map(column_map(tmp_path, COMMANDS))
-    runs = with_moments(load_runs([str(LAKE / "run_*.csv")], columns).runs, thrusters, ARM, columns)
+    runs = with_moments(load_runs([str(LAKE / "run_*.csv")], columns, dof=YAW).runs, thrusters, ARM, columns)
     assert {run.moment_unit for run in runs} == {"N m"}
     fit = fit_whole_runs(make_batch(runs, 0.1), "1", np.zeros(len(runs), dtype=bool))
     for name, estimate in fit.estimates.items():
@@ -115,7 +116,7 @@ def halves(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Run], list[Ru
     """Half of the runs to fit, the others to hold out, with the surge speed that the logs have."""
     columns = read_column_map(column_map(tmp_path_factory.mktemp("halves"), WITH_SURGE))
     fitted, kept = ([str(LAKE / f"run_{n}.csv") for n in half] for half in (FITTED, LEFT_OUT))
-    return list(load_runs(fitted, columns).runs), list(load_runs(kept, columns).runs)
+    return list(load_runs(fitted, columns, dof=YAW).runs), list(load_runs(kept, columns, dof=YAW).runs)
 
 
 def restarted(model: YawModel, runs: list[Run]) -> float:
@@ -128,7 +129,7 @@ def restarted(model: YawModel, runs: list[Run]) -> float:
 
 def test_delay_and_surge_halve_the_error_on_runs_left_out(halves: tuple[list[Run], list[Run]]) -> None:
     """What is known of the boat: a delay of 0.4 to 0.6 s; and the faster it goes the more its hulls resist a turn."""
-    study = study_of(halves[0], YawModel.base("1", 25.0, [15.0], "N m"))
+    study = study_of(halves[0], YawModel.base("1", 25.0, [15.0], "N m", YAW))
     assert study.disturbed
     base = study.fit(study.base)
     model = study.base.with_theta(base.theta[:-1]).with_effect("input-delay", [0.5])
@@ -146,7 +147,7 @@ def test_delay_and_surge_halve_the_error_on_runs_left_out(halves: tuple[list[Run
 def test_a_diagnosis_names_the_delay_and_the_gap_on_runs_left_out_shrinks(
     halves: tuple[list[Run], list[Run]],
 ) -> None:
-    found = diagnose_runs(halves[0], YawModel.base("1", 25.0, [15.0], "N m"), hold_out=halves[1])
+    found = diagnose_runs(halves[0], YawModel.base("1", 25.0, [15.0], "N m", YAW), hold_out=halves[1])
     assert found.verdict == "named" and found.held_out_gap is not None
     named = {effect.name for effect in found.effects}
     assert named & {"input-delay", "thruster-lag", "dead-band", "cross-coupling"}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import SAMPLE_RUNS
 
-from automarine_cli.axes import HEAVE, SURGE, YAW
+from automarine_cli.dofs import HEAVE, SURGE, YAW
 from automarine_cli.errors import LogError, RunError, SettingError
 from automarine_cli.fits.identify import identify
 from automarine_cli.logs import ColumnMap, LogFile, read_log
@@ -42,8 +42,8 @@ def log(folder: Path, header: str, *columns: np.ndarray) -> Path:
     return path
 
 
-def read(path: Path, axis: object = SURGE) -> Run:
-    (run,) = load_runs([path], axis=axis).runs  # type: ignore[arg-type]
+def read(path: Path, dof: object = SURGE) -> Run:
+    (run,) = load_runs([path], dof=dof).runs  # type: ignore[arg-type]
     return run
 
 
@@ -54,38 +54,38 @@ def way(samples: int = 100) -> np.ndarray:
 def test_a_position_of_many_metres_is_not_wrapped(tmp_path: Path) -> None:
     distance, force = 8.0 * way(), np.where(np.arange(100) < 20, 0.0, 4.0)
     run = read(log(tmp_path, "distance_m,force_X_N,surge_m_s", distance, force, distance * 0))
-    np.testing.assert_allclose(run.heading, distance, atol=1e-4)
-    assert (run.axis, run.moment_unit) == (SURGE, "N") and set(run.extras) == {"surge"}
+    np.testing.assert_allclose(run.position, distance, atol=1e-4)
+    assert (run.dof, run.moment_unit) == (SURGE, "N") and set(run.extras) == {"surge"}
 
 
 def test_a_spike_of_a_turn_in_metres_is_a_spike() -> None:
     time, distance = np.arange(100) / 10, way()
     distance[50] += 2 * np.pi
-    assert np.flatnonzero(find_glitches(time, distance, SURGE.turn)).tolist() == [50]
-    assert not find_glitches(time, distance, YAW.turn).any()
-    np.testing.assert_array_equal(unwrap(time, distance, np.array([40]), SURGE.turn).heading, distance)
+    assert np.flatnonzero(find_glitches(time, distance, SURGE)).tolist() == [50]
+    assert not find_glitches(time, distance, YAW).any()
+    np.testing.assert_array_equal(unwrap(time, distance, np.array([40]), SURGE).position, distance)
 
 
 def test_a_log_of_both_is_read_as_asked(tmp_path: Path) -> None:
     path = log(
         tmp_path, "heading_deg,tau,depth_m,force_Z_N", way() * 100, way() * 0 + 1, way(), way() * 0 + 5
     )
-    as_yaw, as_heave = (read_log(LogFile(path, "log.csv", True), axis=axis) for axis in (YAW, HEAVE))
+    as_yaw, as_heave = (read_log(LogFile(path, "log.csv", True), dof=dof) for dof in (YAW, HEAVE))
     assert "depth_m" in as_yaw.extras and as_yaw.moment_unit == "nu"
     assert set(as_heave.columns) == {"time", "depth", "force_Z"} and as_heave.moment_unit == "N"
-    assert read_log(LogFile(path, "log.csv", True), axis=None).axis is YAW
+    assert read_log(LogFile(path, "log.csv", True), dof=None).dof is YAW
 
 
-@pytest.mark.parametrize(("axis", "header", "force"), [
+@pytest.mark.parametrize(("dof", "header", "force"), [
     (SURGE, "distance_m,n_port,n_stbd", 0.002 * 60**2 - 0.001 * 20**2), (HEAVE, "depth_m,n_vert", 0.002 * 60**2),
 ])  # fmt: skip
-def test_thrusters_push_together(tmp_path: Path, axis: object, header: str, force: float) -> None:
+def test_thrusters_push_together(tmp_path: Path, dof: object, header: str, force: float) -> None:
     commands = [np.full(100, 60.0), np.full(100, -20.0)][: header.count("n_")]
-    run = read(log(tmp_path, header, way(), *commands), axis)
+    run = read(log(tmp_path, header, way(), *commands), dof)
     assert run.moment is None
     driven = drive_run_by_thrusters(run, MAP, 1.0)
     assert driven.moment_unit == "N" and np.allclose(driven.command, force)
-    bare = Run("a", "b", run.time, run.heading, None, "", axis=run.axis)
+    bare = Run("a", "b", run.time, run.position, None, "", dof=run.dof)
     with pytest.raises(RunError, match="no thruster command"):
         drive_run_by_thrusters(bare, MAP, 1.0)
 
@@ -122,7 +122,7 @@ def test_who_is_let_go_and_rises_does_not_start_from_rest() -> None:
 def test_whole_runs_end_at_the_window() -> None:
     run = made([[25.0, 6.0]])
     cut = Trim(None, -1.0, 2.0).of_whole(run)
-    assert 1.9 < cut.heading.max() < 2.04 and len(cut) < len(run)
+    assert 1.9 < cut.position.max() < 2.04 and len(cut) < len(run)
     assert Trim().of_whole(run) is run
 
 
@@ -168,10 +168,10 @@ def test_a_logger_of_metres_does_to_them_what_one_of_degrees_does(tmp_path: Path
     log = tmp_path / "out" / "runs" / "Z_+12.0.csv"
     assert log.read_text().splitlines()[1] == "time_s,depth_m,force_Z_N,heave_m_s"
     run = read(log, HEAVE)
-    np.testing.assert_allclose(run.heading / 0.02, np.round(run.heading / 0.02), atol=1e-6)
+    np.testing.assert_allclose(run.position / 0.02, np.round(run.position / 0.02), atol=1e-6)
     assert run.counts["glitches"] == made.runs[0].log.glitches > 0
-    assert run.heading[0] == 0.5 and 2.9 < run.heading.max() < 3.1
-    assert np.allclose(np.gradient(run.heading, run.time)[40:-2], run.extras["heave"][40:-2], atol=0.2)
+    assert run.position[0] == 0.5 and 2.9 < run.position.max() < 3.1
+    assert np.allclose(np.gradient(run.position, run.time)[40:-2], run.extras["heave"][40:-2], atol=0.2)
     truth = made.to_json()
     assert truth["vehicle"]["motion"] == "heave" and truth["logger"]["quantisation_m"] == 0.02  # type: ignore[index]
     assert "m_w" in truth["vehicle"] and "start_depth_m" in truth["made"][0]  # type: ignore[operator, index]

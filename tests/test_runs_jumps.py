@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_runs import mirrored, step_heading, step_run, written
 
+from automarine_cli.dofs import YAW
 from automarine_cli.runs.jumps import find_jumps
 from automarine_cli.runs.load import load_runs
 
@@ -25,14 +26,14 @@ def test_a_jump_that_stays_is_found_either_way(degrees: float, rate: float) -> N
     time = 0.1 * np.arange(200)
     noise = np.deg2rad(0.3) * np.random.default_rng(1).standard_normal(200)
     heading = jumped(rate * time + noise, 80, degrees)
-    assert find_jumps(time, np.mod(heading, WRAPPED)).tolist() == [80]
-    assert find_jumps(time, np.mod(-heading, WRAPPED)).tolist() == [80]
+    assert find_jumps(time, np.mod(heading, WRAPPED), YAW).tolist() == [80]
+    assert find_jumps(time, np.mod(-heading, WRAPPED), YAW).tolist() == [80]
 
 
 def test_what_comes_back_is_no_jump() -> None:
     time = 0.1 * np.arange(100)
     heading = jumped(jumped(0.2 * time, 50, 60.0), 53, -60.0)
-    assert not len(find_jumps(time, heading))
+    assert not len(find_jumps(time, heading, YAW))
 
 
 def test_a_compass_that_catches_up_is_no_jump() -> None:
@@ -40,7 +41,7 @@ def test_a_compass_that_catches_up_is_no_jump() -> None:
     time = 0.1 * np.arange(100)
     heading = np.deg2rad(60.0) * time
     heading[40:51] = heading[40]
-    assert not len(find_jumps(time, heading))
+    assert not len(find_jumps(time, heading, YAW))
 
 
 @pytest.mark.parametrize("moment", [-40.0, -1.2, -0.1, 0.1, 1.2, 40.0])
@@ -48,7 +49,7 @@ def test_a_compass_that_catches_up_is_no_jump() -> None:
 def test_a_step_from_rest_does_not_jump(moment: float, period: float) -> None:
     """The strongest is faster by ten times than the source paper's, at up to five radians a second."""
     time = np.arange(-4 * period - 1, max(6.0, 40 * period), period)
-    assert not len(find_jumps(time, np.mod(step_heading(time, moment), WRAPPED)))
+    assert not len(find_jumps(time, np.mod(step_heading(time, moment), WRAPPED), YAW))
 
 
 @given(
@@ -65,7 +66,7 @@ def test_real_turns_do_not_jump(
     rng = np.random.default_rng(seed)
     time = np.cumsum(period * (1 + 0.1 * rng.uniform(-1, 1, 200)))
     heading = rate * time + swing * np.sin(pace * time) + np.deg2rad(noise) * rng.standard_normal(200)
-    assert not len(find_jumps(time, np.mod(heading, WRAPPED)))
+    assert not len(find_jumps(time, np.mod(heading, WRAPPED), YAW))
 
 
 @pytest.mark.parametrize("mirror", [False, True])
@@ -73,11 +74,11 @@ def test_a_run_is_split_at_its_jump_and_says_so(tmp_path: Path, mirror: bool) ->
     """What is left before the jump is too short to say anything; it is set aside with the reason."""
     run = step_run(0.2, rest=3.0, length=30.0)
     run = mirrored(run) if mirror else run
-    heading = np.rad2deg(jumped(run.heading, 35, 51.0))
-    found = load_runs([written(run, tmp_path / "a.csv", heading_deg=heading % 360)])
+    heading = np.rad2deg(jumped(run.position, 35, 51.0))
+    found = load_runs([written(run, tmp_path / "a.csv", heading_deg=heading % 360)], dof=YAW)
     (part,) = found.runs
     assert part.name == "a.2" and len(part) == len(run) - 36 and part.counts["jumps"] == 1
     assert "split at 1 jump of up to 5" in part.notes[-1]
-    np.testing.assert_allclose(np.diff(part.heading), np.diff(run.heading[36:]), atol=1e-9)
+    np.testing.assert_allclose(np.diff(part.position), np.diff(run.position[36:]), atol=1e-9)
     assert [aside.run for aside in found.set_aside] == ["a.1"]
     assert found.set_aside[0].why.startswith("only 3.5 s are left beside a jump")

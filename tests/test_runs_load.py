@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from made_runs import step_run, written
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError, RunError
 from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.runs import load
@@ -23,7 +24,7 @@ def loaded(folder: Path, change: Callable[[pd.DataFrame], pd.DataFrame | None], 
     table = pd.read_csv(folder / "good.csv")
     changed = change(table)
     (table if changed is None else changed).to_csv(folder / "odd.csv", index=False)
-    return load_runs([folder], **kept)
+    return load_runs([folder], dof=YAW, **kept)
 
 
 def odd(campaign: Campaign) -> Run:
@@ -41,11 +42,11 @@ def why(campaign: Campaign) -> str:
 
 def test_a_good_run_comes_back_as_it_was(tmp_path: Path) -> None:
     run = step_run(-0.5)
-    campaign = load_runs([written(run, tmp_path / "run.csv", depth_m=run.time * 0 + 2.5)])
+    campaign = load_runs([written(run, tmp_path / "run.csv", depth_m=run.time * 0 + 2.5)], dof=YAW)
     (found,) = campaign.runs
     assert (found.name, found.source, found.moment_unit) == ("run", "run.csv", "nu")
     np.testing.assert_allclose(found.time, run.time, rtol=1e-15)
-    turns = (found.heading - run.heading) / (2 * np.pi)
+    turns = (found.position - run.position) / (2 * np.pi)
     np.testing.assert_allclose(turns, np.round(turns[0]), atol=1e-12)
     np.testing.assert_array_equal(found.command, run.command)
     assert set(found.extras) == {"depth_m"} and set(found.extras["depth_m"]) == {2.5}
@@ -66,7 +67,7 @@ def test_what_is_dropped_is_counted(tmp_path: Path) -> None:
     expected = {"missing": 3, "duplicates": 2, "glitches": 1, "gaps": 0}
     assert {key: run.counts[key] for key in expected} == expected
     assert len(run) == run.counts["rows"] - 6
-    assert abs(np.diff(run.heading)).max() < np.deg2rad(12)
+    assert abs(np.diff(run.position)).max() < np.deg2rad(12)
 
 
 def test_what_a_compass_says_instead_of_nothing_is_dropped(tmp_path: Path) -> None:
@@ -75,7 +76,7 @@ def test_what_a_compass_says_instead_of_nothing_is_dropped(tmp_path: Path) -> No
         table.loc[[20, 21, 50], "heading_deg"] = [1e9, 1e9, -9999.0]
 
     run = odd(loaded(tmp_path, change))
-    assert run.counts["glitches"] == 3 and np.ptp(run.heading) < 1.2 * np.pi
+    assert run.counts["glitches"] == 3 and np.ptp(run.position) < 1.2 * np.pi
 
 
 def test_a_clock_coarser_than_the_log_is_told(tmp_path: Path) -> None:
@@ -181,30 +182,30 @@ def test_named_and_unreadable_is_refused_but_a_run_that_does_not_serve_is_set_as
     with pytest.raises(
         RunError, match=r"^back\.csv, row 3, run 'back': the clock steps back from 1\S+ s to 1\S+ s"
     ):
-        load_runs([good, back])
-    campaign = load_runs([good, stuck])
+        load_runs([good, back], dof=YAW)
+    campaign = load_runs([good, stuck], dof=YAW)
     assert [run.name for run in campaign.runs] == ["good"] and campaign.set_aside[0].run == "stuck"
     with pytest.raises(
         RunError, match=r"^stuck\.csv, run 'stuck': compass stuck: .* \(refused because of --strict\)$"
     ):
-        load_runs([good, stuck], strict=True)
+        load_runs([good, stuck], strict=True, dof=YAW)
     with pytest.raises(RunError, match=r"^no run is left of 1 log: stuck\.csv: compass stuck: "):
-        load_runs([stuck])
+        load_runs([stuck], dof=YAW)
     (tmp_path / "text.csv").write_text("time_s,heading_deg,tau\n0,north,0\n")
     with pytest.raises(LogError, match=r"^text\.csv, row 2, column heading_deg: found 'north'"):
-        load_runs([good, tmp_path / "text.csv"])
-    assert len(load_runs([tmp_path]).set_aside) == 3
+        load_runs([good, tmp_path / "text.csv"], dof=YAW)
+    assert len(load_runs([tmp_path], dof=YAW).set_aside) == 3
 
 
 def test_many_runs_in_one_file(tmp_path: Path) -> None:
     """Rows of two runs may even alternate; each keeps its own clock and order."""
     first, second = step_run(0.5, clock=10), step_run(-0.5, clock=500)
     tables = [
-        pd.DataFrame({"time_s": r.time, "heading_deg": np.rad2deg(r.heading), "tau": r.moment, "run": name})
+        pd.DataFrame({"time_s": r.time, "heading_deg": np.rad2deg(r.position), "tau": r.moment, "run": name})
         for r, name in ((first, "b"), (second, "a"))
     ]
     pd.concat(tables).sort_index(kind="stable").to_parquet(tmp_path / "all.parquet", index=False)
-    campaign = load_runs([tmp_path / "all.parquet"])
+    campaign = load_runs([tmp_path / "all.parquet"], dof=YAW)
     assert [run.name for run in campaign.runs] == ["b", "a"]
     np.testing.assert_array_equal(campaign.runs[1].time, second.time)
 
@@ -212,12 +213,12 @@ def test_many_runs_in_one_file(tmp_path: Path) -> None:
 def test_runs_of_one_name_are_told_apart(tmp_path: Path) -> None:
     for name in ("x/run.csv", "y/run.csv", "z/other.csv"):
         written(step_run(0.5), tmp_path / name)
-    assert [run.name for run in load_runs([tmp_path]).runs] == [
+    assert [run.name for run in load_runs([tmp_path], dof=YAW).runs] == [
         f"{tmp_path.name}/x/run", f"{tmp_path.name}/y/run", "other"]  # fmt: skip
     table = pd.read_csv(tmp_path / "x/run.csv").assign(run="7")
     table.to_csv(tmp_path / "a.csv", index=False)
     table.to_parquet(tmp_path / "a.parquet", index=False)
-    runs = load_runs([tmp_path / "a.csv", tmp_path / "a.parquet"]).runs
+    runs = load_runs([tmp_path / "a.csv", tmp_path / "a.parquet"], dof=YAW).runs
     assert [run.name for run in runs] == ["a.csv:7", "a.parquet:7"]
     assert all("same name" in run.notes[-1] for run in runs)
 
@@ -226,14 +227,14 @@ def test_a_campaign_has_one_moment_unit(tmp_path: Path) -> None:
     first = written(step_run(0.5), tmp_path / "a.csv")
     pd.read_csv(first).rename(columns={"tau": "tau_Nm"}).to_csv(tmp_path / "b.csv", index=False)
     with pytest.raises(RunError, match=r"^a\.csv gives its moment in nu, b\.csv in N m; expected one unit"):
-        load_runs([first, tmp_path / "b.csv"])
+        load_runs([first, tmp_path / "b.csv"], dof=YAW)
 
 
 def test_thruster_commands_instead_of_a_moment(tmp_path: Path) -> None:
     run = step_run(0.5)
     path = written(run, tmp_path / "run.csv", n_port=run.command, n_stbd=-run.command)
     pd.read_csv(path).drop(columns="tau").to_csv(path, index=False)
-    (found,) = load_runs([path]).runs
+    (found,) = load_runs([path], dof=YAW).runs
     assert found.moment is None and set(found.extras) == {"n_port", "n_stbd"}
     with pytest.raises(RunError, match=r"give --thrusters MAP\.json and --arm METRES for n_port and n_stbd"):
         _ = found.command
@@ -244,19 +245,19 @@ def test_the_same_on_one_and_two_jobs(tmp_path: Path, monkeypatch: pytest.Monkey
     for i in range(4):
         written(replace(step_run(0.5, seed=i), name=f"r{i}"), tmp_path / f"r{i}.csv")
     (tmp_path / "bad.csv").write_text("x\n1\n")
-    one, two = load_runs([tmp_path]), load_runs([tmp_path], jobs=2)
+    one, two = load_runs([tmp_path], dof=YAW), load_runs([tmp_path], jobs=2, dof=YAW)
     assert one.set_aside == two.set_aside and one.inputs == two.inputs
     for a, b in zip(one.runs, two.runs, strict=True):
         assert a.name == b.name
-        np.testing.assert_array_equal(a.heading, b.heading)
+        np.testing.assert_array_equal(a.position, b.position)
 
 
 def test_signs_are_mirrored_by_the_column_map(tmp_path: Path) -> None:
     run = step_run(0.5)
     columns = ColumnMap({name: ColumnRule(name, sign=-1) for name in ("heading_deg", "tau")})
-    (found,) = load_runs([written(run, tmp_path / "run.csv")], columns).runs
+    (found,) = load_runs([written(run, tmp_path / "run.csv")], columns, dof=YAW).runs
     np.testing.assert_array_equal(found.command, -run.command)
-    np.testing.assert_allclose(np.diff(found.heading), -np.diff(run.heading), atol=1e-9)
+    np.testing.assert_allclose(np.diff(found.position), -np.diff(run.position), atol=1e-9)
 
 
 def test_processes_are_started_only_where_they_pay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -269,8 +270,8 @@ def test_processes_are_started_only_where_they_pay(tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr(load, "ordered_stream", noted)
     written(step_run(0.5), tmp_path / "a.csv")
-    load.load_runs([tmp_path], jobs=2)
+    load.load_runs([tmp_path], jobs=2, dof=YAW)
     monkeypatch.setattr(load, "PAYS_FROM", 0)
-    load.load_runs([tmp_path], jobs=2)
-    load.load_runs([tmp_path], jobs=1)
+    load.load_runs([tmp_path], jobs=2, dof=YAW)
+    load.load_runs([tmp_path], jobs=1, dof=YAW)
     assert asked == [1, 2, 1]

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_runs import mirrored, step_run
 
-from automarine_cli.axes import YAW
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
 from automarine_cli.runs import clean as room
@@ -21,14 +21,14 @@ Columns = dict[str, np.ndarray]
 
 def logged(run: Run, wrap: str) -> Columns:
     """Columns as a logger writes them, the heading wrapped at 0 or at half a turn, or not at all."""
-    heading = {"0..360": np.mod(run.heading, 2 * np.pi), "-180..180": np.mod(run.heading + np.pi, 2 * np.pi) - np.pi,
-               "none": run.heading}[wrap]  # fmt: skip
+    heading = {"0..360": np.mod(run.position, 2 * np.pi), "-180..180": np.mod(run.position + np.pi, 2 * np.pi) - np.pi,
+               "none": run.position}[wrap]  # fmt: skip
     return {"time": run.time, "heading": heading, "moment": run.command}
 
 
 def table(columns: Columns) -> LogTable:
     count = len(columns["time"])
-    return LogTable("log.csv", columns, np.arange(1, count + 1), moment_unit="nu")
+    return LogTable("log.csv", columns, np.arange(1, count + 1), moment_unit="nu", dof=YAW)
 
 
 def both_ways(columns: Columns, monkeypatch: pytest.MonkeyPatch) -> tuple[object, object]:
@@ -79,7 +79,7 @@ def test_both_ways_agree(
     assert len(quick) == len(thorough)
     for one, other in zip(quick, thorough):
         assert one.counts == other.counts and one.notes == other.notes
-        assert one.heading == pytest.approx(other.heading, abs=1e-12)
+        assert one.position == pytest.approx(other.position, abs=1e-12)
         assert np.array_equal(one.time, other.time) and np.array_equal(one.command, other.command)
 
 
@@ -90,7 +90,7 @@ def test_a_plain_run_takes_the_short_way(sign: int) -> None:
     found = plain_position(columns["time"], columns["heading"], [columns["moment"]], YAW)
     assert found is not None
     turned = found - found[0]
-    assert turned == pytest.approx(sign * (run.heading - run.heading[0]), abs=1e-12)
+    assert turned == pytest.approx(sign * (run.position - run.position[0]), abs=1e-12)
     assert np.abs(turned).max() > 2 * np.pi
 
 

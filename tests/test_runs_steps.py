@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_runs import mirrored, step_heading, step_run
 
+from automarine_cli.dofs import YAW
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.steps import find_steps, segments, start_heading
+from automarine_cli.runs.steps import find_steps, segments, start_position
 
 MOMENTS = [-1.2, -0.5, -0.1, 0.1, 0.5, 1.2]
 
@@ -32,8 +33,8 @@ def test_the_start_heading_is_the_mean_of_the_rest(moment: float) -> None:
         run = step_run(moment, seed=seed)
         (step,) = find_steps(run)
         assert step.from_rest and step.rest is not None and step.start_rate == 0
-        assert step.start_heading == run.heading[step.rest].mean()
-        errors.append(np.rad2deg(step.start_heading - 0.7))
+        assert step.start_position == run.position[step.rest].mean()
+        errors.append(np.rad2deg(step.start_position - 0.7))
     # mean of up to 20 samples of 1 degree: 0.22 degrees; a few runs keep only a part of the rest
     assert abs(np.mean(errors)) < 0.2 and np.std(errors) < 0.4
 
@@ -44,10 +45,10 @@ def test_a_log_that_begins_with_the_moment_on(moment: float) -> None:
     for seed in range(30):
         run = step_run(moment, rest=0.0, seed=seed)
         (step,) = find_steps(run)
-        assert step.begins_log and step.rest is None and step.start_heading is None
+        assert step.begins_log and step.rest is None and step.start_position is None
         assert step.switch_from == pytest.approx(run.time[0] - 0.1) and len(step.notes) == 1
         rest.append(step.from_rest)
-        errors.append(np.rad2deg(start_heading(step) - 0.7))
+        errors.append(np.rad2deg(start_position(step) - 0.7))
     assert np.mean(rest) > 0.9
     assert abs(np.mean(errors)) < 0.5 and np.std(errors) < 1.2
 
@@ -62,7 +63,7 @@ def test_a_vehicle_that_turns_already_is_not_at_rest(moment: float, against: int
         assert not step.from_rest and step.rest is None
     (step,) = find_steps(step_run(moment, rest=0.0, rate0=rate, noise_deg=0.0))
     assert step.start_rate == pytest.approx(rate, rel=0.25)
-    assert np.rad2deg(start_heading(step) - 0.7) == pytest.approx(0, abs=2.5)
+    assert np.rad2deg(start_position(step) - 0.7) == pytest.approx(0, abs=2.5)
 
 
 def test_coasting_is_no_rest_until_it_is_over() -> None:
@@ -72,7 +73,7 @@ def test_coasting_is_no_rest_until_it_is_over() -> None:
     coast = step_heading(np.minimum(time, 6), 0.8)
     rate = np.sqrt(0.8 / 1.257)
     slowed = 1.018 / 1.257 * np.log1p(1.257 / 1.018 * rate * np.clip(time - 6, 0, None))
-    run = Run("run", "run.csv", time, coast + slowed, moment, "nu")
+    run = Run("run", "run.csv", time, coast + slowed, moment, "nu", dof=YAW)
     first, second = find_steps(run)
     assert first.from_rest and not second.from_rest and second.rest is None
 
@@ -80,9 +81,9 @@ def test_coasting_is_no_rest_until_it_is_over() -> None:
 def test_drifting_rest_is_cut_down_to_the_still_part() -> None:
     run = step_run(0.5, rest=6.0, noise_deg=0.1)
     drift = np.where(run.time < 97, 0.4 * (97 - run.time), 0.0)
-    (step,) = find_steps(replace(run, heading=run.heading - drift))
+    (step,) = find_steps(replace(run, position=run.position - drift))
     assert step.rest is not None and run.time[step.rest.start] >= 96.5
-    assert step.start_heading == pytest.approx(0.7, abs=0.01)
+    assert step.start_position == pytest.approx(0.7, abs=0.01)
 
 
 @given(moment=st.sampled_from(MOMENTS), rest=st.sampled_from([0.0, 0.5, 2.0]), seed=st.integers(0, 999))
@@ -96,7 +97,7 @@ def test_mirrored_run_mirrored_step(moment: float, rest: float, seed: int) -> No
             other.from_rest,
         )
         assert one.moment == -other.moment
-        assert start_heading(one) == pytest.approx(-start_heading(other), abs=1e-12)
+        assert start_position(one) == pytest.approx(-start_position(other), abs=1e-12)
         assert one.start_rate == pytest.approx(-other.start_rate, abs=1e-12)
 
 
@@ -111,7 +112,7 @@ def test_a_shifted_clock_changes_nothing(shift: float, moment: float, rest: floa
         other.from_rest,
     )
     assert other.switch_from - shift == pytest.approx(one.switch_from, abs=1e-8)
-    assert start_heading(one) == pytest.approx(start_heading(other), abs=1e-7)
+    assert start_position(one) == pytest.approx(start_position(other), abs=1e-7)
 
 
 def test_segments() -> None:

@@ -15,7 +15,7 @@ def still(moment: float, name: str, seed: int = 0) -> Run:
     """A run whose thrusters did not start: noise about one heading."""
     made = step_run(moment, seed=seed)
     noise = np.radians(1.0) * np.random.default_rng(seed).normal(size=len(made))
-    return replace(made, heading=0.7 + noise, name=name)
+    return replace(made, position=0.7 + noise, name=name)
 
 
 def named(run: Run, name: str) -> Run:

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_runs import step_heading
 
-from automarine_cli.runs.noise import heading_noise
+from automarine_cli.dofs import YAW
+from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.unwrap import find_glitches, unwrap, wrapped
 
 NO_GAPS = np.array([], dtype=np.int64)
@@ -48,13 +49,13 @@ def test_true_heading_comes_back(
     if gap is not None:
         kept[gap : gap + 8] = False
     time, true, logged = time[kept], true[kept], logged[kept]
-    bad = find_glitches(time, logged)
+    bad = find_glitches(time, logged, YAW)
     time, true, logged = time[~bad], true[~bad], logged[~bad]
     gaps = np.flatnonzero(np.diff(time) > 0.31)
-    result = unwrap(time, logged, gaps)
-    whole = np.round(whole_turns_off(result.heading, true) / (2 * np.pi))
+    result = unwrap(time, logged, gaps, YAW)
+    whole = np.round(whole_turns_off(result.position, true) / (2 * np.pi))
     assert result.broken_after == () and not whole.any()
-    left = np.abs(whole_turns_off(result.heading, true))
+    left = np.abs(whole_turns_off(result.position, true))
     assert left.max() < np.deg2rad(45)  # what is left of a spike is too small to matter for the turns
 
 
@@ -69,7 +70,7 @@ def test_real_turns_lose_no_sample(rate: float, swing: float, pace: float, noise
     rng = np.random.default_rng(seed)
     time = np.cumsum(0.1 * (1 + 0.1 * rng.uniform(-1, 1, 200)))
     heading = rate * time + swing * np.sin(pace * time) + np.deg2rad(noise) * rng.standard_normal(200)
-    assert not find_glitches(time, np.mod(heading, 2 * np.pi)).any()
+    assert not find_glitches(time, np.mod(heading, 2 * np.pi), YAW).any()
 
 
 @pytest.mark.parametrize("moment", [-1.2, -0.1, 0.1, 1.2])
@@ -77,14 +78,14 @@ def test_real_turns_lose_no_sample(rate: float, swing: float, pace: float, noise
 def test_a_step_from_rest_loses_no_sample(moment: float, period: float) -> None:
     time = np.arange(-2, max(6.0, 40 * period), period)
     heading = step_heading(time, moment)
-    assert not find_glitches(time, np.mod(heading, 2 * np.pi)).any()
+    assert not find_glitches(time, np.mod(heading, 2 * np.pi), YAW).any()
 
 
 def test_a_jump_that_stays_is_no_spike() -> None:
     """The Kingfisher's compass holds its last value and catches up by 48 degrees: that is no glitch."""
     time = 0.1 * np.arange(60)
     heading = np.where(np.arange(60) < 30, 0.02, 0.02 + np.deg2rad(48)) + 0.001 * np.arange(60)
-    assert not find_glitches(time, heading).any()
+    assert not find_glitches(time, heading, YAW).any()
 
 
 @pytest.mark.parametrize("where", [[0], [0, 1], [59], [58, 59], [20], [30, 31]])
@@ -92,7 +93,7 @@ def test_spikes_are_found_where_they_are(where: list[int]) -> None:
     time = 0.1 * np.arange(60)
     heading = 0.5 * time
     heading[where] += 2.5
-    assert np.flatnonzero(find_glitches(time, heading)).tolist() == where
+    assert np.flatnonzero(find_glitches(time, heading, YAW)).tolist() == where
 
 
 def test_a_log_that_counts_its_turns_is_taken_as_it_is() -> None:
@@ -100,16 +101,16 @@ def test_a_log_that_counts_its_turns_is_taken_as_it_is() -> None:
     heading = 0.9 * time
     gaps = np.array([99])
     time[100:] += 50
-    result = unwrap(time, heading, gaps)
-    np.testing.assert_array_equal(result.heading, heading)
+    result = unwrap(time, heading, gaps, YAW)
+    np.testing.assert_array_equal(result.position, heading)
     assert result.broken_after == ()
 
 
 def test_a_gap_is_bridged_by_the_rates_beside_it() -> None:
     """Steady turning at 1 rad/s: seven seconds are missing, more than a whole turn."""
     time = np.concatenate([np.arange(0, 5, 0.1), np.arange(12, 17, 0.1)])
-    result = unwrap(time, np.mod(time, 2 * np.pi), np.array([49]))
-    np.testing.assert_allclose(result.heading, time, atol=1e-9)
+    result = unwrap(time, np.mod(time, 2 * np.pi), np.array([49]), YAW)
+    np.testing.assert_allclose(result.position, time, atol=1e-9)
 
 
 @pytest.mark.parametrize(("rate_after", "hole"), [(-1.0, 7.0), (1.0, 3600.0)])
@@ -117,7 +118,7 @@ def test_a_gap_that_leaves_it_open_breaks_the_run(rate_after: float, hole: float
     before = np.arange(0, 5, 0.1)
     time = np.concatenate([before, before + 5 + hole])
     heading = np.concatenate([before, rate_after * before])
-    assert unwrap(time, np.mod(heading, 2 * np.pi), np.array([49])).broken_after == (49,)
+    assert unwrap(time, np.mod(heading, 2 * np.pi), np.array([49]), YAW).broken_after == (49,)
 
 
 def test_wrapped_is_within_half_a_turn() -> None:
@@ -134,11 +135,11 @@ def test_noise_is_measured_whatever_the_turn_and_the_clock(moment: float, sigma_
     for _ in range(40):
         time = np.cumsum(0.1 * (1 + 0.3 * rng.uniform(-1, 1, 120))) - 2
         noise = np.deg2rad(sigma_deg) * rng.standard_normal(120)
-        found.append(np.rad2deg(heading_noise(time, step_heading(time, moment) + noise)))
+        found.append(np.rad2deg(position_noise(time, step_heading(time, moment) + noise)))
     assert abs(np.mean(found) / sigma_deg - 1) < 0.05
 
 
 def test_a_coarse_compass_has_at_least_its_quantum() -> None:
     time = 0.1 * np.arange(200)
     heading = np.deg2rad(np.round(2 * time))
-    assert np.rad2deg(heading_noise(time, heading)) == pytest.approx(1 / np.sqrt(12))
+    assert np.rad2deg(position_noise(time, heading)) == pytest.approx(1 / np.sqrt(12))

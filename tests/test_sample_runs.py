@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from conftest import ROOT, SAMPLE_RUNS
 
-from automarine_cli.runs.half_turn import HALF_TURN, half_turns
+from automarine_cli.dofs import YAW
+from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.load import load_runs
 from automarine_cli.simulation.campaign import make_campaign
 from automarine_cli.simulation.specification import read_specification
@@ -76,7 +77,7 @@ def test_sample_runs_are_small_and_nothing_else_is_there() -> None:
 @pytest.mark.parametrize("name", HIDDEN)
 def test_what_is_hidden_is_kept_apart_from_the_logs(name: str) -> None:
     """Logs and nothing else lie in the folder, and no log says what is in it."""
-    loaded = load_runs([SAMPLE_RUNS / name])
+    loaded = load_runs([SAMPLE_RUNS / name], dof=YAW)
     assert (len(loaded.runs), loaded.set_aside) == (23, ())
     specification = read_specification(SAMPLE_RUNS / f"{name}.toml")
     hidden = [effect.name for effect in specification.effects]
@@ -92,13 +93,13 @@ def test_what_is_hidden_is_kept_apart_from_the_logs(name: str) -> None:
 
 
 def test_they_are_what_the_readme_says() -> None:
-    loaded = load_runs([SAMPLE_RUNS / "steps"])
+    loaded = load_runs([SAMPLE_RUNS / "steps"], dof=YAW)
     good, aside = half_turns(loaded.runs)
     assert loaded.set_aside == ()
     assert len(good) == 48
     assert [(one.file, one.run) for one in aside] == [("steps/tau_-0.6_c.csv", "tau_-0.6_c")]
     assert aside[0].why.startswith("never moved")
-    assert {turn.cut_by for turn in good} == {HALF_TURN}
+    assert {turn.cut_by for turn in good} == {YAW.words.reach}
     moments, counts = np.unique([turn.moment for turn in good], return_counts=True)
     np.testing.assert_allclose(moments, [m / 10 for m in range(-12, 13) if m], atol=1e-12)
     assert set(counts) == {2}
@@ -106,7 +107,7 @@ def test_they_are_what_the_readme_says() -> None:
     endings = {Path(run.source).suffix for run in loaded.runs}
     assert endings == {".csv", ".gz", ".parquet"}
     assert sum(run.source.endswith("all_runs_at_1.1_and_1.2.parquet") for run in loaded.runs) == 8
-    validation = load_runs([SAMPLE_RUNS / "validation"]).runs
+    validation = load_runs([SAMPLE_RUNS / "validation"], dof=YAW).runs
     assert len(validation) == 4
     for run in validation:
         assert 40 < run.time[-1] - run.time[0] < 60
@@ -115,7 +116,7 @@ def test_they_are_what_the_readme_says() -> None:
 
 def test_the_truth_beside_them_is_theirs() -> None:
     truth = json.loads((SAMPLE_RUNS / "truth.json").read_text(encoding="utf-8"))
-    runs = load_runs([SAMPLE_RUNS / "steps", SAMPLE_RUNS / "validation"]).runs
+    runs = load_runs([SAMPLE_RUNS / "steps", SAMPLE_RUNS / "validation"], dof=YAW).runs
     named = {run.name: run for run in runs}
     assert len(truth["made"]) == len(named) == 53
     for one in truth["made"]:
@@ -126,7 +127,7 @@ def test_the_truth_beside_them_is_theirs() -> None:
         for index, command in zip(changed, one["commands"], strict=True):
             assert run.time[index] < command["from_s"] <= run.time[index + 1] + 5e-4
             assert run.command[index + 1] == command["moment"]
-        rest = run.heading[run.time < one["commands"][0]["from_s"]]
+        rest = run.position[run.time < one["commands"][0]["from_s"]]
         off = (rest.mean() - one["start_heading_rad"] + np.pi) % (2 * np.pi) - np.pi
         assert abs(off) < np.deg2rad(4.0 / np.sqrt(len(rest)))
     gains = np.log([one["gain"] for one in truth["made"]])

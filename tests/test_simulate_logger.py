@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 from tank import pool_specification
 
+from automarine_cli.dofs import YAW
 from automarine_cli.logs import find_logs, read_log
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.load import load_runs
@@ -88,14 +89,14 @@ def formats(**logger: object) -> Specification:
 def test_files_read_back_as_the_runs_made_in_memory(tmp_path: Path) -> None:
     specification = formats(clock_jitter_s=0.01, dropout=0.02, glitch=0.01, rate_noise_deg_s=0.3)
     simulate(specification, out=tmp_path / "c", seed=5)
-    loaded = {run.name: run for run in load_runs([tmp_path / "c" / "steps"]).runs}
+    loaded = {run.name: run for run in load_runs([tmp_path / "c" / "steps"], dof=YAW).runs}
     made = make_runs(specification, 5)
     assert sorted(loaded) == sorted(run.name for run in made)
     for run in made:
         read = loaded[run.name]
         for one, other in (
             (run.time, read.time),
-            (run.heading, read.heading),
+            (run.position, read.position),
             (run.command, read.command),
             (run.extras["yaw_rate"], read.extras["yaw_rate"]),
         ):
@@ -126,14 +127,14 @@ def test_every_file_says_that_it_is_simulated(tmp_path: Path) -> None:
             assert gzip.decompress(path.read_bytes()).decode().splitlines()[0] == f"# {says}"
         elif path.suffix == ".parquet":
             assert pq.read_schema(path).metadata[b"comment"].decode() == says
-    table = read_log(find_logs([tmp_path / "c/steps/tau_+0.7.csv.gz"])[0])
+    table = read_log(find_logs([tmp_path / "c/steps/tau_+0.7.csv.gz"])[0], dof=YAW)
     assert table.names == ("time_s", "heading_deg", "tau")
 
 
 def test_newton_metres_are_named_so(tmp_path: Path) -> None:
     vehicle = {"I_r": 20.0, "k_rr": 15.0, "moment_unit": "N m"}
     simulate(pool_specification(vehicle=vehicle, moments=[5.0]), out=tmp_path / "c")
-    assert {run.moment_unit for run in load_runs([tmp_path / "c"]).runs} == {"N m"}
+    assert {run.moment_unit for run in load_runs([tmp_path / "c"], dof=YAW).runs} == {"N m"}
 
 
 @pytest.mark.parametrize(
@@ -146,7 +147,7 @@ def test_faulty_runs_are_set_aside(tmp_path: Path, fault: str, why: str) -> None
         {"kind": "step", "moments": [0.8, -0.8], "turn_deg": 220, "suffix": "bad", "fault": fault},
     ]
     simulate(pool_specification(runs=runs), out=tmp_path / "c")
-    loaded = load_runs([tmp_path / "c"])
+    loaded = load_runs([tmp_path / "c"], dof=YAW)
     good, aside = half_turns(loaded.runs)
     assert [turn.name for turn in good] == ["tau_+0.6", "tau_-0.6"]
     reasons = {one.run: one.why for one in (*loaded.set_aside, *aside)}
@@ -160,7 +161,7 @@ def test_bollard_test_is_the_square_law_with_noise(tmp_path: Path) -> None:
         "noise_N": 0.2, "thrusters_per_test": 2,
     }  # fmt: skip
     simulate(pool_specification(runs=[], bollard=bollard), out=tmp_path / "c")
-    table = read_log(find_logs([tmp_path / "c/thrusters/bollard.csv"])[0])
+    table = read_log(find_logs([tmp_path / "c/thrusters/bollard.csv"])[0], dof=YAW)
     n, force = table.columns["n"], table.columns["force"]
     assert (len(n), len(set(n))) == (600, 30)
     off = force - 2 * np.where(n > 0, 2e-4, -1e-4) * n**2

@@ -51,6 +51,8 @@ def refused(tmp_path: Path, old: str, new: str) -> str:
         ("noise_deg = 1", "dropout = 1.0", "spec.toml: logger: dropout is 1; expected 0 to 0.9"),
         ("noise_deg = 1", "clock_jitter_s = 0.2",
          "spec.toml: logger: clock_jitter_s is 0.2; expected at most 0.3 of the sample period, 0.03 s"),
+        ("noise_deg = 1", "rate_bias_deg_s = 0.5",
+         "spec.toml: logger: rate_bias_deg_s is of the rates logged; expected rate_noise_deg_s with it (0 for none)"),
         ("noise_deg = 1", "noise_deg = true", "spec.toml: logger: noise_deg: expected a number, found true"),
         ('"step"', '"stepp"', f"spec.toml: runs[0]: kind is 'stepp'; expected one of {', '.join(KINDS)}"),
         ('kind = "step"', "", f"spec.toml: runs[0]: kind is None; expected one of {', '.join(KINDS)}"),

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ from automarine_cli.simulation.campaign import SimulatedRun, make_campaign, make
 from automarine_cli.simulation.logging_chain import DECIMALS, sample_times
 from automarine_cli.simulation.plans import make_plans
 from automarine_cli.simulation.run_groups import Resistance, time_to_turn
-from automarine_cli.simulation.specification import Specification
+from automarine_cli.simulation.specification import SCHEMA, Specification, specification_from
+from automarine_cli.workflows.simulate import simulate
 
 Floats = NDArray[np.float64]
 
@@ -202,10 +204,42 @@ def test_runs_made_in_memory_are_clean() -> None:
     runs = make_runs(pool_specification(logger={"rate_noise_deg_s": 0.5}), 1)
     assert len(runs) == 48
     for run in runs:
-        assert np.abs(np.diff(run.heading)).max() < 0.5  # unwrapped
+        assert np.abs(np.diff(run.position)).max() < 0.5  # unwrapped
         step = run.command != 0
-        rate = np.gradient(run.heading[step], run.time[step])
+        rate = np.gradient(run.position[step], run.time[step])
         assert np.median(run.extras["yaw_rate"][step] / rate) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("motion", ["yaw", "surge"])
+def test_rates_have_a_bias_a_run_that_the_truth_tells(motion: str, tmp_path: Path) -> None:
+    """Standard deviation as asked for, mean of reading less truth as told, and no other number changes."""
+    key, noise, unit = ("rate", "noise_deg", "deg_s") if motion == "yaw" else ("speed", "noise_m", "m_s")
+    held = {"kind": "step", "duration_s": 10.0, "repeats": 100}
+    plain: dict[str, object] = {"schema": SCHEMA, "logger": {"rate_hz": 10, noise: 0.0}}
+    if motion == "yaw":
+        plain |= {"vehicle": {"I_r": 0.4, "k_rr": 1.2}, "runs": [held | {"moments": [1.0]}]}
+    else:
+        vehicle = {"motion": "surge", "m_u": 20.0, "X_uu": 30.0, "force_unit": "N"}
+        plain |= {"vehicle": vehicle, "runs": [held | {"forces": [20.0]}]}
+    sensed = {
+        **plain,
+        "logger": {"rate_hz": 10, noise: 0.0, f"{key}_noise_{unit}": 0.3, f"{key}_bias_{unit}": 0.5},
+    }
+    still = {**plain, "logger": {"rate_hz": 10, noise: 0.0, f"{key}_noise_{unit}": 0.0}}
+    out = simulate(specification_from(sensed), out=tmp_path / "sensed", seed=3)
+    true = make_campaign(specification_from(still), 3)
+    base = "rad_s" if motion == "yaw" else "m_s"
+    told = np.array([one[f"{key}_bias_{base}"] for one in out.to_json()["made"]])  # type: ignore[attr-defined]
+    told = np.rad2deg(told) if motion == "yaw" else told
+    assert np.std(told) == pytest.approx(0.5, rel=0.2) and abs(np.mean(told)) < 0.15
+    off = [one.log.rate_deg_s - other.log.rate_deg_s for one, other in zip(out.runs, true)]  # type: ignore[operator]
+    assert [np.mean(one) for one in off] == pytest.approx(told, abs=5 * 0.3 / np.sqrt(130))
+    assert np.std(off - told[:, None]) == pytest.approx(0.3, rel=0.03)
+    for one, other in zip(out.runs, true):
+        np.testing.assert_array_equal(one.log.heading_deg, other.log.heading_deg)
+    column = "yaw_rate_deg_s" if motion == "yaw" else "surge_m_s"
+    (first, *_) = sorted((tmp_path / "sensed" / "runs").iterdir())
+    assert first.read_text().splitlines()[1].split(",")[-1] == column
 
 
 @pytest.mark.parametrize("name", [name for name in effects.names() if not effects.get(name).needs])

@@ -9,11 +9,12 @@ from made_sequences import STEPS, sequence_run, solved
 from numpy.typing import NDArray
 from tolerances import assert_close
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import RunError
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.batch import MOST_EDGES, make_batch
+from automarine_cli.simulation.batch import MOST_SWITCHES, make_batch
 from automarine_cli.simulation.rollout import Start, simulate, step_for
 
 Floats = NDArray[np.float64]
@@ -21,7 +22,7 @@ DRAGS = {"1": (0.9,), "2": (0.8, 0.3), "3": (K_RR,)}
 
 
 def model(number: str = "3") -> YawModel:
-    return YawModel.base(number, INERTIA, DRAGS[number])
+    return YawModel.base(number, INERTIA, DRAGS[number], "nu", YAW)
 
 
 def drags(number: str) -> dict[str, float]:
@@ -29,11 +30,13 @@ def drags(number: str) -> dict[str, float]:
 
 
 def run_of(time: Floats, moment: Floats | float) -> Run:
-    return Run("run", "run.csv", time, np.zeros(len(time)), np.broadcast_to(moment, time.shape).copy(), "nu")
+    return Run(
+        "run", "run.csv", time, np.zeros(len(time)), np.broadcast_to(moment, time.shape).copy(), "nu", dof=YAW
+    )
 
 
 def headings(number: str, run: Run, step: float = 0.02, **start: object) -> Floats:
-    return simulate(model(number), make_batch([run], step), start=Start(**start)).heading[0, 0]  # type: ignore[arg-type]
+    return simulate(model(number), make_batch([run], step), start=Start(**start)).position[0, 0]  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("number", tuple(BASE_TERMS))
@@ -44,21 +47,23 @@ def test_constant_moment_against_the_closed_form(number: str, moment: float, rat
     step = step_for(model(number), moment)
     found = simulate(model(number), make_batch([run], step), start=Start(0.3, rate0))
     heading, rate = response(run.time, moment, INERTIA, **drags(number), heading0=0.3, rate0=rate0)
-    assert_close(found.heading[0, 0], heading, "rollout")
-    assert_close(found.rate[0, 0], rate, "rollout")
+    assert_close(found.position[0, 0], heading, "rollout")
+    assert_close(found.velocity[0, 0], rate, "rollout")
 
 
 @pytest.mark.parametrize("number", tuple(BASE_TERMS))
 def test_sequence_against_solve_ivp(number: str) -> None:
     run = sequence_run(**drags(number))
-    assert_close(headings(number, run, heading=0.4), run.heading, "rollout")
+    assert_close(headings(number, run, position=0.4), run.position, "rollout")
 
 
 @pytest.mark.parametrize("number", tuple(BASE_TERMS))
 def test_order_of_convergence_is_four(number: str) -> None:
     run = run_of(np.arange(0, 6.5, 0.8), 0.9)
     exact = response(run.time, 0.9, INERTIA, **drags(number), rate0=0.2)[0]
-    errors = [np.abs(headings(number, run, step, rate=0.2) - exact).max() for step in (0.4, 0.2, 0.1, 0.05)]
+    errors = [
+        np.abs(headings(number, run, step, velocity=0.2) - exact).max() for step in (0.4, 0.2, 0.1, 0.05)
+    ]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert np.all((orders > 3.6) & (orders < 4.6)), orders
 
@@ -95,9 +100,9 @@ def test_the_instant_of_a_switch_moves(share: float) -> None:
     switch = 0.4 * 4.5 + 0.4 * share
     shift = np.full((1, 1, 1), 0.4 * share)
     exact = response(run.time - switch, 0.8, INERTIA, 0.0, K_RR)[0]
-    assert_close(headings("3", run, shift=shift), exact, "rollout")
-    opposite = headings("3", mirrored(run), shift=shift)
-    np.testing.assert_array_equal(opposite, -headings("3", run, shift=shift))
+    assert_close(headings("3", run, switch_delay=shift), exact, "rollout")
+    opposite = headings("3", mirrored(run), switch_delay=shift)
+    np.testing.assert_array_equal(opposite, -headings("3", run, switch_delay=shift))
 
 
 def test_each_switch_has_a_shift_of_its_own() -> None:
@@ -108,14 +113,14 @@ def test_each_switch_has_a_shift_of_its_own() -> None:
     switches = (0.0, *(2.0 - 0.05 + 4.0 * np.arange(len(STEPS)) + late))
     exact = solved(switches, (0.0, *STEPS), run.time - run.time[0], 0.0, K_RR, 0.0)
     assert_close(
-        simulate(model(), batch, start=Start(shift=late[None, None])).heading[0, 0], exact, "rollout"
+        simulate(model(), batch, start=Start(switch_delay=late[None, None])).position[0, 0], exact, "rollout"
     )
 
 
 def test_many_switches_move_together() -> None:
     moment = np.where(np.arange(100) % 2, 0.5, -0.5)
     batch = make_batch([run_of(0.1 * np.arange(100), moment)], 0.05)
-    assert (moment[1:] != moment[:-1]).sum() > MOST_EDGES and batch.interval.shape == (1, 1)
+    assert (moment[1:] != moment[:-1]).sum() > MOST_SWITCHES and batch.interval.shape == (1, 1)
     np.testing.assert_allclose(batch.interval, 0.1)
 
 
@@ -123,24 +128,24 @@ def test_shapes_are_parameter_sets_by_runs_by_samples() -> None:
     runs = [step_run(0.5), step_run(-0.9), sequence_run()]
     theta = np.array([[1.0, 1.2], [1.1, 1.3], [0.5, 0.4], [2.0, 1.0]])
     batch = make_batch(runs, 0.05)
-    found = simulate(model(), batch, theta, Start(heading=np.array([0.1, 0.2, 0.3])))
-    assert found.heading.shape == found.rate.shape == (4, 3, max(len(run) for run in runs))
+    found = simulate(model(), batch, theta, Start(position=np.array([0.1, 0.2, 0.3])))
+    assert found.position.shape == found.velocity.shape == (4, 3, max(len(run) for run in runs))
     for p, values in enumerate(theta):
         for r, run in enumerate(runs):  # each as if alone: neither padding nor company changes anything
             alone = simulate(model().with_theta(values), make_batch([run], 0.05), start=Start(0.1 + 0.1 * r))
             np.testing.assert_allclose(
-                found.heading[p, r, : len(run)], alone.heading[0, 0], rtol=0, atol=1e-14
+                found.position[p, r, : len(run)], alone.position[0, 0], rtol=0, atol=1e-14
             )
     starts = simulate(
-        model(), batch, start=Start(heading=np.zeros((5, 3)), rate=np.linspace(-1, 1, 5)[:, None])
+        model(), batch, start=Start(position=np.zeros((5, 3)), velocity=np.linspace(-1, 1, 5)[:, None])
     )
-    assert starts.heading.shape[:2] == (5, 3)
+    assert starts.position.shape[:2] == (5, 3)
 
 
 def test_mirrored_runs_turn_the_other_way() -> None:
     runs = [step_run(0.5), sequence_run()]
-    there = simulate(model(), make_batch(runs, 0.05), start=Start(0.2, -0.1)).heading
-    back = simulate(model(), make_batch([mirrored(r) for r in runs], 0.05), start=Start(-0.2, 0.1)).heading
+    there = simulate(model(), make_batch(runs, 0.05), start=Start(0.2, -0.1)).position
+    back = simulate(model(), make_batch([mirrored(r) for r in runs], 0.05), start=Start(-0.2, 0.1)).position
     np.testing.assert_array_equal(back, -there)
 
 
@@ -150,7 +155,7 @@ def test_gain_and_disturbance_act_on_the_moment() -> None:
     np.testing.assert_allclose(found, headings("3", run_of(time, 0.8)), rtol=0, atol=1e-12)
     batch = make_batch([run_of(time, 0.4)], 0.02)
     pushed = simulate(model(), batch, start=Start(disturbance=np.full((1, 1, batch.windows), 0.3)))
-    np.testing.assert_allclose(pushed.heading[0, 0], headings("3", run_of(time, 0.7)), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(pushed.position[0, 0], headings("3", run_of(time, 0.7)), rtol=0, atol=1e-12)
 
 
 def test_a_shifted_clock_changes_nothing() -> None:

@@ -11,6 +11,7 @@ from conftest import SAMPLE_RUNS
 
 import automarine_cli as am
 from automarine_cli.cli import automarine
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError, RunError
 from automarine_cli.logs import LogFile, LogTable, find_logs, read_log
 from automarine_cli.runs.slices import find_slices
@@ -28,7 +29,7 @@ def day(tau: list[tuple[float, int]], **more: list[object]) -> pd.DataFrame:
 def table(folder: Path, frame: pd.DataFrame) -> LogTable:
     """The log as it is read."""
     frame.to_csv(folder / "day.csv", index=False)
-    return read_log(LogFile(folder / "day.csv", "day.csv", True))
+    return read_log(LogFile(folder / "day.csv", "day.csv", True), dof=YAW)
 
 
 def slice_(*arguments: object) -> Result:
@@ -118,11 +119,11 @@ def test_runs_come_back_as_they_were_in_the_log(tmp_path: Path) -> None:
     for form in ("csv", "csv.gz", "parquet"):
         out = tmp_path / form
         assert slice_(source, "--by", "moment", "--format", form, "-o", out).exit_code == 0
-        whole = read_log(LogFile(source, source.name, True))
+        whole = read_log(LogFile(source, source.name, True), dof=YAW)
         listed = json.loads((out / "slices.json").read_text())
         assert listed["schema"] == "automarine/slices/1" and len(listed["slices"]) == 4
         for one in listed["slices"]:
-            part = read_log(LogFile(out / one["file"], one["file"], True))
+            part = read_log(LogFile(out / one["file"], one["file"], True), dof=YAW)
             rows = (whole.rows >= one["rows"][0]) & (whole.rows <= one["rows"][1])
             assert one["source"] == source.name and one["samples"] == len(part) == rows.sum()
             for name, values in part.columns.items():
@@ -143,7 +144,7 @@ def test_every_column_of_the_log_goes_along(tmp_path: Path) -> None:
     table(tmp_path, day([(0.5, 60)], **odd).drop(columns="heading_deg"))
     assert slice_(tmp_path / "day.csv", "--by", "mode", "-o", tmp_path / "out").exit_code == 0
     (made,) = find_logs([tmp_path / "out/runs"])
-    back = read_log(made)
+    back = read_log(made, dof=YAW)
     assert made.path.name == "day_x_1_A.csv" and back.run is None
     np.testing.assert_array_equal(back.extras["depth, m"], odd["depth, m"])
     np.testing.assert_allclose(back.columns["heading"], 0.1, rtol=1e-9)
@@ -157,7 +158,7 @@ def test_a_log_of_another_motion_is_cut_by_its_force(tmp_path: Path) -> None:
     made = am.slice_log(tmp_path / "dive.csv", by="moment", out=tmp_path / "out")
     assert [(cut.rows, cut.state) for cut in made.cuts] == [((12, 71), "+4")]
     (back,) = find_logs([tmp_path / "out/runs"])
-    table = read_log(back, axis=None)
+    table = read_log(back, dof=None)
     np.testing.assert_array_equal(table.columns["depth"], frame.depth_m[10:])
     np.testing.assert_array_equal(table.columns["force_Z"], force[10:])
     assert back.path.read_text().splitlines()[1] == "time_s,depth_m,force_Z_N"

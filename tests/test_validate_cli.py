@@ -213,7 +213,7 @@ def test_figure(tmp_path: Path) -> None:
     assert moment.get_xlabel() == "Time from the start of the run [s]"
     assert moment.get_xlim() == (0.0, pytest.approx(10.0))
     (measured, *simulated) = headings.lines
-    np.testing.assert_allclose(measured.get_ydata(), np.rad2deg(sequence.heading))
+    np.testing.assert_allclose(measured.get_ydata(), np.rad2deg(sequence.position))
     assert [line.get_color() for line in simulated] == [MODEL_COLOURS[n] for n in "123"]
     assert [line.get_color() for line in errors.lines[:3]] == [MODEL_COLOURS[n] for n in "123"]
     np.testing.assert_allclose(errors.lines[2].get_ydata(), np.rad2deg(free["3"].error))

@@ -17,6 +17,7 @@ from automarine_cli.comparison.restart import AT_CHANGES, AT_TIMES, NEVER, find_
 from automarine_cli.comparison.scores import SCORES, fit_percent, rate_error, rate_source
 from automarine_cli.comparison.starts import rest_state, start_states
 from automarine_cli.comparison.validation import Comparison, compare
+from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Parameter, Place
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
@@ -24,7 +25,7 @@ from automarine_cli.report.validation_tables import overall_table
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
-TRUE = YawModel.base("3", INERTIA, (K_RR,))
+TRUE = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)
 NAMES = [name for name in SCORES if name != "fit_percent"]
 
 
@@ -86,7 +87,7 @@ def test_the_wrong_model_is_worse_and_best_says_so(stored: StoredModels) -> None
 
 
 def test_two_equal_models_differ_by_chance_only(stored: StoredModels) -> None:
-    models = {"2": YawModel.base("2", INERTIA, (K_RR, 0.0)), "3": TRUE}
+    models = {"2": YawModel.base("2", INERTIA, (K_RR, 0.0), "nu", YAW), "3": TRUE}
     found = compare(replace(stored, models=models), noisy(4))
     assert found.best == "3"  # the simpler of two that score the same
     assert "which may be chance" in found.because
@@ -135,7 +136,7 @@ def test_a_shifted_clock_and_another_order_change_nothing(stored: StoredModels) 
 
 def test_restarted_is_smaller_than_free_run_where_the_gain_is_off() -> None:
     run = sequence_run((0.3, 0.8, 0.5, 1.0), noise_deg=0.3)  # one way: the error of a gain adds up
-    weak = YawModel.base("3", INERTIA / 0.9, (K_RR / 0.9,))
+    weak = YawModel.base("3", INERTIA / 0.9, (K_RR / 0.9,), "nu", YAW)
     (free,) = free_runs(weak, [run])
     (again,) = restarted_errors(weak, [free], [find_restarts(run)])
     assert np.sqrt(np.mean(again**2)) < 0.5 * np.sqrt(np.mean(free.error**2))
@@ -221,12 +222,12 @@ def test_rate_errors_never_reach_across_a_gap() -> None:
     run = sequence_run()
     (free,) = free_runs(TRUE, [run])
     gone = np.r_[0:100, 140 : len(run)]
-    cut = replace(run, time=run.time[gone], heading=run.heading[gone], moment=run.command[gone])
+    cut = replace(run, time=run.time[gone], position=run.position[gone], moment=run.command[gone])
     jump = np.where(gone >= 140, 1.0, 0.0)  # the error jumps in the gap; no slope must see it
-    there = FreeRun(cut, cut.heading - jump, free.rate[gone], free.start)
+    there = FreeRun(cut, cut.position - jump, free.rate[gone], free.start)
     assert np.abs(rate_error(there)).max() < 1e-9
     short = run.cut(0, 8)
-    assert len(rate_error(FreeRun(short, short.heading, short.heading, free.start))) == 0
+    assert len(rate_error(FreeRun(short, short.position, short.position, free.start))) == 0
 
 
 def test_fit_percent() -> None:
@@ -235,7 +236,7 @@ def test_fit_percent() -> None:
 
 
 def test_a_model_that_runs_away_is_told_of(stored: StoredModels) -> None:
-    wild = YawModel.base("2", 1e-3, (0.0, -50.0))
+    wild = YawModel.base("2", 1e-3, (0.0, -50.0), "nu", YAW)
     found = compare(replace(stored, models={"2": wild, "3": TRUE}), noisy(3))
     assert found.models["2"].diverged == ("run 0", "run 1", "run 2") and found.best == "3"
     assert found.because.endswith(": model 2 runs away in 3 of 3 runs.")
@@ -273,7 +274,7 @@ def test_uneven_clock_with_a_gap_scores_like_the_whole_run(stored: StoredModels)
     kept = kept[(kept < 65) | (kept > 95)]  # a gap within the second moment
     changes = np.flatnonzero(np.diff(run.command))  # the instants of all changes stay known
     kept = np.union1d(kept, np.concatenate([changes, changes + 1]))
-    thin = replace(run, time=run.time[kept], heading=run.heading[kept], moment=run.command[kept])
+    thin = replace(run, time=run.time[kept], position=run.position[kept], moment=run.command[kept])
     assert np.diff(thin.time).max() > 2.5
     found = compare(stored, [thin])
     assert values(found, "3", "rmse_deg")[0] == pytest.approx(0.5, rel=0.5)
@@ -298,7 +299,7 @@ def test_start_and_restart_state_are_what_the_models_compass_shows(monkeypatch: 
     monkeypatch.setattr(effects, "get", lambda name: Crooked() if name == "crooked" else known(name))
     model = TRUE.with_effect("crooked", (0.3,))
     for run in (sequence_run(), sequence_run(rest=0, rate0=0.4)):
-        shown = replace(run, heading=1.3 * run.heading + 0.2)
+        shown = replace(run, position=1.3 * run.position + 0.2)
         (free,) = free_runs(model, [shown])
         assert np.rad2deg(np.abs(free.error).max()) < 0.02
         assert free.start.heading == pytest.approx(0.4, abs=1e-3)

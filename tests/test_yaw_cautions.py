@@ -9,6 +9,7 @@ import pytest
 from made_campaigns import PAPER, Vehicle, both_ways, campaign
 from made_runs import mirrored
 
+from automarine_cli.dofs import YAW
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.identify import identify
 from automarine_cli.fits.output_error import OutputErrorFit, Preference
@@ -69,10 +70,10 @@ def test_two_sizes_of_moment_are_told_with_a_third_to_add() -> None:
 
 
 def test_the_third_size_is_sought_where_there_is_room() -> None:
-    (between,) = design_cautions([0.2, -0.2, 1.0, -1.0], "nu", of_steps=True)
+    (between,) = design_cautions([0.2, -0.2, 1.0, -1.0], "nu", YAW, of_steps=True)
     assert between.sentence.endswith("add runs at 0.6 nu.")
-    assert design_cautions([0.2, -0.2, 1.0, -1.0], "nu", of_steps=False) == []
-    assert design_cautions([0.2, -0.2, 0.6, 1.0, -1.0], "nu", of_steps=True) == []
+    assert design_cautions([0.2, -0.2, 1.0, -1.0], "nu", YAW, of_steps=False) == []
+    assert design_cautions([0.2, -0.2, 0.6, 1.0, -1.0], "nu", YAW, of_steps=True) == []
 
 
 def test_moments_all_equal_are_told_with_sizes_to_add() -> None:
@@ -103,9 +104,9 @@ def test_a_negative_drag_whose_interval_holds_zero_is_left_out_or_measured() -> 
 
 def test_a_negative_inertia_is_told() -> None:
     seed = sound().seed_method
-    assert seed is not None and seed_cautions(replace(seed, drag={}), 0.0) == []
+    assert seed is not None and seed_cautions(replace(seed, drag={}), 0.0, YAW) == []
     table = replace(seed.inertia["3"], overall=Estimate(-0.4, 0.1, (-0.6, -0.2), "nu s²"))
-    (caution,) = seed_cautions(replace(seed, drag={}, inertia={"3": table}), 0.0)
+    (caution,) = seed_cautions(replace(seed, drag={}, inertia={"3": table}), 0.0, YAW)
     assert caution.sentence.startswith(
         "Velocity errors of model 3: I_r is -0.4 [-0.6, -0.2], a negative inertia"
     )
@@ -168,18 +169,18 @@ def test_a_wrong_model_converges_or_says_that_it_did_not() -> None:
 def test_thrust_that_scatters_is_told_where_least_squares_suffer() -> None:
     seed = sound().seed_method
     assert seed is not None
-    (caution,) = [one for one in seed_cautions(seed, 0.18) if one.model == ""]
+    (caution,) = [one for one in seed_cautions(seed, 0.18, YAW) if one.model == ""]
     assert caution.sentence.startswith("Thrust scatters by 18.0 % from run to run: least squares")
     assert "That was taken off, as if the scatter were normal and of the thrust alone" in caution.sentence
-    assert not [one for one in seed_cautions(seed, 0.03) if one.model == ""]
+    assert not [one for one in seed_cautions(seed, 0.03, YAW) if one.model == ""]
 
 
 # Where it is told
 
 
 def test_cautions_stand_below_the_table_of_their_parameter() -> None:
-    drag, inertia = Caution("2", ("k_r",), "On drag."), Caution("3", ("I_r",), "On inertia.")
-    both = Caution("", ("I_r", "k_rr", "k_r"), "On both.", grave=True)
+    drag, inertia = Caution("2", ("linear",), "On drag."), Caution("3", ("inertia",), "On inertia.")
+    both = Caution("", ("inertia", "quadratic", "linear"), "On both.", grave=True)
     fit = replace(sound(), cautions=(drag, inertia, both), warnings=("On both.",))
     one, two = yaw_report.tables(fit)
     assert one.notes[-2:] == ("On drag.", "On both.") and two.notes[-2:] == ("On inertia.", "On both.")
@@ -188,7 +189,7 @@ def test_cautions_stand_below_the_table_of_their_parameter() -> None:
 
 
 def test_the_terminal_and_the_result_file_hold_the_warnings() -> None:
-    fit = replace(sound(), warnings=("On both.",), cautions=(Caution("2", ("k_r",), "On drag."),))
+    fit = replace(sound(), warnings=("On both.",), cautions=(Caution("2", ("linear",), "On drag."),))
     assert fit.to_json()["warnings"] == ["On both."]
     assert "Warning: On both." in yaw_report.sentences(fit)
     assert not any("On drag." in table.to_text() for table in yaw_report.tables(fit, short=True))

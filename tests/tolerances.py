@@ -27,6 +27,14 @@ TOLERANCES = {
     "rollout": Tolerance(
         1e-4, 1e-5, "fixed steps of fourth order, sub-stepped to the dynamics, over one run [rad]"
     ),
+    "fine rollout": Tolerance(
+        0.0, 2e-7, "the same with steps of 10 ms: fourth order, against DOP853 at 1e-11"
+    ),
+    "corners": Tolerance(
+        0.0,
+        5e-6,
+        "steps of 10 ms where velocities change sign: |v| v has a corner there, which no step ends at",
+    ),
     "printed": Tolerance(0.0, 5e-4, "half a unit of the last digit in a table that prints three decimals"),
     "paper": Tolerance(2e-3, 0.0, "the paper prints four digits and rounds on the way"),
 }

@@ -155,6 +155,14 @@ def echo_set_aside(set_aside: Iterable[Any]) -> None:
         click.echo("  (-v lists all)", err=True)
 
 
+def echo_warnings(warnings: Iterable[str]) -> None:
+    """A line on standard error for each thing that could not be made, also with -q."""
+    for warning in warnings:
+        said = folded(f"Warning: {warning}", width_of(sys.stderr))
+        head = coloured("Warning:", sys.stderr, "yellow")
+        click.echo(f"{head}{said.removeprefix('Warning:')}", err=True)
+
+
 def echo_result(
     result: Result,
     *,
@@ -163,15 +171,17 @@ def echo_result(
     tables: Sequence[Printable | str] = (),
     files: Sequence[str] = (),
     keep_hint: str | None = "-o DIR",
+    warnings: Sequence[str] | None = None,
 ) -> None:
     """The shared tail of all commands.
 
-    Runs set aside go to standard error. With `as_json` the result file's content is all there is on standard
-    output; otherwise `tables` (or sentences), then where `files` are, or how to keep them (`keep_hint`; None
-    where a command has nothing to write).
+    Runs set aside go to standard error, and `warnings` (None: those in the manifest in `out`). With `as_json` the
+    result file's content is all there is on standard output; otherwise `tables` (or sentences), then where `files`
+    are, or how to keep them (`keep_hint`; None where a command has nothing to write).
     """
     content = result.to_json()
     echo_set_aside(content.get("runs", {}).get("set_aside", ()))
+    echo_warnings(_warnings_in(out) if warnings is None else warnings)
     if as_json:
         from automarine_cli.pipeline.outputs import json_text
 
@@ -191,10 +201,21 @@ def echo_result(
         ):
             click.echo()  # sentences stand together, everything else apart
     if out is not None:
-        listed = f": {', '.join(files)}" if files else ""
+        there = [
+            name for name in files if not name.endswith(".png") or any(out.glob(name.replace("RUN", "*")))
+        ]
+        listed = f": {', '.join(there)}" if there else ""
         click.echo(folded(f"Results are in {out}{listed}", width))
     elif keep_hint is not None:
         click.echo(f"Nothing was written; {keep_hint} keeps the results.")
+
+
+def _warnings_in(out: Path | None) -> Sequence[str]:
+    """What the manifest of a folder of results warns of."""
+    from automarine_cli.pipeline.reuse import manifest_of
+
+    manifest = None if out is None else manifest_of(out)
+    return () if manifest is None else manifest.warnings
 
 
 def end_with(ctx: click.Context, refusals: list[str]) -> None:

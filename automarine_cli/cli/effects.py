@@ -7,10 +7,14 @@ from automarine_cli.cli import options
 
 @click.command("effects", short_help="The library of effects, and the card of each.")
 @click.argument("name", required=False, metavar="[NAME]")
+@click.option(
+    "--motion", metavar="NAME",
+    help="Only what may act in this motion (surge, say), in its words, letters and units.  [default: all, of yaw]",
+)  # fmt: skip
 @options.json_option
 @options.verbosity
-def effects(name: str | None, as_json: bool) -> object:
-    """The effects that a yaw model may have, and that diagnose can name.
+def effects(name: str | None, motion: str | None, as_json: bool) -> object:
+    """The effects that a model of a motion may have, and that diagnose can name.
 
     Without NAME: name, place, equation and parameters of each. With NAME the whole card: what the parameters
     mean, what the verdict says, which run reveals the effect, what it is mistaken for and the run that tells
@@ -22,6 +26,6 @@ def effects(name: str | None, as_json: bool) -> object:
     """
     from automarine_cli.workflows.effects import effects as workflow
 
-    result = workflow(name)
+    result = workflow(name, motion)
     options.echo_result(result, as_json=as_json, tables=result.tables(), keep_hint=None)
     return result

@@ -59,6 +59,6 @@ def told(result: Any, out: Path | None, as_json: bool) -> object:
     from automarine_cli.report import yaw_report
 
     tables: list[Printable | str] = [*yaw_report.tables(result, short=True), *yaw_report.sentences(result)]
-    files = files_of(bool(result.turns), result.axis.name)
+    files = files_of(bool(result.turns), result.dof.name)
     options.echo_result(result, as_json=as_json, out=out, tables=tables, files=files)
     return result

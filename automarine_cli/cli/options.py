@@ -144,7 +144,7 @@ model_option = click.option(
     type=FILE,
     required=True,
     metavar="FILE",
-    help="A yaw_model.json, surge_model.json or heave_model.json of a fit (for diagnose also a thrusters.json).",
+    help="A yaw_model.json (or surge, sway, heave) of a fit (for diagnose also a thrusters.json).",
 )
 """`model`: Path."""
 
@@ -164,7 +164,7 @@ arm_option = click.option(
 
 
 def fit_options(function: Function) -> Function:
-    """What `fit-surge` and `fit-heave` share; their `--fit-to` speaks of steps."""
+    """What the fits of translations share; their `--fit-to` speaks of steps."""
     steps = click.option(
         "--fit-to", type=click.Choice(("auto", "steps", "whole-runs")), default="auto", show_default=True,
         help="What of the runs is fitted; auto takes steps where there are enough.",

@@ -1,5 +1,7 @@
 """`automarine run`: a campaign or a recorded recipe in, one workflow call, what was done out."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -7,12 +9,11 @@ import click
 
 from automarine_cli.cli import options
 from automarine_cli.cli.echo import CampaignTeller, end_with
+from automarine_cli.dofs import TRANSLATIONS
 
 MOST_NAMED = 12  # campaigns whose folders are named at the end
-STEPS = (
-    "check", "fit-thrusters", "fit-yaw", "validate", "diagnose", "fit-surge", "validate-surge", "diagnose-surge",
-    "fit-heave", "validate-heave", "diagnose-heave", "report",
-)  # fmt: skip
+OF_TRANSLATIONS = tuple(f"{step}-{name}" for name in TRANSLATIONS for step in ("fit", "validate", "diagnose"))
+STEPS = ("check", "fit-thrusters", "fit-yaw", "validate", "diagnose", *OF_TRANSLATIONS, "report")
 
 
 @click.command("run", short_help="Every step of a campaign, and one report.")
@@ -39,8 +40,8 @@ def run(
     ctx: click.Context, campaigns: tuple[Path, ...], until: str | None, force: bool, recorded: Path | None,
     inputs: tuple[Path, ...], out: Path | None, overwrite: bool, jobs: int, cluster: str | None, as_json: bool,
 ) -> object:  # fmt: skip
-    """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report; with sections
-    [surge] and [heave] their fit, validation and diagnosis too.
+    """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report; with a section
+    [surge], [sway] or [heave] its fit, validation and diagnosis too.
 
     Each step has a folder of its own in DIR. A step is kept if its result is there and its inputs, settings and
     versions have not changed; for every other the reason is told. `automarine init` writes a campaign file.
@@ -61,40 +62,38 @@ def run(
             "give a campaign file (automarine init writes one), or --from MANIFEST to repeat a result"
         )
     given: dict[str, Any] = {"out": out, "overwrite": overwrite, "jobs": jobs}
+    echo = partial(options.echo_result, as_json=as_json, out=out)
     if recorded is not None:
         if force or until or cluster:
             raise click.UsageError("--force, --until and --cluster go with a campaign file, not with --from")
         from automarine_cli.workflows.rerun import rerun
 
         again = rerun(recorded, inputs=inputs, progress=options.terminal_progress(), **given)
-        options.echo_result(again, as_json=as_json, out=out, tables=again.sentences())
+        echo(again, tables=again.sentences(), warnings=again.made.warnings)
         if not again.same:
             ctx.exit(1)
         return again
     if inputs:
         raise click.UsageError("--inputs goes with --from; a campaign file names its logs itself")
+    given |= {"force": force, "until": until}
     if len(campaigns) > 1 or cluster:
-        return _several(ctx, campaigns, as_json, force=force, until=until, cluster=cluster, **given)
+        return _several(ctx, campaigns, echo, cluster=cluster, **given)
     from automarine_cli.workflows.run import run_campaign
 
     teller = CampaignTeller()
-    result = run_campaign(
-        campaigns[0], force=force, until=until, progress=teller.progress, tell=teller.tell, **given
-    )
-    options.echo_result(result, as_json=as_json, out=out, tables=result.tables(), files=result.files)
+    result = run_campaign(campaigns[0], progress=teller.progress, tell=teller.tell, **given)
+    echo(result, tables=result.tables(), files=result.files, warnings=result.warnings)
     end_with(ctx, [f"{one.step}: {one.why}" for one in result.refused])
     return result
 
 
-def _several(
-    ctx: click.Context, campaigns: tuple[Path, ...], as_json: bool, *, out: Path | None, **given: Any
-) -> object:
-    if out is None:
+def _several(ctx: click.Context, paths: tuple[Path, ...], echo: Callable[..., None], **given: Any) -> object:
+    if given["out"] is None:
         raise click.UsageError("several campaigns need a folder for their results; give one with -o DIR")
     from automarine_cli.workflows.campaigns import run_campaigns
 
-    result = run_campaigns(campaigns, out=out, progress=options.terminal_progress(), **given)
+    result = run_campaigns(paths, progress=options.terminal_progress(), **given)
     files = ("campaigns.csv", "campaigns.json", *(f"{one.name}/" for one in result.outcomes[:MOST_NAMED]))
-    options.echo_result(result, as_json=as_json, out=out, tables=(result.table(),), files=files)
+    echo(result, tables=(result.table(),), files=files, warnings=result.warnings)
     end_with(ctx, [f"{one.name}: {why}" for one in result.refused for why in one.refused])
     return result

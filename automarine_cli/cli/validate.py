@@ -5,16 +5,17 @@ from pathlib import Path
 import click
 
 from automarine_cli.cli import options
+from automarine_cli.dofs import TRANSLATIONS
 
 FILES = ("validation.json", "validation.csv", "validation.md", "validation.tex")
 PICTURES = "validation_RUN.png"
 
 
 def _of_force(model: Path) -> bool:
-    """Whether the model is one of surge or heave, whose thrusters need no arm; if it can be told at a glance."""
+    """Whether the model is one of a translation, whose thrusters need no arm; if it can be told at a glance."""
     with model.open("rb") as file:
         start = file.read(2000)
-    return b"surge-model/1" in start or b"heave-model/1" in start
+    return any(f"{name}-model/1".encode() in start for name in TRANSLATIONS)
 
 
 @click.command("validate", short_help="Simulate each log with each model, and compare.")

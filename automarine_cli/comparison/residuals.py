@@ -28,7 +28,7 @@ class FreeRun:
     @property
     def error(self) -> Floats:
         """Measured less simulated heading [rad], (N,)."""
-        return self.run.heading - self.heading
+        return self.run.position - self.heading
 
     @property
     def diverged(self) -> bool:
@@ -48,4 +48,4 @@ def free_runs(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.0) 
         headings, rates = (np.array([getattr(s, name) for s in states]) for name in ("heading", "rate"))
         shown = roll(model, some, headings, rates, switch_offset)
         for i, (run, state) in enumerate(zip(some, states)):
-            yield FreeRun(run, shown.heading[0, i, : len(run)], shown.rate[0, i, : len(run)], state)
+            yield FreeRun(run, shown.position[0, i, : len(run)], shown.velocity[0, i, : len(run)], state)

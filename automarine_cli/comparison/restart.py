@@ -16,7 +16,7 @@ from automarine_cli.comparison.residuals import FreeRun
 from automarine_cli.comparison.rollouts import groups, roll
 from automarine_cli.comparison.starts import State, aligned, rest_state
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.runs.noise import heading_noise
+from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import segments
 
@@ -91,9 +91,9 @@ def restarted_errors(
         some = runs[group]
         begin = aligned(model, some, states[group])
         headings, rates = (np.array([getattr(s, name) for s in begin]) for name in ("heading", "rate"))
-        shown = roll(model, some, headings, rates, switch_offset).heading[0]
+        shown = roll(model, some, headings, rates, switch_offset).position[0]
         for (i, first, last), run, heading in zip(pieces[group], some, shown):
-            errors[i][first + 1 : last + 1] = (run.heading - heading[: len(run)])[1:]
+            errors[i][first + 1 : last + 1] = (run.position - heading[: len(run)])[1:]
     yield from errors
 
 
@@ -112,7 +112,7 @@ def _smoothed(run: Run, i: int, changes: Sequence[int], reach: float) -> State:
     after = [np.minimum(t, 0.0) ** 2, np.maximum(t, 0.0) ** 2] if bend else [t**2]
     powers = np.stack([np.ones_like(t), t, *after], axis=1)[:, : max(1, len(t) - 1)]
     found = np.zeros(4)
-    found[: powers.shape[1]] = np.linalg.lstsq(powers, run.heading[low:high], rcond=None)[0]
+    found[: powers.shape[1]] = np.linalg.lstsq(powers, run.position[low:high], rcond=None)[0]
     heading, rate = found[0] + found[1] * at + found[2] * at**2, found[1] + 2 * found[2] * at
     return State(float(heading), float(rate), f"smoothed: parabola over {high - low} samples")
 
@@ -123,5 +123,5 @@ def _reach(run: Run) -> float:
     The variance of a slope falls with the cube of the reach, the square of the bias grows with its fourth power,
     so that the best reach goes with the noise to the power 2/7, and is about a second for a degree at 10 Hz.
     """
-    noise = np.rad2deg(heading_noise(run.time, run.heading)) * np.sqrt(run.sample_period / 0.1)
+    noise = np.rad2deg(position_noise(run.time, run.position)) * np.sqrt(run.sample_period / 0.1)
     return float(np.clip(noise ** (2 / 7), FEWEST * run.sample_period, LONGEST)) * (1 + 1e-9)

@@ -3,11 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from automarine_cli.axes import AXES, YAW
 from automarine_cli.comparison.side_by_side import Side
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.fits.estimate import Estimate
 
-SYMBOLS = {"k_rr": "k_r|r|", "k_r": "k_r", "I_r": "I_r"}
 Contents = tuple[dict[str, Estimate], dict[str, str]]
 
 
@@ -17,17 +16,13 @@ def side(name: str, data: Mapping[str, Any], models: Sequence[str]) -> Side:
     Raises KeyError, TypeError, ValueError or AttributeError for a file that automarine did not write so.
     """
     schema = str(data["schema"])
-    axis = AXES[str(data.get("motion", YAW.name))]
-    data = axis.plain(data)
-    if schema.startswith(f"automarine/{axis.name}-model/"):
-        parameters, facts = _yaw(data, models)
+    dof = DOFS[str(data.get("motion", YAW.name))]
+    if schema.startswith(f"automarine/{dof.name}-model/"):
+        parameters, facts = _model(data, models, dof)
     elif schema.startswith("automarine/thruster-map/"):
         parameters, facts = _thrusters(data)
     else:
-        parameters, facts = _diagnosis(data)
-    if not axis.wraps:
-        parameters = {axis.say(key): one for key, one in parameters.items()}
-        facts = {axis.say(key): fact for key, fact in facts.items()}
+        parameters, facts = _diagnosis(data, dof)
     return Side(name, parameters, facts, int(data["runs"]["used"]))
 
 
@@ -38,24 +33,28 @@ def shared_models(files: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     return tuple(number for number in common if number in preferred) or tuple(common)
 
 
-def _yaw(data: Mapping[str, Any], models: Sequence[str]) -> Contents:
+def _model(data: Mapping[str, Any], models: Sequence[str], dof: Dof) -> Contents:
+    own = dof.symbols
+    names = {
+        own.quadratic: own.quadratic_print,
+        own.linear: own.linear,
+        own.inertia: own.inertia,
+        dof.ratio_key: f"{own.inertia}/{own.quadratic_print}",
+        own.constant: "constant force",
+        own.difference: "half the difference of drag",
+    }
     parameters = {}
     for number_ in models:
         beside = f", model {number_}" if len(models) > 1 else ""
-        for key, symbol in (*SYMBOLS.items(), ("inertial_turn_angle_rad", "I_r/k_r|r|")):
-            if data["models"][number_].get(key) is not None:
-                parameters[f"{symbol}{beside}"] = Estimate.from_json(data["models"][number_][key])
-        for key, told in (
-            ("constant_force", "constant force"),
-            ("half_difference", "half the difference of drag"),
-        ):
+        for key, told in names.items():
             if data["models"][number_].get(key) is not None:
                 parameters[f"{told}{beside}"] = Estimate.from_json(data["models"][number_][key])
     if data.get("gain_scatter"):
         parameters["scatter of thrust"] = Estimate.from_json(data["gain_scatter"])
     facts = {"preferred model": str(data["preferred"])}
-    if data.get("heading_noise_deg") is not None:
-        facts["heading noise [deg]"] = _short(data["heading_noise_deg"])
+    noise = f"{dof.words.position}_noise_{dof.units.key}"
+    if data.get(noise) is not None:
+        facts[f"{dof.words.position} noise [{dof.units.shown}]"] = _short(data[noise])
     return parameters, facts
 
 
@@ -72,17 +71,18 @@ def _thrusters(data: Mapping[str, Any]) -> Contents:
     return parameters, {"form": str(data["form"]), "error of it [% of full scale]": error}
 
 
-def _diagnosis(data: Mapping[str, Any]) -> Contents:
-    parameters = {}
+def _diagnosis(data: Mapping[str, Any], dof: Dof) -> Contents:
+    own, parameters = dof.symbols, {}
     for effect in data["effects"]:
         for name, value in effect["parameters"].items():
             estimate = Estimate.from_json(value)
             if estimate.stderr > 0:  # a choice of law has no interval
                 parameters[f"{effect['name']}: {name}"] = estimate
     for name, moved in data.get("base", {}).items():
-        parameters[f"{SYMBOLS.get(name, name)} with what was missing"] = Estimate.from_json(moved["after"])
+        told = own.quadratic_print if name == own.quadratic else name
+        parameters[f"{told} with what was missing"] = Estimate.from_json(moved["after"])
     gap = data["gap"]["fitted_runs"]
-    unit = "deg" if "before_deg" in gap else "N"
+    unit = dof.units.key if f"before_{dof.units.key}" in gap else "N"
     names = ", ".join(str(effect["name"]) for effect in data["effects"])
     facts = {"verdict": str(data["verdict"]) + (f": {names}" if names else "")}
     for key, name in (("before", "gap before"), ("after", "gap after"), ("noise_floor", "noise")):

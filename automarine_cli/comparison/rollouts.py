@@ -64,9 +64,9 @@ def roll(
         if longest / step > most:
             break
         finer = _once(model, runs, heading, rate, switch_offset, step)
-        both = np.isfinite(finer.heading) & np.isfinite(best.heading)
-        moved = np.abs(np.where(both, finer.heading, 0.0) - np.where(both, best.heading, 0.0)).max()
-        same_fate = bool(np.all(np.isfinite(finer.heading) == np.isfinite(best.heading)))
+        both = np.isfinite(finer.position) & np.isfinite(best.position)
+        moved = np.abs(np.where(both, finer.position, 0.0) - np.where(both, best.position, 0.0)).max()
+        same_fate = bool(np.all(np.isfinite(finer.position) == np.isfinite(best.position)))
         best = finer
         if same_fate and moved <= SETTLED:
             break
@@ -82,10 +82,10 @@ def _once(
     step: float,
 ) -> Trajectory:
     batch = make_batch(runs, step, needed_signals(model))
-    shift = switch_offset * batch.interval[None] if switch_offset else None
+    delay = switch_offset * batch.interval[None] if switch_offset else None
     heading, rate = np.atleast_2d(heading), np.atleast_2d(rate)
     with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away is told of, not warned about
-        return simulate(model, batch, start=Start(heading, rate, shift=shift))
+        return simulate(model, batch, start=Start(heading, rate, switch_delay=delay))
 
 
 def groups(items: Sequence[Item], sizes: Sequence[int]) -> Iterator[slice]:

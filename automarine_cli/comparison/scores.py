@@ -10,7 +10,7 @@ from scipy.signal import savgol_coeffs
 from automarine_cli.comparison.residuals import FreeRun
 from automarine_cli.comparison.starts import State
 from automarine_cli.runs.clean import GAP_IN_PERIODS
-from automarine_cli.runs.noise import heading_noise
+from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
@@ -63,10 +63,10 @@ def score(free: FreeRun, restarted: Floats) -> RunScore:
     if free.diverged:
         nothing = dict.fromkeys(SUMMED, 0)
         return RunScore(free.start, True, 0.0, nothing, nothing, 0.0)
-    axis = free.run.axis
-    error = axis.shown(free.error)
-    again = axis.shown(restarted[1:]) if np.all(np.isfinite(restarted)) else np.zeros(0)
-    measured = axis.shown(free.run.heading)
+    dof = free.run.dof
+    error = dof.shown(free.error)
+    again = dof.shown(restarted[1:]) if np.all(np.isfinite(restarted)) else np.zeros(0)
+    measured = dof.shown(free.run.position)
     rate = rate_error(free)
     columns = dict(zip(SUMMED, (error, again, rate)))
     return RunScore(
@@ -81,9 +81,9 @@ def score(free: FreeRun, restarted: Floats) -> RunScore:
 
 def rate_source(run: Run) -> str:
     """Where the measured yaw rate of a run comes from, in words."""
-    if run.axis.rate in run.extras:
-        return run.axis.say("yaw rate in the log")
-    return f"slope of the {run.axis.position} smoothed over {rate_window(run) * run.sample_period:.3g} s"
+    if run.dof.velocity in run.extras:
+        return run.dof.say("yaw rate in the log")
+    return f"slope of the {run.dof.position} smoothed over {rate_window(run) * run.sample_period:.3g} s"
 
 
 def rate_error(free: FreeRun) -> Floats:
@@ -92,10 +92,10 @@ def rate_error(free: FreeRun) -> Floats:
     With a yaw rate in the log at the samples that have one; otherwise both headings are treated alike, put on an
     even grid and differentiated by Savitzky and Golay's parabola, never across a gap.
     """
-    run, axis = free.run, free.run.axis
-    if axis.rate in run.extras:
-        error = run.extras[axis.rate] - free.rate
-        return np.asarray(axis.shown(error[~np.isnan(run.extras[axis.rate])]))
+    run, dof = free.run, free.run.dof
+    if dof.velocity in run.extras:
+        error = run.extras[dof.velocity] - free.rate
+        return np.asarray(dof.shown(error[~np.isnan(run.extras[dof.velocity])]))
     period, width = run.sample_period, rate_window(run)
     weights = savgol_coeffs(width, 2, deriv=1, delta=period)
     edges = np.flatnonzero(np.diff(run.time) > GAP_IN_PERIODS * period) + 1
@@ -104,7 +104,7 @@ def rate_error(free: FreeRun) -> Floats:
         even = np.arange(time[0], time[-1] + 1e-6 * period, period)
         if len(even) >= width:
             slopes.append(np.convolve(np.interp(even, time, error), weights, mode="valid"))
-    return np.asarray(axis.shown(np.concatenate(slopes))) if slopes else np.zeros(0)
+    return np.asarray(dof.shown(np.concatenate(slopes))) if slopes else np.zeros(0)
 
 
 def rate_window(run: Run) -> int:
@@ -114,7 +114,7 @@ def rate_window(run: Run) -> int:
 
 def noise_floor(run: Run) -> float:
     """White noise of the heading [deg], measured apart from any model."""
-    return float(run.axis.shown(heading_noise(run.time, run.heading)))
+    return float(run.dof.shown(position_noise(run.time, run.position)))
 
 
 def pooled_floor(runs: Sequence[Run]) -> float:

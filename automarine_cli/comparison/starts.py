@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.comparison.rollouts import has_sensor, roll, step_of
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.runs.noise import heading_noise, slope
+from automarine_cli.runs.noise import position_noise, slope
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import segments
 
@@ -43,9 +43,9 @@ def rest_state(run: Run) -> State | None:
     count = stop - first
     if moment != 0 or count < 2:
         return None
-    time, heading = run.time[:stop], run.heading[:stop]
+    time, heading = run.time[:stop], run.position[:stop]
     rate, error = slope(time, heading)
-    doubt = SURE * error * heading_noise(run.time, run.heading)
+    doubt = SURE * error * position_noise(run.time, run.position)
     pace = _pace(run)
     if abs(rate) > doubt + SLOW * pace or (count < ENOUGH_REST and doubt > 0.25 * pace):
         return None
@@ -80,7 +80,7 @@ def aligned(model: YawModel, runs: Sequence[Run], states: Sequence[State]) -> li
     begin = [run.cut(0, 2) for run in runs]
     for _ in range(2 * ROUNDS):
         tried = heading + NUDGE * np.array([[0.0], [1.0], [-1.0]])
-        read = roll(model, begin, tried, 0.0 * tried, step=np.inf).heading[:, :, 0]
+        read = roll(model, begin, tried, 0.0 * tried, step=np.inf).position[:, :, 0]
         gain = (read[1] - read[2]) / (2 * NUDGE)
         gain = np.where(np.isfinite(gain) & (np.abs(gain) > LEAST_GAIN), gain, 1.0)
         heading = heading + np.nan_to_num((shown - read[0]) / gain, posinf=0.0, neginf=0.0)
@@ -91,18 +91,18 @@ def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[
     """Gauss-Newton on start heading and rate, all runs at once, from a line through the same samples."""
     begins = [run.cut(0, _window(run)) for run in runs]
     step = step_of(model, runs) / 2
-    rates = np.array([slope(run.time, run.heading)[0] for run in begins])
+    rates = np.array([slope(run.time, run.position)[0] for run in begins])
     lead = np.array([run.time.mean() - run.time[0] for run in begins])
-    guess = np.stack([np.array([run.heading.mean() for run in begins]) - rates * lead, rates])
+    guess = np.stack([np.array([run.position.mean() for run in begins]) - rates * lead, rates])
     width = max(len(run) for run in begins)
     measured, seen = np.zeros((len(runs), width)), np.zeros((len(runs), width))
     for row, mask, run in zip(measured, seen, begins):
-        row[: len(run)], mask[: len(run)] = run.heading, 1.0
+        row[: len(run)], mask[: len(run)] = run.position, 1.0
     found = guess
     for _ in range(ROUNDS):
         heading = found[0] + NUDGE * np.array([[0.0], [1.0], [-1.0], [0.0], [0.0]])
         rate = found[1] + NUDGE * np.array([[0.0], [0.0], [0.0], [1.0], [-1.0]])
-        shown = roll(model, begins, heading, rate, switch_offset, step).heading
+        shown = roll(model, begins, heading, rate, switch_offset, step).position
         with np.errstate(invalid="ignore"):  # a model that runs away within a second keeps the line
             left = np.where(seen > 0, measured - shown[0], 0.0)
             slopes = np.where(seen > 0, (shown[1::2] - shown[2::2]) / (2 * NUDGE), 0.0)
@@ -124,5 +124,5 @@ def _window(run: Run) -> int:
 
 def _pace(run: Run) -> float:
     """How fast the run turns where it turns fast [rad/s]: 90th percentile of what one second turns."""
-    later = np.interp(run.time + 1.0, run.time, run.heading)
-    return float(np.percentile(np.abs(later - run.heading), 90))
+    later = np.interp(run.time + 1.0, run.time, run.position)
+    return float(np.percentile(np.abs(later - run.position), 90))

@@ -78,7 +78,7 @@ def compare(
         if best is not None
     }
     floors = tuple(noise_floor(run) for run in runs)
-    because = runs[0].axis.say(_because(best, leads, models))
+    because = runs[0].dof.say(_because(best, leads, models))
     afresh = tuple(name for name in stored.effects if effects.get(name).states)
     return Comparison(tuple(runs), tuple(restarts), models, floors, pooled_floor(runs), best, because, afresh)
 

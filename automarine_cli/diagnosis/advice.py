@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Found, Trial
-from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.runs.run import Run
@@ -22,13 +21,11 @@ Floats = NDArray[np.float64]
 Command = Callable[[Floats], Floats]
 
 REST, TURN, TAIL, RAMP = 2.0, 8.0, 15.0, 40.0  # seconds of standing, driving, coasting, sweeping
-LONG_TURN = 4.0 * np.pi
-LONG_WAY = 5.0  # m
 LONGEST = 90.0
 LOW_VOLTAGE = 0.85
 TELLS = 4.0
 """Sigma from which a run is said to tell two explanations apart."""
-NOT_TELLING = "none of the usual runs would: log the thrusters' speed or use a second heading sensor"
+NOT_TELLING = "none of the usual runs would: log the thrusters' speed or use a second {position} sensor"
 
 
 @dataclass(frozen=True)
@@ -57,7 +54,7 @@ def suggest(study: Study, final: Trial, rival: Trial, name: str, rival_name: str
     sigma = sigmas[kind]
     if sigma < TELLS:
         sentence = (
-            f"{study.base.axis.say(NOT_TELLING)} "
+            f"{study.base.dof.fill(NOT_TELLING)} "
             f"(the best of them, {kind}, parts {name} from {rival_name} by {sigma:.1f} sigma)"
         )
     else:
@@ -72,19 +69,20 @@ def separations(study: Study, final: Trial, rival: Trial) -> dict[str, float]:
     problem, other = extra.problem(final.model), extra.problem(rival.model)
     b = np.zeros_like(problem.effects.scale)
     first, by_phi, by_run = derivatives(problem, final.fit.phi, b)
-    second = other.headings(rival.fit.phi, np.zeros_like(other.effects.scale))
+    second = other.readings(rival.fit.phi, np.zeros_like(other.effects.scale))
     own = len(study.base.theta)
     spread, turn = np.linalg.eigh(final.fit.covariance[:own, :own])
     by_base = by_phi[:, :, :own] @ (turn * np.sqrt(np.maximum(spread, 0.0)))
-    noise = max(study.floor, 1e-4)
-    variances = np.append(np.log(noise), np.log(np.maximum(final.fit.factors, SMALLEST_FACTOR)))
+    noises = np.array([max(study.floor, 1e-4), *final.fit.noises[1:]])
+    variances = np.append(np.log(noises), final.fit.variances[len(noises) :])
+    precision = problem.precision(noises)
     by_own = by_run * problem.effects.deviation(variances)[:, None, :]
     sigmas = {}
     for i, kind in enumerate(kinds):
         here = problem.seen[i]
-        difference = (second[i] - first[i])[here] / noise
+        difference = ((second[i] - first[i]) * precision)[here]
         if np.all(np.isfinite(difference)):
-            may = np.concatenate([by_base[i][here], by_own[i][here]], axis=1) / noise
+            may = np.concatenate([by_base[i][here], by_own[i][here]], axis=1) * precision[here, None]
             pull = may.T @ difference
             kernel = np.eye(may.shape[1]) + may.T @ may
             square = float(difference @ difference - pull @ np.linalg.solve(kernel, pull))
@@ -101,47 +99,46 @@ def extra_runs(study: Study) -> dict[str, Run]:
     )
     large, middle, small = float(sizes.max()), float(np.median(sizes)), float(sizes.min())
     period = float(np.median([run.sample_period for run in study.runs]))
-    unit, axis = study.base.moment_unit, study.base.axis
+    unit, dof = study.base.moment_unit, study.base.dof
     start, clock = _next_start(study), max(float(run.time[-1]) for run in study.runs) + 60.0
-    inertia, (k_r, k_rr) = study.base.inertia, study.base.drag()
-    rate = max(float(steady_rate(large, k_r, k_rr)), 1e-3)
+    inertia, rate = study.base.inertia, max(float(steady_rate(large, *study.base.drag())), 1e-3)
     turn = float(np.clip(6.0 * inertia * rate / large, TURN, LONGEST / 3))
-    long = float(np.clip((LONG_TURN if axis.wraps else LONG_WAY) / rate, turn, LONGEST))
+    long = float(np.clip(dof.limits.long / rate, turn, LONGEST))
     low = max(min(small, 0.5 * middle), 0.02 * large)
 
     def run(
-        name: str, length: float, command: Command, at: float = clock, heading: float | None = None
+        name: str, length: float, command: Command, at: float = clock, position: float | None = None
     ) -> Run:
         t = np.arange(0.0, length, period)
-        psi = np.full(len(t), study.runs[0].heading[0] if heading is None else heading)
+        psi = np.full(len(t), study.runs[0].position[0] if position is None else position)
         extras = {
             key: np.full(len(t), float(np.mean([np.mean(r.extras[key]) for r in study.runs])))
             for key in study.signals
         }
-        return Run(name, "extra", t + at, psi, np.asarray(command(t), dtype=float), unit, extras, axis=axis)
+        return Run(name, "extra", t + at, psi, np.asarray(command(t), dtype=float), unit, extras, dof=dof)
 
     def step(tau: float, end: float, after: float = 0.0) -> Command:
         return lambda t: np.where(t < REST, 0.0, np.where(t < REST + end, tau, after))
 
-    tag = f"{large:.3g} {unit}"
+    tag, from_elsewhere = f"{large:.3g} {unit}", {}
+    if dof.wraps:  # what depends on the position shows only from another one
+        place = f"{dof.shown(start % dof.turn):.0f} {dof.words.units}"
+        kind = f"one step of {tag} from a start {dof.words.position} of {place}"
+        from_elsewhere[kind] = run("elsewhere", REST + turn, step(large, turn), position=start)
     kinds = {
         f"one coast-down from {tag}": run("coast", REST + turn + TAIL, step(large, turn)),
         f"one reversal at {tag}": run("reversal", REST + 2 * turn, step(large, turn, -large)),
         f"one slow ramp from {-middle:.3g} to {middle:.3g} {unit} over {RAMP:.0f} s": run(
             "ramp", RAMP, lambda t: middle * (2.0 * t / RAMP - 1.0)
         ),
-        f"one step of {tag} from a start heading of {np.degrees(start) % 360.0:.0f} degrees": run(
-            "heading", REST + turn, step(large, turn), heading=start
-        ),
-        f"one long turn of {long:.0f} s at {tag}": run("long", REST + long, step(large, long)),
+        **from_elsewhere,
+        f"one long {dof.words.move} of {long:.0f} s at {tag}": run("long", REST + long, step(large, long)),
         f"one step of only {low:.3g} {unit}": run("small", REST + 3 * turn, step(low, 3 * turn)),
         f"a repeat of {tag} when the campaign has lasted twice as long": run(
             "late", REST + turn, step(large, turn), at=clock + _span(study)
         ),
         "a rest record of 60 s with the thrusters idle": run("rest", 60.0, lambda t: 0.0 * t),
     }
-    if not axis.wraps:
-        kinds = {axis.say(kind): one for kind, one in kinds.items() if "start heading" not in kind}
     if "voltage" in study.signals:
         low_run = run("voltage", REST + turn, step(large, turn))
         volts = LOW_VOLTAGE * low_run.extras["voltage"]
@@ -158,7 +155,7 @@ def _span(study: Study) -> float:
 
 def _next_start(study: Study) -> float:
     """The start heading [rad] farthest from those that the campaign had."""
-    used = np.array([run.heading[0] for run in study.runs])
+    used = np.array([run.position[0] for run in study.runs])
     tried = np.arange(24) * np.pi / 12.0
     away = np.abs(np.angle(np.exp(1j * (tried[:, None] - used)))).min(axis=1)
     return float(tried[int(np.argmax(away))])
@@ -175,29 +172,28 @@ def general_advice(study: Study, detectable: Mapping[str, float]) -> tuple[str, 
         coasts += bool(np.any(pushed[moving[0] :] == 0) and len(run) - moving[-1] > 3.0 / run.sample_period)
         reversals += bool(np.any(pushed[moving] != pushed[moving[0]]))
     rests = sum(not np.any(run.command) for run in study.runs)
-    starts = np.array([run.heading[0] for run in study.runs])
+    starts = np.array([run.position[0] for run in study.runs])
     even = float(np.abs(np.exp(1j * starts).mean()))
     sides = {
         float(np.sign(run.command[run.command != 0].mean())) for run in study.runs if np.any(run.command)
     }
-    advice = []
+    dof = study.base.dof
+    words, advice = dof.words, []
     if coasts < 2:
         advice.append("Add two coast-downs: they part a dead-band from Coulomb drag and show thrust loss.")
     if reversals < 2:
-        advice.append("Add two reversals at full moment: lags, delay and swirl show most there.")
-    axis = study.base.axis
-    if even > 0.7 and axis.wraps:
-        advice.append("Start runs from other headings: a compass and a current show only against heading.")
-    if len(sides - {0.0}) < 2:
+        advice.append(f"Add two reversals at full {words.force}: lags, delay and swirl show most there.")
+    if even > 0.7 and dof.wraps:
         advice.append(
-            "Turn to both sides: asymmetry and bias need the other sign."
-            if axis.wraps
-            else "Go both ways: asymmetry and bias need the other sign."
+            f"Start runs from other {words.position}s: a {words.sensor} and a current show only against "
+            f"{words.position}."
         )
+    if len(sides - {0.0}) < 2:
+        advice.append(f"{words.move.capitalize()} {words.both_ways}: asymmetry and bias need the other sign.")
     if rests == 0:
-        advice.append("Add one rest record of a minute: bias, current and gyro drift show without any model.")
+        advice.append(
+            f"Add one rest record of a minute: bias, current and {words.rate_sensor} drift show without any model."
+        )
     if not study.signals:
         advice.append("Log the supply voltage: without it a sag is told from drag only by chance.")
-    return tuple(axis.say(line) for line in advice) or (
-        "The campaign has every kind of run; more of the same narrows the intervals.",
-    )
+    return tuple(advice) or ("The campaign has every kind of run; more of the same narrows the intervals.",)

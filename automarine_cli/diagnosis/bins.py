@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 
 STANDS_OUT = 0.05
 MOST_BINS = 12
+THRUST, SIZE = "thrust", "size"
+"""The gaps of whole runs: in their own gain of the thrust, and in how large theirs is."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +107,9 @@ def of_runs(
     orders = np.argsort(drawn[:, have], axis=1)
     rows, chance = [], np.zeros(len(drawn))
     looks = (
-        ("thrust", False, "%", gain),
-        ("thrust", True, "%", gain * mirrored),
-        ("size", False, "log", size),
+        (THRUST, False, "%", gain),
+        (THRUST, True, "%", gain * mirrored),
+        (SIZE, False, "log", size),
     )
     for kind, directed, unit, look in looks:
         centred = look[have] - look[have].mean()

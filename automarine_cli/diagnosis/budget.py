@@ -3,16 +3,24 @@
 import numpy as np
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
-from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.study import Study, without_scatter
 from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.dofs import Dof
+from automarine_cli.fits.mixed_problem import SWITCH
 
-NOISE, SCATTER, LEFT = "noise of the heading", "scatter between runs", "left over"
+SCATTER, LEFT = "scatter between runs", "left over"
+
+
+def noise_of(dof: Dof) -> str:
+    """What the noise is called."""
+    return f"noise of the {dof.words.position}"
 
 
 def budget(diagnosis: Diagnosis) -> dict[str, float]:
     """Shares of the mean square of measured less base-model headings on the runs fitted; they sum to one.
 
-    The whole is taken with all runs alike but for their start heading and rate. Effects are added in the order in
+    The whole is taken with all runs alike but for their start heading and rate, and for what an effect of the model
+    lets vary from run to run. Effects are added in the order in
     which they were found, everything refitted; what the runs' own gains, instants and disturbances then explain is
     scatter. A step that does not lessen the gap has a share of zero.
     """
@@ -28,8 +36,11 @@ def budget(diagnosis: Diagnosis) -> dict[str, float]:
     after = min(diagnosis.gap.after**2, level)
     noise = min(study.floor**2, after)
     return {
-        NOISE: noise / whole, SCATTER: (level - after) / whole, **shares, LEFT: (after - noise) / whole
-    }  # fmt: skip
+        noise_of(study.base.dof): noise / whole,
+        SCATTER: (level - after) / whole,
+        **shares,
+        LEFT: (after - noise) / whole,
+    }
 
 
 def _stages(study: Study, base: Trial, final: Trial) -> list[Trial]:
@@ -39,16 +50,14 @@ def _stages(study: Study, base: Trial, final: Trial) -> list[Trial]:
         model = base.model
         for term in final.model.terms[own : own + count]:
             model = model.with_effect(term.name, term.values)
-        theta = np.append(model.theta, final.fit.theta[-1])
+        theta = np.append(model.theta, final.fit.value(SWITCH))
         fit = study.fit(model, theta, final.fit)
         stages.append(Trial(final.added[:count], study.told(model, fit), fit, np.nan))
     return [*stages, final] if final.added else []
 
 
 def _alike(study: Study, trial: Trial) -> float:
-    """Mean square gap [rad²] when nothing but start heading and start rate differs between runs."""
+    """Mean square gap [rad²] when nothing differs between runs but their starts and what an effect lets vary."""
     problem = study.problem(trial.model)
-    b = trial.fit.run_effects.copy()
-    b[:, 2:] = 0.0
-    left = np.where(problem.seen, problem.measured - problem.headings(trial.fit.phi, b), 0.0)
-    return float((left**2).sum() / problem.seen.sum())
+    left = study.residual(problem.readings(trial.fit.phi, without_scatter(trial.fit)))
+    return float((left**2).sum() / study.batch.seen.sum())

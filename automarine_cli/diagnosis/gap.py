@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.study import Study, run_effects_given
 from automarine_cli.diagnosis.trials import Trial
-from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 
 Floats = NDArray[np.float64]
 
@@ -38,10 +37,9 @@ def residuals(study: Study, trial: Trial, fitted: bool = False) -> Floats:
     """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means."""
     problem = study.problem(trial.model)
     if fitted:
-        return np.where(problem.seen, problem.measured - trial.fit.fitted, 0.0)
-    variances = np.append(np.log(trial.fit.noise), np.log(np.maximum(trial.fit.factors, SMALLEST_FACTOR)))
-    simulated = run_effects_given(problem, problem.search(trial.fit.theta), variances)[1]
-    return np.where(problem.seen, problem.measured - simulated, 0.0)
+        return study.residual(trial.fit.fitted)
+    simulated = run_effects_given(problem, problem.search(trial.fit.theta), trial.fit.variances)[1]
+    return study.residual(simulated)
 
 
 def _size(study: Study, residual: Floats) -> float:

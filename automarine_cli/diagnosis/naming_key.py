@@ -14,28 +14,31 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.study import Study, without_scatter
 from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.dofs import Dof
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram
 from automarine_cli.fits.mixed_model import derivatives
+from automarine_cli.fits.mixed_problem import SWITCH
+from automarine_cli.fits.run_effects import GAIN
 
 Floats = NDArray[np.float64]
 
 POWERS = (-1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
 CLASSES = {
-    (-1.0, "even"): "a moment of its own size: dead-band, Coulomb drag, tether spring",
-    (-1.0, "odd"): "a moment with a side: bias",
-    (-0.5, "even"): "a rate of its own size: linear drag, swirl",
-    (-0.5, "odd"): "a rate with a side: gyro drift",
-    (0.0, "odd"): "thrust that differs by side: asymmetry",
+    (-1.0, "even"): "a {force} of its own size: dead-band, Coulomb drag, tether spring",
+    (-1.0, "odd"): "a {force} with a {way}: bias",
+    (-0.5, "even"): "a {speed} of its own size: linear drag, swirl",
+    (-0.5, "odd"): "a {speed} with a {way}: {rate_sensor} drift",
+    (0.0, "odd"): "thrust that differs by {way}: asymmetry",
     (0.5, "even"): "cubic drag",
-    (0.5, "odd"): "a time that differs by side",
+    (0.5, "odd"): "a time that differs by {way}",
     (1.0, "even"): "a load: supply that sags, saturation",
-    (1.0, "odd"): "a load that differs by side",
-    (2.0, "even"): "tilt or saturation at the largest moments",
-    (2.0, "odd"): "tilt or saturation on one side",
+    (1.0, "odd"): "a load that differs by {way}",
+    (2.0, "even"): "tilt or saturation at the largest {forces}",
+    (2.0, "odd"): "tilt or saturation on one {way}",
 }
+"""What effects drift with a power of |moment| and a parity, in the words of a motion."""
 TIMES = "a time of its own: lag, delay"
 """What makes I / k rise with the moment."""
 ROUNDS = 4
@@ -46,7 +49,8 @@ CERTAIN = 0.05
 
 @dataclass(frozen=True)
 class Drift:
-    """How well a power of |moment| with a parity explains one drift: `share` of its weighted variance, F-test p."""
+    """How well a power of |moment| with a parity explains one drift: `share` of its weighted variance, F-test p; and
+    what effects drift like that."""
 
     quantity: str
     power: float
@@ -54,13 +58,7 @@ class Drift:
     slope: float
     share: float
     p_value: float
-
-    @property
-    def means(self) -> str:
-        """What effects drift like that."""
-        if self.quantity == "I/k" and self.power > 0 and self.parity == "even":
-            return TIMES
-        return CLASSES[self.power, self.parity]
+    means: str
 
 
 @dataclass(frozen=True)
@@ -92,33 +90,29 @@ class NamingKey:
 def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
     """Each run's own k and I about the base fit, measured and as the final model would have them."""
     problem = study.problem(base.model)
-    b = np.where(np.arange(base.fit.run_effects.shape[1]) < 2, base.fit.run_effects, 0.0)
-    phi = np.append(base.fit.phi[:-1], 0.0)  # changes in the middle of their intervals: free either way
+    b = without_scatter(base.fit)
+    # changes in the middle of their intervals: free either way
+    phi = np.where([name == SWITCH for name in problem.names], 0.0, base.fit.phi)
     first_step, moment = first_steps(study)
     drag = slice(1, len(study.base.theta))
     weight = np.where(problem.positive[drag], 1.0, base.fit.theta[drag])  # all drag terms by the same factor
-    if study.base.axis.constant:
-        own_force = [study.base.parameter_names[1:].index("b")]
-        weight[own_force] = 0.0
-    scale = problem.effects.scale.copy()
-    scale[:, 2] = 0.0
-    run_effects = replace(problem.effects, scale=scale)
-    variances = np.append(np.log(base.fit.noise), np.log(np.maximum(base.fit.factors, SMALLEST_FACTOR)))
+    if study.base.dof.has_constant:
+        weight[study.base.index(study.base.dof.parameter("constant")) - drag.start] = 0.0
+    run_effects, variances = problem.effects.with_scale(gain=0.0), base.fit.variances
+    inside = problem.seen & np.concatenate([first_step] * len(problem.slots), axis=1)
+    within = replace(problem, seen=inside)
 
-    def own(headings: Floats) -> tuple[Floats, Floats]:
+    def own(readings: Floats) -> tuple[Floats, Floats]:
         """log k, log I and their difference (R, 3), with errors; a gain of 1/k carries a run to its own k, where
         its response is linearised again."""
         log_k = np.zeros(len(study.runs))
         for _ in range(ROUNDS):
             at = b.copy()
-            at[:, 2] = -log_k
+            problem.effects.of(at, GAIN)[:, 0] = -log_k
             fitted, by_phi, by_run = derivatives(problem, phi, at)
             by_log = np.stack([by_phi[:, :, drag] @ weight, by_phi[:, :, 0]], axis=2)
-            by_log, by_run, left = (
-                np.where(first_step[:, :, None], d, 0.0)
-                for d in (by_log, by_run, (headings - fitted)[:, :, None])
-            )
-            gram = Gram.of(by_log, by_run, left[:, :, 0], first_step.sum(axis=1), at)
+            by_log, by_run = (np.where(inside[:, :, None], d, 0.0) for d in (by_log, by_run))
+            gram = within.inner(by_log, by_run, np.where(inside, readings - fitted, 0.0), at)
             weighted = linear_mixed.weigh(gram, run_effects, variances)
             covariance = np.array([linear_mixed.covariance_of(h) for h in weighted.hessian])
             change = np.einsum("rpq,rq->rp", covariance, weighted.gradient)
@@ -129,16 +123,15 @@ def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
         return np.column_stack([log_k, log_i, log_i - log_k]), np.column_stack([errors, ratio])
 
     measured, errors = own(problem.measured)
-    other = study.problem(final.model)
-    effects = np.where(np.arange(b.shape[1]) < 2, final.fit.run_effects, 0.0)
-    simulated = np.where(problem.seen, other.headings(final.fit.phi, effects), 0.0)
+    there = study.problem(final.model).readings(final.fit.phi, without_scatter(final.fit))
+    simulated = np.where(problem.seen, there, 0.0)
     predicted, _ = own(simulated)
     certain = max(CERTAIN, 2.0 * float(np.median(errors[:, 0])))
     moment = np.where(errors[:, 0] < certain, moment, np.nan)
     drifts = [
         drift
-        for i, quantity, scatter in ((0, "k", float(final.fit.factors[0])), (2, "I/k", 0.0))
-        for drift in drifts_of(quantity, moment, measured[:, i], errors[:, i], scatter)
+        for i, quantity, scatter in ((0, "k", final.fit.factor(GAIN)), (2, "I/k", 0.0))
+        for drift in drifts_of(quantity, moment, measured[:, i], errors[:, i], scatter, study.base.dof)
     ]
     drifts.sort(key=lambda drift: (drift.p_value, -drift.share))
     return NamingKey(
@@ -160,7 +153,9 @@ def first_steps(study: Study) -> tuple[NDArray[np.bool_], Floats]:
     return inside, moment
 
 
-def drifts_of(quantity: str, moment: Floats, log: Floats, error: Floats, scatter: float) -> list[Drift]:
+def drifts_of(
+    quantity: str, moment: Floats, log: Floats, error: Floats, scatter: float, dof: Dof
+) -> list[Drift]:
     """Weighted straight lines of `log` (R,) against every power of |moment|, even and odd in its sign.
 
     `scatter` is the runs' standard deviation of the log gain, which moves k.
@@ -183,8 +178,10 @@ def drifts_of(quantity: str, moment: Floats, log: Floats, error: Floats, scatter
         if parity == "even" and slope <= 0:
             continue  # what falls with the moment has a negative power, what rises a positive one
         gained = slope**2 * spread
-        dof = len(y) - 2
-        rest = max((total - gained) / dof, 1e-300)
-        p_value = float(stats.f.sf(gained / rest, 1, dof))
-        found.append(Drift(quantity, power, parity, slope, gained / total, p_value))
+        freedom = len(y) - 2
+        rest = max((total - gained) / freedom, 1e-300)
+        p_value = float(stats.f.sf(gained / rest, 1, freedom))
+        late = quantity == "I/k" and power > 0 and parity == "even"
+        means = TIMES if late else dof.fill(CLASSES[power, parity])
+        found.append(Drift(quantity, power, parity, slope, gained / total, p_value, means))
     return found

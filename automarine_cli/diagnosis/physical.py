@@ -3,17 +3,8 @@
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.effects import Motion
+from automarine_cli.effects import State
 from automarine_cli.models.yaw_model import YawModel
-
-DRAGS = (
-    "linear-drag",
-    "quadratic-drag",
-    "cubic-drag",
-    "coulomb-drag",
-    "drag-asymmetry",
-    "linear-drag-asymmetry",
-)
 
 RATES = 50
 """Rates at which drag is asked for its sign, either way round."""
@@ -27,11 +18,12 @@ def drag_drives(model: YawModel, fastest: float) -> bool:
     """
     rates = fastest * np.linspace(-1.0, 1.0, 2 * RATES + 1)[:, None]
     still = np.zeros_like(rates)
-    motion = Motion(still, still, rates, rates, still, still, {})
+    state = State(still, still, rates, rates, still, still, {})
     total, sizes = still, still
     for term in model.terms:
-        if term.name in DRAGS:
+        effect = effects.get(term.name)
+        if effect.power is not None:
             values = tuple(np.full((1, 1), value) for value in term.values)
-            moment = effects.get(term.name).moment(motion, values)
+            moment = effect.moment(state, values)
             total, sizes = total + moment, sizes + np.abs(moment)
     return bool(np.any(total * rates > 1e-9 * sizes * np.abs(rates)))

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.study import Study, fitted_to
+from automarine_cli.diagnosis.study import Study
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.mixed_model import MixedFit, derivatives
+from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.models.yaw_model import YawModel
 
 Floats = NDArray[np.float64]
@@ -75,7 +76,7 @@ def candidates(study: Study, model: YawModel) -> list[str]:
     present = {term.name for term in model.terms}
     return [
         name for name in effects.names()
-        if name not in present and model.axis.name in effects.get(name).axes
+        if name not in present and effects.get(name).acts_in(model.dof)
         and set(effects.get(name).needs) <= set(study.signals)
     ]  # fmt: skip
 
@@ -179,11 +180,8 @@ def _weighted(
     sane = np.isfinite(columns).all(axis=(1, 2), keepdims=True)
     columns = np.where(sane, columns, 0.0)  # a probe that runs away says nothing
     j = np.concatenate([by_phi, np.moveaxis(columns, 0, 2)], axis=2)
-    residual = np.where(problem.seen, problem.measured - fitted, 0.0)
-    data = residual + np.einsum("rnq,rq->rn", by_run, fit.run_effects)
-    gram = linear_mixed.Gram.of(j, by_run, data, problem.seen.sum(axis=1))
-    variances = np.append(np.log(fit.noise), np.log(np.maximum(fit.factors, linear_mixed.SMALLEST_FACTOR)))
-    return linear_mixed.weigh(gram, problem.effects, variances)
+    data = problem.residual(fitted) + np.einsum("rnq,rq->rn", by_run, fit.run_effects)
+    return linear_mixed.weigh(problem.inner(j, by_run, data), problem.effects, fit.variances)
 
 
 def _varying(
@@ -226,9 +224,9 @@ def _responses(study: Study, model: YawModel, fit: MixedFit, name: str, every: S
     """Headings (m, R, N) of the fitted model with the candidate added at each value of each of its probes."""
     values = np.concatenate([probe.values for probe in every if probe.effect == name])
     problem = study.problem(model.with_effect(name, values[0]))
-    count, own = len(values), fitted_to(problem, fit.run_effects)
+    count, own = len(values), fit.effects.carried(fit.run_effects, problem.effects)
     theta = np.concatenate(
-        [np.tile(fit.theta[:-1], (count, 1)), values, np.full((count, 1), fit.theta[-1])], axis=1
+        [np.tile(fit.of_model, (count, 1)), values, np.full((count, 1), fit.value(SWITCH))], axis=1
     )
     return problem.response(theta, np.tile(own, (count, 1, 1)))
 

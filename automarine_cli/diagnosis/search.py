@@ -20,7 +20,7 @@ from automarine_cli.diagnosis.scores import candidates, fitted_parameters, law_o
 from automarine_cli.diagnosis.study import ITERATIONS, Study
 from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Rival, Round, Trial
 from automarine_cli.errors import FitError
-from automarine_cli.fits.mixed_model import MixedFit
+from automarine_cli.fits.mixed_problem import SWITCH, MixedFit
 from automarine_cli.models.yaw_model import YawModel
 
 Floats = NDArray[np.float64]
@@ -108,7 +108,7 @@ def independent_share(study: Study, fit: MixedFit) -> float:
     """(1 - rho)/(1 + rho) with rho the correlation of neighbouring residuals; 1 in a pool, whose noise is white."""
     if not study.disturbed:
         return 1.0
-    left = np.where(study.batch.seen, study.batch.heading - fit.fitted, 0.0)
+    left = study.residual(fit.fitted)
     rho = float((left[:, 1:] * left[:, :-1]).sum() / max((left**2).sum(), 1e-300))
     return float(np.clip((1.0 - rho) / (1.0 + rho), 0.001, 1.0))
 
@@ -149,7 +149,7 @@ def _from_elsewhere(study: Study, current: Trial, trials: Sequence[Trial]) -> Tr
     leading the base out of a valley in which its own fit had stopped."""
     own = len(current.model.theta)
     for trial in trials if study.disturbed else trials[:1]:
-        theta = np.append(trial.fit.theta[:own], trial.fit.theta[-1])
+        theta = np.append(trial.fit.theta[:own], trial.fit.value(SWITCH))
         try:
             again = _trial(study, current.model, current.added, study.fit(current.model, theta, trial.fit))
         except (FitError, np.linalg.LinAlgError):
@@ -164,7 +164,7 @@ def add_effect(
 ) -> Trial | None:
     """The current model with one more effect, everything refitted; None where no fit is found."""
     name, start = candidate
-    theta = np.concatenate([current.fit.theta[:-1], start, current.fit.theta[-1:]])
+    theta = np.concatenate([current.fit.of_model, start, [current.fit.value(SWITCH)]])
     return _fitted(study, current, current.model.with_effect(name, start), theta, current.fit, iterations)
 
 
@@ -206,7 +206,7 @@ def _without(study: Study, trial: Trial, out: str) -> Trial | None:
     for term in kept:
         model = model.with_effect(term.name, term.values)
     try:
-        fit = study.fit(model, np.append(model.theta, trial.fit.theta[-1]), trial.fit)
+        fit = study.fit(model, np.append(model.theta, trial.fit.value(SWITCH)), trial.fit)
     except (FitError, np.linalg.LinAlgError):
         return None
     return _trial(study, model, tuple(term.name for term in kept), fit)

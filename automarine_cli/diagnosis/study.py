@@ -13,12 +13,13 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed
 from automarine_cli.fits.output_error import run_covariance
+from automarine_cli.fits.run_effects import DISTURBANCE, GAIN, SWITCHES
 from automarine_cli.fits.step_response import MOST_OFFSET
 from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.runs.noise import heading_noise
+from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.batch import MOST_EDGES, Batch, make_batch
+from automarine_cli.simulation.batch import MOST_SWITCHES, Batch, make_batch
 from automarine_cli.simulation.rollout import step_for
 
 Floats = NDArray[np.float64]
@@ -53,7 +54,7 @@ class Study:
     @cached_property
     def time(self) -> Floats:
         """Time of each sample since the run's first one [s], (R, N), also while somebody held the vehicle."""
-        if not self.base.axis.constant:
+        if not self.base.dof.has_constant:
             return self.batch.time
         time = np.zeros(self.batch.seen.shape)
         for row, run in zip(time, self.runs):
@@ -68,7 +69,7 @@ class Study:
     @cached_property
     def largest(self) -> float:
         """Largest |moment| of the runs."""
-        return float(np.abs(self.batch.moment).max())
+        return float(np.abs(self.batch.force).max())
 
     @cached_property
     def fastest(self) -> float:
@@ -76,7 +77,7 @@ class Study:
         found = 0.0
         for run in self.runs:
             grid = np.arange(run.time[0], run.time[-1], 1.0)
-            turned = np.abs(np.diff(np.interp(grid, run.time, run.heading)))
+            turned = np.abs(np.diff(np.interp(grid, run.time, run.position)))
             found = max(found, float(turned.max(initial=0.0)))
         return found
 
@@ -101,41 +102,45 @@ class Study:
     @cached_property
     def floor(self) -> float:
         """Noise of the heading measured apart from any model, root mean square over runs [rad]."""
-        noise = np.array([heading_noise(run.time, run.heading) for run in self.runs])
+        noise = np.array([position_noise(run.time, run.position) for run in self.runs])
         weight = np.array([len(run) for run in self.runs])
         return float(np.sqrt(np.average(noise**2, weights=weight)))
+
+    def positions(self, readings: Floats) -> Floats:
+        """The positions (..., R, N) out of all channels' readings."""
+        return readings[..., : self.batch.seen.shape[1]]
+
+    def residual(self, fitted: Floats) -> Floats:
+        """Measured less fitted positions (R, N), zero in the padding, of readings `fitted` of all channels."""
+        return np.where(self.batch.seen, self.batch.position - self.positions(fitted), 0.0)
 
     def problem(self, model: YawModel) -> Problem:
         """Likelihood of the runs under `model`, any set of effects together; theta ends with the z of the switches."""
         within = not self.disturbed
         problem = whole_run_problem(model, self.batch, self.at_rest, within)
         most = MOST_OFFSET if within else 0.5
-        if self.disturbed and any(term.name == "input-delay" for term in model.terms):
+        if self.disturbed and any(effects.get(term.name).delays for term in model.terms):
             most = 0.0  # an offset common to all changes of command is the same delay
         bounds, positive = [(0.0, np.inf)], [True]
-        main = "k_rr" if any(term.name == "quadratic-drag" for term in self.base.terms) else "k_r"
+        roles = [effects.get(term.name).role for term in self.base.terms]
+        main = "quadratic" if "quadratic" in roles else "linear"
         for i, term in enumerate(model.terms):
             own = i < len(self.base.terms)
             effect = effects.get(term.name)
             for parameter, value, fixed in zip(effect.parameters, term.values, effect.held(term.values)):
-                logger = self.logger_delay if term.name == "input-delay" and not own else -np.inf
+                logger = self.logger_delay if effect.delays and not own else -np.inf
                 lower = max(parameter.lower, logger)
                 slow = self.slowest if parameter.scan and effect.varies(term.values) else np.inf
                 bounds.append((value, value) if fixed else (lower, min(parameter.upper, slow)))
                 # In open water another effect may take over all of the drag: searched on the logarithm it would only
                 # creep towards nothing.
-                drag = own and parameter.name == main and not self.disturbed
+                drag = own and effect.role == main and not self.disturbed
                 positive.append(parameter.log or drag)
-        scale = problem.effects.scale.copy()
-        edges = self.batch.interval.shape[1]
-        if not self.disturbed:
-            scale[:, 3 + edges : 3 + edges + self.batch.windows] = 0.0
-        else:
-            # Neither gains nor shifts: a delay of the vehicle is what is looked for.
-            scale[:, 2 : 3 + edges] = 0.0
+        # In open water neither gains nor delays of switches: a delay of the vehicle is what is looked for.
+        quiet = {"gain": 0.0, "switch_instants": 0.0} if self.disturbed else {"disturbance": 0.0}
         return replace(
             problem,
-            effects=replace(problem.effects, scale=scale),
+            effects=problem.effects.with_scale(**quiet),
             bounds=np.array([*bounds, (-most, most)]),
             positive=np.array([*positive, False]),
         )
@@ -153,16 +158,18 @@ class Study:
         """
         start = np.append(model.theta, 0.0) if theta is None else theta
         problem = self.problem(model)
-        factors = np.append([0.03, 0.7, 0.02], np.full(len(problem.effects.limits) - 3, 0.02))
+        begin = {GAIN: 0.03, SWITCHES: 0.7} | (
+            dict(zip(near.effects.factor_names, near.factors)) if near else {}
+        )
+        factors = np.array([begin.get(name, 0.02) for name in problem.effects.factor_names])
         if near is None:
             return fit_mixed(
                 problem, start, noise=max(2 * self.floor, 1e-4), factors=factors, iterations=ITERATIONS,
                 settled=SETTLED,
             )  # fmt: skip
-        kept = min(len(near.factors), len(factors))
-        factors[:kept] = near.factors[:kept]
+        run_effects = near.effects.carried(near.run_effects, problem.effects)
         return fit_mixed(
-            problem, start, noise=near.noise, factors=factors, run_effects=fitted_to(problem, near.run_effects),
+            problem, start, noise=near.noises, factors=factors, run_effects=run_effects,
             iterations=iterations, settled=SETTLED,
         )  # fmt: skip
 
@@ -186,9 +193,9 @@ class Study:
 
     def told(self, model: YawModel, fit: MixedFit) -> YawModel:
         """The fitted model; effects that vary from run to run tell the amplitude that the runs' own share."""
-        model = model.with_theta(fit.theta[:-1])
-        for i, name in enumerate(varying_terms(model)):
-            amplitude = float(np.sqrt(2.0) * fit.factors[3 + i] * self.largest)
+        model = model.with_theta(fit.of_model)
+        for name in varying_terms(model):
+            amplitude = float(np.sqrt(2.0) * fit.factor(name) * self.largest)
             terms = tuple(
                 replace(t, values=(amplitude, *t.values[1:])) if t.name == name else t for t in model.terms
             )
@@ -196,19 +203,17 @@ class Study:
         return model
 
 
-def fitted_to(problem: Problem, run_effects: Floats) -> Floats:
-    """Run effects (R, q) of a similar model as start values for `problem`: what only one of them has is at the end."""
-    out = np.zeros_like(problem.effects.scale)
-    kept = min(out.shape[1], run_effects.shape[1])
-    out[:, :kept] = run_effects[:, :kept]
-    return out
+def without_scatter(fit: MixedFit) -> Floats:
+    """A fit's run effects (R, q) without gains, instants and disturbances: the starts, and what an effect lets vary."""
+    scatter = (GAIN, SWITCHES, DISTURBANCE)
+    return fit.effects.only(fit.run_effects, [name for name in fit.effects.names if name not in scatter])
 
 
 def study_of(runs: Sequence[Run], base: YawModel, disturbed: bool | None = None) -> Study:
     """A study of `runs`; open water is recognised by commands that change at nearly every sample."""
     if disturbed is None:
         changes = [int(np.sum(np.diff(run.command) != 0)) for run in runs]
-        disturbed = bool(np.median(changes) > MOST_EDGES)
+        disturbed = bool(np.median(changes) > MOST_SWITCHES)
     have = set.intersection(*(set(run.extras) for run in runs))
     needed = {name for effect in effects.names() for name in effects.get(effect).needs}
     return Study(tuple(runs), base, disturbed, tuple(sorted(needed & have)))
@@ -226,17 +231,15 @@ def run_effects_given(
     shares = np.array([1.0, 0.5, 0.2])[:, None, None]
 
     def costs(fitted: Floats, b: Floats) -> Floats:
-        residual = np.where(problem.seen, problem.measured - fitted, 0.0)
         penalty = np.divide(b, scale, out=np.zeros_like(b), where=scale > 0) ** 2
-        found = (residual**2).sum(axis=-1) / np.exp(2.0 * variances[0]) + penalty.sum(axis=-1)
+        found = problem.squares(problem.residual(fitted), variances) + penalty.sum(axis=-1)
         return np.where(np.isfinite(found), found, np.inf)
 
     b = np.zeros_like(problem.effects.scale)
     fitted, by_phi, by_run = derivatives(problem, phi, b)
     for _ in range(rounds):
-        residual = np.where(problem.seen, problem.measured - fitted, 0.0)
-        data = residual + by_phi @ phi + np.einsum("rnq,rq->rn", by_run, b)
-        gram = linear_mixed.Gram.of(by_phi, by_run, data, problem.seen.sum(axis=1))
+        data = problem.residual(fitted) + by_phi @ phi + np.einsum("rnq,rq->rn", by_run, b)
+        gram = problem.inner(by_phi, by_run, data)
         step = linear_mixed.posterior_mean(gram, problem.effects, variances, phi) - b
         trials = b + shares * step
         tried = problem.response(np.tile(problem.natural(phi), (len(trials), 1)), trials)

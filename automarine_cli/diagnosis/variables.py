@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
 from automarine_cli.diagnosis.study import Study
+from automarine_cli.dofs import DOFS, Dof
 
 Floats = NDArray[np.float64]
 
@@ -15,15 +15,9 @@ FEWEST_IN_A_BIN = 2
 """Runs that a bin needs: one run alone says nothing about chance."""
 OF_THE_RUN = 0.1
 """A column that varies within runs by less than this share of its whole spread is a property of the run."""
-UNITS = {
-    "voltage": "V",
-    "surge": "m/s",
-    "sway": "m/s",
-    "heave": "m/s",
-    "yaw_rate": "deg/s",
-    "n_port": "",
-    "n_stbd": "",
-}
+UNITS = {"voltage": "V", "sway": "m/s"}
+"""Of columns that are no velocity of a motion."""
+VELOCITIES = {one.velocity: one.units for one in DOFS.values()}
 
 
 @dataclass(frozen=True)
@@ -43,22 +37,23 @@ class Column:
 def columns(study: Study, fitted: Floats) -> list[Column]:
     """Every variable of the runs of `study`; `fitted` (R, N) are headings smooth enough to differentiate [rad]."""
     batch = study.batch
-    seen, time, axis = batch.seen, study.time, study.base.axis
+    seen, time, dof = batch.seen, study.time, study.base.dof
+    words = dof.words
     moment = commanded(study)
-    start = np.array([float(np.median(run.heading[:5])) for run in study.runs])
-    measured = np.where(seen, batch.heading, np.nan)
+    start = np.array([float(np.median(run.position[:5])) for run in study.runs])
+    measured = np.where(seen, batch.position, np.nan)
     clock = batch.start
     order = np.argsort(np.argsort(clock, kind="stable"), kind="stable").astype(np.float64) + 1.0
     found = [
         Column("time-since-command-change", "s", _since_change(moment, time)),
         Column("time-in-run", "s", time),
-        Column("turned-angle", axis.unit, axis.shown(fitted - fitted[:, :1])),
-        Column("heading", axis.unit, _once_round(axis.shown(measured), axis)),
-        Column("yaw-rate", f"{axis.unit}/s", axis.shown(rates(fitted, time, seen))),
-        Column("moment", study.base.moment_unit, moment),
-        Column("moment", study.base.moment_unit, of_runs(study)),
-        Column("moment-size", study.base.moment_unit, np.abs(of_runs(study))),
-        Column("start-heading", axis.unit, _once_round(axis.shown(start), axis)),
+        Column(_hyphened(words.travelled), dof.units.shown, dof.shown(fitted - fitted[:, :1])),
+        Column(words.position, dof.units.shown, _once_round(dof.shown(measured), dof)),
+        Column(_hyphened(words.rate), f"{dof.units.shown}/s", dof.shown(rates(fitted, time, seen))),
+        Column(words.force, study.base.moment_unit, moment),
+        Column(words.force, study.base.moment_unit, of_runs(study)),
+        Column(f"{words.force}-size", study.base.moment_unit, np.abs(of_runs(study))),
+        Column(f"start-{words.position}", dof.units.shown, _once_round(dof.shown(start), dof)),
         Column("run-order", "", order),
         Column("campaign-clock", "s", clock),
     ]
@@ -67,8 +62,9 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
         values = np.full(seen.shape, np.nan)
         for row, run in zip(values, study.runs):
             row[: len(run)] = run.extras[name]
-        scale = axis.shown(1.0) if name == "yaw_rate" else 1.0
-        found.append(_of_run_or_sample(name.replace("_", "-"), UNITS.get(name, ""), scale * values))
+        units = VELOCITIES.get(name)
+        scale, unit = (1.0, UNITS.get(name, "")) if units is None else (units.per_base, f"{units.log}/s")
+        found.append(_of_run_or_sample(name.replace("_", "-"), unit, scale * values))
     columns_ = [
         Column(c.name, c.unit, c.values if c.of_the_run else np.where(seen, c.values, np.nan)) for c in found
     ]
@@ -79,9 +75,13 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
     return list(kept.values())
 
 
-def _once_round(shown: Floats, axis: Axis) -> Floats:
+def _hyphened(words: str) -> str:
+    return words.replace(" ", "-")
+
+
+def _once_round(shown: Floats, dof: Dof) -> Floats:
     """Headings within a turn; positions that never come back as they are."""
-    return shown % 360.0 if axis.wraps else shown
+    return shown % 360.0 if dof.wraps else shown
 
 
 def of_runs(study: Study) -> Floats:

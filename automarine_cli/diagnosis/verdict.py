@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from automarine_cli import effects
-from automarine_cli.axes import YAW, Axis
 from automarine_cli.diagnosis.gap import Gap, residuals
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Trial
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import estimate_of
+from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.whole_runs import varying_terms
 
 Floats = NDArray[np.float64]
@@ -82,7 +83,7 @@ def verdict_of(study: Study, found: Found, held_out: Gap | None = None) -> str:
         )
     ):
         return "unexplained"
-    scatter = [trial.fit.factors[0] ** 2 for trial in (found.base, found.final)]
+    scatter = [trial.fit.factor(GAIN) ** 2 for trial in (found.base, found.final)]
     unnamed = not found.final.added or scatter[1] > LEFT_OVER * scatter[0]
     if unnamed and not study.disturbed and gains_wander(study, found.final):
         return "unexplained"
@@ -98,7 +99,7 @@ def gains_wander(study: Study, trial: Trial) -> bool:
     Von Neumann's ratio of the mean squared successive difference to the variance of the gains in the order of the
     clock; independent gains give 2 n/(n - 1), with a variance of about 4/n (von Neumann, 1941, Ann. Math. Stat. 12).
     """
-    gains = trial.fit.run_effects[np.argsort(study.batch.start), 2]
+    gains = trial.fit.own(GAIN)[np.argsort(study.batch.start), 0]
     count, spread = len(gains), float(((gains - gains.mean()) ** 2).sum())
     if count < FEWEST_GAINS or spread < 1e-12:
         return False
@@ -116,41 +117,36 @@ def hangs_together(study: Study, trial: Trial) -> bool:
 
 
 def parameter_estimates(study: Study, trial: Trial, name: str) -> dict[str, Estimate]:
-    """Estimates of one effect's parameters with the run as the unit."""
-    covariance = study.covariance(trial.model, trial.fit)
-    at, found = 1, {}
-    for term in trial.model.terms:
-        for parameter in effects.get(term.name).parameters:
-            if term.name == name:
-                unit = parameter.unit_for(trial.model.moment_unit, trial.model.axis)
-                found[parameter.name] = estimate_of(trial.fit, covariance, at, unit)
-            at += 1
-    for i, varying in enumerate(varying_terms(trial.model)):
-        if varying == name:
-            found[next(iter(found))] = _amplitude(study, trial, 3 + i)
-    return found
-
-
-def _amplitude(study: Study, trial: Trial, factor: int) -> Estimate:
-    """Amplitude of what every run has a share of its own of, from the likelihood of their spread."""
-    scale = float(np.sqrt(2.0) * study.largest)
-    low, high = (scale * end for end in trial.fit.factor_interval(factor))
-    value, unit = scale * float(trial.fit.factors[factor]), trial.model.moment_unit
-    return Estimate(value, (high - low) / (2.0 * float(stats.norm.ppf(0.975))), (low, high), unit)
+    """Estimates of one effect's parameters with the run as the unit, by their names in files."""
+    found = _estimates(study, trial)
+    own = effects.get(name).names_in(trial.model.dof)
+    return {one: found[trial.model.index(f"{name}.{one}")] for one in own}
 
 
 def base_estimates(study: Study, trial: Trial) -> dict[str, Estimate]:
-    """Estimates of inertia and the base model's drag."""
-    covariance = study.covariance(trial.model, trial.fit)
-    found = {
-        "I_r": estimate_of(trial.fit, covariance, 0, study.base.axis.unit_of("I_r", trial.model.moment_unit))
-    }
-    for term in study.base.terms:
-        own = parameter_estimates(study, trial, term.name)
-        if not study.base.axis.wraps:  # the constant force is the first b
-            own = {name: one for name, one in own.items() if name not in found}
-        found |= own
+    """Estimates of the base model's parameters, inertia first, by their names in files."""
+    return dict(zip(study.base.short_names, _estimates(study, trial)))
+
+
+def _estimates(study: Study, trial: Trial) -> list[Estimate]:
+    """Estimates of a model's parameters, in the order of theta."""
+    model, covariance = trial.model, study.covariance(trial.model, trial.fit)
+    units = [model.dof.unit_of("inertia", model.moment_unit)]
+    for term in model.terms:
+        units += [p.unit for p in effects.get(term.name).card(model.dof, model.moment_unit).parameters]
+    found = [estimate_of(trial.fit, covariance, i, unit) for i, unit in enumerate(units)]
+    for varying in varying_terms(model):
+        size = effects.get(varying).names_in(model.dof)[0]
+        found[model.index(f"{varying}.{size}")] = _amplitude(study, trial, varying)
     return found
+
+
+def _amplitude(study: Study, trial: Trial, name: str) -> Estimate:
+    """Amplitude of what every run has a share of its own of, from the likelihood of their spread."""
+    scale = float(np.sqrt(2.0) * study.largest)
+    low, high = (scale * end for end in trial.fit.factor_interval(name))
+    value, unit = scale * trial.fit.factor(name), trial.model.moment_unit
+    return Estimate(value, (high - low) / (2.0 * float(stats.norm.ppf(0.975))), (low, high), unit)
 
 
 def detectable(study: Study, found: Found) -> dict[str, float]:
@@ -167,7 +163,7 @@ def named_effects(
     study: Study, found: Found, split_by: Mapping[tuple[str, str], str]
 ) -> tuple[NamedEffect, ...]:
     """The final model's effects as the verdict names them; `split_by` by (effect, rival)."""
-    named = []
+    named, dof = [], study.base.dof
     for name in found.final.added:
         own = [rival for rival in found.rivals if rival.replaces == name]
         weight = found.weight(name)
@@ -175,22 +171,23 @@ def named_effects(
             NamedRival(
                 rival.name,
                 weight * float(np.exp(-0.5 * rival.behind)),
-                split_by.get((name, rival.name), study.base.axis.say(effects.get(name).separated_by)),
+                split_by.get((name, rival.name), effects.get(name).card(dof).separated_by),
             )
             for rival in own
         )
         sure = weight * (1.0 - found.p_values.get(name, LEVEL))
         parameters = parameter_estimates(study, found.final, name)
         p_value = found.p_values.get(name, LEVEL)
-        says = study.base.axis.say(effects.get(name).says)
+        says = effects.get(name).card(dof).says
         named.append(NamedEffect(name, says, parameters, sure, p_value, rivals))
     return tuple(named)
 
 
-def gap_json(gap: Gap, axis: Axis = YAW) -> dict[str, float]:
-    """The contract's form, in degrees."""
+def gap_json(gap: Gap, dof: Dof) -> dict[str, float]:
+    """The contract's form, in the unit in which people see positions."""
+    key = dof.units.key
     return {
-        "before_deg": float(axis.shown(gap.before)),
-        "after_deg": float(axis.shown(gap.after)),
-        "noise_floor_deg": float(axis.shown(gap.floor)),
+        f"before_{key}": float(dof.shown(gap.before)),
+        f"after_{key}": float(dof.shown(gap.after)),
+        f"noise_floor_{key}": float(dof.shown(gap.floor)),
     }

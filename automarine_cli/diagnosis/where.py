@@ -7,21 +7,20 @@ against the largest that chance gives. Variables that belong to a whole run are 
 gain and the size of its gap, by permuting the runs.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW, Axis
-from automarine_cli.diagnosis.bins import Variable, of_runs, of_samples, over_variables
+from automarine_cli.diagnosis.bins import THRUST, Variable, of_runs, of_samples, over_variables
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.variables import Column, columns, direction
+from automarine_cli.dofs import Dof
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram
 from automarine_cli.fits.mixed_model import derivatives
+from automarine_cli.fits.run_effects import DISTURBANCE, GAIN
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +33,8 @@ ODD_RUN = 2.0
 class Region:
     """A stretch of one variable in which the gap stands out; `gap` [rad] is the mean that repeats from run to run.
 
-    `seen_in` says which gap shows it: "heading", "moment", "thrust" (a run's own gain) or "size". `share` is the part
+    `seen_in` says which gap shows it: that of the position, of the moment or force, of "thrust" (a run's own gain) or
+    its "size". `share` is the part
     of the gap above the noise that lies in the region.
     """
 
@@ -48,12 +48,12 @@ class Region:
     share: float
     seen_in: str
 
-    def to_json(self, axis: Axis = YAW) -> dict[str, object]:
-        """The contract's form, in degrees; for a translation in its words, still under yaw's keys."""
+    def to_json(self, dof: Dof) -> dict[str, object]:
+        """The contract's form, in the unit in which people see positions."""
         return {
-            "variable": axis.say(self.variable), "from": self.low, "to": self.high, "unit": self.unit,
-            "gap_deg": float(axis.shown(self.gap)), "p_value": self.p_value, "runs": list(self.runs),
-            "share": self.share, "seen_in": axis.say(self.seen_in),
+            "variable": self.variable, "from": self.low, "to": self.high, "unit": self.unit,
+            f"gap_{dof.units.key}": float(dof.shown(self.gap)), "p_value": self.p_value, "runs": list(self.runs),
+            "share": self.share, "seen_in": self.seen_in,
         }  # fmt: skip
 
 
@@ -78,24 +78,24 @@ class Where:
     seen: NDArray[np.bool_]
     floor: float
     moment_unit: str
-    axis: Axis = YAW
+    dof: Dof
 
 
 def find_where(study: Study, base: Trial, seed: int) -> Where:
     """Look at the gap of `base` on the runs of `study` against every variable; `seed` draws the signs."""
     residual, moment = gaps(study, base)
-    batch, axis = study.batch, study.base.axis
+    batch, dof = study.batch, study.base.dof
     raw = without_gains(study, base)
-    fitted = np.where(batch.seen, batch.heading - residual, 0.0)
+    fitted = np.where(batch.seen, batch.position - residual, 0.0)
     sign = np.where(batch.seen, direction(study), 0.0)
-    gain = 100.0 * base.fit.run_effects[:, 2]
+    gain = 100.0 * base.fit.own(GAIN)[:, 0]
     random = np.random.default_rng(seed)
     drawn = random.random((PERMUTATIONS, len(study.runs)))
     found: list[tuple[Column, Variable, Floats]] = []
     kinds = {
-        "heading": (axis.unit, axis.shown(residual)),
-        "thrust": (axis.unit, axis.shown(raw)),
-        "moment": (study.base.moment_unit, moment),
+        dof.words.position: (dof.units.shown, dof.shown(residual)),
+        THRUST: (dof.units.shown, dof.shown(raw)),
+        dof.words.force: (study.base.moment_unit, moment),
     }
     for column in columns(study, fitted):
         if column.of_the_run:
@@ -106,9 +106,10 @@ def find_where(study: Study, base: Trial, seed: int) -> Where:
         if looked is not None:
             found.append((column, *looked))
     judged = over_variables(found)
-    both = {"heading": residual, "thrust": raw}
     regions = [
-        region for column, variable in judged for region in _regions(column, variable, study, both, sign)
+        region
+        for column, variable in judged
+        for region in _regions(column, variable, study, residual, raw, sign)
     ]
     regions.sort(key=lambda region: (region.p_value, -region.share))
     pushed = [run.command[run.command != 0] for run in study.runs]
@@ -126,7 +127,7 @@ def find_where(study: Study, base: Trial, seed: int) -> Where:
         seen=batch.seen,
         floor=study.floor,
         moment_unit=study.base.moment_unit,
-        axis=axis,
+        dof=dof,
     )
 
 
@@ -136,30 +137,30 @@ def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
     The disturbances are the windows of `whole_runs`, their size estimated with everything else at the trial's fit.
     """
     problem, batch = study.problem(trial.model), study.batch
-    residual = np.where(problem.seen, problem.measured - trial.fit.fitted, 0.0)
-    first = 3 + batch.interval.shape[1]
+    residual = study.residual(trial.fit.fitted)
     b = trial.fit.run_effects
-    variances = np.append(np.log(trial.fit.noise), np.log(np.maximum(trial.fit.factors, SMALLEST_FACTOR)))
     if not study.disturbed:
-        scale = problem.effects.scale.copy()
         lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
-        scale[:, first:] = np.arange(batch.windows) <= lasts[:, None]
-        problem = replace(problem, effects=replace(problem.effects, scale=scale))
-        _, by_phi, by_run = derivatives(problem, trial.fit.phi, b)
-        gram = Gram.of(by_phi, by_run, residual, problem.seen.sum(axis=1), b)
-        variances = linear_mixed.choose_variances(gram, problem.effects, variances)
+        windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
+        problem = replace(problem, effects=problem.effects.with_scale(disturbance=windows))
+        fitted, by_phi, by_run = derivatives(problem, trial.fit.phi, b)
+        gram = problem.gram(by_phi, by_run, fitted, b)
+        variances = linear_mixed.choose_variances(gram, problem.effects, trial.fit.variances)
         b = linear_mixed.posterior_mean(gram, problem.effects, variances, np.zeros(len(trial.fit.phi)))
     window = np.take_along_axis(batch.window, np.minimum(batch.node, batch.window.shape[1] - 1), axis=1)
-    held = np.take_along_axis(b[:, first:], np.minimum(window, batch.windows - 1), axis=1)
-    return residual, np.where(batch.seen, trial.fit.theta[0] * held, 0.0)
+    inertia = trial.model.index(trial.model.dof.parameter("inertia"))
+    held = np.take_along_axis(
+        trial.fit.effects.of(b, DISTURBANCE), np.minimum(window, batch.windows - 1), axis=1
+    )
+    return residual, np.where(batch.seen, trial.fit.theta[inertia] * held, 0.0)
 
 
 def without_gains(study: Study, trial: Trial) -> Floats:
     """Measured less simulated headings (R, N) [rad] if every run had the same thrust: what a gain could hide."""
     problem = study.problem(trial.model)
     b = trial.fit.run_effects.copy()
-    b[:, 2] = 0.0
-    return np.where(problem.seen, problem.measured - problem.headings(trial.fit.phi, b), 0.0)
+    trial.fit.effects.of(b, GAIN)[...] = 0.0
+    return study.residual(problem.readings(trial.fit.phi, b))
 
 
 def _size(residual: Floats, seen: NDArray[np.bool_]) -> Floats:
@@ -168,9 +169,10 @@ def _size(residual: Floats, seen: NDArray[np.bool_]) -> Floats:
 
 
 def _regions(
-    column: Column, variable: Variable, study: Study, residuals: Mapping[str, Floats], sign: Floats
+    column: Column, variable: Variable, study: Study, residual: Floats, raw: Floats, sign: Floats
 ) -> list[Region]:
-    """Neighbouring bins that stand out together, to the same side, are one region."""
+    """Neighbouring bins that stand out together, to the same side, are one region; `raw` is what is left if every run
+    has the same thrust."""
     side = np.where(variable.stands_out, np.sign(variable.telling.t), 0.0)
     changes = np.flatnonzero(np.diff(np.concatenate([[0.0], side, [0.0]])))
     values = column.values[:, None] if column.of_the_run else column.values
@@ -182,8 +184,8 @@ def _regions(
         with np.errstate(invalid="ignore"):
             inside = seen & (values >= low) & (values < high)
         row = max(variable.rows, key=lambda r: float(np.abs(r.t[begin:end]).max()))
-        residual = residuals["thrust" if row.kind == "thrust" else "heading"]
-        found.append(_region(column, variable, study, (low, high), row.kind, inside, residual, sign))
+        left = raw if row.kind == THRUST else residual
+        found.append(_region(column, variable, study, (low, high), row.kind, inside, left, sign))
     return found
 
 

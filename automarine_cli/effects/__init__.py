@@ -5,10 +5,10 @@ import importlib
 import pkgutil
 from functools import cache
 
-from automarine_cli.effects.base import Commands, Effect, Motion, Parameter, Place
+from automarine_cli.effects.base import Card, Commands, Effect, Parameter, Place, State
 from automarine_cli.errors import ModelError
 
-__all__ = ["Commands", "Effect", "Motion", "Parameter", "Place", "get", "names"]
+__all__ = ["Card", "Commands", "Effect", "Parameter", "Place", "State", "get", "names"]
 
 
 def names() -> tuple[str, ...]:

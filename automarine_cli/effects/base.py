@@ -12,14 +12,17 @@ Recipe: one file in this folder, one subclass of `Effect` with
    which the effect is off, so that the model with the effect switched off is exactly the model without it;
 3. one of the methods: `deliver` for actuators, `moment` for moments, `read` for sensors; and `states` with
    `derivatives` where the effect carries a state of its own (water that turns); `steered = True` where the moment
-   depends on the heading.
+   depends on the heading, `power` where it is drag; `acts_in` where it needs a motion of some kind.
+
+Texts are templates over the vocabulary of a degree of freedom (`Dof.vocabulary`), such as "-{quadratic} |{v}| {v}" or
+"A constant {force} acts on the vehicle."; `card` fills them. An effect that acts in one motion only may say it plainly.
 
 The folder is the registry: `effects.get("my-effect")` and the contract test find the new file by themselves.
 Every method is a pure function of arrays of shape (P, R), parameter sets by runs, or shapes that broadcast
-to it.
+to it. An effect acts on one degree of freedom and sees the state of that one, and the flow along the others.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar
@@ -27,7 +30,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import DOFS, Dof
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +54,7 @@ class Place(Enum):
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of an effect: unit (`{moment}` stands for the moment's unit), bounds, start, and off value.
+    """One parameter of an effect: name, meaning and unit (templates; see `Dof.unit_in`), bounds, start, and off value.
 
     `start` (and `scan`) are for a largest moment of one; `scaled` makes them fit other moments. A parameter with a
     `scan` shapes the effect and means nothing while the effect is off: fits start from the best of these values.
@@ -80,47 +83,72 @@ class Parameter:
 
     def scaled(self, value: float, largest: float) -> float:
         """`value` for logs whose largest moment is `largest`."""
-        power = 0.5 if self.unit.startswith("({moment})^1/2") else 1.0 if "{moment}" in self.unit else 0.0
+        power = 0.5 if self.unit.startswith("({force})^1/2") else 1.0 if "{force}" in self.unit else 0.0
         return float(value * largest**power)
 
-    def unit_for(self, moment_unit: str, axis: Axis = YAW) -> str:
-        """Unit in print for logs whose moment, or force, is in `moment_unit`."""
-        return axis.unit_in(self.unit, moment_unit)
+    def name_in(self, dof: Dof) -> str:
+        """What a motion calls it: its key in files."""
+        return dof.fill(self.name)
+
+
+@dataclass(frozen=True)
+class ParameterCard:
+    """A parameter in the words, letters and units of a motion."""
+
+    name: str
+    meaning: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Card:
+    """An effect in the words, letters and units of a motion: what people read of it."""
+
+    name: str
+    equation: str
+    says: str
+    reveals: str
+    separated_by: str
+    parameters: tuple[ParameterCard, ...]
 
 
 @dataclass(slots=True)
-class Motion:
-    """State of all runs under all parameter sets at one instant: arrays that broadcast to (P, R).
+class State:
+    """State of one degree of freedom of all runs under all parameter sets at one instant: arrays that broadcast to
+    (P, R).
 
-    `heading` psi [rad, unwrapped, true], `origin` the same at the run's start, `rate` r [rad/s], `slip` the rate
-    through the water [rad/s], on which drag depends, `delivered` moment after the actuators, `time` in the run [s],
-    `signals` other logged columns held over the step. The simulator fills it in anew for every instant.
+    `position` [rad or m, unwrapped, true], `origin` the same at the run's start, `velocity` over ground [per s],
+    `relative` the velocity through the water, on which drag depends, `delivered` moment or force after the actuators,
+    `time` in the run [s], `signals` other logged columns held over the step, `flow` the velocities through the water
+    of all degrees of freedom that move together, by their place. The simulator fills it in anew for every instant. In
+    the plane `position` is north, east or the heading.
     """
 
-    heading: Floats
+    position: Floats
     origin: Floats
-    rate: Floats
-    slip: Floats
+    velocity: Floats
+    relative: Floats
     delivered: Floats
     time: Floats
     signals: Mapping[str, Floats]
+    flow: Sequence[Floats] = ()
 
     @property
-    def turned(self) -> Floats:
-        """Angle turned since the run's start [rad]."""
-        return self.heading - self.origin
+    def travelled(self) -> Floats:
+        """Way since the run's start [rad or m]."""
+        return self.position - self.origin
 
 
 @dataclass(frozen=True)
 class Commands:
     """The commands of all runs on the simulation grid, for actuator effects.
 
-    `moment` (P, R, M) is held over each of the M steps, `start` and `length` (P, R, M) [s] say when;
-    `before` (R, 1) is the moment held before the first sample, `clock` (R, 1) the campaign's clock [s] at the run's
+    `force` (P, R, M), moment or force, is held over each of the M steps, `start` and `length` (P, R, M) [s] say when;
+    `before` (R, 1) is what was held before the first sample, `clock` (R, 1) the campaign's clock [s] at the run's
     first sample; `signals` are other logged columns, (R, M).
     """
 
-    moment: Floats
+    force: Floats
     start: Floats
     length: Floats
     before: Floats
@@ -149,8 +177,44 @@ class Effect:
     per_run: ClassVar[int] = 0
     """How many coefficients each run may have of its own, in units of moment; the methods get them after the values."""
 
-    axes: ClassVar[tuple[str, ...]] = ("yaw", "surge", "heave")
-    """The motions in which it may act."""
+    role: ClassVar[str] = ""
+    """What its one parameter is in a motion's own equation, by the names of `Dof.parameters`; none for effects that are
+    no part of that."""
+
+    power: ClassVar[int | None] = None
+    """With which power of the speed it resists; None for what is no drag."""
+
+    delays: ClassVar[bool] = False
+    """Whether it makes every command late by the same time."""
+
+    def acts_in(self, dof: Dof) -> bool:
+        """Whether it may act in a motion."""
+        return True
+
+    @property
+    def motions(self) -> tuple[str, ...]:
+        """Names of the motions in which it may act."""
+        return tuple(name for name, dof in DOFS.items() if self.acts_in(dof))
+
+    def card(self, dof: Dof, force_unit: str = "") -> Card:
+        """Its texts in a motion; without a unit of force that is called the force's unit."""
+        unit = force_unit or f"{dof.words.force} unit"
+        parameters = tuple(
+            ParameterCard(p.name_in(dof), dof.fill(p.meaning), dof.unit_in(p.unit, unit))
+            for p in self.parameters
+        )
+        return Card(
+            name=self.name,
+            equation=dof.fill(self.equation),
+            says=dof.fill(self.says),
+            reveals=dof.fill(self.reveals),
+            separated_by=dof.fill(self.separated_by),
+            parameters=parameters,
+        )
+
+    def names_in(self, dof: Dof) -> tuple[str, ...]:
+        """What a motion calls its parameters: their keys in files."""
+        return tuple(parameter.name_in(dof) for parameter in self.parameters)
 
     @property
     def shapes(self) -> tuple[bool, ...]:
@@ -177,9 +241,9 @@ class Effect:
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Moment delivered for the moment commanded, (P, R, M); actuators only."""
-        return commands.moment
+        return commands.force
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats | float:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats | float:
         """Moment added to the equation of motion, (P, R), in the moment's unit."""
         return 0.0
 
@@ -188,7 +252,7 @@ class Effect:
         return 0.0
 
     def derivatives(
-        self, motion: Motion, states: tuple[Floats, ...], values: tuple[Floats, ...]
+        self, state: State, states: tuple[Floats, ...], values: tuple[Floats, ...]
     ) -> tuple[Floats, ...]:
         """Time derivative of each of `states`, (P, R)."""
         return ()

@@ -17,7 +17,7 @@ class BatterySag(Effect):
         Parameter("discharge", "rate at which thrust is lost over the campaign", "1/h", 0.0, 5.0, 0.08),
         Parameter("load", "share of thrust lost at tau_ref", "1", 0.0, 0.9, 0.05),
         Parameter(
-            "tau_ref", "moment at which load is told", "{moment}", 0.0, float("inf"), 1.0, reference="moment"
+            "tau_ref", "{force} at which load is told", "{force}", 0.0, float("inf"), 1.0, reference="moment"
         ),
         Parameter(
             "t_ref",
@@ -29,7 +29,7 @@ class BatterySag(Effect):
             reference="clock",
         ),
     )
-    equation = "tau_delivered = tau exp(-discharge (t - t_ref)) (1 - load |tau|/tau_ref)"
+    equation = "{f}_delivered = {f} exp(-discharge (t - t_ref)) (1 - load |{f}|/tau_ref)"
     says = "The supply sags: thrust falls with load or as the battery empties."
     reveals = "a log of the bus voltage, and the first run repeated last"
     mistaken_for = ("cubic-drag", "thrust-exponent", "saturation")
@@ -40,4 +40,4 @@ class BatterySag(Effect):
         discharge, load, moment, clock = values
         hours = (commands.clock + commands.start - clock) / 3600.0
         fresh = np.exp(-discharge * hours)
-        return commands.moment * fresh * (1.0 - load * np.abs(commands.moment) / moment)
+        return commands.force * fresh * (1.0 - load * np.abs(commands.force) / moment)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from automarine_cli.dofs import Dof
 from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place
 
 
@@ -12,10 +13,10 @@ class CompassDeviation(Effect):
     name = "compass-deviation"
     place = Place.SENSOR
     parameters = (
-        Parameter("B", "hard iron, sine", "rad", -0.5, 0.5, 0.05),
-        Parameter("C", "hard iron, cosine", "rad", -0.5, 0.5, 0.0),
-        Parameter("D", "soft iron, sine", "rad", -0.3, 0.3, 0.0),
-        Parameter("E", "soft iron, cosine", "rad", -0.3, 0.3, 0.0),
+        Parameter("B", "hard iron, sine", "{x}", -0.5, 0.5, 0.05),
+        Parameter("C", "hard iron, cosine", "{x}", -0.5, 0.5, 0.0),
+        Parameter("D", "soft iron, sine", "{x}", -0.3, 0.3, 0.0),
+        Parameter("E", "soft iron, cosine", "{x}", -0.3, 0.3, 0.0),
     )
     equation = "psi_m = psi + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi"
     says = "The compass deviates with the heading, the same in both directions and at all moments."
@@ -24,7 +25,9 @@ class CompassDeviation(Effect):
     separated_by = "start headings a quarter turn apart, at a small and a large moment"
     source = "National Geospatial-Intelligence Agency (2004), Handbook of Magnetic Compass Adjustment"
     parity = MIXED
-    axes = ("yaw",)
+
+    def acts_in(self, dof: Dof) -> bool:
+        return dof.wraps
 
     def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:
         b, c, d, e = values

@@ -1,6 +1,7 @@
 """Surge that turns the vehicle: unequal added masses ahead and abeam (Munk moment)."""
 
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.dofs import Dof
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
 
 
 class CrossCoupling(Effect):
@@ -9,7 +10,7 @@ class CrossCoupling(Effect):
     name = "cross-coupling"
     place = Place.MOMENT
     parameters = (
-        Parameter("c", "coupling of surge and yaw rate", "{moment} s²/m", -float("inf"), float("inf"), 0.05),
+        Parameter("c", "coupling of surge and yaw rate", "{force} s²/m", -float("inf"), float("inf"), 0.05),
     )
     equation = "c u r"
     says = "Surge speed couples into yaw."
@@ -18,8 +19,10 @@ class CrossCoupling(Effect):
     separated_by = "balanced thrust (no way on) beside equal thruster speeds"
     source = "Fossen (2011), Handbook of Marine Craft Hydrodynamics, section 6 (added mass, Coriolis)"
     needs = ("surge",)
-    axes = ("yaw",)
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def acts_in(self, dof: Dof) -> bool:
+        return dof.wraps
+
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (c,) = values
-        return c * motion.signals["surge"] * motion.rate
+        return c * state.signals["surge"] * state.velocity

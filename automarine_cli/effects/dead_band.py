@@ -18,24 +18,24 @@ class DeadBand(Effect):
     name = "dead-band"
     place = Place.ACTUATOR
     parameters = (
-        Parameter("width", "half width of the dead-band", "{moment}", 0.0, float("inf"), 0.03),
+        Parameter("width", "half width of the dead-band", "{force}", 0.0, float("inf"), 0.03),
         Parameter("law", "what is left above the width", "1", 0.0, 1.0, 0.0, choices=("the rest", "all")),
     )
-    equation = "tau_delivered = sgn(tau) max(|tau| - width, 0), or tau where |tau| > width, else 0"
-    says = "The thrusters give nothing below a smallest moment."
-    reveals = "slow ramps through zero, and the smallest moments"
+    equation = "{f}_delivered = sgn({f}) max(|{f}| - width, 0), or {f} where |{f}| > width, else 0"
+    says = "The thrusters give nothing below a smallest {force}."
+    reveals = "slow ramps through zero, and the smallest {forces}"
     mistaken_for = ("coulomb-drag", "linear-drag", "thrust-exponent")
     separated_by = "a coast-down: a dead-band leaves it alone, Coulomb drag stops it in finite time"
     source = "Blue Robotics T200 performance data (2019): no thrust within 7 to 10 % of the command range"
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         width, law = values
-        size = np.abs(commands.moment)
+        size = np.abs(commands.force)
         left = np.maximum(size - width, 0.0)
         if law.any():
             share = (size - width) / np.maximum(2.0 * EDGE * width, 1e-12) + 0.5
             left = np.where(law > 0, size * np.clip(share, 0.0, 1.0), left)
-        return np.sign(commands.moment) * left
+        return np.sign(commands.force) * left
 
     def scan(self, parameter: Parameter, values: tuple[float, ...]) -> tuple[float, ...]:
         """A cut has no slope to follow where no moment lies near it."""

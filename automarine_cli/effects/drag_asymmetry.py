@@ -1,6 +1,6 @@
 """A hull that drags more turning one way than the other."""
 
-from automarine_cli.effects.base import ODD, Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, Place, State
 
 
 class DragAsymmetry(Effect):
@@ -11,21 +11,23 @@ class DragAsymmetry(Effect):
     parameters = (
         Parameter(
             "e",
-            "half the difference of quadratic drag to starboard and to port",
-            "{moment} s²",
+            "half the difference of quadratic drag {to_positive} and {to_negative}",
+            "{force} s²{/x2}",
             -float("inf"),
             float("inf"),
             0.05,
         ),
     )
-    equation = "-e r²"
-    says = "Drag is larger when turning one way than the other."
-    reveals = "equal moments to both sides, and a coast-down to each side"
+    equation = "-e {v}²"
+    says = "Drag is larger when {moving} one way than the other."
+    reveals = "equal {forces} {both_ways}, and a coast-down {each_way}"
     mistaken_for = ("thrust-asymmetry", "bias-moment")
-    separated_by = "a coast-down to each side: drag differs in it, thrust does not"
+    separated_by = "a coast-down {each_way}: drag differs in it, thrust does not"
     source = "asymmetric appendages; Fossen (2011), Handbook of Marine Craft Hydrodynamics, section 7"
     parity = ODD
+    role = "difference"
+    power = 2
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (e,) = values
-        return -e * motion.slip**2
+        return -e * state.relative**2

@@ -8,13 +8,14 @@ class GyroDrift(Effect):
 
     name = "gyro-drift"
     place = Place.SENSOR
-    parameters = (Parameter("g", "drift of the heading", "rad/s", -0.2, 0.2, 0.003),)
-    equation = "psi_m = psi + g t"
-    says = "The heading drifts with time, as from a gyro with a bias."
-    reveals = "a rest record: the heading creeps while the vehicle stands"
+    parameters = (Parameter("g", "drift of the {position}", "{x}/s", -0.2, 0.2, 0.003),)
+    equation = "{x}_m = {x} + g t"
+    says = "The {position} drifts with time, as from a {rate_sensor} with a bias."
+    reveals = "a rest record: the {position} creeps while the vehicle stands"
     mistaken_for = ("bias-moment", "thrust-asymmetry")
     separated_by = (
-        "a rest record beside a compass: a gyro creeps at rest at once, a bias moment turns the vehicle"
+        "a rest record beside a {sensor}: a {rate_sensor} creeps at rest at once, a bias {force} {moves} the "
+        "vehicle"
     )
     source = "Titterton and Weston (2004), Strapdown Inertial Navigation Technology"
     parity = ODD

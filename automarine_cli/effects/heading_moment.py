@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import MIXED, Effect, Floats, Motion, Parameter, Place
+from automarine_cli.dofs import Dof
+from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place, State
 
 
 class HeadingMoment(Effect):
@@ -11,8 +12,8 @@ class HeadingMoment(Effect):
     name = "heading-moment"
     place = Place.MOMENT
     parameters = (
-        Parameter("b", "sine part", "{moment}", -float("inf"), float("inf"), 0.03),
-        Parameter("c", "cosine part", "{moment}", -float("inf"), float("inf"), 0.0),
+        Parameter("b", "sine part", "{force}", -float("inf"), float("inf"), 0.03),
+        Parameter("c", "cosine part", "{force}", -float("inf"), float("inf"), 0.0),
     )
     equation = "b sin psi + c cos psi"
     says = "A moment turns the vehicle towards one heading, like a weathervane."
@@ -25,8 +26,10 @@ class HeadingMoment(Effect):
     source = "Fossen (2011), Handbook of Marine Craft Hydrodynamics, section 8 (current and weathervaning)"
     parity = MIXED
     steered = True
-    axes = ("yaw",)
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def acts_in(self, dof: Dof) -> bool:
+        return dof.wraps
+
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         b, c = values
-        return b * np.sin(motion.heading) + c * np.cos(motion.heading)
+        return b * np.sin(state.position) + c * np.cos(state.position)

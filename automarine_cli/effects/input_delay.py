@@ -13,19 +13,20 @@ class InputDelay(Effect):
     name = "input-delay"
     place = Place.ACTUATOR
     parameters = (Parameter("t_d", "dead time of the command", "s", 0.0, 3.0, 0.2),)
-    equation = "tau_delivered(t) = tau(t - t_d)"
+    equation = "{f}_delivered(t) = {f}(t - t_d)"
     says = "The command acts only after a dead time."
-    reveals = "starts of steps: a flat start of the same length at all moments; square waves"
+    reveals = "starts of steps: a flat start of the same length at all {forces}; square waves"
     mistaken_for = ("thruster-lag", "sensor-lag")
     separated_by = "a fast square wave, a knock test, or a log of the propeller's speed"
     source = "Franklin, Powell and Emami-Naeini, Feedback Control of Dynamic Systems"
+    delays = True
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Mean of the delayed command over each step: the delayed impulse is exact for any delay."""
         (delay,) = values
-        shape = np.broadcast_shapes(commands.moment.shape, commands.length.shape, delay.shape)
+        shape = np.broadcast_shapes(commands.force.shape, commands.length.shape, delay.shape)
         rows = (shape[0] * shape[1], shape[2])
-        moment, length = (np.broadcast_to(x, shape).reshape(rows) for x in (commands.moment, commands.length))
+        moment, length = (np.broadcast_to(x, shape).reshape(rows) for x in (commands.force, commands.length))
         begin = np.broadcast_to(commands.start, shape)[..., :1].reshape(-1, 1)
         late = np.broadcast_to(delay, (*shape[:2], 1)).reshape(-1, 1)
         before = np.broadcast_to(commands.before, (*shape[:2], 1)).reshape(-1, 1)

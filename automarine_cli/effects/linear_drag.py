@@ -1,6 +1,6 @@
 """Linear drag: laminar friction, dominant at low rates."""
 
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
 
 
 class LinearDrag(Effect):
@@ -8,14 +8,16 @@ class LinearDrag(Effect):
 
     name = "linear-drag"
     place = Place.MOMENT
-    parameters = (Parameter("k_r", "linear yaw drag", "{moment} s", 0.0, float("inf"), 0.05),)
-    equation = "-k_r r"
-    says = "Part of the drag grows with the yaw rate itself, not with its square."
-    reveals = "low moments, and coast-downs, which end exponentially instead of as 1/t"
+    parameters = (Parameter("{linear}", "linear {motion} drag", "{force} s{/x}", 0.0, float("inf"), 0.05),)
+    equation = "-{linear} {v}"
+    says = "Part of the drag grows with the {rate} itself, not with its square."
+    reveals = "low {forces}, and coast-downs, which end exponentially instead of as 1/t"
     mistaken_for = ("coulomb-drag", "dead-band", "thrust-exponent")
-    separated_by = "a coast-down below the rate where both drags are equal"
+    separated_by = "a coast-down below the {speed} where both drags are equal"
     source = "Fossen (1994), Guidance and Control of Ocean Vehicles"
+    role = "linear"
+    power = 1
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (k_r,) = values
-        return -k_r * motion.slip
+        return -k_r * state.relative

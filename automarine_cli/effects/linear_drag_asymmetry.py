@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import ODD, Effect, Floats, Motion, Parameter, Place
+from automarine_cli.dofs import Dof
+from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, Place, State
 
 
 class LinearDragAsymmetry(Effect):
@@ -13,22 +14,26 @@ class LinearDragAsymmetry(Effect):
     parameters = (
         Parameter(
             "e",
-            "half the difference of linear drag to starboard and to port",
-            "{moment} s",
+            "half the difference of linear drag {to_positive} and {to_negative}",
+            "{force} s{/x}",
             -float("inf"),
             float("inf"),
             0.05,
         ),
     )
-    equation = "-e |r|"
-    says = "Linear drag is larger when turning one way than the other."
-    reveals = "equal moments to both sides, and a coast-down to each side"
+    equation = "-e |{v}|"
+    says = "Linear drag is larger when {moving} one way than the other."
+    reveals = "equal {forces} {both_ways}, and a coast-down {each_way}"
     mistaken_for = ("thrust-asymmetry", "bias-moment", "drag-asymmetry")
-    separated_by = "coast-downs to each side from a small and a large rate"
+    separated_by = "coast-downs {each_way} from a small and a large {speed}"
     source = "asymmetric appendages; Fossen (2011), Handbook of Marine Craft Hydrodynamics, section 7"
     parity = ODD
-    axes = ("surge", "heave")
+    role = "difference"
+    power = 1
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def acts_in(self, dof: Dof) -> bool:
+        return dof.directional
+
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (e,) = values
-        return -e * np.abs(motion.slip)
+        return -e * np.abs(state.relative)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import MIXED, Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place, State
 
 
 class PeriodicDisturbance(Effect):
@@ -15,8 +15,8 @@ class PeriodicDisturbance(Effect):
     name = "periodic-disturbance"
     place = Place.MOMENT
     parameters = (
-        Parameter("A", "amplitude of the sine", "{moment}", -float("inf"), float("inf"), 0.03),
-        Parameter("B", "amplitude of the cosine", "{moment}", -float("inf"), float("inf"), 0.0),
+        Parameter("A", "amplitude of the sine", "{force}", -float("inf"), float("inf"), 0.03),
+        Parameter("B", "amplitude of the cosine", "{force}", -float("inf"), float("inf"), 0.0),
         Parameter("T", "period", "s", 0.3, 20.0, 3.0, scan=tuple(1.0 * 1.04**i for i in range(70)), log=True),
         Parameter(
             "phase",
@@ -29,7 +29,7 @@ class PeriodicDisturbance(Effect):
         ),
     )
     equation = "A sin(2 pi t/T) + B cos(2 pi t/T), or with a phase of its own in every run"
-    says = "A moment comes and goes with a fixed period, as waves or a sloshing pool would make it."
+    says = "A {force} comes and goes with a fixed period, as waves or a sloshing pool would make it."
     reveals = "the spectrum of a rest record"
     mistaken_for = ("heading-moment", "dead-band")
     separated_by = "a rest record of a minute"
@@ -44,12 +44,12 @@ class PeriodicDisturbance(Effect):
         own = self.varies(values)
         return (own, own, False, True)
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         sine, cosine, period, own_phase, own_sine, own_cosine = values
         if own_phase.any():
             sine, cosine = (
                 np.where(own_phase > 0, own_sine, sine),
                 np.where(own_phase > 0, own_cosine, cosine),
             )
-        phase = 2.0 * np.pi * motion.time / period
+        phase = 2.0 * np.pi * state.time / period
         return sine * np.sin(phase) + cosine * np.cos(phase)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
 
 
 class QuadraticDrag(Effect):
@@ -10,14 +10,18 @@ class QuadraticDrag(Effect):
 
     name = "quadratic-drag"
     place = Place.MOMENT
-    parameters = (Parameter("k_rr", "quadratic yaw drag", "{moment} s²", 0.0, float("inf"), 1.0),)
-    equation = "-k_rr |r| r"
-    says = "Part of the drag grows with the square of the yaw rate."
-    reveals = "high moments, and the first seconds of coast-downs"
+    parameters = (
+        Parameter("{quadratic}", "quadratic {motion} drag", "{force} s²{/x2}", 0.0, float("inf"), 1.0),
+    )
+    equation = "-{quadratic} |{v}| {v}"
+    says = "Part of the drag grows with the square of the {rate}."
+    reveals = "high {forces}, and the first seconds of coast-downs"
     mistaken_for = ("cubic-drag", "linear-drag")
-    separated_by = "moments over a range of ten or more"
+    separated_by = "{forces} over a range of ten or more"
     source = "Fossen (1994), Guidance and Control of Ocean Vehicles"
+    role = "quadratic"
+    power = 2
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (k_rr,) = values
-        return -k_rr * np.abs(motion.slip) * motion.slip
+        return -k_rr * np.abs(state.relative) * state.relative

@@ -13,8 +13,8 @@ class Saturation(Effect):
     parameters = (
         Parameter(
             "tau_max",
-            "largest moment",
-            "{moment}",
+            "largest {force}",
+            "{force}",
             0.0,
             float("inf"),
             1.0,
@@ -22,13 +22,13 @@ class Saturation(Effect):
             scan=(0.6, 0.75, 0.9),
         ),
     )
-    equation = "tau_delivered = sgn(tau) min(|tau|, tau_max)"
-    says = "The thrusters give no more than a largest moment, whatever is commanded."
-    reveals = "the highest moments: the steady rate stops rising"
+    equation = "{f}_delivered = sgn({f}) min(|{f}|, tau_max)"
+    says = "The thrusters give no more than a largest {force}, whatever is commanded."
+    reveals = "the highest {forces}: the steady {speed} stops rising"
     mistaken_for = ("cubic-drag", "battery-sag", "thrust-exponent")
     separated_by = "more levels above and below the suspected limit"
     source = "Blanke, Lindegaard and Fossen (2000), Dynamic model for thrust generation of marine propellers"
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         (tau_max,) = values
-        return np.sign(commands.moment) * np.minimum(np.abs(commands.moment), tau_max)
+        return np.sign(commands.force) * np.minimum(np.abs(commands.force), tau_max)

@@ -10,12 +10,12 @@ class SensorLag(Effect):
 
     name = "sensor-lag"
     place = Place.SENSOR
-    parameters = (Parameter("T_s", "time constant of the heading sensor", "s", 0.0, 3.0, 0.1),)
-    equation = "T_s psi_m' = psi - psi_m"
-    says = "The heading is read with a lag."
-    reveals = "reversals, and turning the vehicle by hand beside a second sensor"
+    parameters = (Parameter("T_s", "time constant of the {position} sensor", "s", 0.0, 3.0, 0.1),)
+    equation = "T_s {x}_m' = {x} - {x}_m"
+    says = "The {position} is read with a lag."
+    reveals = "reversals, and {moving} the vehicle by hand beside a second sensor"
     mistaken_for = ("input-delay", "thruster-lag")
-    separated_by = "turning the vehicle by hand, or a second heading sensor"
+    separated_by = "{moving} the vehicle by hand, or a second {position} sensor"
     source = "Titterton and Weston (2004), Strapdown Inertial Navigation Technology"
 
     def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:

@@ -11,13 +11,15 @@ class ThrustAsymmetry(Effect):
     name = "thrust-asymmetry"
     place = Place.ACTUATOR
     parameters = (
-        Parameter("a", "half the relative difference of starboard and port turns", "1", -0.9, 0.9, 0.05),
+        Parameter(
+            "a", "half the relative difference of {positive} and {negative} {moves}", "1", -0.9, 0.9, 0.05
+        ),
     )
-    equation = "tau_delivered = (1 + a sgn(tau)) tau"
-    says = "The same commanded moment gives more to one side than to the other."
-    reveals = "equal moments to both sides, and reversals"
+    equation = "{f}_delivered = (1 + a sgn({f})) {f}"
+    says = "The same commanded {force} gives more {one_way} than {the_other}."
+    reveals = "equal {forces} {both_ways}, and reversals"
     mistaken_for = ("drag-asymmetry", "bias-moment", "gyro-drift")
-    separated_by = "a coast-down to each side: drag differs in it, thrust does not"
+    separated_by = "a coast-down {each_way}: drag differs in it, thrust does not"
     source = (
         "port and starboard propellers of unlike thrust ahead and astern: equation 2 of Stipanov et al. "
         "(2007)"
@@ -26,4 +28,4 @@ class ThrustAsymmetry(Effect):
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         (a,) = values
-        return (1.0 + a * np.sign(commands.moment)) * commands.moment
+        return (1.0 + a * np.sign(commands.force)) * commands.force

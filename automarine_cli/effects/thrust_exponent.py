@@ -12,19 +12,19 @@ class ThrustExponent(Effect):
     place = Place.ACTUATOR
     parameters = (
         Parameter(
-            "p", "exponent of the moment delivered against the one commanded", "1", 0.3, 3.0, 0.9, off=1.0
+            "p", "exponent of the {force} delivered against the one commanded", "1", 0.3, 3.0, 0.9, off=1.0
         ),
         Parameter(
-            "tau_ref", "moment that both agree on", "{moment}", 0.0, float("inf"), 1.0, reference="moment"
+            "tau_ref", "{force} that both agree on", "{force}", 0.0, float("inf"), 1.0, reference="moment"
         ),
     )
-    equation = "tau_delivered = sgn(tau) tau_ref (|tau|/tau_ref)^p"
+    equation = "{f}_delivered = sgn({f}) tau_ref (|{f}|/tau_ref)^p"
     says = "Thrust grows with another power of the command than the map says."
     reveals = "a bollard test over the whole range of commands"
     mistaken_for = ("dead-band", "linear-drag", "battery-sag")
-    separated_by = "a bollard test, or moments over a range of ten and a coast-down"
+    separated_by = "a bollard test, or {forces} over a range of ten and a coast-down"
     source = "Blue Robotics T200 performance data (2019): thrust as command to the power 1.64 to 1.69"
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         p, reference = values
-        return np.sign(commands.moment) * reference * (np.abs(commands.moment) / reference) ** p
+        return np.sign(commands.force) * reference * (np.abs(commands.force) / reference) ** p

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
 
 
 class ThrustLoss(Effect):
@@ -12,19 +12,24 @@ class ThrustLoss(Effect):
     place = Place.MOMENT
     parameters = (
         Parameter(
-            "b", "loss of moment by rate and root of moment", "({moment})^1/2 s", 0.0, float("inf"), 0.05
+            "b",
+            "loss of {force} by {speed} and root of {force}",
+            "({force})^1/2 s{/x}",
+            0.0,
+            float("inf"),
+            0.05,
         ),
     )
-    equation = "-b sqrt|tau| r"
-    says = "Thrust falls as the turn feeds the propellers with moving water."
+    equation = "-b sqrt|{f}| {v}"
+    says = "Thrust falls as the {move} feeds the propellers with moving water."
     reveals = (
         "reversals at speed and coast-downs; nothing at all in steps from rest, where it hides in drag and "
-        "inertia"
+        "{inertia}"
     )
     mistaken_for = ("quadratic-drag", "linear-drag")
     separated_by = "coast-downs (no propeller turns) beside steps"
     source = "Fossen (1994), bilinear thruster model: equation 1 of Stipanov et al. (2007)"
 
-    def moment(self, motion: Motion, values: tuple[Floats, ...]) -> Floats:
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         (b,) = values
-        return -b * np.sqrt(np.abs(motion.delivered)) * motion.rate
+        return -b * np.sqrt(np.abs(state.delivered)) * state.velocity

@@ -11,9 +11,9 @@ class ThrusterLag(Effect):
     name = "thruster-lag"
     place = Place.ACTUATOR
     parameters = (Parameter("T", "time constant of the propeller speed", "s", 0.0, 3.0, 0.15),)
-    equation = "T n' = n_c - n, tau = n |n|"
+    equation = "T n' = n_c - n, {f} = n |n|"
     says = "The propellers reach the commanded speed only after a lag."
-    reveals = "starts of steps, reversals and square waves; nothing in the steady turn"
+    reveals = "starts of steps, reversals and square waves; nothing in the steady {move}"
     mistaken_for = ("input-delay", "sensor-lag")
     separated_by = "a fast square wave, or a log of the propeller's speed"
     source = "Yoerger, Cooke and Slotine (1990), IEEE J. Oceanic Engineering 15:167"
@@ -21,7 +21,7 @@ class ThrusterLag(Effect):
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Mean of n |n| over each step, exact for a command held over it, a change of sign included."""
         (lag,) = values
-        wanted = np.sign(commands.moment) * np.sqrt(np.abs(commands.moment))
+        wanted = np.sign(commands.force) * np.sqrt(np.abs(commands.force))
         shape = np.broadcast_shapes(wanted.shape, commands.length.shape, lag.shape)
         wanted, length = np.broadcast_to(wanted, shape), np.broadcast_to(commands.length, shape)
         lag = np.broadcast_to(np.maximum(lag, 1e-6), shape)[..., 0]

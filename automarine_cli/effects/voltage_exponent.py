@@ -16,7 +16,7 @@ class VoltageExponent(Effect):
         Parameter("p", "exponent of thrust against voltage", "1", 0.0, 4.0, 1.2),
         Parameter(
             "V_ref",
-            "voltage at which the moment is as commanded",
+            "voltage at which the {force} is as commanded",
             "V",
             0.0,
             1000.0,
@@ -24,9 +24,9 @@ class VoltageExponent(Effect):
             reference="voltage",
         ),
     )
-    equation = "tau_delivered = tau (V / V_ref)^p"
+    equation = "{f}_delivered = {f} (V / V_ref)^p"
     says = "Thrust follows the supply voltage."
-    reveals = "the same moments at two or more voltages"
+    reveals = "the same {forces} at two or more voltages"
     mistaken_for = ("battery-sag",)
     separated_by = "a repeat at another voltage"
     source = "Blue Robotics T200 performance data (2019): exponent 1.0 to 1.5 at fixed command"
@@ -35,4 +35,4 @@ class VoltageExponent(Effect):
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         p, reference = values
         ratio = np.maximum(commands.signals["voltage"] / reference, DEAD)
-        return commands.moment * ratio**p
+        return commands.force * ratio**p

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Motion, Parameter, Place
+from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
 
 
 class WaterSwirl(Effect):
@@ -14,20 +14,17 @@ class WaterSwirl(Effect):
     name = "water-swirl"
     place = Place.WATER
     parameters = (
-        Parameter("chi", "share of the yaw rate that the water reaches", "1", 0.0, 0.9, 0.15),
+        Parameter("chi", "share of the {rate} that the water reaches", "1", 0.0, 0.9, 0.15),
         Parameter(
             "T_w", "time constant of the water", "s", 0.5, 200.0, 10.0, scan=(2.5, 10.0, 40.0), log=True
         ),
         Parameter("law", "how the slip stirs the water", "1", 0.0, 1.0, 0.0, choices=("linear", "turbulent")),
     )
-    equation = "drag on s = r - w, T_w w' = chi s - (1 - chi) w, or with |s| s for s"
-    says = "The water begins to turn with the vehicle and carries it along."
-    reveals = (
-        "turns of a whole revolution and more, a reversal after a long turn, coast-downs that do not end "
-        "at zero"
-    )
+    equation = "drag on s = {v} - {water}, T_w {water}' = chi s - (1 - chi) {water}, or with |s| s for s"
+    says = "The water begins to {move} with the vehicle and carries it along."
+    reveals = "{moves} of {whole_way}, a reversal after a long {move}, coast-downs that do not end at zero"
     mistaken_for = ("tether-spring", "battery-sag")
-    separated_by = "a reversal after a long turn: its first seconds are slower than from rest"
+    separated_by = "a reversal after a long {move}: its first seconds are slower than from rest"
     source = (
         "Stipanov et al. (2007), section 3.2 (whirlpool); Thomasson and Woolsey (2013), IEEE J. Oceanic "
         "Engineering"
@@ -39,10 +36,10 @@ class WaterSwirl(Effect):
         return states[0]
 
     def derivatives(
-        self, motion: Motion, states: tuple[Floats, ...], values: tuple[Floats, ...]
+        self, state: State, states: tuple[Floats, ...], values: tuple[Floats, ...]
     ) -> tuple[Floats, ...]:
         chi, lag, law = values
-        slip = motion.slip
+        slip = state.relative
         if law.any():
             slip = slip * (1.0 + law * (np.abs(slip) - 1.0))
         return ((chi * slip - (1.0 - chi) * states[0]) / lag,)

@@ -15,41 +15,24 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from automarine_cli import __version__, effects
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.models.yaw_model import YawModel
 
 FRAMES = {
-    "NED": "NED world, body x ahead, y starboard, z down: yaw from north, positive clockwise seen from above",
-    "ENU": "ENU world, body x ahead, y port, z up: yaw from east, positive anticlockwise seen from above",
+    "NED": "NED world, body x ahead, y starboard, z down",
+    "ENU": "ENU world, body x ahead, y port, z up",
+}
+TURNS = {
+    "NED": "from north, positive clockwise seen from above",
+    "ENU": "from east, positive anticlockwise seen from above",
 }
 DRAG = ("linear-drag", "quadratic-drag")
 YAW_MODEL, THRUSTER_MAP = "yaw model", "thruster map"
 
 
-@dataclass(frozen=True)
-class Names:
-    """What the field calls one motion: the letters of its force or moment and of its rate, its inertia, its place among
-    the six motions, in a number and a word, the units of its position and of its rate."""
-
-    force: str
-    rate_letter: str
-    inertia: str
-    index: int
-    place: str
-    position: str
-    rate: str
-
-    def said(self, text: str) -> str:
-        """An equation of yaw with this motion's letter for the rate r, where it stands alone."""
-        return re.sub(r"(?<![A-Za-z_])r(?![A-Za-z_])", self.rate_letter, text)
-
-
-NAMES = {
-    "yaw": Names("N", "r", "I_r", 5, "last", "rad", "rad/s"),
-    "surge": Names("X", "u", "m_u", 0, "first", "m", "m/s"),
-    "heave": Names("Z", "w", "m_w", 2, "third", "m", "m/s"),
-}
+FORCES, PLACES = "XYZKMN", ("first", "second", "third", "fourth", "fifth", "last")
+"""Of the six motions: the letter of force or moment (SNAME 1950), and where they stand in vectors."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +83,8 @@ class Origin:
 class YawSubject:
     """A model to be written: already in the file's frame and moment unit, with what the target carries alone.
 
-    `axis` is its motion; `data` is the model file's content under yaw's keys, for a card; `logs` are name and hash of
-    the logs it was fitted to, None where that is not known.
+    `data` is the model file's content, for a card; `logs` are name and hash of the logs it was fitted to, None where
+    that is not known.
     """
 
     origin: Origin
@@ -110,9 +93,13 @@ class YawSubject:
     form: str
     settings: Settings
     left_out: tuple[LeftOut, ...] = ()
-    axis: Axis = YAW
     data: Mapping[str, Any] | None = None
     logs: tuple[tuple[str, str], ...] | None = None
+
+    @property
+    def dof(self) -> Dof:
+        """The motion."""
+        return self.model.dof
 
     @property
     def values(self) -> dict[str, tuple[float, ...]]:
@@ -125,8 +112,7 @@ class YawSubject:
 
     def equation_of(self, effect: str) -> str:
         """An effect's equation in the letters of the motion and in letters of ASCII."""
-        text = plain(effects.get(effect).equation)
-        return self.names.said(re.sub(r"\bk_r+\b", lambda one: self.axis.key(one[0]), text))
+        return plain(effects.get(effect).card(self.dof).equation)
 
     @property
     def inertias(self) -> tuple[float, float]:
@@ -135,30 +121,36 @@ class YawSubject:
         return (self.model.inertia, 0.0) if rigid is None else (rigid, self.model.inertia - rigid)
 
     @property
-    def names(self) -> Names:
-        """What the field calls the motion."""
-        return NAMES[self.axis.name]
+    def force(self) -> str:
+        """The letter of force or moment (SNAME 1950)."""
+        return FORCES[self.dof.number]
+
+    @property
+    def rate_unit(self) -> str:
+        """Unit of the rate."""
+        return f"{self.dof.units.base}/s"
 
     @property
     def unit(self) -> str:
         """Unit of inertia, in plain letters."""
-        return plain(self.axis.unit_of("I_r", self.model.moment_unit))
+        return plain(self.dof.unit_of("inertia", self.model.moment_unit))
 
     def about_inertia(self) -> str:
         """The sentence on how the inertia is told."""
         rigid, added = self.inertias
-        told = f"Inertia: {self.names.inertia} = {number(self.model.inertia)} {self.unit}"
+        word = self.dof.words.inertia
+        told = f"{word.capitalize()}: {self.dof.symbols.inertia} = {number(self.model.inertia)} {self.unit}"
         if self.settings.rigid_inertia is None:
             return (
-                f"{told} is the identified total of rigid and added inertia and stands in one place, as rigid; no "
-                "added inertia beside it."
+                f"{told} is the identified total of rigid and added {word} and stands in one place, as rigid; no "
+                f"added {word} beside it."
             )
         return f"{told} = {number(rigid)} rigid (given) + {number(added)} added."
 
     def about_entries(self) -> str:
         """The sentence on what was not identified, for vectors and matrices of all six motions."""
         return (
-            f"Only the entries of {self.axis.name} (the {self.names.place} ones) are identified: all others are "
+            f"Only the entries of {self.dof.name} (the {PLACES[self.dof.number]} ones) are identified: all others are "
             "placeholders; merge with the values of your model."
         )
 
@@ -190,7 +182,7 @@ class Target:
     `forms` by name with the ending of the file, the first for who asks for none; `frames` likewise. `carries` the
     effects it has terms for, `carries_with` the same where that hangs on the settings, `varying` whether also when
     they differ from run to run; `why` not, by effect, and `instead` the option that helps. `si` whether moments must
-    be newton metres; `uses` the settings that mean something; `axes` the motions whose models it takes.
+    be newton metres; `uses` the settings that mean something; `motions` those whose models it takes.
     """
 
     name: str
@@ -207,7 +199,7 @@ class Target:
     instead: str = ""
     why: Mapping[str, str] = field(default_factory=dict)
     varying: bool = False
-    axes: tuple[str, ...] = ("yaw",)
+    motions: tuple[str, ...] = tuple(DOFS)
 
 
 def plain(text: str) -> str:
@@ -230,16 +222,28 @@ def at_place(value: float, index: int) -> list[float]:
     return [value if i == index else 0.0 for i in range(6)]
 
 
+def frame_in_words(frame: str, dof: Dof) -> str:
+    """A frame, and which way the motion is positive in it."""
+    to = dof.words.to_ways[mirrored(dof) and frame == "ENU"]
+    return f"{FRAMES[frame]}: {dof.name} {TURNS[frame] if dof.wraps else f'positive {to}'}"
+
+
+def mirrored(dof: Dof) -> bool:
+    """Whether the motion is positive the other way in ENU: only what is along x or about it is not."""
+    return dof.number % 3 != 0
+
+
 def head(subject: YawSubject | MapSubject, equation: str, notes: Iterable[str]) -> list[str]:
     """What every file begins with: where it came from, equation, frame, units, notes; letters of ASCII only."""
     lines = [
         f"Written by automarine {__version__} from {subject.origin}.",
         f"Equation: {equation}",
-        f"Frame: {FRAMES[subject.frame]}.",
+        f"Frame: {frame_in_words(subject.frame, subject.dof if isinstance(subject, YawSubject) else YAW)}.",
     ]
     if isinstance(subject, YawSubject):
-        unit, rate = subject.model.moment_unit, subject.names.rate
-        lines.append(f"Units: {subject.axis.say('moment')} {unit}, rate {rate}, inertia {subject.unit}.")
+        unit, words = subject.model.moment_unit, subject.dof.words
+        rate = f"{words.speed} {subject.rate_unit}"
+        lines.append(f"Units: {words.force} {unit}, {rate}, {words.inertia} {subject.unit}.")
         lines += [f"Left out: {one.name}: {one.why}." for one in subject.left_out]
     return [line.encode("ascii", "backslashreplace").decode("ascii") for line in (*lines, *notes)]
 

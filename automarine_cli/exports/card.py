@@ -4,27 +4,19 @@ After Mitchell et al. (2019), Model cards for model reporting, doi 10.1145/32875
 """
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from automarine_cli import __version__, effects
-from automarine_cli.effects.base import Parameter
-from automarine_cli.exports.base import FRAMES, NAMES, Target, Written, YawSubject
+from automarine_cli.exports.base import Target, Written, YawSubject, frame_in_words, mirrored
 from automarine_cli.exports.frames import in_enu
 from automarine_cli.exports.units import in_newton_metres
-from automarine_cli.models.yaw_model import Term, YawModel
+from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import MISSING, Table, number
 
-BASE = {
-    "linear-drag": "k_r",
-    "quadratic-drag": "k_rr",
-    "bias-moment": "constant_force",
-    "drag-asymmetry": "half_difference",
-    "linear-drag-asymmetry": "half_difference",
-}
-"""Where a model's own terms stand in its entry of the file; the last two only in surge and heave."""
 HEADER = ("parameter", "meaning", "value", "standard error", "95 % interval", "unit")
-NO_RANGE = "The file does not tell which moments were fitted; fit again with this version of automarine."
+NO_RANGE = "The file does not tell which {forces} were fitted; fit again with this version of automarine."
 NO_LOGS = "Not known: there is no manifest.json beside the model file that is of this file."
 
 
@@ -33,11 +25,11 @@ def write(subject: YawSubject) -> Written:
     data = subject.data or {}
     entry = _mapping(_mapping(data.get("models")).get(subject.origin.number))
     parts = [
-        f"# Model of {subject.axis.name}: {_code(subject.origin.file)}\n",
+        f"# Model of {subject.dof.name}: {_code(subject.origin.file)}\n",
         f"Model {subject.origin.number} of the file, written by automarine {__version__}. SHA-256 of the file: "
         f"{subject.origin.sha256}.\n",
-        f"- Unit of {subject.axis.say('moment')}: {subject.model.moment_unit}\n"
-        f"- Frame: {FRAMES[subject.frame]}\n- {_signs(subject)}\n",
+        f"- Unit of {subject.dof.words.force}: {subject.model.moment_unit}\n"
+        f"- Frame: {frame_in_words(subject.frame, subject.dof)}\n- {_signs(subject)}\n",
         "## Parameters\n",
         Table("", HEADER, tuple(_rows(subject, entry, data))).to_markdown(),
         "## Covariance\n",
@@ -56,10 +48,11 @@ def write(subject: YawSubject) -> Written:
 
 
 def _signs(subject: YawSubject) -> str:
-    names, moments = subject.names, subject.axis.say("moments")
-    return names.said(
-        f"Signs: {names.inertia} r' = {names.force} + the {moments} of the effects; drag coefficients are positive and "
-        f"act against the rate r. {names.inertia} is the sum of rigid and added inertia."
+    own, words = subject.dof.symbols, subject.dof.words
+    return (
+        f"Signs: {own.inertia} {own.velocity}' = {subject.force} + the {words.force}s of the effects; drag "
+        f"coefficients are positive and act against the {words.speed} {own.velocity}. {own.inertia} is the sum of "
+        f"rigid and added {words.inertia}."
     )
 
 
@@ -67,31 +60,34 @@ def _rows(
     subject: YawSubject, entry: Mapping[str, Any], data: Mapping[str, Any]
 ) -> Iterator[tuple[str, ...]]:
     """One row a parameter; uncertainties turn with the frame and the unit as the values do."""
-    factor, axis = subject.settings.newton_metres_per_nu or 1.0, subject.axis
-    inertia = [x * factor for x in _told(entry.get("I_r"))]
-    unit = axis.unit_of("I_r", subject.model.moment_unit)
-    yield _row(subject.names.inertia, "rigid and added together", inertia, unit)
+    factor, dof = subject.settings.newton_metres_per_nu or 1.0, subject.dof
+    inertia = [x * factor for x in _told(entry.get(dof.symbols.inertia))]
+    unit = dof.unit_of("inertia", subject.model.moment_unit)
+    yield _row(dof.symbols.inertia, "rigid and added together", inertia, unit)
     added = data.get("effects")
     found = {_mapping(one).get("name"): _mapping(one) for one in added} if isinstance(added, list) else {}
     for term in subject.model.terms:
-        parameters = effects.get(term.name).parameters
-        base = entry.get(BASE.get(term.name, ""))
-        given = {parameters[0].name: base} if base else _mapping(found.get(term.name, {}).get("parameters"))
-        columns = [_told(given.get(p.name), value) for p, value in zip(parameters, term.values)]
+        effect = effects.get(term.name)
+        names, base = effect.names_in(dof), entry.get(dof.parameters[effect.role]) if effect.role else None
+        given = {names[0]: base} if base else _mapping(found.get(term.name, {}).get("parameters"))
+        columns = [_told(given.get(name), value) for name, value in zip(names, term.values)]
         told = [_turned(subject, term, [column[i] for column in columns]) for i in range(4)]
-        for i, p in enumerate(parameters):
+        card = effect.card(dof, subject.model.moment_unit)
+        for i, (p, told_of) in enumerate(zip(effect.parameters, card.parameters)):
             value = term.values[i]
             spread, ends = abs(told[1][i]), sorted((told[2][i], told[3][i]))
-            name = f"{term.name} {axis.key(p.name)}"
-            yield _row(name, _meaning(subject, p, value), [value, spread, *ends], _unit(subject, p))
+            law = f": {p.choices[int(value)]}" if p.choices else ""
+            yield _row(
+                f"{term.name} {told_of.name}", told_of.meaning + law, [value, spread, *ends], told_of.unit
+            )
 
 
 def _turned(subject: YawSubject, term: Term, column: list[float]) -> tuple[float, ...]:
     """Numbers of the file as the subject's unit and frame have them."""
-    model = YawModel(1.0, (Term(term.name, tuple(column)),))
+    model = replace(subject.model, terms=(replace(term, values=tuple(column)),))
     if subject.settings.newton_metres_per_nu is not None:
         model = in_newton_metres(model, subject.settings.newton_metres_per_nu)
-    return (in_enu(model, subject.axis) if subject.frame == "ENU" else model).terms[0].values
+    return (in_enu(model) if subject.frame == "ENU" else model).terms[0].values
 
 
 def _told(estimate: object, value: float = 0.0) -> list[float]:
@@ -114,15 +110,6 @@ def _row(name: str, meaning: str, told: list[float], unit: str) -> tuple[str, ..
     return (name, meaning, number(value, 5), number(spread, 2), ends, unit)
 
 
-def _meaning(subject: YawSubject, parameter: Parameter, value: float) -> str:
-    law = f": {parameter.choices[int(value)]}" if parameter.choices else ""
-    return subject.axis.say(parameter.meaning) + law
-
-
-def _unit(subject: YawSubject, parameter: Parameter) -> str:
-    return subject.axis.unit_in(parameter.unit, subject.model.moment_unit)
-
-
 def _covariance(subject: YawSubject, entry: Mapping[str, Any]) -> str:
     """The matrix of the file, in its own frame and unit, with the run as the unit of the data."""
     told = _mapping(_mapping(entry.get("output_error")).get("covariance"))
@@ -131,30 +118,31 @@ def _covariance(subject: YawSubject, entry: Mapping[str, Any]) -> str:
     if not (lines and isinstance(names, list) and all(len(line) == len(names) for line in lines)):
         return "The file does not tell it; fit again with this version of automarine.\n"
     rows = tuple((str(name), *(number(x) for x in line)) for name, line in zip(names, lines))
-    note = "As in the file: its own unit of moment, in NED; in the products of the parameters' units."
+    force = subject.dof.words.force
+    note = f"As in the file: its own unit of {force}, in NED; in the products of the parameters' units."
     return Table("", ("", *map(str, names)), rows, notes=(note,)).to_markdown()
 
 
 def _range(subject: YawSubject, data: Mapping[str, Any]) -> str:
     told = _mapping(data.get("valid_range"))
-    moments, rates = _numbers(told.get("moment")), _numbers(told.get("yaw_rate_rad_s"))
-    if len(moments) != 2:
-        return f"{NO_RANGE}\n"
+    dof, words = subject.dof, subject.dof.words
+    forces, rates = _numbers(told.get(words.force)), _numbers(told.get(dof.velocity_key))
+    if len(forces) != 2:
+        return f"{dof.fill(NO_RANGE)}\n"
     factor = subject.settings.newton_metres_per_nu or 1.0
-    sign = -1.0 if subject.frame == "ENU" and subject.axis.name != "surge" else 1.0
-    low, high = sorted(sign * factor * x for x in moments)
-    moment = subject.axis.say("moment")
-    lines = [f"- {moment}: {number(low)} to {number(high)} {subject.model.moment_unit}"]
+    sign = -1.0 if subject.frame == "ENU" and mirrored(dof) else 1.0
+    low, high = sorted(sign * factor * x for x in forces)
+    lines = [f"- {words.force}: {number(low)} to {number(high)} {subject.model.moment_unit}"]
     if len(rates) == 2:
         low, high = sorted(sign * x for x in rates)
         lines.append(
-            f"- rate: {number(low)} to {number(high)} {subject.names.rate}, steady under each {moment}"
+            f"- {words.speed}: {number(low)} to {number(high)} {subject.rate_unit}, steady under each {words.force}"
         )
     return "\n".join(lines) + "\n\nBeyond it the model was never compared with a vehicle.\n"
 
 
 def _effects(subject: YawSubject) -> str:
-    said = {name: subject.axis.say(effects.get(name).says) for name in subject.values}
+    said = {name: effects.get(name).card(subject.dof).says for name in subject.values}
     lines = [f"- {name}: {_code(subject.equation_of(name))}. {says}" for name, says in said.items()]
     lines += [f"- left out: {one.name}: {one.why}" for one in subject.left_out]
     return "\n".join(lines) + "\n"
@@ -194,7 +182,6 @@ TARGET = Target(
     forms={"markdown": ".md"},
     carries=frozenset(effects.names()),
     varying=True,
-    axes=tuple(NAMES),
     si=False,
     uses=frozenset({"newton_metres_per_nu"}),
     write=write,

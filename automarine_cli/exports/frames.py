@@ -3,16 +3,16 @@
 With psi_enu = pi/2 - psi, r_enu = -r and tau_enu = -tau, drag that is odd in the rate keeps its coefficients; a
 constant moment and every difference between the two directions change their sign; what depends on the heading
 changes sine for cosine, since sin psi = cos psi_enu and sin 2 psi = sin 2 psi_enu, cos 2 psi = -cos 2 psi_enu. Heave,
-positive down in NED and up in ENU, mirrors alike; surge is ahead in both.
+positive down in NED and up in ENU, mirrors alike; surge is ahead in both (`base.mirrored`).
 """
 
 from collections.abc import Callable
 from dataclasses import replace
 
 from automarine_cli import effects
-from automarine_cli.axes import YAW, Axis
 from automarine_cli.effects.base import EVEN, ODD
 from automarine_cli.errors import ModelError
+from automarine_cli.exports.base import mirrored
 from automarine_cli.models.yaw_model import Term, YawModel
 
 Values = tuple[float, ...]
@@ -26,12 +26,12 @@ MIXED: dict[str, Callable[[Values], Values]] = {
 """Effects of which a mirror negates some parameters."""
 
 
-def in_enu(model: YawModel, axis: Axis = YAW) -> YawModel:
+def in_enu(model: YawModel) -> YawModel:
     """The model, given in NED, for yaw angle, rate and moment (or another motion's) in ENU; its own inverse.
 
     Raises ModelError for an effect whose mirror image nobody has written down here.
     """
-    if axis.name == "surge":
+    if not mirrored(model.dof):
         return model
     return replace(model, terms=tuple(_mirrored(term) for term in model.terms))
 

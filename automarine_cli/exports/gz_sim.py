@@ -15,19 +15,20 @@ from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import DRAG, Target, Written, YawSubject, head, number, xml_comment
 
 FLUID, DERIVATIVE = "fluid-added-mass", "added-mass-derivative"
-TAGS = {"yaw": ("nR", "rr", "izz"), "surge": ("xU", "xx", "mass"), "heave": ("zW", "zz", "mass")}
-"""Of each motion the system's letters, the fluid's entry, and where the vehicle's own inertia stands."""
+AXES = "xyzpqr"
+"""Of the six motions: the letters of the fluid's entries."""
 
 
 def write(subject: YawSubject) -> Written:
     """The SDF text. Raises SettingError where the added inertia would make the simulation unstable."""
     rigid, added = subject.inertias
-    linear, entry, own = TAGS[subject.axis.name]
-    dot, rate = f"{linear[0]}Dot{linear[1]}", linear[1]
+    dof, r = subject.dof, subject.dof.symbols.velocity
+    letter, rate, own = subject.force.lower(), r.upper(), "izz" if dof.wraps else "mass"
+    linear, dot, entry = f"{letter}{rate}", f"{letter}Dot{rate}", 2 * AXES[dof.number]
     if subject.form == DERIVATIVE and added >= rigid:
         raise SettingError(
             f"gz-sim takes <{dot}> from the last step's acceleration, which grows without bound where the added "
-            f"inertia ({number(added)}) is not below the rigid one ({number(rigid)}); give --form {FLUID}"
+            f"{dof.words.inertia} ({number(added)}) is not below the rigid one ({number(rigid)}); give --form {FLUID}"
         )
     tags = {
         linear: -subject.value("linear-drag"),
@@ -43,20 +44,20 @@ def write(subject: YawSubject) -> Written:
     fluid = f"        <fluid_added_mass>\n          <{entry}>{number(added)}</{entry}>\n        </fluid_added_mass>\n"
     notes = (
         subject.about_inertia(),
-        f"No axis but {subject.axis.name} is identified: the other entries are placeholders; merge with the values of "
+        f"No axis but {dof.name} is identified: the other entries are placeholders; merge with the values of "
         f"your model. Needs a gz-sim that reads {linear}abs{rate} (since 2023) and, for fluid_added_mass, the DART "
         "engine.",
     )
-    drag = f"{linear} r + {linear}abs{rate} |r| r + {linear}{rate} r^2 + {dot} r'"
-    equation = subject.names.said(f"({own} + {entry}) r' = {subject.names.force} + {drag}")
-    moment = number(rigid if own == "izz" else 1.0)
+    drag = f"{linear} {r} + {linear}abs{rate} |{r}| {r} + {linear}{rate} {r}^2 + {dot} {r}'"
+    equation = f"({own} + {entry}) {r}' = {subject.force} + {drag}"
+    moment = number(rigid if dof.wraps else 1.0)
     return Written(
         f"""<?xml version="1.0"?>
 {xml_comment(head(subject, equation, notes))}<sdf version="1.10">
   <model name="vehicle">
     <link name="base_link">
       <inertial>
-        <mass>{number(rigid if own == "mass" else 1.0)}</mass>
+        <mass>{number(1.0 if dof.wraps else rigid)}</mass>
         <inertia>
           <ixx>{moment}</ixx>
           <iyy>{moment}</iyy>
@@ -83,6 +84,5 @@ TARGET = Target(
     frames=("ENU", "NED"),
     carries=frozenset({*DRAG, "drag-asymmetry"}),
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
-    axes=tuple(TAGS),
     write=write,
 )

@@ -5,7 +5,6 @@ labust_sim/config/model_example.yaml and labust_sim/src/labust_sim/RBModel.cpp o
 """
 
 from automarine_cli.exports.base import (
-    NAMES,
     Target,
     Written,
     YawSubject,
@@ -19,20 +18,22 @@ from automarine_cli.exports.base import (
 
 def write(subject: YawSubject) -> Written:
     """The YAML text."""
-    index, yaw = subject.names.index, subject.axis.name == "yaw"
+    index, turns, r = subject.dof.number, subject.dof.wraps, subject.dof.symbols.velocity
     notes = (subject.about_inertia(), subject.about_entries())
     rigid, added = subject.inertias
     linear, quadratic = subject.value("linear-drag"), subject.value("quadratic-drag")
-    own = "inertia_matrix" if yaw else "mass"
-    equation = f"({own} + added_mass) r' = {subject.names.force} - linear_damping r - quadratic_damping |r| r"
-    first = f"inertia_matrix: [{row([1.0, 1.0, rigid], ', ')}]" if yaw else f"mass: {number(rigid)}"
+    own = "inertia_matrix" if turns else "mass"
+    equation = (
+        f"({own} + added_mass) {r}' = {subject.force} - linear_damping {r} - quadratic_damping |{r}| {r}"
+    )
+    first = f"inertia_matrix: [{row([1.0, 1.0, rigid], ', ')}]" if turns else f"mass: {number(rigid)}"
     text = f"""{first}
 added_mass: [{row(at_place(added, index), ", ")}]
 linear_damping: [{row(at_place(linear, index), ", ")}]
 quadratic_damping: [{row(at_place(quadratic, index), ", ")}]
 coupled: false
 """
-    return Written(commented(head(subject, subject.names.said(equation), notes), "#") + text, notes)
+    return Written(commented(head(subject, equation, notes), "#") + text, notes)
 
 
 TARGET = Target(
@@ -42,6 +43,5 @@ TARGET = Target(
     forms={"model": ".yaml"},
     frames=("NED",),
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
-    axes=tuple(NAMES),
     write=write,
 )

@@ -9,7 +9,6 @@ N_rrr.
 from automarine_cli import effects
 from automarine_cli.exports.base import (
     DRAG,
-    NAMES,
     Target,
     Written,
     YawSubject,
@@ -24,9 +23,9 @@ MORE = ("cubic-drag", "drag-asymmetry", "linear-drag-asymmetry", "bias-moment")
 
 def write(subject: YawSubject) -> Written:
     """The Python or MATLAB text."""
-    force, r = subject.names.force, subject.names.rate_letter
+    force, r, words = subject.force, subject.dof.symbols.velocity, subject.dof.words
     rigid, added = subject.inertias
-    own = "I_z" if subject.axis.name == "yaw" else "m"
+    own = "I_z" if subject.dof.wraps else "m"
     terms = {
         "linear-drag": (f"{force}_{r}", r, "linear damping"),
         "quadratic-drag": (f"{force}_{r}{r}", f"|{r}| {r}", "quadratic damping"),
@@ -40,11 +39,10 @@ def write(subject: YawSubject) -> Written:
     for effect, (name, factor, told) in terms.items():
         if effect in DRAG or effect in subject.values:
             value = subject.value(effect) if effect == "bias-moment" else -subject.value(effect)
-            unit = subject.axis.unit_in(effects.get(effect).parameters[0].unit, subject.model.moment_unit)
+            unit = subject.dof.unit_in(effects.get(effect).parameters[0].unit, subject.model.moment_unit)
             rows.append((name, value, plain(unit), told))
             equation += f" + {name} {factor}".rstrip()
-    moment = subject.axis.say("moment")
-    signs = f"Signs: derivatives of the hydrodynamic {moment}; damping and added inertia are negative."
+    signs = f"Signs: derivatives of the hydrodynamic {words.force}; damping and added {words.inertia} are negative."
     notes = (signs, subject.about_inertia())
     sign, end = ("%", ";") if subject.form == "matlab" else ("#", "")
     lines = "".join(
@@ -62,6 +60,5 @@ TARGET = Target(
     carries=frozenset({*DRAG, *MORE}),
     si=False,
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
-    axes=tuple(NAMES),
     write=write,
 )

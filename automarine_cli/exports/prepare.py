@@ -6,7 +6,7 @@ from typing import Any
 
 from automarine_cli import effects
 from automarine_cli import exports as targets
-from automarine_cli.axes import AXES, YAW, Axis
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import DRAG, LeftOut, Origin, Settings, Target
 from automarine_cli.exports.units import in_newton_metres
@@ -17,51 +17,57 @@ WHY_NAMED = {"thruster-lag": "it acts in the thrusters; --to thrusters has --lag
 WHY_CONSTANT = "it is the vehicle's weight less its buoyancy: set mass and volume of your model by it"
 WHY = {
     "sensor": "it acts on the reading, not on the vehicle",
-    "actuator": "it acts in the thrusters, before the moment",
+    "actuator": "it acts in the thrusters, before the {force}",
     "moment": "the target's equation has no such term",
     "water": "the target's water has no state of its own",
 }
 
 
-def in_unit(target: Target, model: YawModel, axis: Axis, settings: Settings, origin: Origin) -> YawModel:
+def in_unit(target: Target, model: YawModel, settings: Settings, origin: Origin) -> YawModel:
     """The model in the target's unit of moment. Raises SettingError where its size is not told, or told twice."""
-    factor, unit = settings.newton_metres_per_nu, axis.units[1]
-    full = "newton metres" if axis.levered else "newtons"
+    dof, factor = model.dof, settings.newton_metres_per_nu
+    unit, force = dof.units.forces[1], dof.words.force
+    full = "newton metres" if dof.levered else "newtons"
     if model.moment_unit == unit and factor is not None:
         raise SettingError(
             f"{origin.file} is in {full} already; --newton-metres-per-nu is for the unit nu, so leave it out"
         )
     if model.moment_unit == "nu" and target.si and factor is None:
         raise SettingError(
-            f"{origin.file}: its {axis.say('moments')} are normalised (nu) and {target.name} needs {full}; give "
-            f"--newton-metres-per-nu with the {axis.say('moment')} [{unit}] that one nu stands for, as a bollard test "
-            f"{'and the thrusters' + chr(39) + ' arm tell' if axis.levered else 'tells'} it"
+            f"{origin.file}: its {force}s are normalised (nu) and {target.name} needs {full}; give "
+            f"--newton-metres-per-nu with the {force} [{unit}] that one nu stands for, as a bollard test "
+            f"{'and the thrusters' + chr(39) + ' arm tell' if dof.levered else 'tells'} it"
         )
-    return model if factor is None else in_newton_metres(model, factor, unit)
+    return model if factor is None else in_newton_metres(model, factor)
 
 
-def axis_of(target: Target, data: Mapping[str, Any], origin: Origin) -> Axis:
-    """The motion of a model file. Raises SettingError for one that the target does not take."""
-    schema = str(data.get("schema", ""))
-    axis = next((one for name, one in AXES.items() if schema.startswith(f"automarine/{name}-model/")), YAW)
-    if axis.name not in target.axes:
+def refuse_motion(target: Target, data: Mapping[str, Any], origin: Origin) -> None:
+    """Raise SettingError for a model of a motion that the target does not take."""
+    dof = motion_by_schema(data)
+    if dof.name not in target.motions:
         raise SettingError(
-            f"{origin.file} is a model of {axis.name}; --to {target.name} takes models of {listed(target.axes)}"
+            f"{origin.file} is a model of {dof.name}; --to {target.name} takes models of {listed(target.motions)}"
         )
-    return axis
+
+
+def motion_by_schema(data: Mapping[str, Any]) -> Dof:
+    """The motion that a model file's schema names; yaw where it names none."""
+    schema = str(data.get("schema", ""))
+    return next((one for name, one in DOFS.items() if schema.startswith(f"automarine/{name}-model/")), YAW)
 
 
 def split(
-    target: Target, model: YawModel, axis: Axis, settings: Settings
+    target: Target, model: YawModel, settings: Settings
 ) -> tuple[tuple[Term, ...], tuple[LeftOut, ...]]:
     """Terms that the target carries, and the others; an effect that is switched off is nobody's loss."""
+    dof = model.dof
     live = [term for term in _merged(model.terms) if _matters(term)]
-    kept = tuple(term for term in live if not _why_not(target, term, axis, settings))
+    kept = tuple(term for term in live if not _why_not(target, term, dof, settings))
     lost = (term for term in live if term not in kept)
-    return kept, tuple(LeftOut(term.name, _why_not(target, term, axis, settings)) for term in lost)
+    return kept, tuple(LeftOut(term.name, _why_not(target, term, dof, settings)) for term in lost)
 
 
-def _why_not(target: Target, term: Term, axis: Axis, settings: Settings) -> str:
+def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
     """Why the target cannot carry a term; empty where it can."""
     effect = effects.get(term.name)
     carried = target.carries_with(settings) if target.carries_with else target.carries
@@ -70,11 +76,13 @@ def _why_not(target: Target, term: Term, axis: Axis, settings: Settings) -> str:
     if term.name in carried:
         return ""
     named = WHY_NAMED | dict(target.why)
-    if axis.constant and term.name == "bias-moment":
+    if dof.has_constant and term.name == "bias-moment":
         return WHY_CONSTANT
     if term.name in named:
         return named[term.name]
-    return f"it needs the logged {listed(effect.needs)}" if effect.needs else WHY[effect.place.value]
+    return (
+        f"it needs the logged {listed(effect.needs)}" if effect.needs else dof.fill(WHY[effect.place.value])
+    )
 
 
 def _merged(terms: tuple[Term, ...]) -> tuple[Term, ...]:
@@ -103,27 +111,31 @@ def cannot(target: Target, left_out: tuple[LeftOut, ...], origin: Origin) -> str
     )
 
 
-def refuse_inertia(target: Target, rigid: float | None, model: YawModel, axis: Axis, origin: Origin) -> None:
+def refuse_inertia(target: Target, rigid: float | None, model: YawModel, origin: Origin) -> None:
     """Raise SettingError for a rigid inertia that is no part of the total, or for none where it is the mass."""
-    if rigid is None and target.si and not axis.levered:
+    dof, word = model.dof, model.dof.words.inertia
+    if rigid is None and target.si and not dof.levered:
         raise SettingError(
-            f"{origin.file}: the identified mass, {model.inertia:.4g}, holds the water that moves along; as a "
+            f"{origin.file}: the identified {word}, {model.inertia:.4g}, holds the water that moves along; as a "
             "link's mass it would weigh on the vehicle: give the vehicle's own with --rigid-inertia"
         )
     if rigid is not None and not 0.0 < rigid <= model.inertia:
         raise SettingError(
             f"--rigid-inertia: found {rigid:g}, expected more than 0 and no more than {model.inertia:.6g} "
-            f"{model.moment_unit} s², the total of rigid and added inertia in {origin.file}; check unit and axis"
+            f"{dof.unit_of('inertia', model.moment_unit)}, the total of rigid and added {word} in {origin.file}; check "
+            "unit and axis"
         )
 
 
 def refuse_driving(model: YawModel, target: Target, origin: Origin) -> None:
     """Raise SettingError for a linear drag that is none: model 2 may have one of the wrong sign."""
-    k_r, _ = model.drag()
-    if k_r < 0:
+    linear, _ = model.drag()
+    if linear < 0:
+        name, unit = model.dof.symbols.linear, model.dof.unit_of("linear", model.moment_unit)
         raise SettingError(
-            f"{origin.file}, model {origin.number}: k_r = {k_r:.4g} {model.moment_unit} s would drive the vehicle at "
-            f"small rates, and {target.name} would not come to rest; take a model without it with --number 1 or 3"
+            f"{origin.file}, model {origin.number}: {name} = {linear:.4g} {unit} would drive the vehicle at small "
+            f"{model.dof.words.speed}s, and {target.name} would not come to rest; take a model without it with "
+            "--number 1 or 3"
         )
 
 

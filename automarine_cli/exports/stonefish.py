@@ -66,6 +66,7 @@ TARGET = Target(
     forms={"body": ".scn"},
     frames=("NED",),
     uses=frozenset({"newton_metres_per_nu", "mesh_torque"}),
+    motions=("yaw",),
     write=write,
     carries_with=carries_with,
     instead="--mesh-torque for the drag of the mesh, or ",

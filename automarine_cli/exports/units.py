@@ -6,7 +6,7 @@ from automarine_cli import effects
 from automarine_cli.models.yaw_model import YawModel
 
 
-def in_newton_metres(model: YawModel, newton_metres_per_nu: float, unit: str = "N m") -> YawModel:
+def in_newton_metres(model: YawModel, newton_metres_per_nu: float) -> YawModel:
     """The same motion under moments in N m (forces in N): inertia and drag times the factor, other effects by their
     units."""
     terms = tuple(
@@ -19,4 +19,5 @@ def in_newton_metres(model: YawModel, newton_metres_per_nu: float, unit: str = "
         )
         for term in model.terms
     )
-    return YawModel(model.inertia * newton_metres_per_nu, terms, unit)
+    inertia, unit = model.inertia * newton_metres_per_nu, model.dof.units.forces[1]
+    return replace(model, inertia=inertia, terms=terms, moment_unit=unit)

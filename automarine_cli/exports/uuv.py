@@ -7,7 +7,6 @@ quad_damping |r| r (uuv_control_interfaces/vehicle.py, which turns Gazebo's rate
 """
 
 from automarine_cli.exports.base import (
-    NAMES,
     Target,
     Written,
     YawSubject,
@@ -22,18 +21,18 @@ from automarine_cli.exports.base import (
 
 def write(subject: YawSubject) -> Written:
     """The URDF or the YAML text."""
-    index, yaw = subject.names.index, subject.axis.name == "yaw"
+    index, turns, r = subject.dof.number, subject.dof.wraps, subject.dof.symbols.velocity
     notes = (subject.about_inertia(), subject.about_entries())
     rigid, added = subject.inertias
     linear = at_place(-subject.value("linear-drag"), index)
     quadratic = at_place(-subject.value("quadratic-drag"), index)
     matrix = [at_place(added if line == index else 0.0, index) for line in range(6)]
-    own = "izz" if yaw else "mass"
-    equation = f"({own} + Ma) r' = {subject.names.force} + linear_damping r + quadratic_damping |r| r"
-    lines = head(subject, subject.names.said(equation), notes)
-    inertia, mass = number(rigid if yaw else 1.0), number(1.0 if yaw else rigid)
+    own = "izz" if turns else "mass"
+    equation = f"({own} + Ma) {r}' = {subject.force} + linear_damping {r} + quadratic_damping |{r}| {r}"
+    lines = head(subject, equation, notes)
+    inertia, mass = number(rigid if turns else 1.0), number(1.0 if turns else rigid)
     if subject.form == "controller":
-        head_of = "" if yaw else f"mass: {mass}\n"
+        head_of = "" if turns else f"mass: {mass}\n"
         return Written(commented(lines, "#") + head_of + _yaml(inertia, linear, quadratic, matrix), notes)
     entries = "\n".join(f"            {row(line)}" for line in matrix)
     return Written(
@@ -87,6 +86,5 @@ TARGET = Target(
     forms={"urdf": ".urdf", "controller": ".yaml"},
     frames=("ENU", "NED"),
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
-    axes=tuple(NAMES),
     write=write,
 )

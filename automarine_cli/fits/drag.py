@@ -19,14 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.fits.estimate import Estimate
+from automarine_cli.models.yaw_model import base_roles, main_drag
 
 Floats = NDArray[np.float64]
 
-COLUMNS = {"1": ("k_r",), "2": ("k_rr", "k_r"), "3": ("k_rr",), "3+c": ("k_rr", "c")}
-"""Parameters of each reading of Table 1, in the order of the regressors."""
+WITH_CONSTANT, C = "3+c", "c"
+"""The reading of Table 1 with a constant moment, and what it is called there."""
 
 FEWEST_A_WAY = 3
 """Runs each way from which on it is asked whether drag differs."""
@@ -37,8 +38,8 @@ MOST_DILUTED = 0.5
 
 @dataclass(frozen=True)
 class DragFit:
-    """Least squares of one drag model: estimates by name; SSE [moment²], AICc and residuals (R,) [moment] of the plain
-    least squares.
+    """Least squares of one drag model of a motion: estimates by name; SSE [moment²], AICc and residuals (R,) [moment]
+    of the plain least squares.
 
     `variance` (R,) [rad²/s²] is that of the rates whose dilution was taken off, `dilution` by how much that moved each
     estimate from the plain least squares, `explained` [moment²] what of the moments' squares the model explains;
@@ -46,6 +47,7 @@ class DragFit:
     """
 
     model: str
+    dof: Dof
     estimates: dict[str, Estimate]
     sse: float
     aicc: float
@@ -56,27 +58,35 @@ class DragFit:
     influence: Floats
 
     def acting(self, moment: Floats) -> tuple[Floats, Floats | float, Floats | float]:
-        """What each run (R,) moves by: the moment with the constant one, k_r and k_rr on the way that it goes."""
+        """What each run (R,) moves by: the moment with the constant one, linear and quadratic drag on the way that it
+        goes."""
         return self.acting_with(moment, [e.value for e in self.estimates.values()])
 
     def acting_with(
         self, moment: Floats, values: Iterable[float]
     ) -> tuple[Floats, Floats | float, Floats | float]:
         """The same with other values, in the order of the estimates."""
-        own = dict(zip(self.estimates, values))
-        k_r, k_rr = own.get("k_r", 0.0), own.get("k_rr", 0.0)
-        if "b" in own:
-            moment = moment + own["b"]
-        if "e" not in own:
-            return moment, k_r, k_rr
-        more = np.sign(moment) * own["e"]
-        return (moment, k_r + more, k_rr) if self.model == "1" else (moment, k_r, k_rr + more)
+        own, symbols = dict(zip(self.estimates, values)), self.dof.symbols
+        linear, quadratic = own.get(symbols.linear, 0.0), own.get(symbols.quadratic, 0.0)
+        moment = moment + own.get(symbols.constant, 0.0)
+        if not self.sided:
+            return moment, linear, quadratic
+        more = np.sign(moment) * own[symbols.difference]
+        return (moment, linear + more, quadratic) if self.model == "1" else (moment, linear, quadratic + more)
 
     @property
     def drag(self) -> tuple[float, float]:
-        """(k_r, k_rr), zero where the model has no such term."""
-        values = {name: e.value for name, e in self.estimates.items()}
-        return values.get("k_r", 0.0), values.get("k_rr", 0.0)
+        """Linear and quadratic drag, zero where the model has no such term."""
+        return self._value("linear"), self._value("quadratic")
+
+    @property
+    def sided(self) -> bool:
+        """Whether drag differs between the two ways."""
+        return self.dof.symbols.difference in self.estimates
+
+    def _value(self, role: str) -> float:
+        name = self.dof.parameters[role]
+        return self.estimates[name].value if name in self.estimates else 0.0
 
     def moved_by(self, influence: Floats) -> "DragFit":
         """The same with intervals that know of this influence of the runs (R, p) on the estimates beside its own."""
@@ -99,16 +109,21 @@ class NestedTest:
     p_value: float
 
 
-def columns_of(model: str, axis: Axis = YAW, sided: bool = False) -> tuple[str, ...]:
-    """Parameters of a drag model of a motion: `b` is the constant force, `e` half the difference between the ways."""
-    return (*COLUMNS[model], *(("b",) if axis.constant else ()), *(("e",) if sided else ()))
+def columns_of(model: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
+    """Parameters of a reading of Table 1 of a motion, by what they are, in the order of the regressors."""
+    return ("quadratic", C) if model == WITH_CONSTANT else base_roles(model, dof, sided)[1:]
 
 
-def regressors(rate: Floats, model: str, names: Sequence[str] = ()) -> Floats:
+def regressors(rate: Floats, model: str, columns: Sequence[str]) -> Floats:
     """Regressor columns (R, p) of a drag model for steady rates (R,) [rad/s]."""
-    known = {"k_rr": np.abs(rate) * rate, "k_r": rate, "c": np.ones_like(rate), "b": -np.ones_like(rate)}
-    known["e"] = np.abs(rate) if model == "1" else rate**2
-    return np.stack([known[name] for name in names or COLUMNS[model]], axis=1)
+    known = {
+        "quadratic": np.abs(rate) * rate,
+        "linear": rate,
+        C: np.ones_like(rate),
+        "constant": -np.ones_like(rate),
+    }
+    known["difference"] = np.abs(rate) if model == "1" else rate**2
+    return np.stack([known[name] for name in columns], axis=1)
 
 
 @dataclass(frozen=True)
@@ -125,18 +140,18 @@ class Sums:
         return inverse @ self.products.sum(axis=0), inverse
 
 
-def sums(moment: Floats, rate: Floats, variance: Floats | float, model: str, names: Sequence[str]) -> Sums:
+def sums(moment: Floats, rate: Floats, variance: Floats | float, model: str, columns: Sequence[str]) -> Sums:
     """The normal equations of moments (R,) on the regressors of rates (R,) of that variance [rad²/s²]."""
-    power = np.array([_power(name, model) for name in names])
+    power = np.array([_power(role, model) for role in columns])
     hermite = without_noise(rate, variance)
-    sign = np.sign(regressors(np.sign(rate), model, names))
+    sign = np.sign(regressors(np.sign(rate), model, columns))
     products = sign * hermite[:, power] * moment[:, None]
     return Sums(sign[:, :, None] * sign[:, None, :] * hermite[:, power[:, None] + power], products)
 
 
-def _power(name: str, model: str) -> int:
+def _power(role: str, model: str) -> int:
     """Power of the rate with which a parameter of a drag model goes."""
-    return {"k_rr": 2, "k_r": 1, "e": 1 if model == "1" else 2}.get(name, 0)
+    return {"quadratic": 2, "linear": 1, "difference": 1 if model == "1" else 2}.get(role, 0)
 
 
 def without_noise(rate: Floats, variance: Floats | float) -> Floats:
@@ -147,19 +162,19 @@ def without_noise(rate: Floats, variance: Floats | float) -> Floats:
 
 
 def fit_drag_by_way(
-    moment: Floats, rate: Floats, model: str, moment_unit: str, axis: Axis, variance: Floats | float = 0.0
+    moment: Floats, rate: Floats, model: str, moment_unit: str, dof: Dof, variance: Floats | float = 0.0
 ) -> DragFit:
     """`fit_drag`; of a motion whose drag may differ between its two ways with that, where the points show it."""
     ways = np.sum(rate > 0), np.sum(rate < 0)
-    if not axis.sided or min(ways) < FEWEST_A_WAY or model not in ("1", "2", "3"):
-        return fit_drag(moment, rate, model, moment_unit, axis, variance=variance)
+    if not dof.directional or min(ways) < FEWEST_A_WAY or model not in ("1", "2", "3"):
+        return fit_drag(moment, rate, model, moment_unit, dof, variance=variance)
     try:
-        apart = fit_drag(moment, rate, model, moment_unit, axis, sided=True, variance=variance)
+        apart = fit_drag(moment, rate, model, moment_unit, dof, sided=True, variance=variance)
     except FitError:
-        return fit_drag(moment, rate, model, moment_unit, axis, variance=variance)
-    low, high = apart.estimates["e"].ci95
+        return fit_drag(moment, rate, model, moment_unit, dof, variance=variance)
+    low, high = apart.estimates[dof.symbols.difference].ci95
     return (
-        apart if low > 0 or high < 0 else fit_drag(moment, rate, model, moment_unit, axis, variance=variance)
+        apart if low > 0 or high < 0 else fit_drag(moment, rate, model, moment_unit, dof, variance=variance)
     )
 
 
@@ -167,8 +182,8 @@ def fit_drag(
     moment: Floats,
     rate: Floats,
     model: str,
-    moment_unit: str = "nu",
-    axis: Axis = YAW,
+    moment_unit: str,
+    dof: Dof,
     sided: bool = False,
     variance: Floats | float = 0.0,
 ) -> DragFit:
@@ -176,18 +191,20 @@ def fit_drag(
 
     Raises FitError for fewer points than the model needs or points that cannot tell its terms apart.
     """
-    names = columns_of(model, axis, sided)
-    x = regressors(rate, model, names)
+    columns = columns_of(model, dof, sided)
+    x = regressors(rate, model, columns)
     points, count = x.shape
     if points < count + 1 or np.linalg.matrix_rank(x / np.abs(x).max(axis=0)) < count:
         sizes = len(np.unique(np.round(np.abs(moment), 9)))
         raise FitError(
-            f"model {model} of Table 1 needs at least {count + 1} runs and as many sizes of moment as it has drag "
-            f"terms ({count}); there are {points} at {sizes}: run more moments"
+            f"model {model} of Table 1 needs at least {count + 1} runs and as many sizes of {dof.words.force} as it "
+            f"has drag terms ({count}); there are {points} at {sizes}: run more {dof.words.force}s"
         )
-    plain = sums(moment, rate, 0.0, model, names)
-    variance = np.broadcast_to(variance, rate.shape) * _credible(plain, moment, rate, variance, model, names)
-    kept = sums(moment, rate, variance, model, names)
+    plain = sums(moment, rate, 0.0, model, columns)
+    variance = np.broadcast_to(variance, rate.shape) * _credible(
+        plain, moment, rate, variance, model, columns
+    )
+    kept = sums(moment, rate, variance, model, columns)
     values, inverse = kept.solve()
     without = plain.solve()[0]
     residuals = moment - x @ without
@@ -197,30 +214,30 @@ def fit_drag(
     stderr = np.sqrt(np.sum(influence**2, axis=0))
     sse = float(residuals @ residuals)
     estimates = {
-        name: Estimate.from_stderr(v, e, points - count, axis.unit_of(_like(name, model), moment_unit))
-        for name, v, e in zip(names, values, stderr)
+        dof.parameters.get(role, role): Estimate.from_stderr(
+            v, e, points - count, dof.unit_of(_like(role, model), moment_unit)
+        )
+        for role, v, e in zip(columns, values, stderr)
     }
-    dilution = dict(zip(names, (values - without).tolist()))
+    dilution = dict(zip(estimates, (values - without).tolist()))
     explained = float(kept.products.sum(axis=0) @ values)
     aicc = _aicc(sse, points, count)
-    return DragFit(model, estimates, sse, aicc, residuals, variance, dilution, explained, influence)
+    return DragFit(model, dof, estimates, sse, aicc, residuals, variance, dilution, explained, influence)
 
 
 def _credible(
-    plain: Sums, moment: Floats, rate: Floats, variance: Floats | float, model: str, names: Sequence[str]
+    plain: Sums, moment: Floats, rate: Floats, variance: Floats | float, model: str, columns: Sequence[str]
 ) -> float:
     """The share of the variance whose dilution can be taken off: all, but where it would be most of some sum."""
     squares = plain.squares.sum(axis=0)
-    noise = squares - sums(moment, rate, variance, model, names).squares.sum(axis=0)
+    noise = squares - sums(moment, rate, variance, model, columns).squares.sum(axis=0)
     worst = float(np.linalg.eigvals(np.linalg.solve(squares, noise)).real.max())
     return min(1.0, MOST_DILUTED / worst) if worst > 0 else 1.0
 
 
-def _like(name: str, model: str) -> str:
-    """The parameter that has the same unit: the difference between two ways is one of their drag."""
-    if name == "e":
-        return "k_r" if model == "1" else "k_rr"
-    return "tau" if name in ("b", "c") else name
+def _like(role: str, model: str) -> str:
+    """What has the same unit: the difference between two ways is one of the drag that the model always has."""
+    return main_drag(model) if role == "difference" else "constant" if role == C else role
 
 
 def _aicc(sse: float, points: int, parameters: int) -> float:

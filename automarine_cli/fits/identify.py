@@ -1,13 +1,12 @@
 """From runs to a yaw fit: which runs serve for what, then both estimators and the preferred model."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.drag import FEWEST_A_WAY
 from automarine_cli.fits.output_error import MANY_RUNS, OutputErrorFit, fit_half_turns, fit_whole_runs, prefer
@@ -53,11 +52,14 @@ def identify(
     method start, None: where they are best. Raises RunError where too few runs are left,
     FitError where the data cannot carry a fit.
     """
+    if not runs:
+        raise RunError("there are no runs to fit; give at least one")
     turns, set_aside = half_turns(runs, trim)
-    return identify_turns(turns, set_aside, lambda: runs, fit_to, known, each, tail)
+    return identify_turns(runs[0].dof, turns, set_aside, lambda: runs, fit_to, known, each, tail)
 
 
 def identify_turns(
+    dof: Dof,
     turns: tuple[HalfTurn, ...],
     set_aside: tuple[SetAside, ...],
     whole: Callable[[], Sequence[Run]],
@@ -66,17 +68,15 @@ def identify_turns(
     each: Map | None = None,
     tail: float | None = None,
 ) -> YawFit:
-    """As `identify`, of half-turns and the runs without one; `whole` gives the runs, if they are needed."""
+    """As `identify`, of a motion's half-turns and the runs without one; `whole` gives the runs, if they are needed."""
     each = each or (lambda function, models: [function(model) for model in models])
     runs = len(turns) + len(set_aside)
     sizes = len({round(abs(turn.moment), 9) for turn in turns})
     enough = len(turns) >= FEWEST_STEPS and sizes >= 2
     if fit_to == "half-turns" and not enough:
-        axis = turns[0].step.run.axis if turns else YAW
-        word = axis.say("half-turn")
+        steps = f"{_counted(len(turns), dof.words.step)} at {_counted(sizes, 'size')} of {dof.words.force}"
         raise RunError(
-            f"{_counted(len(turns), word)} at {_counted(sizes, 'size')} of {axis.say('moment')} serve, and at least "
-            f"{FEWEST_STEPS} at 2 are needed; "
+            f"{steps} serve, and at least {FEWEST_STEPS} at 2 are needed; "
             f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         )
     if fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs):
@@ -108,13 +108,14 @@ def _fit_steps(
     each: Map,
     tail: float | None,
 ) -> YawFit:
-    unit, axis = turns[0].step.run.moment_unit, turns[0].step.run.axis
+    unit, dof = turns[0].step.run.moment_unit, turns[0].step.run.dof
     data = half_turn_data(turns)
     zero = np.zeros(len(turns))
     few = data.some(MANY_RUNS // 2)
     rough = fit_velocity_error(few, zero[: len(few.names)], moment_unit=unit, models=("1", "3"))
     start = (_inertia_to_begin_with(rough), rough.drag["1"].drag[0], rough.drag["3"].drag[1])
-    constant = {model: fit.estimates["b"].value for model, fit in rough.drag.items() if axis.constant}
+    name = dof.symbols.constant
+    constant = {model: fit.estimates[name].value for model, fit in rough.drag.items() if dof.has_constant}
     both = bool(min(sum(sign * turn.turned > 0 for turn in turns) for sign in (1, -1)) >= FEWEST_A_WAY)
     ask = partial(
         _fit_model, data=data, start=start, constant=constant, unit=unit, known=known, both=both
@@ -124,17 +125,16 @@ def _fit_steps(
     seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit, tail=tail)
     noise = float(np.median([turn.noise for turn in turns]))
     cautions = (
-        *design_cautions([turn.moment for turn in turns], unit, of_steps=True),
-        *seed_cautions(seed, fits[preference.number].gain_scatter.value),
+        *design_cautions([turn.moment for turn in turns], unit, dof, of_steps=True),
+        *seed_cautions(seed, fits[preference.number].gain_scatter.value, dof),
         *fit_cautions(fits),
     )
-    cautions = tuple(replace(one, sentence=axis.say(one.sentence)) for one in cautions)
     warnings = (
-        *(axis.say(one) for one in step_warnings(turns, seed, axis)),
+        *step_warnings(turns, seed, dof),
         *fit_warnings(fits, preference, data.names, noise),
         *told(cautions, preference),
     )
-    return YawFit(unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, cautions, axis)
+    return YawFit(unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, cautions, dof)
 
 
 def _inertia_to_begin_with(rough: VelocityErrorFit) -> float:
@@ -152,16 +152,16 @@ def _fit_model(
     known: Known,
     both: bool,
 ) -> OutputErrorFit:
-    inertia, k_r, k_rr = start
+    inertia, linear, quadratic = start
     if number == "1":  # its inertia from the same tails: equation 7 against equation 9
         inertia *= 0.7
-    begin = (inertia, k_r if number == "1" else 0.02 * k_r, k_rr)
+    begin = (inertia, linear if number == "1" else 0.02 * linear, quadratic)
     always = constant.get(number, constant.get("3", 0.0))
 
     def fit(sided: bool) -> OutputErrorFit:
         return fit_half_turns(data, number, begin, unit, known, always, sided)
 
-    return by_way(fit, data.axis, both)
+    return by_way(fit, data.dof, both)
 
 
 def _fit_whole(runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, each: Map) -> YawFit:
@@ -177,28 +177,29 @@ def _fit_whole(runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, ea
             f"none of {_counted(len(runs), 'run')} serves for a fit; {_reasons(short)}look at them with "
             "`automarine check`"
         )
-    axis = moving[0].axis
+    dof = moving[0].dof
     at_rest = np.array([starts_at_rest(run) for run in moving])
     fits = dict(zip("123", each(partial(_fit_whole_model, runs=moving, at_rest=at_rest), ("1", "2", "3"))))
-    why = axis.say(
-        "The whole runs were fitted by output error, as asked (--fit-to whole-runs); steady rates and velocity "
-        "errors are of half-turns only"
+    words = dof.words
+    why = (
+        f"The whole runs were fitted by output error, as asked (--fit-to whole-runs); steady {words.speed}s and "
+        f"velocity errors are of {words.step}s only"
         if fit_to == "whole-runs"
-        else f"{len(turns)} of {len(runs)} runs hold a constant moment from rest through a half-turn, too few "
-        "for steady rates and velocity errors; the whole runs were fitted by output error"
+        else f"{len(turns)} of {len(runs)} runs hold a constant {words.force} from rest through a {words.step}, too "
+        f"few for steady {words.speed}s and velocity errors; the whole runs were fitted by output error"
     )
     preference = prefer(fits)
     unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
-    cautions = (*design_cautions(levels.tolist(), unit, of_steps=False), *fit_cautions(fits))
-    cautions = tuple(replace(one, sentence=axis.say(one.sentence)) for one in cautions)
+    cautions = (*design_cautions(levels.tolist(), unit, dof, of_steps=False), *fit_cautions(fits))
     warnings = (*fit_warnings(fits, preference, [run.name for run in moving]), *told(cautions, preference))
-    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, axis)
+    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, dof)
 
 
 def _too_little(run: Run) -> str:
+    words, longer = run.dof.words, f"log for longer, at least {FEWEST_SAMPLES} samples"
     if len(run) < FEWEST_SAMPLES:
-        return f"{len(run)} samples say nothing of drag or inertia; log for longer, at least {FEWEST_SAMPLES} samples"
-    return run.axis.say("no moment acts in this run; it shows the noise, but neither drag nor inertia")
+        return f"{len(run)} samples say nothing of drag or {words.inertia}; {longer}"
+    return f"no {words.force} acts in this run; it shows the noise, but neither drag nor {words.inertia}"
 
 
 def _fit_whole_model(number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_]) -> OutputErrorFit:
@@ -207,26 +208,26 @@ def _fit_whole_model(number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_
     both = _both_ways(runs)
     for step in STEPS:
         batch = make_batch(runs, step)
-        fit = by_way(partial(fit_whole_runs, batch, number, at_rest), batch.axis, both)
+        fit = by_way(partial(fit_whole_runs, batch, number, at_rest), batch.dof, both)
         if step_for(fit.model, largest) >= 0.5 * step:
             return fit
     raise FitError(
         f"model {number} answers within {1000 * fit.model.fastest(largest):.0f} ms, faster than these logs "
         "can show; "
-        "check the units of moment and time"
+        f"check the units of {runs[0].dof.words.force} and time"
     )
 
 
 def _both_ways(runs: Sequence[Run]) -> bool:
     """Whether a tenth of all that the runs went, or more, went each way."""
-    steps = np.concatenate([np.diff(run.heading[:: max(1, round(1.0 / run.sample_period))]) for run in runs])
+    steps = np.concatenate([np.diff(run.position[:: max(1, round(1.0 / run.sample_period))]) for run in runs])
     gone = float(steps[steps > 0].sum()), float(-steps[steps < 0].sum())
     return min(gone) > LEAST_WAY * sum(gone)
 
 
 def starts_at_rest(run: Run) -> bool:
     """Whether the run begins with the vehicle standing still at zero moment, or where a constant force acts at any."""
-    if run.axis.constant:
+    if run.dof.has_constant:
         return bool(released(run))
     steps = find_steps(run)
     return bool(steps) and steps[0].rest is not None and steps[0].rest.start <= 2

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
-from automarine_cli.fits.drag import DragFit, regressors, sums
+from automarine_cli.dofs import Dof
+from automarine_cli.fits.drag import DragFit, columns_of, regressors, sums
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.linear_mixed import solve_scaled
 from automarine_cli.fits.tails import TailLines
@@ -35,7 +35,7 @@ class InertiaTable:
 
 
 def inertia_table(
-    moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str, axis: Axis
+    moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str, dof: Dof
 ) -> InertiaTable | None:
     """Inertia of each run, mean at each moment and over all; standard error by the jackknife over runs, drag
     refitted.
@@ -52,27 +52,29 @@ def inertia_table(
     count = len(moment)
     influence = np.sqrt((count - 1) / count) * (left_out.mean() - left_out)
     stderr = float(np.sqrt(influence @ influence))
-    overall = Estimate.from_stderr(float(per_run.mean()), stderr, count - 1, axis.unit_of("I_r", moment_unit))
+    overall = Estimate.from_stderr(
+        float(per_run.mean()), stderr, count - 1, dof.unit_of("inertia", moment_unit)
+    )
     return InertiaTable(per_run, per_moment, overall, influence)
 
 
 def _refitted(moment: Floats, rate: Floats, drag: DragFit) -> Floats:
     """Drag (R, p) without each run in turn: from the normal equations less one run."""
-    names = list(drag.estimates)
-    unit = np.abs(regressors(rate, drag.model, names)).max(axis=0)
-    every = sums(moment, rate, drag.variance, drag.model, names)
+    columns = columns_of(drag.model, drag.dof, drag.sided)
+    unit = np.abs(regressors(rate, drag.model, columns)).max(axis=0)
+    every = sums(moment, rate, drag.variance, drag.model, columns)
     squares, products = every.squares / (unit[:, None] * unit), every.products / unit
     return solve_scaled(squares.sum(axis=0) - squares, products.sum(axis=0) - products) / unit
 
 
 def _without_each(moment: Floats, error: Floats, drag: DragFit, refitted: Floats) -> Floats:
     """Mean inertia (R,) without each run in turn, by the drag refitted without it, (R, p)."""
-    names = list(drag.estimates)
-    if names == ["k_r"] or names == [
-        "k_rr"
-    ]:  # equations 7 and 9: inertia goes with the square of k_r, or with k_rr
-        power = 2 if names == ["k_r"] else 1
-        each = inertia_from_velocity_error(error, moment, *np.sign(drag.drag))
+    columns = columns_of(drag.model, drag.dof, drag.sided)
+    if (
+        len(columns) == 1
+    ):  # equations 7 and 9: inertia goes with the square of linear drag, or with quadratic drag
+        one, power = ((1.0, 0.0), 2) if columns == ("linear",) else ((0.0, 1.0), 1)
+        each = inertia_from_velocity_error(error, moment, *one)
         return np.asarray((each.sum() - each) / (len(each) - 1) * refitted[:, 0] ** power)
     means = []
     for i, values in enumerate(refitted):

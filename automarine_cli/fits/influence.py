@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram
+from automarine_cli.fits.gram import Grams
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives
 
 Floats = NDArray[np.float64]
@@ -33,7 +33,7 @@ def left_out_changes(problem: Problem, fit: MixedFit) -> Floats:
     `problem` is the one that was fitted. Where the equations do not fix the solution, the changes are those of the
     linearised problem. Raises FitError where the response is not finite beside the solution.
     """
-    variances = np.log([fit.noise, *np.maximum(fit.factors, SMALLEST_FACTOR)])
+    variances = fit.variances
     runs, count = fit.left_out.shape
     shown = np.flatnonzero(np.diagonal(fit.covariance) > 0.0)  # what no sample shows stays where it is
     free = np.setdiff1d(shown, fit.at_bound)
@@ -62,7 +62,7 @@ def degrees_of_freedom(fit: MixedFit, direction: Floats) -> float:
     Satterthwaite's approximation for runs that pull by their expected variances v_i, (sum v_i)²/sum v_i² (Bell and
     McCaffrey 2002, Survey Methodology 28:169). Where two runs show a parameter, their own spread says little of it.
     """
-    variances = np.log([fit.noise, *np.maximum(fit.factors, SMALLEST_FACTOR)])
+    variances = fit.variances
     free = np.setdiff1d(np.arange(len(fit.phi)), fit.at_bound)
     return runs_that_carry(linear_mixed.weigh(fit.gram, fit.effects, variances).hessian, direction[free])
 
@@ -95,13 +95,14 @@ def _pull_and_stiffness(
         for sign in (1.0, -1.0):
             near = _about(problem, fit.phi + sign * phi, fit.run_effects + sign * b)
             pull = linear_mixed.weigh(near, problem.effects, variances).gradient
-            mean = scale * near.vw / np.exp(2.0 * variances[0])
-            mean -= np.divide(near.present, scale, out=np.zeros_like(scale), where=scale > 0)
+            here = near.at(variances)
+            mean = scale * here.vw / np.exp(2.0 * variances[0])
+            mean -= np.divide(here.present, scale, out=np.zeros_like(scale), where=scale > 0)
             sides.append((pull[:, free], mean[:, acts]))
         return 0.5 * (sides[0][0] - sides[1][0]), 0.5 * (sides[0][1] - sides[1][1])
 
     axes = np.eye(len(fit.phi))[free]
-    by_phi = [slope(h * axis, none) for h, axis in zip(aside, axes)]
+    by_phi = [slope(h * dof, none) for h, dof in zip(aside, axes)]
     pull_phi, mean_phi = (np.stack(part, axis=2) / aside for part in zip(*by_phi))
     if not len(acts):
         return weighted.gradient[:, free], -pull_phi
@@ -113,7 +114,7 @@ def _pull_and_stiffness(
     return weighted.gradient[:, free], -(pull_phi + pull_run @ follows)
 
 
-def _about(problem: Problem, phi: Floats, b: Floats) -> Gram:
+def _about(problem: Problem, phi: Floats, b: Floats) -> Grams:
     """The problem linearised about (phi, b)."""
     fitted, by_phi, by_run = derivatives(problem, phi, b)
     return problem.gram(by_phi, by_run, fitted, b)

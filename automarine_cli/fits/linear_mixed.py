@@ -6,24 +6,23 @@ b_i ~ N(0, D_i), with r_i its residual and phi the change from phi0: r_i + V_i b
 R_i = s² 1 + V_i D_i V_i'. R_i^-1 acts through the small matrix K = s² 1 + L V'V L with D = L² (Woodbury), which also
 works where an entry of D is zero. Because R^-1 V L = V L K^-1, the present b0 enters without ever being
 multiplied by V: sums of squares of headings of many radians, of which nothing but noise would remain, are
-never formed.
-Shapes: runs R, parameters p, run effects q.
+never formed. Several channels, each with a noise s_c of its own, are one weighted sum of inner products: samples of
+channel c count (s_1/s_c)² times.
+Shapes: runs R, parameters p, run effects q, channels C. Variances are the logarithms of C noises and of the factors.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
 from automarine_cli.errors import FitError
+from automarine_cli.fits.gram import Gram, Grams
+from automarine_cli.fits.run_effects import RunEffects
 
 Floats = NDArray[np.float64]
 
-NOT_FINITE = (
-    "no motion of a vehicle fits these runs: simulated headings run out of all bounds; look at the logs with "
-    "`automarine check` for gaps, a wrong clock, or wrong units or signs of heading and moment (--columns)"
-)
 NO_MOTION = (
     "the runs show no motion that a model could be fitted to; look at the logs with `automarine check`"
 )
@@ -34,62 +33,16 @@ FLAT = 1e-4
 """Slope of the deviance that counts as none, by variances in units of their own standard errors."""
 
 
-@dataclass(frozen=True)
-class RunEffects:
-    """What is known of the q run effects b_i before the data.
-
-    `scale` (R, q) standard deviations; `factor` (q,) index of the estimated factor that multiplies each, -1
-    for none; `limits` (lower, upper) of each factor.
-    """
-
-    scale: Floats
-    factor: NDArray[np.int64]
-    limits: tuple[tuple[float, float], ...] = ()
-
-    def deviation(self, variances: Floats) -> Floats:
-        """Standard deviations (R, q) for `variances` = (log s, log factors)."""
-        return self.scale * np.append(np.exp(variances[1:]), 1.0)[self.factor]
+class NotFinite(FitError):
+    """Simulations run out of all bounds. Who knows the motion says so in its words, see `not_finite`."""
 
 
-@dataclass(frozen=True)
-class Gram:
-    """Inner products of one linearisation: parameters J, run effects V, residuals w = r; runs first.
-
-    `present` (R, q) the run effects b0 linearised about, `count` (R,) samples. Where w is given whole, as
-    r + J phi0 + V b0, both phi0 and b0 count as zero.
-    """
-
-    jj: Floats
-    jv: Floats
-    vv: Floats
-    jw: Floats
-    vw: Floats
-    ww: Floats
-    present: Floats
-    count: NDArray[np.int64]
-
-    @property
-    def is_finite(self) -> bool:
-        """Whether response and derivatives were finite."""
-        return all(bool(np.all(np.isfinite(part))) for part in (self.jj, self.jv, self.vv, self.ww))
-
-    @classmethod
-    def of(
-        cls, by_theta: Floats, by_run: Floats, residual: Floats, count: NDArray[np.int64],
-        present: Floats | None = None,
-    ) -> "Gram":  # fmt: skip
-        """From J (R, N, p), V (R, N, q) and r (R, N), zero in the padding; `present` zero where not given."""
-        present = np.zeros((len(by_run), by_run.shape[2])) if present is None else present
-        left, right, w = np.swapaxes(by_theta, 1, 2), np.swapaxes(by_run, 1, 2), residual[:, :, None]
-        return cls(
-            left @ by_theta, left @ by_run, right @ by_run, (left @ w)[..., 0], (right @ w)[..., 0],
-            (residual**2).sum(axis=1), present, count
-        )  # fmt: skip
-
-    def keep(self, free: NDArray[np.int64]) -> "Gram":
-        """The same with only the parameters `free`; the others stay where they are, as at a bound."""
-        jj = self.jj[:, free][:, :, free]
-        return replace(self, jj=jj, jv=self.jv[:, free], jw=self.jw[:, free])
+def not_finite(position: str, force: str) -> str:
+    """The sentence, by what the position and what drives it are called."""
+    return (
+        f"no motion of a vehicle fits these runs: simulated {position}s run out of all bounds; look at the logs with "
+        f"`automarine check` for gaps, a wrong clock, or wrong units or signs of {position} and {force} (--columns)"
+    )
 
 
 @dataclass(frozen=True)
@@ -98,7 +51,8 @@ class Weighted:
     (R,), with w = r + V b0.
 
     Of the run effects in units of their prior deviation: `left` (R, q) is the share of the variance that the
-    data leave, `means` (R, q) the posterior mean at phi = 0, and `by_phi` (R, q, p) what it loses per phi.
+    data leave, `means` (R, q) the posterior mean at phi = 0, and `by_phi` (R, q, p) what it loses per phi; their
+    posterior covariance is s² A'A with A = `inverse` (R, q, q).
     """
 
     hessian: Floats
@@ -108,12 +62,14 @@ class Weighted:
     left: Floats
     means: Floats
     by_phi: Floats
+    inverse: Floats
 
 
-def weigh(gram: Gram, effects: RunEffects, variances: Floats) -> Weighted:
+def weigh(grams: Grams, effects: RunEffects, variances: Floats) -> Weighted:
     """Apply R_i^-1 to every inner product. Raises FitError where the response was not finite."""
-    if not gram.is_finite:
-        raise FitError(NOT_FINITE)
+    if not grams.is_finite:
+        raise NotFinite(not_finite("position", "command"))
+    gram = grams.at(variances)
     s2 = np.exp(2.0 * variances[0])
     scale = effects.deviation(variances)
     q = scale.shape[1]
@@ -131,6 +87,7 @@ def weigh(gram: Gram, effects: RunEffects, variances: Floats) -> Weighted:
     of_w, of_present = of_w[:, :, 0], of_present[:, :, 0]
     back = np.swapaxes(inverse, 1, 2)
     log_det = (gram.count - q) * np.log(s2) + 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+    log_det += gram.log_scale
     return Weighted(
         hessian=(gram.jj - np.swapaxes(of_phi, 1, 2) @ of_phi) / s2,
         gradient=(gram.jw - _dot(of_phi, of_w)) / s2 + _dot(of_phi, of_present),
@@ -140,6 +97,7 @@ def weigh(gram: Gram, effects: RunEffects, variances: Floats) -> Weighted:
         left=s2 * (inverse**2).sum(axis=1),
         means=present + (back @ (of_w - s2 * of_present)[:, :, None])[:, :, 0],
         by_phi=back @ of_phi,
+        inverse=inverse,
     )
 
 
@@ -165,48 +123,86 @@ def _kernel(gram: Gram, scale: Floats, s2: float) -> Floats:
     return s2 * np.eye(scale.shape[1]) + scale[:, :, None] * gram.vv * scale[:, None, :]
 
 
-def deviance(gram: Gram, effects: RunEffects, variances: Floats, *, restricted: bool) -> float:
+def deviance(grams: Grams, effects: RunEffects, variances: Floats, *, restricted: bool) -> float:
     """-2 log marginal likelihood with phi profiled out, but for n log 2 pi; see `deviance_and_slope`."""
-    return deviance_and_slope(gram, effects, variances, restricted=restricted)[0]
+    return deviance_and_slope(grams, effects, variances, restricted=restricted)[0]
 
 
 def deviance_and_slope(
-    gram: Gram, effects: RunEffects, variances: Floats, *, restricted: bool
+    grams: Grams, effects: RunEffects, variances: Floats, *, restricted: bool
 ) -> tuple[float, Floats]:
     """-2 log marginal likelihood with phi profiled out, but for n log 2 pi, and its gradient by the variances.
 
     `restricted` as Patterson and Thompson (1971, Biometrika 58:545). The gradient rests on
     d log|R| = tr(R^-1 dR) and d(e'R^-1 e) = -e'R^-1 dR R^-1 e; phi is at its optimum and adds nothing (envelope
     theorem). For a factor dR = 2 V D V' over its effects, for the noise dR = 2 s² 1: both reduce to what
-    `Weighted` holds.
+    `Weighted` holds. Of several channels each noise has its own share of the samples' sum of squares.
     """
-    weighted = weigh(gram, effects, variances)
+    weighted = weigh(grams, effects, variances)
     hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
     phi = solve_scaled(hessian, gradient)
     misfit = weighted.square.sum() - gradient @ phi
     value = weighted.log_det.sum() + misfit
     means = weighted.means - weighted.by_phi @ phi
     of_effect = 1.0 - weighted.left - means**2
-    of_noise = gram.count.sum() - (1.0 - weighted.left).sum() - misfit + (means**2).sum()
+    of_noise = grams.count.sum() - (1.0 - weighted.left).sum() - misfit + (means**2).sum()
+    covariance = None
     if restricted:
         unit = curvature_scale(hessian)
         value += np.linalg.slogdet(hessian / np.outer(unit, unit))[1] + 2.0 * np.log(unit).sum()
-        taken = (weighted.by_phi @ covariance_of(hessian) * weighted.by_phi).sum(axis=2)
+        covariance = covariance_of(hessian)
+        taken = (weighted.by_phi @ covariance * weighted.by_phi).sum(axis=2)
         of_effect -= taken
         of_noise += taken.sum() - len(phi)
-    of_factor = [of_effect[:, effects.factor == k].sum() for k in range(len(variances) - 1)]
-    return (float(value) if np.isfinite(value) else 1e100), 2.0 * np.array([of_noise, *of_factor])
+    noises = [of_noise]
+    if len(grams.channels) > 1:
+        noises = _of_noises(grams, effects, variances, weighted, phi, means, covariance)
+    slope = 2.0 * np.array([*noises, *effects.sums(of_effect)])
+    return (float(value) if np.isfinite(value) else 1e100), slope
 
 
-def choose_variances(gram: Gram, effects: RunEffects, start: Floats, *, restricted: bool = True) -> Floats:
-    """Noise and factors, (log s, log factors), of largest likelihood within their limits."""
-    factors = ((np.log(max(low, SMALLEST_FACTOR)), np.log(high)) for low, high in effects.limits)
-    limits = np.array([(np.log(1e-9), np.log(1e3)), *factors])
+def _of_noises(
+    grams: Grams,
+    effects: RunEffects,
+    variances: Floats,
+    weighted: Weighted,
+    phi: Floats,
+    means: Floats,
+    covariance: Floats | None,
+) -> list[float]:
+    """Half the slope of the deviance by the logarithm of each channel's noise: samples less what is left of them, in
+    units of that noise, at the run effects' posterior mean `means` (R, q), their spread and that of phi included."""
+    scale = effects.deviation(variances)
+    step = scale * means - grams.channels[0].present
+    spread = np.exp(2.0 * variances[0]) * np.swapaxes(weighted.inverse, 1, 2) @ weighted.inverse
+    spread *= scale[:, :, None] * scale[:, None, :]
+    follows = scale[:, :, None] * weighted.by_phi
+    found = []
+    for channel, log_noise in zip(grams.channels, variances):
+        of_b = (channel.vv @ step[:, :, None])[:, :, 0]
+        left = channel.ww.sum() - 2.0 * (channel.jw.sum(axis=0) @ phi + (channel.vw * step).sum())
+        left += phi @ channel.jj.sum(axis=0) @ phi + (step * of_b).sum()
+        left += 2.0 * phi @ np.einsum("rpq,rq->p", channel.jv, step)
+        left += (channel.vv * spread).sum()
+        if covariance is not None:
+            cross = channel.jv @ follows
+            own = channel.jj - cross - np.swapaxes(cross, 1, 2)
+            own = (own + np.swapaxes(follows, 1, 2) @ channel.vv @ follows).sum(axis=0)
+            left += (covariance * own).sum()
+        found.append(float(channel.count.sum() - left / np.exp(2.0 * log_noise)))
+    return found
+
+
+def choose_variances(grams: Grams, effects: RunEffects, start: Floats, *, restricted: bool = True) -> Floats:
+    """Noises and factors, as logarithms, of largest likelihood within their limits."""
+    factors = [(np.log(max(low, SMALLEST_FACTOR)), np.log(high)) for low, high in effects.limits]
+    noises = [channel.count.sum() for channel in grams.channels]
+    limits = np.array([*((np.log(1e-9), np.log(1e3)) for _ in noises), *factors])
     # of a logarithm of a standard deviation that n values show: 1/sqrt(2 n)
-    unit = 1.0 / np.sqrt(2.0 * np.append(gram.count.sum(), np.full(len(limits) - 1, len(gram.count))))
+    unit = 1.0 / np.sqrt(2.0 * np.append(noises, np.full(len(factors), len(grams.count))))
 
     def scaled(x: Floats) -> tuple[float, Floats]:
-        value, slope = deviance_and_slope(gram, effects, unit * x, restricted=restricted)
+        value, slope = deviance_and_slope(grams, effects, unit * x, restricted=restricted)
         return value, unit * slope
 
     best = optimize.minimize(
@@ -259,17 +255,17 @@ def bounded_solution(hessian: Floats, gradient: Floats, phi: Floats, bounds: Flo
     return new
 
 
-def posterior_mean(gram: Gram, effects: RunEffects, variances: Floats, phi: Floats) -> Floats:
+def posterior_mean(grams: Grams, effects: RunEffects, variances: Floats, phi: Floats) -> Floats:
     """Mean of the run effects given the data and phi, (R, q)."""
-    weighted = weigh(gram, effects, variances)
+    weighted = weigh(grams, effects, variances)
     return np.asarray(effects.deviation(variances) * (weighted.means - weighted.by_phi @ phi))
 
 
-def predictive(gram: Gram, weighted: Weighted, left_out: Floats) -> Floats:
+def predictive(grams: Grams, weighted: Weighted, left_out: Floats) -> Floats:
     """Log density of each run under the phi fitted without it, `left_out` (R, p); shape (R,)."""
     square = (
         weighted.square
         - 2.0 * np.einsum("rp,rp->r", weighted.gradient, left_out)
         + np.einsum("rp,rpk,rk->r", left_out, weighted.hessian, left_out)
     )
-    return np.asarray(-0.5 * (square + weighted.log_det + gram.count * np.log(2 * np.pi)))
+    return np.asarray(-0.5 * (square + weighted.log_det + grams.count * np.log(2 * np.pi)))

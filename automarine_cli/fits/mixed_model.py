@@ -1,10 +1,10 @@
 """Maximum likelihood for runs that differ: nonlinear mixed-effects regression, the heart of every dynamic
 fit.
 
-Heading j of run i is  y_ij = f_ij(theta, b_i) + noise,  noise ~ N(0, s²),  b_i ~ N(0, D_i): theta belongs to the
-vehicle, b_i to the run (start heading, start rate, instants of the command changes, thrust gain). Every entry of b_i
-has a standard deviation that is either known or a known scale times one estimated factor (the scatter of the thrust
-gain, say).
+Reading j of channel c in run i is  y_icj = f_icj(theta, b_i) + noise,  noise ~ N(0, s_c²),  b_i ~ N(0, D_i): theta
+belongs to the vehicle, b_i to the run (start position and velocity, instants of the command changes, thrust gain, bias
+of a rate sensor). Every entry of b_i has a standard deviation that is either known or a known scale times one
+estimated factor (the scatter of the thrust gain, say).
 
 Estimator (Lindstrom and Bates 1990, Biometrics 46:673): linearise f at the present theta and b, which makes the
 problem linear and Gaussian (see linear_mixed.py); choose the variance factors by restricted likelihood, theta by
@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram
+from automarine_cli.fits.gram import Grams
+from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.mixed_problem import MixedFit, Problem, with_held, without_held
 
 __all__ = ["MixedFit", "Problem", "derivatives", "fit_mixed"]
@@ -55,13 +56,15 @@ def fit_mixed(
     problem: Problem,
     theta: Floats,
     *,
-    noise: float,
+    noise: float | Floats,
     factors: Floats,
     run_effects: Floats | None = None,
     iterations: int = 60,
     settled: float = SETTLED,
 ) -> MixedFit:
     """Fit `problem` from the start values; shapes as in `Problem`, `settled` as the constant of that name.
+
+    `noise` is that of the first channel that counts, or of all these (C,); the others' start where their slots say.
 
     Parameters whose bounds are one value are held there; they count as `at_bound`. Raises FitError when there are no
     more samples than parameters or the response is not finite at the start.
@@ -80,7 +83,9 @@ def fit_mixed(
     bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
     phi = np.clip(problem.search(theta), bounds[:, 0], bounds[:, 1])
     b = np.zeros_like(problem.effects.scale) if run_effects is None else run_effects
-    variances = np.append(np.log(noise), np.log(np.maximum(factors, SMALLEST_FACTOR)))
+    noises = np.atleast_1d(noise)
+    noises = np.append(noises, [slot.noise for slot in problem.counted[len(noises) :]])
+    variances = np.log([*noises, *np.maximum(factors, SMALLEST_FACTOR)])
     step, share, last = 0, 1.0, np.zeros_like(phi)
     converged, stuck, point = False, False, _first(problem, phi, b)
     while step < iterations and not (converged or stuck):
@@ -106,17 +111,17 @@ def fit_mixed(
 
 @dataclass(frozen=True)
 class _Point:
-    """One point of the search: phi (p,), run effects (R, q), headings there (R, N), and the problem linearised
+    """One point of the search: phi (p,), run effects (R, q), readings there (R, N), and the problem linearised
     about it."""
 
     phi: Floats
     b: Floats
     fitted: Floats
-    gram: Gram
+    gram: Grams
 
 
 def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
-    """Headings (R, N), their derivatives by phi (R, N, p) and by the run effects (R, N, q), one-sided differences.
+    """Readings (R, N), their derivatives by phi (R, N, p) and by the run effects (R, N, q), one-sided differences.
 
     A run effect that can only be zero is not perturbed. Steps point away from zero, so that a mirrored campaign has
     the mirrored derivatives.
@@ -139,7 +144,7 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
 
 
 def _linearise(problem: Problem, phi: Floats, b: Floats) -> _Point:
-    """The problem about (phi, b) as inner products, and the headings there."""
+    """The problem about (phi, b) as inner products, and the readings there."""
     fitted, by_phi, by_run = derivatives(problem, phi, b)
     return _Point(phi, b, fitted, problem.gram(by_phi, by_run, fitted, b))
 
@@ -153,9 +158,8 @@ def _first(problem: Problem, phi: Floats, b: Floats) -> _Point:
 def _penalised(problem: Problem, variances: Floats, point: _Point) -> float:
     """Sum of squares that phi and b minimise together at fixed variances."""
     scale = problem.effects.deviation(variances)
-    residual = problem.residual(point.fitted)
     penalty = np.divide(point.b, scale, out=np.zeros_like(point.b), where=scale > 0) ** 2
-    return float((residual**2).sum() / np.exp(2.0 * variances[0]) + penalty.sum())
+    return float(problem.squares(problem.residual(point.fitted), variances).sum() + penalty.sum())
 
 
 def _line_search(problem: Problem, variances: Floats, here: _Point, new_phi: Floats, new_b: Floats) -> _Point:
@@ -237,14 +241,16 @@ def _report(
     inside = gram.keep(free)  # what a bound stopped may not be profiled out beyond it
     ml = linear_mixed.choose_variances(inside, problem.effects, variances, restricted=False)
     ml_deviance = linear_mixed.deviance(inside, problem.effects, ml, restricted=False)
+    channels = len(problem.counted)
     return MixedFit(
+        names=problem.names,
         theta=problem.natural(phi),
         phi=phi,
         positive=problem.positive,
         covariance=covariance,
         left_out=left_out,
-        noise=float(np.exp(variances[0])),
-        factors=np.exp(variances[1:]),
+        noises=np.exp(variances[:channels]),
+        factors=np.exp(variances[channels:]),
         run_effects=point.b,
         log_likelihood=-0.5 * (ml_deviance + int(problem.count.sum()) * np.log(2 * np.pi)),
         predictive=linear_mixed.predictive(gram, weighted, left_out - phi),
@@ -252,6 +258,7 @@ def _report(
         at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)),
         iterations=iterations,
         converged=converged,
+        slots=problem.slots,
         gram=inside,
         effects=problem.effects,
     )

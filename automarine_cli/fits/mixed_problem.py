@@ -1,31 +1,74 @@
 """What a mixed regression is asked and what it answers: `Problem` and `MixedFit`; see mixed_model.py for the method."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR, Gram, RunEffects
+from automarine_cli.fits.gram import Gram, Grams
+from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
+from automarine_cli.fits.run_effects import RunEffects
+from automarine_cli.simulation.batch import Channel
 
 Floats = NDArray[np.float64]
 
 Response = Callable[[Floats, Floats], Floats]
-"""Headings (P, R, N) for theta (P, p) and run effects (P, R, q)."""
+"""Readings (P, R, N) of all channels one after the other, for theta (P, p) and run effects (P, R, q)."""
 
 SMALLEST = 1e-9
 """What a positive parameter may fall to: nothing, for all that a log can show."""
 
+LEAST_NOISE = 1e-4
+"""Where the fit of a channel's noise starts at least [its unit]."""
+
+FEWEST_READINGS = 8
+"""Readings from which on their noise can be told roughly."""
+
+SWITCH = "switch-instant"
+"""Name of the last entry of theta: where in their sample intervals the commands of all runs change."""
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One channel's place among the readings: columns `part` of the N. `noise` is where a fit of its noise starts [its
+    unit]; one that does not `count` is simulated for people to look at, and no evidence."""
+
+    name: str
+    part: slice
+    noise: float = 0.0
+    counts: bool = True
+
+
+def slots_of(channels: Sequence[Channel]) -> tuple[Slot, ...]:
+    """The places of channels whose readings stand one after the other."""
+    found, at = [], 0
+    for channel in channels:
+        width = channel.values.shape[1]
+        noise = float(np.median([series_noise(v[s]) for v, s in zip(channel.values, channel.seen)]))
+        found.append(Slot(channel.quantity, slice(at, at + width), max(noise, LEAST_NOISE), channel.counts))
+        at += width
+    return tuple(found)
+
+
+def series_noise(values: Floats) -> float:
+    """A rough standard deviation of the noise on readings (n,): of their second differences."""
+    if len(values) < FEWEST_READINGS:
+        return 0.0
+    return float(np.median(np.abs(np.diff(values, 2)))) / 0.6745 / np.sqrt(6.0)
+
 
 @dataclass(frozen=True)
 class Problem:
-    """Measured headings (R, N) with their mask, the response, the run effects, and bounds of theta (p, 2).
+    """Measured readings (R, N) with their mask, the response, the run effects, and bounds of theta (p, 2).
 
-    `positive` (p,) marks the parameters that are searched, and whose intervals are formed, on the logarithm. Where
-    runs were reduced (see nodes.py) `samples` (R,) is how many they had and `left` (R,) [rad²] the part of their sums
-    of squares that no parameters change.
+    `names` are those of theta's entries. `positive` (p,) marks the parameters that are searched, and whose intervals
+    are formed, on the logarithm. `slots` are the channels, the first that counts first. Where runs were reduced (see
+    nodes.py) `samples` (R, C) is how many each counted channel had and `left` (R, C) the part of their sums of squares
+    that no parameters change.
     """
 
     response: Response
@@ -34,22 +77,57 @@ class Problem:
     effects: RunEffects
     bounds: Floats
     positive: NDArray[np.bool_]
+    names: tuple[str, ...]
+    slots: tuple[Slot, ...]
     samples: NDArray[np.int64] | None = None
     left: Floats | None = None
 
-    @property
+    @cached_property
+    def counted(self) -> tuple[Slot, ...]:
+        """The channels whose readings are evidence."""
+        return tuple(slot for slot in self.slots if slot.counts)
+
+    @cached_property
     def count(self) -> NDArray[np.int64]:
-        """Samples of each run, (R,)."""
-        return self.seen.sum(axis=1) if self.samples is None else self.samples
+        """Samples of each run and counted channel, (R, C)."""
+        if self.samples is not None:
+            return self.samples
+        return np.stack([self.seen[:, slot.part].sum(axis=1) for slot in self.counted], axis=1)
+
+    def of(self, readings: Floats, channel: str) -> Floats:
+        """The readings (..., n) of one channel out of all, (..., N)."""
+        return readings[..., next(slot.part for slot in self.slots if slot.name == channel)]
 
     def residual(self, fitted: Floats) -> Floats:
-        """What headings (R, N) leave of the measured ones, zero in the padding."""
+        """What readings (..., R, N) leave of the measured ones, zero in the padding."""
         return np.where(self.seen, self.measured - fitted, 0.0)
 
-    def gram(self, by_phi: Floats, by_run: Floats, fitted: Floats, b: Floats) -> Gram:
-        """Inner products of the problem linearised about headings `fitted` (R, N) at run effects `b` (R, q)."""
-        gram = Gram.of(by_phi, by_run, self.residual(fitted), self.count, b)
-        return gram if self.left is None else replace(gram, ww=gram.ww + self.left)
+    def squares(self, residual: Floats, variances: Floats) -> Floats:
+        """Each run's sum of squares of residuals (..., R, N) in units of their channels' noise, (..., R)."""
+        total = np.zeros(residual.shape[:-1])
+        for slot, log_noise in zip(self.counted, variances):
+            total = total + (residual[..., slot.part] ** 2).sum(axis=-1) / np.exp(2.0 * log_noise)
+        return total
+
+    def precision(self, noises: Floats) -> Floats:
+        """One over the noise of each reading, (N,); zero for those that do not count."""
+        found = np.zeros(self.seen.shape[1])
+        for slot, noise in zip(self.counted, noises):
+            found[slot.part] = 1.0 / noise
+        return found
+
+    def gram(self, by_phi: Floats, by_run: Floats, fitted: Floats, b: Floats) -> Grams:
+        """Inner products of the problem linearised about readings `fitted` (R, N) at run effects `b` (R, q)."""
+        return self.inner(by_phi, by_run, self.residual(fitted), b)
+
+    def inner(self, by_phi: Floats, by_run: Floats, residual: Floats, b: Floats | None = None) -> Grams:
+        """The same of any residuals (R, N), zero in the padding; b zero where not given."""
+        parts = []
+        for c, slot in enumerate(self.counted):
+            here = slot.part
+            gram = Gram.of(by_phi[:, here], by_run[:, here], residual[:, here], self.count[:, c], b)
+            parts.append(gram if self.left is None else replace(gram, ww=gram.ww + self.left[:, c]))
+        return Grams(tuple(parts))
 
     def natural(self, phi: Floats) -> Floats:
         """theta (..., p) of the search's coordinates phi."""
@@ -61,8 +139,8 @@ class Problem:
             self.positive, np.log(np.maximum(np.where(self.positive, theta, 1.0), SMALLEST)), theta
         )
 
-    def headings(self, phi: Floats, b: Floats) -> Floats:
-        """Headings (R, N) at one phi (p,) and b (R, q)."""
+    def readings(self, phi: Floats, b: Floats) -> Floats:
+        """Readings (R, N) at one phi (p,) and b (R, q)."""
         return self.response(self.natural(phi)[None], b[None])[0]
 
 
@@ -71,18 +149,19 @@ class MixedFit:
     """Outcome of one fit.
 
     `theta` (p,) and `phi` (p,), the same in the search's coordinates, in which are `covariance` (p, p) from
-    the likelihood and `left_out` (R, p), phi without each run; `noise` s [rad], `factors` of the run
-    effects, `run_effects` (R, q), `log_likelihood` (marginal, maximum likelihood), `predictive` (R,) log
-    density of each run predicted from the others, `fitted` (R, N) headings, `at_bound` indices of the
+    the likelihood and `left_out` (R, p), phi without each run; `noises` (C,) of the counted channels, `factors` of the
+    run effects, `run_effects` (R, q), `log_likelihood` (marginal, maximum likelihood), `predictive` (R,) log
+    density of each run predicted from the others, `fitted` (R, N) readings, `at_bound` indices of the
     parameters that a bound stopped.
     """
 
+    names: tuple[str, ...]
     theta: Floats
     phi: Floats
     positive: NDArray[np.bool_]
     covariance: Floats
     left_out: Floats
-    noise: float
+    noises: Floats
     factors: Floats
     run_effects: Floats
     log_likelihood: float
@@ -91,8 +170,46 @@ class MixedFit:
     at_bound: tuple[int, ...]
     iterations: int
     converged: bool
-    gram: Gram = field(repr=False)
+    slots: tuple[Slot, ...]
+    gram: Grams = field(repr=False)
     effects: RunEffects = field(repr=False)
+
+    def reading(self, channel: str) -> Floats:
+        """The fitted readings (R, n) of one channel."""
+        return self.fitted[:, next(slot.part for slot in self.slots if slot.name == channel)]
+
+    @property
+    def noise_of(self) -> dict[str, float]:
+        """Noise of each counted channel by its quantity [its unit]."""
+        counted = [slot.name for slot in self.slots if slot.counts]
+        return {name: float(noise) for name, noise in zip(counted, self.noises)}
+
+    def value(self, name: str) -> float:
+        """The fitted value of a parameter."""
+        return float(self.theta[self.names.index(name)])
+
+    @property
+    def of_model(self) -> Floats:
+        """The model's own entries of theta: all but the instant of the switches."""
+        return self.theta[[name != SWITCH for name in self.names]]
+
+    @property
+    def noise(self) -> float:
+        """Noise of the first counted channel [its unit]."""
+        return float(self.noises[0])
+
+    @property
+    def variances(self) -> Floats:
+        """Logarithms of noises and factors, as `linear_mixed` takes them."""
+        return np.log([*self.noises, *np.maximum(self.factors, SMALLEST_FACTOR)])
+
+    def factor(self, block: str) -> float:
+        """The estimated factor of a block of run effects."""
+        return float(self.factors[self.effects.factor_names.index(block)])
+
+    def own(self, block: str) -> Floats:
+        """Each run's own effects (R, k) of one block."""
+        return self.effects.of(self.run_effects, block)
 
     @property
     def jackknife_covariance(self) -> Floats:
@@ -102,23 +219,24 @@ class MixedFit:
         spread = self.left_out - self.left_out.mean(axis=0)
         return (count - 1) / count * spread.T @ spread
 
-    def factor_interval(self, index: int) -> tuple[float, float]:
-        """95 % interval of one variance factor: where the restricted deviance rises by 3.84, the other
+    def factor_interval(self, block: str) -> tuple[float, float]:
+        """95 % interval of one block's factor: where the restricted deviance rises by 3.84, the other
         variances fixed."""
-        best = np.append(np.log(self.noise), np.log(np.maximum(self.factors, SMALLEST_FACTOR)))
-        limits = self.effects.limits[index]
+        index = self.effects.factor_names.index(block)
+        best, limits = self.variances, self.effects.limits[index]
+        place = len(self.noises) + index
         level = self._deviance(best) + float(stats.chi2.ppf(0.95, 1))
 
         def above(log_factor: float) -> float:
             trial = best.copy()
-            trial[1 + index] = log_factor
+            trial[place] = log_factor
             return self._deviance(trial) - level
 
         ends = []
         for limit in limits:
             edge = float(np.log(max(limit, SMALLEST_FACTOR)))
-            inside = above(edge) <= 0 or abs(edge - best[1 + index]) < 1e-9
-            ends.append(edge if inside else float(optimize.brentq(above, edge, best[1 + index], xtol=1e-6)))
+            inside = above(edge) <= 0 or abs(edge - best[place]) < 1e-9
+            ends.append(edge if inside else float(optimize.brentq(above, edge, best[place], xtol=1e-6)))
         low, high = np.exp(ends)
         return (0.0 if low <= max(limits[0], SMALLEST_FACTOR) * (1 + 1e-9) else float(low)), float(high)
 
@@ -136,7 +254,14 @@ def without_held(problem: Problem, held: NDArray[np.bool_]) -> Problem:
         whole[:, ~held] = theta
         return problem.response(whole, b)
 
-    return replace(problem, response=response, bounds=problem.bounds[~held], positive=problem.positive[~held])
+    names = tuple(name for name, h in zip(problem.names, held) if not h)
+    return replace(
+        problem,
+        response=response,
+        bounds=problem.bounds[~held],
+        positive=problem.positive[~held],
+        names=names,
+    )
 
 
 def with_held(fit: MixedFit, problem: Problem, held: NDArray[np.bool_]) -> MixedFit:
@@ -152,6 +277,6 @@ def with_held(fit: MixedFit, problem: Problem, held: NDArray[np.bool_]) -> Mixed
     theta[free] = fit.theta
     at_bound = tuple(sorted([*np.flatnonzero(held).tolist(), *(int(free[i]) for i in fit.at_bound)]))
     return replace(
-        fit, theta=theta, phi=phi, positive=problem.positive, covariance=covariance, left_out=left_out,
-        at_bound=at_bound,
+        fit, names=problem.names, theta=theta, phi=phi, positive=problem.positive, covariance=covariance,
+        left_out=left_out, at_bound=at_bound,
     )  # fmt: skip

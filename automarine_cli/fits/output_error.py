@@ -8,15 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.influence import covariance_of_changes, degrees_of_freedom, left_out_changes
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
+from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.nodes import COUNTS
+from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.step_response import Known, StepData, instant, step_problem
 from automarine_cli.fits.ways import Ways
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem, without_gain
-from automarine_cli.models.yaw_model import YawModel, base_names
+from automarine_cli.models.yaw_model import YawModel, base_names, base_roles, main_drag
 from automarine_cli.simulation.batch import Batch
 
 Floats = NDArray[np.float64]
@@ -72,15 +74,14 @@ def fit_half_turns(
     constant: float = 0.0,
     sided: bool = False,
 ) -> OutputErrorFit:
-    """Fit one model to half-turns; `start` is (I_r, k_r, k_rr) to begin from, wherever it came from.
+    """Fit one model to half-turns; `start` is inertia, linear and quadratic drag to begin from, wherever found.
 
     Of motions that have them also a `constant` force and, if `sided`, the difference of drag between the ways.
     """
-    inertia, k_r, k_rr = start
-    begins = {"I_r": inertia, "k_r": k_r, "k_rr": k_rr, "b": constant, "e": 0.0}
-    begin = np.array([*(begins[name] for name in base_names(number, data.axis, sided)), 0.0])
+    begins = {**dict(zip(("inertia", "linear", "quadratic"), start)), "constant": constant, "difference": 0.0}
+    begin = np.array([*(begins[role] for role in base_roles(number, data.dof, sided)), 0.0])
     problem, mixed = _fit_at_nodes(data, number, known, begin, sided)
-    return _outcome(number, problem, mixed, begin, moment_unit, data.axis, sided, of_half_turns=True)
+    return _outcome(number, problem, mixed, begin, moment_unit, data.dof, sided, of_half_turns=True)
 
 
 def _fit_at_nodes(
@@ -94,16 +95,21 @@ def _fit_at_nodes(
     start: dict[str, Any] = {"noise": 0.02, "factors": np.array([0.03, 0.5])}
     if len(data.names) > MANY_RUNS:
         first = _fit_at_nodes(data.some(MANY_RUNS // 2), number, known, begin, sided)[1]
-        theta = np.append(first.theta[:-1], begin[-1])  # of instants few runs say little
-        start |= {"noise": first.noise, "iterations": ITERATIONS_OF_MANY}
+        theta = np.append(first.of_model, begin[-1])  # of instants few runs say little
+        start |= {"noise": first.noises, "iterations": ITERATIONS_OF_MANY}
     for count in COUNTS:
         nodes = data.nodes(count)
         if nodes is None:
             break
         problem = step_problem(data, number, known, nodes, sided)
         mixed = fit_mixed(problem, theta, **start)
-        if nodes.show(mixed.fitted, problem.count):
-            return problem, replace(mixed, fitted=whole.headings(mixed.phi, mixed.run_effects))
+        shown = (
+            one.show(mixed.reading(channel.quantity), channel.seen.sum(axis=1))
+            for one, channel in zip(nodes, data.channels)
+        )
+        if all(shown):
+            readings = whole.readings(mixed.phi, mixed.run_effects)
+            return problem, replace(mixed, fitted=readings, slots=whole.slots)
         theta = mixed.theta
     return whole, fit_mixed(whole, theta, **start)
 
@@ -117,23 +123,23 @@ def fit_whole_runs(
     leads anywhere.
     """
     alone = len(batch.names) == 1
-    rough, axis = rough_model(number, batch, sided), batch.axis
+    rough, dof = rough_model(number, batch, sided), batch.dof
     problem = whole_run_problem(rough, batch, at_rest)
     pooled = without_gain(problem)
     factors = np.array([0.01, 0.5, 0.03])
     begin = np.append(rough.theta, 0.0)
     if alone:
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
-        return _outcome(number, pooled, only, begin, batch.moment_unit, axis, sided, of_half_turns=False)
+        return _outcome(number, pooled, only, begin, batch.moment_unit, dof, sided, of_half_turns=False)
     first = fit_mixed(pooled, begin, noise=0.05, factors=factors, iterations=20, settled=0.05)
     best = fit_mixed(
         problem,
         first.theta,
-        noise=first.noise,
+        noise=first.noises,
         factors=np.append(0.02, first.factors[1:]),
         run_effects=first.run_effects,
     )
-    return _outcome(number, problem, best, begin, batch.moment_unit, axis, sided, of_half_turns=False)
+    return _outcome(number, problem, best, begin, batch.moment_unit, dof, sided, of_half_turns=False)
 
 
 def run_covariance(mixed: MixedFit, problem: Problem | None = None) -> Floats:
@@ -175,7 +181,7 @@ def _outcome(
     mixed: MixedFit,
     start: Floats,
     moment_unit: str,
-    axis: Axis,
+    dof: Dof,
     sided: bool,
     *,
     of_half_turns: bool,
@@ -183,27 +189,28 @@ def _outcome(
     covariance = run_covariance(mixed, problem if of_half_turns else None)
     alone = float(problem.count.sum() - len(mixed.theta)) if len(problem.measured) == 1 else None
     axes = np.eye(len(mixed.theta))
-    names = base_names(number, axis, sided)
-    like = {"b": "tau", "e": "k_r" if number == "1" else "k_rr"}
+    roles, names = base_roles(number, dof, sided), base_names(number, dof, sided)
+    at = {role: mixed.names.index(dof.parameter(role)) for role in roles}
+    like = {"difference": main_drag(number)}
     estimates = {
-        name: estimate_of(mixed, covariance, i, axis.unit_of(like.get(name, name), moment_unit), alone)
-        for i, name in enumerate(names)
+        name: estimate_of(mixed, covariance, at[role], dof.unit_of(like.get(role, role), moment_unit), alone)
+        for role, name in zip(roles, names)
     }
     turn = None
-    if "k_rr" in names and 1 not in mixed.at_bound:
-        stderr = float(np.sqrt(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1]))
-        dof = alone or run_dof(mixed, axes[0] - axes[1])
-        turn = Estimate.from_log(mixed.theta[0] / mixed.theta[1], stderr, dof, axis.unit_of("theta_c"))
-    gains = problem.effects.scale[:, problem.effects.factor == 0]
-    if gains.any():
-        low, high = mixed.factor_interval(0)
-        scatter = Estimate(float(mixed.factors[0]), (high - low) / 3.92, (low, high), "1")
+    if "quadratic" in roles and at["quadratic"] not in mixed.at_bound:
+        i, k = at["inertia"], at["quadratic"]
+        stderr = float(np.sqrt(covariance[i, i] + covariance[k, k] - 2 * covariance[i, k]))
+        freedom = alone or run_dof(mixed, axes[i] - axes[k])
+        turn = Estimate.from_log(mixed.theta[i] / mixed.theta[k], stderr, freedom, dof.unit_of("ratio"))
+    if problem.effects.of(problem.effects.scale, GAIN).any():
+        low, high = mixed.factor_interval(GAIN)
+        scatter = Estimate(mixed.factor(GAIN), (high - low) / 3.92, (low, high), "1")
     else:  # known to be none, or not to be told from one run
         scatter = Estimate(0.0, 0.0, (0.0, 0.0), "1")
-    offset = estimate_of(mixed, covariance, len(mixed.theta) - 1, "sample interval", alone)
+    offset = estimate_of(mixed, covariance, mixed.names.index(SWITCH), "sample interval", alone)
     if of_half_turns:
         offset = _in_interval(offset)
-    model = YawModel.base(number, mixed.theta[0], mixed.theta[1:-1], moment_unit, axis)
+    model = YawModel.base(number, mixed.theta[0], mixed.of_model[1:], moment_unit, dof)
     return OutputErrorFit(
         number, model, estimates, turn, offset, scatter, mixed.noise, mixed, covariance, start
     )

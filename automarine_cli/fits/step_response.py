@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from automarine_cli.axes import YAW, Axis
-from automarine_cli.fits.linear_mixed import RunEffects
-from automarine_cli.fits.mixed_model import Problem
+from automarine_cli.dofs import Dof
+from automarine_cli.fits.mixed_problem import SWITCH, Problem, slots_of
 from automarine_cli.fits.nodes import Nodes, nodes_of
+from automarine_cli.fits.run_effects import GAIN, START_POSITION, SWITCHES, Block, RunEffects, bias_of
 from automarine_cli.models.closed_form import response
-from automarine_cli.models.yaw_model import base_names
+from automarine_cli.models.yaw_model import base_roles, main_drag
 from automarine_cli.runs.half_turn import MOST_REST, HalfTurn
+from automarine_cli.simulation.batch import Channel
 
 Floats = NDArray[np.float64]
 
@@ -24,9 +25,6 @@ MOST_OFFSET = 2.5
 LEAST_SHARE = 0.01
 """Of the drag that is left one way, however much it differs: none would drive the vehicle."""
 
-START_HEADING_SD = 10.0
-"""Standard deviation [rad] of a start heading before the data: so wide that it says nothing."""
-
 
 @dataclass(frozen=True)
 class StepData:
@@ -34,7 +32,8 @@ class StepData:
 
     `time` (R, N) [s] since the middle of the interval in which the command switched, `heading` (R, N) [rad]
     less the start heading's first guess, `seen` (R, N), `moment` (R,), `interval` (R,) [s] width of the
-    interval of the switch.
+    interval of the switch. `velocity` (R, N) is what a velocity sensor read where `velocity_seen`, None where it is
+    not used; with `position_counts` false the position stands in for a sensor that the logs lack.
     """
 
     names: tuple[str, ...]
@@ -43,13 +42,26 @@ class StepData:
     seen: NDArray[np.bool_]
     moment: Floats
     interval: Floats
-    axis: Axis = YAW
-    _nodes: dict[int, Nodes | None] = field(default_factory=dict, repr=False, compare=False)
+    dof: Dof
+    velocity: Floats | None = None
+    velocity_seen: NDArray[np.bool_] | None = None
+    position_counts: bool = True
+    _nodes: dict[int, tuple[Nodes, ...] | None] = field(default_factory=dict, repr=False, compare=False)
 
-    def nodes(self, count: int) -> Nodes | None:
-        """The half-turns at `count` nodes each (see nodes.py), made once for all models."""
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """What was measured: the position, and the velocity where it is used."""
+        found = [Channel(self.dof.position, 0, False, self.heading, self.seen, self.position_counts)]
+        if self.velocity is not None and self.velocity_seen is not None:
+            found.append(Channel(self.dof.velocity, 0, True, self.velocity, self.velocity_seen))
+        return tuple(found)
+
+    def nodes(self, count: int) -> tuple[Nodes, ...] | None:
+        """The half-turns at `count` nodes each (see nodes.py), channel by channel, made once for all models."""
         if count not in self._nodes:
-            self._nodes[count] = nodes_of(self.time, self.heading, self.seen, self.interval, count)
+            made = [nodes_of(self.time, c.values, c.seen, self.interval, count) for c in self.channels]
+            whole = [one for one in made if one is not None]
+            self._nodes[count] = tuple(whole) if len(whole) == len(made) else None
         return self._nodes[count]
 
     def some(self, count: int) -> "StepData":
@@ -65,6 +77,8 @@ class StepData:
             seen=self.seen[drawn],
             moment=self.moment[drawn],
             interval=self.interval[drawn],
+            velocity=None if self.velocity is None else self.velocity[drawn],
+            velocity_seen=None if self.velocity_seen is None else self.velocity_seen[drawn],
             _nodes={},
         )
 
@@ -83,24 +97,37 @@ def instant(z: Floats) -> Floats:
     return np.asarray(special.ndtr(z) - 0.5)
 
 
-def half_turn_data(turns: Sequence[HalfTurn]) -> StepData:
-    """Half-turns with the rest before them as padded arrays.
+def half_turn_data(turns: Sequence[HalfTurn], channels: Sequence[str] | None = None) -> StepData:
+    """Half-turns with the rest before them as padded arrays, of the `channels` named (None: the position alone).
 
     The command of a log that begins with the moment already on is taken to have switched at its first
     sample, any other in the middle of the interval in which it did; both may move by half an interval.
     """
-    names, times, headings, moments, intervals = [], [], [], [], []
+    names, times, headings, velocities, moments, intervals = [], [], [], [], [], []
+    dof = turns[0].step.run.dof
     for turn in turns:
         run, rest = turn.step.run, turn.step.rest or slice(turn.kept.start, turn.kept.start)
         instant = turn.switch_to if turn.step.begins_log else turn.step.switch_mid
         kept = slice(max(rest.start, rest.stop - MOST_REST), rest.stop), turn.kept
+        velocity = run.channel(dof.velocity)
+        velocity = np.full(len(run), np.nan) if velocity is None else velocity
         names.append(turn.name)
         times.append(np.concatenate([run.time[part] for part in kept]) - instant)
-        headings.append(np.concatenate([run.heading[part] for part in kept]) - turn.start_heading)
+        headings.append(np.concatenate([run.position[part] for part in kept]) - turn.start_position)
+        velocities.append(np.concatenate([velocity[part] for part in kept]))
         moments.append(turn.moment)
         intervals.append(turn.switch_to - turn.switch_from)
-    axis = turns[0].step.run.axis if turns else YAW
-    return replace(step_data(names, times, headings, moments, intervals), axis=axis)
+    data = step_data(names, times, headings, moments, intervals, dof)
+    if channels is None or dof.velocity not in channels:
+        return data
+    read = np.full(data.seen.shape, np.nan)
+    read[data.seen] = np.concatenate(velocities)
+    return replace(
+        data,
+        velocity=np.nan_to_num(read),
+        velocity_seen=np.isfinite(read),
+        position_counts=dof.position in channels,
+    )
 
 
 def step_data(
@@ -109,6 +136,7 @@ def step_data(
     headings: Sequence[Floats],
     moments: Sequence[float],
     intervals: Sequence[float],
+    dof: Dof,
 ) -> StepData:
     """Pad runs, given as time since the middle of the switch interval [s] and heading less start heading
     [rad]."""
@@ -118,56 +146,92 @@ def step_data(
     for i, (t, psi) in enumerate(zip(times, headings)):
         time[i, : len(t)], heading[i, : len(t)], seen[i, : len(t)] = t, psi, True
     return StepData(
-        tuple(names), time, heading, seen, np.array(moments, dtype=float), np.array(intervals, dtype=float)
+        tuple(names),
+        time,
+        heading,
+        seen,
+        np.array(moments, dtype=float),
+        np.array(intervals, dtype=float),
+        dof,
     )
 
 
 def step_problem(
-    data: StepData, model: str, known: Known = Known(), nodes: Nodes | None = None, sided: bool = False
+    data: StepData,
+    model: str,
+    known: Known = Known(),
+    nodes: tuple[Nodes, ...] | None = None,
+    sided: bool = False,
 ) -> Problem:
     """Likelihood of the half-turns under model "1", "2" or "3", by their samples or by the `nodes` made of them;
     `sided` with a drag that differs between the ways.
 
-    theta is (the parameters of `base_names`, z): z places the instants of the steps in their sample intervals
-    (see `instant`), the logger's convention, common to all runs. Run effects are start heading, log gain of the
-    moment, and the run's own part of z; the last two scatter by an estimated factor, which for instants that are
-    uniform over their intervals is one.
+    theta is (the parameters of `base_roles`, SWITCH): z places the instants of the steps in their sample intervals
+    (see `instant`), the logger's convention, common to all runs. Run effects are start position, log gain of the
+    moment, the run's own part of z, and the bias of a velocity sensor; gain and z scatter by an estimated factor, which
+    for instants that are uniform over their intervals is one.
     """
-    names = base_names(model, data.axis, sided)
-    main = "k_r" if model == "1" else "k_rr"
-    time = (data if nodes is None else nodes).time[None]
+    roles, main = base_roles(model, data.dof, sided), main_drag(model)
+    names = (*(data.dof.parameter(role) for role in roles), SWITCH)
+    channels = data.channels
+    clocks = [data.time for _ in channels] if nodes is None else [one.time for one in nodes]
     moment, interval = data.moment[None, :, None], data.interval[None, :, None]
+    blocks = RunEffects(_blocks(data, known))
 
-    def headings(theta: Floats, b: Floats) -> Floats:
+    def readings(theta: Floats, b: Floats) -> Floats:
         columns = [theta[:, i, None, None] for i in range(theta.shape[1])]
-        late = interval * instant(columns[-1] + b[:, :, 2, None])
-        gained = moment * np.exp(b[:, :, 1, None])
-        own = dict(zip(names[1:], columns[1:]))
-        if data.axis.constant:
-            gained = gained + own.pop("b")
+        late = interval * instant(columns[-1] + blocks.of(b, SWITCHES))
+        gained = moment * np.exp(blocks.of(b, GAIN))
+        own = dict(zip(roles, columns))
+        if data.dof.has_constant:
+            gained = gained + own["constant"]
         if sided:
-            own[main] = np.maximum(own[main] + np.sign(gained) * own.pop("e"), LEAST_SHARE * own[main])
-        found = response(time - late, gained, columns[0], **own, heading0=b[:, :, 0, None])[0]
-        return found if nodes is None else (nodes.carry @ found[..., None])[..., 0]
+            own[main] = np.maximum(own[main] + np.sign(gained) * own["difference"], LEAST_SHARE * own[main])
+        inertia, drag = own["inertia"], (own.get("linear", 0.0), own.get("quadratic", 0.0))
+        begin, shown = blocks.of(b, START_POSITION), []
+        for c, (channel, clock) in enumerate(zip(channels, clocks)):
+            if c == 0 or nodes is not None:
+                states = response(clock[None] - late, gained, inertia, *drag, heading0=begin)
+            found = states[1] + blocks.of(b, bias_of(channel.quantity)) if channel.velocity else states[0]
+            shown.append(found if nodes is None else (nodes[c].carry @ found[..., None])[..., 0])
+        return shown[0] if len(shown) == 1 else np.concatenate(shown, axis=2)
 
-    ones = np.ones(len(data.moment))
-    scale = np.stack(
-        [
-            0.0 * ones if known.start_heading else START_HEADING_SD * ones,
-            0.0 * ones if known.gain else ones,
-            0.0 * ones if known.switch_instant else ones,
-        ],
-        axis=1,
-    )
-    effects = RunEffects(scale, np.array([-1, 0, 1]), ((1e-4, 1.0), (1e-3, 1.0)))
     signed = [
-        name in ("b", "e") or (name == "k_r" and model == "2") for name in names[1:]
-    ]  # k_r has either sign beside k_rr, as in Table 1
+        role in ("constant", "difference") or (role == "linear" and main != role) for role in roles[1:]
+    ]  # linear drag has either sign beside a quadratic one, as in Table 1
     drags = [(-np.inf if either else 0.0, np.inf) for either in signed]
     most = 0.0 if known.switch_instant else MOST_OFFSET
     bounds = np.array([(0.0, np.inf), *drags, (-most, most)])
     positive = np.array([True, *np.logical_not(signed), False])
+    slots = slots_of(channels)
     if nodes is None:
-        return Problem(headings, data.heading, data.seen, effects, bounds, positive)
-    count = data.seen.sum(axis=1)
-    return Problem(headings, nodes.heading, nodes.seen, effects, bounds, positive, count, nodes.left)
+        measured, seen = (
+            np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in channels))
+        )
+        return Problem(readings, measured, seen, blocks, bounds, positive, names, slots)
+    at = np.cumsum([0, *(one.time.shape[1] for one in nodes)]).tolist()
+    slots = tuple(replace(slot, part=slice(i, j)) for slot, i, j in zip(slots, at, at[1:]))
+    counted = [c for c, channel in enumerate(channels) if channel.counts]
+    return Problem(
+        readings,
+        np.concatenate([one.heading for one in nodes], axis=1),
+        np.concatenate([one.seen for one in nodes], axis=1),
+        blocks,
+        bounds,
+        positive,
+        names,
+        slots,
+        np.stack([channels[c].seen.sum(axis=1) for c in counted], axis=1),
+        np.stack([nodes[c].left for c in counted], axis=1),
+    )
+
+
+def _blocks(data: StepData, known: Known) -> tuple[Block, ...]:
+    """What differs from run to run, before the data; what is known does not."""
+    ones, limits = np.ones((len(data.moment), 1)), data.dof.limits
+    return (
+        Block(START_POSITION, (0.0 if known.start_heading else limits.position_sd) * ones),
+        Block(GAIN, (0.0 if known.gain else 1.0) * ones, (1e-4, 1.0)),
+        Block(SWITCHES, (0.0 if known.switch_instant else 1.0) * ones, (1e-3, 1.0)),
+        *(Block(bias_of(c.quantity), limits.bias_sd * ones) for c in data.channels if c.velocity),
+    )

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.fits.drag import DragFit, fit_drag_by_way
 from automarine_cli.fits.step_response import StepData
@@ -93,7 +93,7 @@ class Reference:
     def steady(self, tails: TailLines, time: Floats) -> TailLines:
         """The tails without the part that is not steady yet: what a line through as much of the noise-free turn
         lacks."""
-        lines = tail_lines(time, self.answer(time), np.zeros(len(time)), tails.used)
+        lines = tail_lines(time, self.answer(time), np.zeros(len(time)), tails.used, self.fit.dof)
         rate = tails.rate * steady_rate(*self.acting) / lines.rate
         moment, *drag = self.acting
         return TailLines(
@@ -105,7 +105,7 @@ def reference(
     moment: Floats,
     tails: TailLines,
     variance: Floats | float,
-    axis: Axis,
+    dof: Dof,
     models: Sequence[str] = ("1", "2", "3"),
 ) -> Reference:
     """That of the models of Table 1 that explains both rates and velocity errors best for its number of terms.
@@ -116,7 +116,7 @@ def reference(
     found = []
     for model in models:
         try:
-            fit = fit_drag_by_way(moment, tails.rate, model, axis.units[0], axis, variance)
+            fit = fit_drag_by_way(moment, tails.rate, model, dof.units.forces[0], dof, variance)
         except FitError:
             if model != "2":
                 raise
@@ -131,9 +131,11 @@ def reference(
     best = min(found, key=lambda one: one[0], default=(0.0, None))[1]
     if best is None or not best.inertia > 0 or max(best.fit.drag) <= 0:
         raise FitError(
-            "the half-turns give a negative inertia or drag: the heading runs ahead of its steady line or "
-            "against the moment; "
-            "check the sign of the moment and of the heading (--columns), and that each step starts from rest"
+            dof.fill(
+                "the {step}s give a negative {inertia} or drag: the {position} runs ahead of its steady line or "
+                "against the {force}; "
+                "check the sign of the {force} and of the {position} (--columns), and that each step starts from rest"
+            )
         )
     return best
 
@@ -159,12 +161,12 @@ class Expected:
         """The place where inertia and drag together are off least."""
         return int(np.argmin(np.sum(self.error**2, axis=0)))
 
-    def told(self, axis: Axis, given: bool) -> str:
+    def told(self, dof: Dof, given: bool) -> str:
         """Where the tails start and why, of one place."""
         bias = 100.0 * self.bias + np.array([0.0, 100.0 * float(self.dilution)])
         parts = [
             f"{100 * error:.2g} % in {name} (noise {100 * noise:.2g} %, bias {own:+.2g} %)"
-            for name, error, noise, own in zip((axis.key("I_r"), "drag"), self.error, self.noise, bias)
+            for name, error, noise, own in zip((dof.symbols.inertia, "drag"), self.error, self.noise, bias)
         ]
         why = (
             "as asked; errors to be expected there"
@@ -172,16 +174,18 @@ class Expected:
             else "where the errors to be expected are smallest"
         )
         return (
-            f"Tails start at {axis.shown(float(self.start)):.0f} {axis.unit}, {why}: {parts[1]}, {parts[0]}. The bias, "
-            "of what is not steady yet and of noise that dilutes Table 1, is known and was taken off; a quarter of it "
-            "counts as error."
+            f"Tails start at {dof.shown(float(self.start)):.0f} {dof.units.shown}, {why}: {parts[1]}, {parts[0]}. "
+            "The bias, of what is not steady yet and of noise that dilutes Table 1, is known and was taken off; a "
+            "quarter of it counts as error."
         )
 
-    def to_json(self) -> dict[str, object]:
+    def to_json(self, dof: Dof) -> dict[str, object]:
         """For the result file, of one place; shares of the value."""
         return {
             name: {"error": float(error), "noise": float(noise), "bias": float(own)}
-            for name, error, noise, own in zip(("I_r", "drag"), self.error, self.noise, self.bias)
+            for name, error, noise, own in zip(
+                (dof.symbols.inertia, "drag"), self.error, self.noise, self.bias
+            )
         } | {"dilution": float(self.dilution)}
 
     def at(self, i: int) -> "Expected":
@@ -192,7 +196,7 @@ class Expected:
 def starts(data: StepData) -> Floats:
     """Where a tail may start [rad or m]."""
     ways = np.abs(np.where(data.seen, data.heading, 0.0)).max(axis=1)
-    return np.asarray(SHARES * (data.axis.trim if np.isfinite(data.axis.trim) else ways.min()))
+    return np.asarray(SHARES * (data.dof.limits.trim if np.isfinite(data.dof.limits.trim) else ways.min()))
 
 
 def expected(
@@ -203,7 +207,7 @@ def expected(
     Drag is the factor of the reference's drag, by least squares of the moment on it; inertia the mean over the runs.
     """
     exact = model.answer(time)
-    lines = lines_to_the_end(time, exact, data.seen, first_past(exact, time, data.seen, start))
+    lines = lines_to_the_end(time, exact, data.seen, first_past(exact, time, data.seen, start), data.dof)
     moment, k_r, k_rr = (np.asarray(x)[..., None] for x in model.acting)
     drag, slope = model.balance(lines.rate)
     squares = (drag**2).sum(axis=0)

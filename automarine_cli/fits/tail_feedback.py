@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.fits.drag import DragFit, sums
+from automarine_cli.fits.drag import DragFit, columns_of, sums
 from automarine_cli.fits.inertia_table import InertiaTable
 from automarine_cli.fits.tail_choice import Reference
 from automarine_cli.fits.tails import TailLines
@@ -49,7 +49,9 @@ class Feedback:
 
     @staticmethod
     def _values(moment: Floats, fit: DragFit, tails: TailLines) -> Floats:
-        return sums(moment, tails.rate, fit.variance, fit.model, list(fit.estimates)).solve()[0]
+        return sums(
+            moment, tails.rate, fit.variance, fit.model, columns_of(fit.model, fit.dof, fit.sided)
+        ).solve()[0]
 
 
 def feedback(model: Reference, raw: TailLines, time: Floats) -> Feedback:

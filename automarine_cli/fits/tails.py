@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, SettingError
 
 Floats = NDArray[np.float64]
@@ -40,12 +40,12 @@ class Lines:
     spread: Floats
 
 
-def tail_lines(time: Floats, heading: Floats, start_heading: Floats, used: Mask) -> TailLines:
+def tail_lines(time: Floats, heading: Floats, start_heading: Floats, used: Mask, dof: Dof) -> TailLines:
     """Least-squares line through the used samples of each run: shapes (..., R, N); slope and intercept at
     time 0."""
     count = used.sum(axis=-1)
     if np.any(count < FEWEST_TAIL_SAMPLES):
-        raise _too_few(int(count.min()))
+        raise _too_few(int(count.min()), dof)
     mean_t = np.sum(time * used, axis=-1) / count
     mean_h = np.sum(heading * used, axis=-1) / count
     spread = (time - mean_t[..., None]) * used
@@ -53,7 +53,7 @@ def tail_lines(time: Floats, heading: Floats, start_heading: Floats, used: Mask)
     return TailLines(rate, mean_h - rate * mean_t - start_heading, used)
 
 
-def lines_to_the_end(time: Floats, heading: Floats, seen: Mask, first: NDArray[np.int64]) -> Lines:
+def lines_to_the_end(time: Floats, heading: Floats, seen: Mask, first: NDArray[np.int64], dof: Dof) -> Lines:
     """Least-squares lines from the samples `first` (R, A) of each run to its last, by sums from behind."""
     runs = np.arange(len(time))[:, None]
     last = last_sample(seen)[:, None]
@@ -62,7 +62,7 @@ def lines_to_the_end(time: Floats, heading: Floats, seen: Mask, first: NDArray[n
         np.cumsum(x[:, ::-1], axis=1)[:, ::-1][runs, first] for x in (seen * 1.0, t, h, t * t, t * h)
     )
     if np.any(count < FEWEST_TAIL_SAMPLES):
-        raise _too_few(int(count.min()))
+        raise _too_few(int(count.min()), dof)
     spread = sum_tt - sum_t**2 / count
     rate = (sum_th - sum_t * sum_h / count) / spread
     mean = sum_t / count + np.take_along_axis(time, last, axis=1)
@@ -91,40 +91,40 @@ def last_sample(seen: Mask) -> NDArray[np.int64]:
     return np.asarray(seen.shape[1] - 1 - np.argmax(seen[:, ::-1], axis=1))
 
 
-def noise_about_lines(time: Floats, heading: Floats, used: Mask) -> float:
+def noise_about_lines(time: Floats, heading: Floats, used: Mask, dof: Dof) -> float:
     """Root mean square [rad] of the headings about the line of each run."""
-    lines = tail_lines(time, heading, np.zeros(len(time)), used)
+    lines = tail_lines(time, heading, np.zeros(len(time)), used, dof)
     off = (heading - lines.error[:, None] - lines.rate[:, None] * time)[used]
     return float(np.sqrt(off @ off / max(used.sum() - 2 * len(time), 1)))
 
 
-def asked_tail(tail: float | None, axis: Axis) -> float | None:
+def asked_tail(tail: float | None, dof: Dof) -> float | None:
     """The place [rad or m] where a person wants the tails to start, given as logs hold positions: degrees or metres.
 
     Raises SettingError where no tail could be.
     """
     if tail is None:
         return None
-    if axis.wraps and not EARLIEST <= tail <= LATEST:
+    if dof.wraps and not EARLIEST <= tail <= LATEST:
         raise SettingError(f"tail is {tail:g}; expected {EARLIEST:g} to {LATEST:g} degrees")
     if not (tail > 0 and np.isfinite(tail)):
         raise SettingError(f"tail is {tail:g}; expected metres above 0")
-    return float(axis.inner(tail))
+    return float(dof.inner(tail))
 
 
-def checked_tail(tail: float, names: Sequence[str], heading: Floats, seen: Mask, axis: Axis) -> None:
+def checked_tail(tail: float, names: Sequence[str], heading: Floats, seen: Mask, dof: Dof) -> None:
     """Raises FitError where a run, of headings (R, N) less their start, does not get as far as `tail` [rad or m]."""
     far = np.abs(np.where(seen, heading, 0.0)).max(axis=1)
     short = int(np.argmin(far))
     if far[short] <= tail:
         raise FitError(
-            f"the tails are to start at {axis.shown(tail):.0f} {axis.unit}, but {names[short]} ends at "
-            f"{axis.shown(float(far[short])):.0f} {axis.unit}; let them start earlier, or leave that run out"
+            f"the tails are to start at {dof.shown(tail):.0f} {dof.units.shown}, but {names[short]} ends at "
+            f"{dof.shown(float(far[short])):.0f} {dof.units.shown}; let them start earlier, or leave that run out"
         )
 
 
-def _too_few(samples: int) -> FitError:
+def _too_few(samples: int, dof: Dof) -> FitError:
     return FitError(
-        f"only {samples} samples in the steady tail of a half-turn where {FEWEST_TAIL_SAMPLES} are needed; "
-        "log the heading faster, or drop the highest moments"
+        f"only {samples} samples in the steady tail of a {dof.words.step} where {FEWEST_TAIL_SAMPLES} are needed; "
+        f"log the {dof.words.position} faster, or drop the highest {dof.words.force}s"
     )

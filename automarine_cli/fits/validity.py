@@ -32,6 +32,6 @@ def valid_range(moments: Iterable[float], model: YawModel) -> dict[str, object] 
     ends = np.array([min(given), max(given)])
     rates = steady_rate(*model.acting(ends))
     return {
-        "moment": ends.tolist(),
-        "yaw_rate_rad_s": rates.tolist() if np.all(np.isfinite(rates)) else None,
+        model.dof.words.force: ends.tolist(),
+        model.dof.velocity_key: rates.tolist() if np.all(np.isfinite(rates)) else None,
     }

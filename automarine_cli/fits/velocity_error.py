@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.fits.drag import DragFit, fit_drag_by_way
 from automarine_cli.fits.inertia_table import InertiaTable, inertia_table
@@ -77,9 +77,9 @@ class VelocityErrorFit:
         """Relative bias of inertia and drag that the tail has by itself, and that was taken off."""
         return float(self.expected.bias[0]), float(self.expected.bias[1])
 
-    def tail_because(self, axis: Axis) -> str:
+    def tail_because(self, dof: Dof) -> str:
         """Where the tails start and why, in a sentence or two."""
-        return self.expected.told(axis, self.given)
+        return self.expected.told(dof, self.given)
 
 
 def fit_velocity_error(
@@ -90,18 +90,18 @@ def fit_velocity_error(
     models: Sequence[str] = ("1", "2", "3", "3+c"),
     tail: float | None = None,
 ) -> VelocityErrorFit:
-    """Run the paper's method on half-turns, for some of the models of `drag.COLUMNS`.
+    """Run the paper's method on half-turns, for some of the readings of Table 1 (see drag.py).
 
     `start_heading` (R,) [rad] on the scale of `data.heading`; `offset` moves every instant of a step by that
     share of its switch interval (the logger's convention); `tail` [rad or m] is where the tails start, None: where
     they are best. Raises FitError where too few runs or samples are left.
     """
-    time = data.time - offset * data.interval[:, None]
+    time, words = data.time - offset * data.interval[:, None], data.dof.words
     if len(data.moment) < 3 or len(np.unique(np.abs(data.moment))) < 2:
         raise FitError(
-            f"{len(data.moment)} half-turns at {len(np.unique(np.abs(data.moment)))} sizes of moment cannot "
+            f"{len(data.moment)} {words.step}s at {len(np.unique(np.abs(data.moment)))} sizes of {words.force} cannot "
             "carry Table 1; "
-            "run at least 3 steps at 2 moments"
+            f"run at least 3 steps at 2 {words.force}s"
         )
     found = _settled(time, data, start_heading, tail)
     variance = rate_variance(time, found.tails, found.noise)
@@ -110,9 +110,7 @@ def fit_velocity_error(
     drag, inertia = {}, {}
     for name, fit in _drag(data, found.tails.rate, variance, moment_unit, models).items():
         drag[name] = more.on_drag(data.moment, fit)
-        table = (
-            inertia_table(data.moment, found.tails, fit, moment_unit, data.axis) if name != "3+c" else None
-        )
+        table = inertia_table(data.moment, found.tails, fit, moment_unit, data.dof) if name != "3+c" else None
         if table is not None:
             inertia[name] = more.on_inertia(data.moment, fit, table)
     i = found.place
@@ -145,16 +143,16 @@ class _Settled:
 
 def _settled(time: Floats, data: StepData, start_heading: Floats, tail: float | None) -> _Settled:
     """Tails placed and corrected by a model that is found from them: a few rounds settle both."""
-    axis, seen = data.axis, data.seen
-    tails = tail_lines(time, data.heading, start_heading, last_share(time, seen, 0.3))
-    model = reference(data.moment, tails, 0.0, axis)
+    dof, seen = data.dof, data.seen
+    tails = tail_lines(time, data.heading, start_heading, last_share(time, seen, 0.3), dof)
+    model = reference(data.moment, tails, 0.0, dof)
     places, kinds = starts(data), MODELS
     if tail is not None:
-        checked_tail(tail, data.names, data.heading, seen, axis)
+        checked_tail(tail, data.names, data.heading, seen, dof)
         places = np.append(places, tail)
     for turn in range(ROUNDS):
         exact = model.answer(time)
-        noise = noise_about_lines(time, data.heading - exact, tails.used)
+        noise = noise_about_lines(time, data.heading - exact, tails.used, dof)
         thrust = model.thrust_scatter(tails.rate, rate_variance(time, tails, noise))
         if turn < PLACED:
             grid = expected(time, data, model, noise, thrust, places)
@@ -163,10 +161,10 @@ def _settled(time: Floats, data: StepData, start_heading: Floats, tail: float | 
             kinds = (model.fit.model,)
         first = first_past(exact, time, seen, places[place : place + 1])
         used = seen & (np.arange(time.shape[1]) >= first) & (time > 0)
-        raw = tail_lines(time, data.heading, start_heading, used)
+        raw = tail_lines(time, data.heading, start_heading, used, dof)
         tails = model.steady(raw, time)
         variance = rate_variance(time, tails, noise) + model.thrust_variance(thrust)
-        before, model = model, reference(data.moment, tails, variance, axis, kinds)
+        before, model = model, reference(data.moment, tails, variance, dof, kinds)
         if turn >= PLACED and model.like(before, SETTLED):
             break
     return _Settled(raw, tails, model, noise, thrust, grid, place)
@@ -181,8 +179,8 @@ def _drag(
     for model in sorted(models, key=lambda name: name != "2"):
         if model in ("2", "3+c") and (len(data.moment) < 4 or len(np.unique(np.abs(data.moment))) < 2):
             continue
-        if model == "3+c" and data.axis.constant:  # its constant is part of every model there
+        if model == "3+c" and data.dof.has_constant:  # its constant is part of every model there
             continue
-        fits[model] = fit_drag_by_way(data.moment, rate, model, moment_unit, data.axis, variance)
+        fits[model] = fit_drag_by_way(data.moment, rate, model, moment_unit, data.dof, variance)
         variance = fits[model].variance
     return {model: fits[model] for model in models if model in fits}

@@ -1,6 +1,7 @@
 """Whole runs simulated under any model: closed-loop driving, sequences, runs with effects that half-turns
 cannot show."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,19 +9,23 @@ from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.errors import FitError
-from automarine_cli.fits.linear_mixed import RunEffects
-from automarine_cli.fits.mixed_model import Problem
-from automarine_cli.fits.step_response import MOST_OFFSET, START_HEADING_SD, instant
+from automarine_cli.fits.mixed_problem import SWITCH, Problem, slots_of
+from automarine_cli.fits.run_effects import (
+    DISTURBANCE,
+    GAIN,
+    START_POSITION,
+    START_VELOCITY,
+    SWITCHES,
+    Block,
+    RunEffects,
+    bias_of,
+)
+from automarine_cli.fits.step_response import MOST_OFFSET, instant
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
 from automarine_cli.simulation.batch import Batch
 from automarine_cli.simulation.rollout import Start, simulate
 
 Floats = NDArray[np.float64]
-
-START_RATE_SD = 1.0
-"""Standard deviation [rad/s] of the start rate of a vehicle that may be moving: wide for vehicles of this
-kind."""
-
 
 AGAINST = 0.2
 """Share of the impulses that a balance with everything negative must explain to show that a sign is wrong."""
@@ -29,75 +34,77 @@ AGAINST = 0.2
 def whole_run_problem(
     model: YawModel, batch: Batch, at_rest: NDArray[np.bool_], within: bool = False
 ) -> Problem:
-    """Likelihood of whole runs by simulation.
+    """Likelihood of whole runs by simulation, of all channels of the batch.
 
-    theta is (the model's parameters, offset): all changes of command act that many sample intervals from the middle
-    of theirs, within ±1/2. A run's own shift may leave its interval, for on a lake thrusters lag; with `within` it
+    theta is (the model's parameters, SWITCH): all changes of command act that many sample intervals from the middle
+    of theirs, within ±1/2. A run's own delay may leave its interval, for on a lake thrusters lag; with `within` it
     cannot, and the last entry of theta is the z of `instant` as for half-turns. Run effects are start
-    heading [rad, relative to the first sample], start rate [rad/s] (only where `at_rest` (R,) is false), log
-    gain of the moment delivered, a shift of each change of command, and a disturbance moment held over each
+    position [base unit, relative to the first sample], start velocity (only where `at_rest` (R,) is false), log
+    gain of the moment delivered, a delay of each change of command, and a disturbance held over each
     window of the batch: wind, waves, tether and whatever the model lacks. Its size is estimated; it is zero
     in a quiet pool, and without it a minute of free running on a lake would say nothing of the vehicle,
-    because heading integrates every disturbance. It is told as an acceleration [rad/s²], so that a common
-    gain scales inertia and drag and nothing else. Last come the coefficients of effects that vary from run to run, in
-    the model's order, each effect's with a factor of its own on the largest moment.
+    because positions integrate every disturbance. It is an acceleration, so that a common
+    gain scales inertia and drag and nothing else. Then come the biases of velocity sensors, and last the coefficients
+    of effects that vary from run to run, in the model's order, each effect's with a factor of its own on the largest
+    moment.
     """
-    first = batch.heading[:, :1]
-    late = batch.interval[None]
-    edges = batch.interval.shape[1]
-    gusts = slice(3 + edges, 3 + edges + batch.windows)
+    first, late = batch.position[:, :1], batch.interval[None]
     varying = varying_terms(model)
-    largest = float(np.abs(batch.moment).max()) or 1.0
+    blocks = RunEffects(_blocks(batch, at_rest, within, varying))
 
-    def headings(theta: Floats, b: Floats) -> Floats:
-        own = b[:, :, 3 : 3 + edges]
-        common = theta[:, -1, None, None]
-        shift = late * instant(common + own) if within else common * late + own  # a step may run backwards
-        blows = b[:, :, gusts]
-        varied: dict[str, Floats] = {}
-        last = gusts.stop
-        for name in varying:
-            varied[name] = b[:, :, last : last + effects.get(name).per_run]
-            last += effects.get(name).per_run
+    def readings(theta: Floats, b: Floats) -> Floats:
+        own, common = blocks.of(b, SWITCHES), theta[:, -1, None, None]
+        delay = late * instant(common + own) if within else common * late + own  # a step may run backwards
+        accelerations = blocks.of(b, DISTURBANCE)
         start = Start(
-            first[None, :, 0] + b[:, :, 0],
-            b[:, :, 1],
-            b[:, :, 2],
-            shift,
-            theta[:, :1, None] * blows if blows.any() else None,
-            varied,
+            first[None, :, 0] + blocks.of(b, START_POSITION)[..., 0],
+            blocks.of(b, START_VELOCITY)[..., 0],
+            blocks.of(b, GAIN)[..., 0],
+            delay,
+            theta[:, :1, None] * accelerations if accelerations.any() else None,
+            {name: blocks.of(b, name) for name in varying},
         )
-        return simulate(model, batch, theta[:, :-1], start).heading
+        found = simulate(model, batch, theta[:, :-1], start)
+        if len(batch.channels) == 1:
+            return found.position
+        shown = [found.reading(channel) for channel in batch.channels]
+        for i, channel in enumerate(batch.channels):
+            if channel.velocity:
+                shown[i] = shown[i] + blocks.of(b, bias_of(channel.quantity))
+        return np.concatenate(shown, axis=2)
 
-    ones = np.ones((len(at_rest), 1))
-    lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
-    windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
-    shifts = (batch.interval > 0).astype(float) if within else batch.interval / np.sqrt(12.0)
-    moving = np.where(at_rest[:, None], 0.0, START_RATE_SD)
-    coefficients = [effects.get(name).per_run for name in varying]
-    scale = np.concatenate(
-        [
-            START_HEADING_SD * ones,
-            moving,
-            ones,
-            shifts,
-            windows,
-            largest * np.repeat(ones, sum(coefficients), axis=1),
-        ],
-        axis=1,
-    )
-    own_factors = [3 + i for i, count in enumerate(coefficients) for _ in range(count)]
-    factor = np.array([-1, -1, 0] + [1] * edges + [2] * batch.windows + own_factors)
-    limits = ((1e-4, 0.3), (1e-3, 1.0), (1e-5, 1.0), *(((1e-4, 1.0),) * len(varying)))
     most = MOST_OFFSET if within else 0.5
     bounds = np.array([*parameter_bounds(model), (-most, most)])
     return Problem(
-        headings,
-        np.where(batch.seen, batch.heading, 0.0),
-        batch.seen,
-        RunEffects(scale, factor, limits),
+        readings,
+        np.concatenate([channel.values for channel in batch.channels], axis=1),
+        np.concatenate([channel.seen for channel in batch.channels], axis=1),
+        blocks,
         bounds,
         bounds[:, 0] >= 0.0,
+        (*model.parameter_names, SWITCH),
+        slots_of(batch.channels),
+    )
+
+
+def _blocks(
+    batch: Batch, at_rest: NDArray[np.bool_], within: bool, varying: Sequence[str]
+) -> tuple[Block, ...]:
+    """What differs from run to run, before the data."""
+    runs, limits = len(at_rest), batch.dof.limits
+    ones = np.ones((runs, 1))
+    lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
+    windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
+    delays = (batch.interval > 0).astype(float) if within else batch.interval / np.sqrt(12.0)
+    largest = float(np.abs(batch.force).max()) or 1.0
+    return (
+        Block(START_POSITION, limits.position_sd * ones),
+        Block(START_VELOCITY, np.where(at_rest[:, None], 0.0, limits.velocity_sd)),
+        Block(GAIN, ones, (1e-4, 0.3)),
+        Block(SWITCHES, delays, (1e-3, 1.0)),
+        Block(DISTURBANCE, windows, (1e-5, 1.0)),
+        *(Block(bias_of(c.quantity), limits.bias_sd * ones) for c in batch.channels if c.velocity),
+        *(Block(name, largest * np.ones((runs, effects.get(name).per_run)), (1e-4, 1.0)) for name in varying),
     )
 
 
@@ -108,9 +115,7 @@ def varying_terms(model: YawModel) -> list[str]:
 
 def without_gain(problem: Problem) -> Problem:
     """The same problem for runs whose thrust does not scatter."""
-    scale = problem.effects.scale.copy()
-    scale[:, 2] = 0.0
-    return replace(problem, effects=replace(problem.effects, scale=scale))
+    return replace(problem, effects=problem.effects.with_scale(gain=0.0))
 
 
 def parameter_bounds(model: YawModel) -> list[tuple[float, float]]:
@@ -135,13 +140,13 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
     rows, sides = [], []
     for i in range(len(batch.names)):
         seen = batch.seen[i]
-        time, heading = batch.time[i][seen], batch.heading[i][seen]
+        time, position = batch.time[i][seen], batch.position[i][seen]
         clock = np.concatenate([[0.0], np.cumsum(batch.length[i])])
-        impulse = np.concatenate([[0.0], np.cumsum(batch.length[i] * batch.moment[i])])
+        impulse = np.concatenate([[0.0], np.cumsum(batch.length[i] * batch.force[0, i])])
         window = max(time[-1] / 200.0, min(1.0, time[-1] / 8.0))
         knots = np.arange(time[0], time[-1], window)
-        psi = np.interp(knots, time, heading)
-        rate = np.diff(psi) / window
+        way = np.interp(knots, time, position)
+        rate = np.diff(way) / window
         middle = 0.5 * (knots[1:] + knots[:-1])
         swing = np.diff(rate)
         push = np.diff(np.interp(middle, clock, impulse))
@@ -150,17 +155,19 @@ def rough_model(number: str, batch: Batch, sided: bool = False) -> YawModel:
         rows.append(np.stack([swing, window * np.abs(mean) * mean, window * mean, time_passed], axis=1))
         sides.append(push)
     x, y = np.concatenate(rows), np.concatenate(sides)
-    keep = {"1": [0, 2], "2": [0, 1, 2], "3": [0, 1]}[number] + [3] * batch.axis.constant
+    keep = {"1": [0, 2], "2": [0, 1, 2], "3": [0, 1]}[number] + [3] * batch.dof.has_constant
     values = np.linalg.lstsq(x[:, keep], y, rcond=None)[0] if len(y) >= len(keep) else np.ones(len(keep))
-    constant = [float(v) for v in values[len(keep) - batch.axis.constant :]]
-    values = values[: len(keep) - batch.axis.constant]
+    constant = [float(v) for v in values[len(keep) - batch.dof.has_constant :]]
+    values = values[: len(keep) - batch.dof.has_constant]
     left = np.sum((y - x[:, keep] @ [*values, *constant]) ** 2)
     if np.all(values < 0) and left < (1.0 - AGAINST) * np.sum(y**2):
         raise FitError(
-            "the headings turn against the moment: inertia and drag would be negative. If the heading counts "
-            "counter-clockwise, or the moment does, map it with sign = -1 in the --columns file"
+            batch.dof.fill(
+                "the {positions} {move} against the {force}: {inertia} and drag would be negative. If the {position} "
+                "counts {other_way}, or the {force} does, map it with sign = -1 in the --columns file"
+            )
         )
-    scale = float(np.abs(batch.moment).max()) or 1.0
+    scale = float(np.abs(batch.force).max()) or 1.0
     values = np.where(values > 1e-3 * scale, values, 0.3 * scale)
     more = [*constant, *([0.0] if sided else [])]
-    return YawModel.base(number, values[0], [*values[1:], *more], batch.moment_unit, batch.axis)
+    return YawModel.base(number, values[0], [*values[1:], *more], batch.moment_unit, batch.dof)

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.drag import nested_test
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import (
@@ -18,13 +18,12 @@ from automarine_cli.fits.step_response import StepData
 from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.fits.velocity_error import VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import Caution
-from automarine_cli.models.store import CONSTANT, DIFFERENCE, schema_of
+from automarine_cli.models.store import schema_of
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.runs.half_turn import HalfTurn
 from automarine_cli.runs.run import Run, SetAside, readings
 
 Floats = NDArray[np.float64]
-KEYS = {"b": CONSTANT, "e": DIFFERENCE}
 Map = Callable[[Callable[[str], OutputErrorFit], Sequence[str]], Sequence[OutputErrorFit]]
 
 GRAVITY = 9.81  # m/s²; within 0.3 % of what it is anywhere
@@ -50,7 +49,7 @@ class YawFit(Shown):
     set_aside: tuple[SetAside, ...]
     warnings: tuple[str, ...]
     cautions: tuple[Caution, ...]
-    axis: Axis = YAW
+    dof: Dof
 
     @property
     def preferred(self) -> OutputErrorFit:
@@ -59,7 +58,7 @@ class YawFit(Shown):
 
     @property
     def inertial_turn_angle(self) -> Estimate | None:
-        """I/k_rr [rad] of the preferred model, of model 3 where that has no quadratic drag."""
+        """Inertia over quadratic drag of the preferred model, of model 3 where that has no quadratic drag."""
         return self.preferred.inertial_turn_angle or self.output_error["3"].inertial_turn_angle
 
     @property
@@ -76,21 +75,21 @@ class YawFit(Shown):
 
     def to_json(self) -> dict[str, object]:
         """The result file: schema automarine/yaw-model/1, or that of another motion."""
-        fit, turn, axis = self.preferred, self.inertial_turn_angle, self.axis
+        fit, turn, dof = self.preferred, self.inertial_turn_angle, self.dof
         content: dict[str, object] = {
-            "schema": schema_of(axis),
-            **({} if axis.wraps else {"motion": axis.name}),
-            "moment_unit": self.moment_unit,
-            "fitted_to": axis.say("half-turns") if self.turns else "whole runs",
+            "schema": schema_of(dof),
+            **({} if dof.wraps else {"motion": dof.name}),
+            f"{dof.words.force}_unit": self.moment_unit,
+            "fitted_to": f"{dof.words.step}s" if self.turns else "whole runs",
             "models": {number: self._model_json(number) for number in sorted(self.output_error)},
             "preferred": self.preference.number,
             "preferred_because": self.preference.because,
-            "inertial_turn_angle_rad": None if turn is None else turn.to_json(),
+            dof.ratio_key: None if turn is None else turn.to_json(),
             "valid_range": valid_range(self.moments, fit.model),
             "effects": [],
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
-            "heading_noise_deg": float(axis.shown(fit.noise)),
+            f"{dof.words.position}_noise_{dof.units.key}": float(dof.shown(fit.noise)),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
             "warnings": list(self.warnings),
             "runs": {
@@ -99,35 +98,31 @@ class YawFit(Shown):
                 **readings(self.runs or [turn.step.run for turn in self.turns]),
             },
         }
-        return dict(axis.named(content))
-
-    def called(self, name: str) -> str:
-        """A parameter as the result file calls it."""
-        return name if self.axis.wraps else self.axis.key(KEYS.get(name, name))
+        return content
 
     @property
     def buoyancy(self) -> "Buoyancy | None":
         """The constant force of the preferred model; None for motions without one."""
-        return Buoyancy(self.preferred.estimates["b"]) if self.axis.constant else None
+        return (
+            Buoyancy(self.preferred.estimates[self.dof.symbols.constant]) if self.dof.has_constant else None
+        )
 
     def _model_json(self, number: str) -> dict[str, object]:
-        fit = self.output_error[number]
-        content: dict[str, object] = {name: e.to_json() for name, e in _drag_first(fit.estimates).items()}
-        content["inertial_turn_angle_rad"] = (
+        fit, dof = self.output_error[number], self.dof
+        estimates = {name: e.to_json() for name, e in _drag_first(fit.estimates, dof).items()}
+        content: dict[str, object] = dict(estimates)
+        content[dof.ratio_key] = (
             None if fit.inertial_turn_angle is None else fit.inertial_turn_angle.to_json()
         )
         content["output_error"] = {
-            **{name: e.to_json() for name, e in _drag_first(fit.estimates).items()},
+            **estimates,
             "log_likelihood": fit.mixed.log_likelihood,
             "log_density_of_left_out_runs": float(fit.mixed.predictive.sum()),
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
-            "heading_noise_deg": float(self.axis.shown(fit.noise)),
+            f"{dof.words.position}_noise_{dof.units.key}": float(dof.shown(fit.noise)),
             "covariance": covariance_json(
-                [self.called(name) for name in fit.estimates],
-                fit.mixed.theta,
-                fit.mixed.positive,
-                fit.covariance,
+                list(fit.estimates), fit.mixed.theta, fit.mixed.positive, fit.covariance
             ),
             "converged": fit.mixed.converged,
         }
@@ -135,36 +130,38 @@ class YawFit(Shown):
             content["sides"] = fit.ways.to_json()
         seed = self.seed_method
         if seed is None or number not in seed.drag:
-            why = self.why_no_seed_method or "too few half-turns to carry two drag terms"
+            why = self.why_no_seed_method or f"too few {dof.words.step}s to carry two drag terms"
             return content | {"sse": None, "velocity_error": None, "why": why}
         drag, table = seed.drag[number], seed.inertia.get(number)
         if table is None:
             content["why"] = (
-                "the drag of the least squares leaves no steady rate, so no velocity error gives an inertia"
+                f"the drag of the least squares leaves no steady {dof.words.speed}, so no velocity error gives "
+                f"{dof.words.an_inertia}"
             )
         content["sse"] = drag.sse
         content["velocity_error"] = {
-            **{KEYS.get(name, name): e.to_json() for name, e in drag.estimates.items()},
-            "I_r": None if table is None else table.overall.to_json(),
+            **{name: e.to_json() for name, e in drag.estimates.items()},
+            dof.symbols.inertia: None if table is None else table.overall.to_json(),
             "sse": drag.sse,
             "aicc": drag.aicc if np.isfinite(drag.aicc) else None,
             "f_test_against_2": asdict(nested_test(drag, seed.drag["2"]))
             if number != "2" and "2" in seed.drag
             else None,
-            "I_r_mean_at_moment": {
+            f"{dof.symbols.inertia}_mean_at_{dof.words.force}": {
                 f"{level:g}": mean for level, mean in (table.per_moment if table else {}).items()
             },
-            "dilution_taken_off": {KEYS.get(name, name): moved for name, moved in drag.dilution.items()},
-            "tail_from_deg": float(self.axis.shown(seed.tail_from)),
-            "tail_because": seed.tail_because(self.axis),
-            "tail_expected": seed.expected.to_json(),
+            "dilution_taken_off": dict(drag.dilution),
+            f"tail_from_{dof.units.key}": float(dof.shown(seed.tail_from)),
+            "tail_because": seed.tail_because(dof),
+            "tail_expected": seed.expected.to_json(dof),
         }
         return content
 
 
-def _drag_first(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
-    names = [name for name in ("k_rr", "k_r", "I_r", "b", "e") if name in estimates]
-    return {KEYS.get(name, name): estimates[name] for name in names}
+def _drag_first(estimates: Mapping[str, Estimate], dof: Dof) -> dict[str, Estimate]:
+    own = dof.symbols
+    order = (own.quadratic, own.linear, own.inertia, own.constant, own.difference)
+    return {name: estimates[name] for name in order if name in estimates}
 
 
 @dataclass(frozen=True)

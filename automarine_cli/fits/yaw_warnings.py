@@ -4,9 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.drag import identity_gap
 from automarine_cli.fits.output_error import OutputErrorFit, Preference
+from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.tail_choice import BIAS_LIMIT
 from automarine_cli.fits.velocity_error import VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import Caution
@@ -25,28 +26,30 @@ SURE = 3.0
 """Standard errors."""
 
 LATE = (
-    "The moment seems to act half a sample interval or more after the log shows it: a delay or a lag of the "
-    "thrusters, which inflates the inertia."
+    "The {force} seems to act half a sample interval or more after the log shows it: a delay or a lag of the "
+    "thrusters, which inflates the {inertia}."
 )
 EARLY = (
-    "The moment seems to act half a sample interval or more before the log shows it: check the clocks of heading "
+    "The {force} seems to act half a sample interval or more before the log shows it: check the clocks of {position} "
     "and command."
 )
 
 
-def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, axis: Axis = YAW) -> list[str]:
+def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, dof: Dof) -> list[str]:
     """Sentences on the half-turns and on the paper's method: not steady, or a Table 1 that breaks its identity."""
-    found = []
+    found, words = [], dof.words
     if not seed.steady:
         found.append(
-            "Half a turn is not enough to get steady: every tail is off by more than "
-            f"{100 * BIAS_LIMIT:.1f} % by itself, that from {axis.shown(seed.tail_from):.0f} {axis.unit} on by "
+            f"{words.reach.capitalize()} is not enough to get steady: every tail is off by more than "
+            f"{100 * BIAS_LIMIT:.1f} % by itself, that from {dof.shown(seed.tail_from):.0f} {dof.units.shown} on by "
             f"{100 * max(map(abs, seed.bias)):.1f} %, which was taken off by a rough model; trust the maximum "
             "likelihood, which needs no tail."
         )
     unsteady = [turn.name for turn in turns if not turn.steady]
     if unsteady:
-        found.append(f"{len(unsteady)} half-turns end before the rate is steady, {unsteady[0]} first.")
+        found.append(
+            f"{len(unsteady)} {words.step}s end before the {words.speed} is steady, {unsteady[0]} first."
+        )
     pooled = (
         len(seed.drag["3"].estimates) == 1 if "3" in seed.drag else False
     )  # no constant force, no two ways
@@ -54,9 +57,10 @@ def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, axis: Axis 
         rate, two = seed.tails.rate, seed.drag["2"].drag
         gap = identity_gap(rate, seed.drag["3"].drag[1], two[1], two[0], seed.drag["2"].variance)
         if abs(gap) > 1e-6 * abs(two[1]):
+            v = dof.symbols.velocity
             found.append(
-                f"Table 1 breaks the identity k3 = k2 + k_r sum|r|^3/sum r^4 by {gap:.2g}: the fit is "
-                "ill-conditioned."
+                f"Table 1 breaks the identity k3 = k2 + {dof.symbols.linear} sum|{v}|^3/sum {v}^4 by {gap:.2g}: the "
+                "fit is ill-conditioned."
             )
     return found
 
@@ -71,31 +75,32 @@ def fit_warnings(
     fits: Mapping[str, OutputErrorFit],
     preference: Preference,
     names_of_runs: Sequence[str],
-    heading_noise: float | None = None,
+    position_noise: float | None = None,
 ) -> list[str]:
     """Sentences on the preferred maximum likelihood: implausible, resting on one run, late, or leaving more than the
-    `heading_noise` [rad] that the headings have by themselves. On its parameters see yaw_cautions.py."""
+    `position_noise` [rad] that the headings have by themselves. On its parameters see yaw_cautions.py."""
     fit = fits[preference.number]
-    axis = fit.model.axis
+    dof = fit.model.dof
+    words, mark, base = dof.words, dof.units.mark, dof.units.base
     found = [*_one_run_that_decides(fit, names_of_runs), *_wild_gains(fit, names_of_runs)]
-    if heading_noise and fit.noise > UNEXPLAINED * heading_noise:
+    if position_noise and fit.noise > UNEXPLAINED * position_noise:
         found.append(
-            f"Model {preference.number} leaves {axis.shown(fit.noise):.2g}° of the headings unexplained, which scatter "
-            f"by {axis.shown(heading_noise):.2g}° about smooth curves: something acts that it lacks, a delay perhaps; "
-            "`automarine diagnose` looks for it."
+            f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}{mark} of the {words.position}s unexplained, "
+            f"which scatter by {dof.shown(position_noise):.2g}{mark} about smooth curves: something acts that it "
+            "lacks, a delay perhaps; `automarine diagnose` looks for it."
         )
     turn = fit.inertial_turn_angle or fits["3"].inertial_turn_angle
-    low, high = axis.plausible
+    low, high = dof.limits.plausible
     if turn is not None and not low <= turn.value <= high:
         found.append(
-            f"The inertial turn angle of {turn.value:.3g} rad lies outside {low:g} to {high:g} rad, where "
-            "small vehicles are: "
-            "check the units of time and heading, and whether the thrusters or the log lag."
+            f"The {words.inertial_length} of {turn.value:.3g} {base} lies outside {low:g} to {high:g} {base}, where "
+            f"small vehicles are: check the units of time and {words.position}, and whether the thrusters or the log "
+            "lag."
         )
     for i in fit.mixed.at_bound:
         if i == len(fit.estimates):
-            found.append(LATE if fit.mixed.theta[i] > 0 else EARLY)
-    return [axis.say(one) for one in found]
+            found.append(dof.fill(LATE if fit.mixed.theta[i] > 0 else EARLY))
+    return found
 
 
 def _one_run_that_decides(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> list[str]:
@@ -114,7 +119,8 @@ def _one_run_that_decides(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> 
     without = np.exp(mixed.left_out[run, i]) if mixed.positive[i] else mixed.left_out[run, i]
     return [
         f"{names_of_runs[run]} alone moves {name} of model {fit.number} from {without:.3g} to {estimate.value:.3g} "
-        f"{estimate.unit}, more than all other runs together: look at its log, and whether its heading jumps."
+        f"{estimate.unit}, more than all other runs together: look at its log, and whether its "
+        f"{fit.model.dof.words.position} jumps."
     ]
 
 
@@ -122,10 +128,11 @@ def _wild_gains(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> list[str]:
     """A sentence where the runs' gains differ by more than thrusters do."""
     if fit.gain_scatter.value <= WILD_GAIN:
         return []
-    gains = np.exp(fit.mixed.run_effects[:, fit.mixed.effects.factor == 0][:, 0])
+    gains = np.exp(fit.mixed.own(GAIN)[:, 0])
     odd = int(np.argmax(np.abs(np.log(gains / np.median(gains)))))
+    force = fit.model.dof.words.force
     return [
         f"The thrust seems to scatter by {100 * fit.gain_scatter.value:.0f} % from run to run, and "
         f"{names_of_runs[odd]} has {gains[odd] / np.median(gains):.2g} times the gain of the others: look at its "
-        "moment and its unit."
+        f"{force} and its unit."
     ]

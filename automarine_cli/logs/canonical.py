@@ -3,11 +3,11 @@
 import difflib
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import islice
 
-from automarine_cli.axes import AXES, YAW, Axis
+from automarine_cli.dofs import DOFS, YAW, Dof
 
 DEGREE = math.pi / 180
 STANDARD_GRAVITY = 9.80665  # m/s², exact by definition: 1 kgf in newtons
@@ -17,23 +17,32 @@ NORMALISED = "nu"  # the unit of a normalised moment or force
 TIMESTAMP = "timestamp"  # the unit of a column of calendar times
 
 FORCES = {"N": 1.0, "kgf": STANDARD_GRAVITY, "gf": STANDARD_GRAVITY / 1000, "lbf": POUND_FORCE}
+TORQUES = {"N m": 1.0, "Nm": 1.0}
+ANGLES, ANGULAR_RATES = {"deg": DEGREE, "rad": 1.0}, {"deg/s": DEGREE, "rad/s": 1.0}
+LENGTHS, SPEEDS = (
+    {"m": 1.0, "cm": 0.01, "mm": 1e-3, "ft": 0.3048},
+    {"m/s": 1.0, "cm/s": 0.01, "kn": 1852 / 3600},
+)
+VELOCITIES = ("surge", "sway", "heave")  # of the vehicle's body, which tests of every motion may log
+ROTATIONS = tuple(dof for dof in DOFS.values() if dof.wraps)
+TRANSLATIONS = tuple(dof for dof in DOFS.values() if not dof.wraps)
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, TIMESTAMP: 1.0},
-    "heading": {"deg": DEGREE, "rad": 1.0},
-    "yaw_rate": {"deg/s": DEGREE, "rad/s": 1.0},
-    "moment": {"nu": 1.0, "N m": 1.0, "Nm": 1.0},
     "voltage": {"V": 1.0, "mV": 1e-3},
-    **{name: {"m/s": 1.0, "cm/s": 0.01, "kn": 1852 / 3600} for name in ("surge", "sway", "heave")},
-    **{name: {"m": 1.0, "cm": 0.01, "mm": 1e-3, "ft": 0.3048} for name in ("distance", "depth")},
-    **dict.fromkeys(("force", "force_X", "force_Z"), FORCES),
+    "force": FORCES,
+    **dict.fromkeys(VELOCITIES, SPEEDS),
+    **{
+        quantity: units
+        for dof in DOFS.values()
+        for quantity, units in zip(
+            (dof.position, dof.velocity, dof.command),
+            (ANGLES, ANGULAR_RATES, TORQUES) if dof.wraps else (LENGTHS, SPEEDS, FORCES),
+        )
+    },
 }
 MOST_LOOKED_AT, LONGEST_GUESSED = 1000, 60  # columns, and characters of a name, in which one may be guessed
-COMMANDS = (
-    "n",
-    "n_port",
-    "n_stbd",
-    "n_vert",
-)  # a control signal keeps the file's own unit, whatever it is called
+COMMANDS = ("n", *dict.fromkeys(name for dof in DOFS.values() for name in dof.thrusters))
+"""Control signals keep the file's own unit, whatever it is called."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +62,19 @@ class Canonical:
         """Units that a column map may give to this column; empty: any word."""
         if self.unit == NORMALISED:  # normalised moments and forces have no factor to newtons
             return (NORMALISED,)
-        if self.quantity == "moment":
-            return ("N m", "Nm")
         return tuple(UNITS.get(self.quantity, ()))
+
+
+def _own(dofs: Iterable[Dof], *quantities: str) -> Iterator[tuple[str, str, str]]:
+    """The columns of these quantities ("position", ...) of motions: names, what they hold, units."""
+    for which in quantities:
+        for dof in dofs:
+            quantity = getattr(dof, which)
+            yield from ((name, quantity, unit) for name, unit in dof.columns[quantity])
+
+
+def _thrusters(dofs: Iterable[Dof]) -> Iterator[tuple[str, str, str]]:
+    yield from ((name, name, "") for dof in dofs for name in dof.thrusters)
 
 
 _ALL = (
@@ -63,25 +82,12 @@ _ALL = (
     ("time_ms", "time", "ms"),
     ("time_us", "time", "us"),
     ("time", "time", TIMESTAMP),
-    ("heading_deg", "heading", "deg"),
-    ("heading_rad", "heading", "rad"),
-    ("yaw_rate_deg_s", "yaw_rate", "deg/s"),
-    ("yaw_rate_rad_s", "yaw_rate", "rad/s"),
-    ("tau", "moment", NORMALISED),
-    ("tau_Nm", "moment", "N m"),
-    ("n_port", "n_port", ""),
-    ("n_stbd", "n_stbd", ""),
+    *_own(ROTATIONS, "position", "velocity", "command"),
+    *_thrusters(ROTATIONS),
     ("voltage_V", "voltage", "V"),
-    ("surge_m_s", "surge", "m/s"),
-    ("sway_m_s", "sway", "m/s"),
-    ("heave_m_s", "heave", "m/s"),
-    ("distance_m", "distance", "m"),
-    ("depth_m", "depth", "m"),
-    ("force_X_N", "force_X", "N"),
-    ("X", "force_X", NORMALISED),
-    ("force_Z_N", "force_Z", "N"),
-    ("Z", "force_Z", NORMALISED),
-    ("n_vert", "n_vert", ""),
+    *((f"{name}_m_s", name, "m/s") for name in VELOCITIES),
+    *_own(TRANSLATIONS, "velocity", "position", "command"),
+    *_thrusters(TRANSLATIONS),
     ("n", "n", ""),
     ("force_N", "force", "N"),
     ("force_kgf", "force", "kgf"),
@@ -92,37 +98,49 @@ RUN, MODE, ARMED = "run", "mode", "armed"
 LABELS = (RUN, MODE, ARMED)  # columns of words, not of numbers
 
 
-def foreign(axis: Axis) -> frozenset[str]:
+def foreign(dof: Dof) -> frozenset[str]:
     """Quantities of the other motions, which a log of this one may hold under names that mean something else there."""
-    own = {axis.position, axis.command, *axis.thrusters}
-    others = {name for one in AXES.values() for name in (one.position, one.command, *one.thrusters)}
-    return frozenset(others - own) | {"heave"} - {axis.rate}
+    own = {dof.position, dof.velocity, dof.command, *dof.thrusters}
+    others = {name for one in DOFS.values() for name in (one.position, one.command, *one.thrusters)}
+    aside = {one.velocity for one in DOFS.values() if not one.horizontal}
+    return frozenset((others | aside) - own)
 
 
-def motion_of(names: Iterable[str], mapped: Iterable[str]) -> Axis:
+def motions_in(held: Set[str]) -> list[Dof]:
+    """The motions of which a log that holds these quantities is whole: position, and command or every thruster.
+
+    Motions that share a position are told apart by their commands: who has his own comes before who has thrusters.
+    """
+    whole = [
+        dof for dof in DOFS.values() if dof.position in held and (dof.command in held or driven(dof, held))
+    ]
+    places = {dof.position: i for i, dof in reversed(list(enumerate(whole)))}
+    return sorted(whole, key=lambda dof: (places[dof.position], dof.command not in held))
+
+
+def driven(dof: Dof, held: Set[str]) -> bool:
+    """Whether every thruster command of a motion is among the quantities held."""
+    return bool(dof.thrusters) and held >= set(dof.thrusters)
+
+
+def motion_of(names: Iterable[str], mapped: Iterable[str]) -> Dof:
     """The motion that a log is of, by its column names and the canonical names mapped to; yaw where it may be that."""
     held = {CANONICAL[name].quantity for name in (*names, *mapped) if name in CANONICAL}
-    for axis in AXES.values():
-        if axis.position in held and (axis.command in held or held >= set(axis.thrusters)):
-            return axis
-    return next((axis for axis in AXES.values() if {axis.position, axis.command} & held), YAW)
+    begun = (dof for dof in DOFS.values() if {dof.position, dof.command} & held)
+    return next(iter(motions_in(held)), None) or next(begun, YAW)
 
 
 # Words by which people call a quantity; only for suggestions, nothing is ever read by them.
-_WORDS = {
+_WORDS: Mapping[str, Sequence[str]] = {
     "time": ("t", "time", "timestamp", "seconds", "secs", "clock", "stamp", "times", "millis", "times_s"),
-    "heading": ("heading", "yaw", "psi", "hdg", "compass", "head", "azimuth", "course", "yaw_deg", "yaw_rad"),
-    "moment": ("tau", "moment", "torque", "nm", "rudder", "rudder_deg", "yaw_moment", "tau_nm", "mz"),
-    "distance": ("distance", "dist", "x", "position", "range", "travel", "surge_position", "pos_x"),
-    "depth": ("depth", "z", "pressure_depth", "depth_sensor", "pos_z"),
-    "force_X": ("force_x", "surge_force", "thrust_x", "fx", "tau_x", "x_force"),
-    "force_Z": ("force_z", "heave_force", "thrust_z", "fz", "tau_z", "z_force"),
-    "n_vert": ("n_vert", "vertical", "vert", "vert_cmd", "cmd_vert", "n_vertical"),
     "n": ("n", "cmd", "command", "rpm", "pwm", "n_rev_s", "effort", "control", "throttle", "thruster_input"),
-    "n_port": ("n_port", "port", "port_cmd", "left", "n_left", "cmd_port"),
-    "n_stbd": ("n_stbd", "stbd", "starboard", "stbd_cmd", "right", "n_right", "cmd_stbd"),
     "force": ("force", "thrust", "load", "newtons", "force_n", "thrust_n", "pull"),
     "voltage": ("voltage", "volts", "battery", "vbat", "bat", "nominal_voltage_v"),
+    **{
+        quantity: [word for one in DOFS.values() for word in one.nicknames.get(quantity, ())]
+        for dof in DOFS.values()
+        for quantity in dof.nicknames
+    },
 }
 
 

@@ -2,20 +2,27 @@
 
 from collections.abc import Sequence
 
-from automarine_cli.axes import AXES
+from automarine_cli.dofs import DOFS
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import CANONICAL, likely_canonical, likely_column, names_of
+from automarine_cli.logs.canonical import (
+    CANONICAL,
+    driven,
+    likely_canonical,
+    likely_column,
+    motions_in,
+    names_of,
+)
 from automarine_cli.logs.table import LogTable
 from automarine_cli.pipeline.words import listed, printable, quoted
 
 _WORDS = {
-    "moment": "yaw moment",
-    "force_X": "surge force",
-    "force_Z": "heave force",
     "n": "control signal",
-    "n_vert": "vertical thruster command",
-    "n_port": "port thruster command",
-    "n_stbd": "starboard thruster command",
+    **{dof.command: dof.words.full_force for dof in DOFS.values()},
+    **{
+        name: f"{mount} thruster command"
+        for dof in DOFS.values()
+        for name, mount in zip(dof.thrusters, dof.mounts)
+    },
 }
 
 
@@ -31,14 +38,13 @@ def require(table: LogTable, quantities: Sequence[str]) -> None:
 
 def require_motion(table: LogTable) -> None:
     """Refuse a table that is no log of its motion: time, position, and a moment or force or every thruster command."""
-    axis = table.axis
-    commands = [quantity for quantity in axis.thrusters if quantity in table.columns]
-    if axis.command in table.columns or len(commands) == len(axis.thrusters):
-        require(table, ("time", axis.position))
-    elif commands:
-        require(table, ("time", axis.position, *axis.thrusters))
+    dof = table.dof
+    if dof.command in table.columns or driven(dof, table.columns.keys()):
+        require(table, ("time", dof.position))
+    elif any(quantity in table.columns for quantity in dof.thrusters):
+        require(table, ("time", dof.position, *dof.thrusters))
     else:
-        require(table, ("time", axis.position, axis.command))
+        require(table, ("time", dof.position, dof.command))
 
 
 def require_thruster(table: LogTable) -> None:
@@ -48,10 +54,11 @@ def require_thruster(table: LogTable) -> None:
 
 def is_thruster_test(table: LogTable) -> bool:
     """Whether the table is, or seems meant as, a thruster test rather than a log of a motion."""
-    if table.axis.position in table.columns:
+    position = table.dof.position
+    if position in table.columns:
         return False
     return "force" in table.columns or (
-        _guess(table, "force") is not None and _guess(table, "heading") is None
+        _guess(table, "force") is not None and _guess(table, position) is None
     )
 
 
@@ -82,13 +89,10 @@ def _meant_for(table: LogTable, lacking: Sequence[str]) -> str:
     if set(lacking) == {"time"}:
         return ""
 
-    def has(*quantities: str) -> bool:
-        return all(set(names_of(one)) & set(table.names) for one in quantities)
-
-    for axis in AXES.values():
-        if has(axis.position) and (has(axis.command) or has(*axis.thrusters)):
-            return f"This is a log of {axis.name}: give it to automarine fit-{axis.name}"
-    return "This is a thruster test: give it to automarine fit-thrusters" if has("n", "force") else ""
+    held = {CANONICAL[name].quantity for name in table.names if name in CANONICAL}
+    for dof in motions_in(held):
+        return f"This is a log of {dof.name}: give it to automarine fit-{dof.name}"
+    return "This is a thruster test: give it to automarine fit-thrusters" if held >= {"n", "force"} else ""
 
 
 def _held(table: LogTable) -> str:
@@ -98,7 +102,7 @@ def _held(table: LogTable) -> str:
 
 def _expected(quantity: str) -> str:
     names = " or ".join(names_of(quantity))
-    thrusters = next((axis.thrusters for axis in AXES.values() if axis.command == quantity), ())
+    thrusters = next((dof.thrusters for dof in DOFS.values() if dof.command == quantity), ())
     return f"{names} or {'both ' * (len(thrusters) > 1)}{' and '.join(thrusters)}" if thrusters else names
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN, TIMESTAMP, Canonical, foreign, motion_of
 from automarine_cli.logs.columns import ColumnMap, ColumnRule
@@ -27,7 +27,7 @@ class _Use:
     rule: ColumnRule
 
 
-def read_log(file: LogFile, columns: ColumnMap | None = None, axis: Axis | None = YAW) -> LogTable:
+def read_log(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None) -> LogTable:
     """Read one log of a motion; None: of the motion that its columns show.
 
     Raises LogError with file, row, column, what was found, what was expected and what to do. Columns that a
@@ -36,17 +36,17 @@ def read_log(file: LogFile, columns: ColumnMap | None = None, axis: Axis | None 
     columns = ColumnMap() if columns is None else columns
     raw = _read_raw(file, columns)
     _check_names(raw, file.name)
-    if axis is None:
+    if dof is None:
         mapped = (name for name, rule in columns.columns.items() if rule.source in {*raw.names, *raw.also})
-        axis = motion_of(raw.names, mapped)
-    uses, notes = _assigned(raw, columns, file.name, axis)
+        dof = motion_of(raw.names, mapped)
+    uses, notes = _assigned(raw, columns, file.name, dof)
     runs = run_names(raw, columns, file.name)
     used = {raw.names[use.index] for use in uses} | ({columns.source_of(RUN)} if runs else set())
     extras: dict[str, Floats] = {}
     for name, array in zip(raw.names, raw.arrays):
         if name and name not in used and pa.types.is_floating(array.type):
             extras[printable(name)] = _finite_or_nan(array.to_numpy(), name, notes)
-    moment = next((use.canonical.unit for use in uses if use.canonical.quantity == axis.command), None)
+    moment = next((use.canonical.unit for use in uses if use.canonical.quantity == dof.command), None)
     return LogTable(
         source=file.name,
         columns={use.canonical.quantity: _values(raw, use, file.name) for use in uses},
@@ -59,7 +59,7 @@ def read_log(file: LogFile, columns: ColumnMap | None = None, axis: Axis | None 
         notes=(*raw.notes, *notes),
         states=states(raw, columns),
         holds=raw.holds,
-        axis=axis,
+        dof=dof,
     )
 
 
@@ -113,9 +113,9 @@ def _check_names(raw: RawLog, source: str) -> None:
         )
 
 
-def _assigned(raw: RawLog, columns: ColumnMap, source: str, axis: Axis) -> tuple[list[_Use], list[str]]:
+def _assigned(raw: RawLog, columns: ColumnMap, source: str, dof: Dof) -> tuple[list[_Use], list[str]]:
     """Which column serves which quantity; rules of the map come before names of the file."""
-    others = foreign(axis)
+    others = foreign(dof)
     own = {name: i for i, name in enumerate(raw.names) if name}
     places = {name: own[column] for name, column in raw.also.items()} | own
     mapped: dict[str, list[_Use]] = {}

@@ -10,24 +10,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automarine_cli.logs.canonical import CANONICAL, TIMESTAMP, UNITS, likely_column, names_of
+from automarine_cli.dofs import DOFS
+from automarine_cli.logs.canonical import (
+    CANONICAL,
+    NORMALISED,
+    ROTATIONS,
+    TIMESTAMP,
+    UNITS,
+    likely_column,
+    names_of,
+)
 from automarine_cli.logs.table import Floats, LogTable
 
 SLOWEST, FASTEST = 2.0, 2e-3  # s between the samples of an ordinary logger
 SLOWEST_OF_ALL, FASTEST_OF_ALL = 5.0, 2e-4
 DEGREES, RADIANS = 360.0, 2 * np.pi
-HARDLY = 20.0  # a heading that stays within as many degrees in all logs may be radians
-FAR = 100.0  # radians that no heading of a pool test turns through without wrapping
+HARDLY = 20.0  # an angle that stays within as many degrees in all logs may be radians
+FAR = 100.0  # radians that nothing turns through in a pool test without wrapping
 PULSES = (800, 1500, 2200)  # us: shortest, neutral, longest pulse of a hobby servo or thruster
 FORCE = {"kgf": "kgf", "lbf": "lbf", "gf": "gf", "n": "N", "newton": "N", "newtons": "N"}
 EXACT = {
     "time": ("t", "time", "timestamp", "seconds", "clock", "stamp", "millis"),
-    "heading": ("heading", "yaw", "psi", "hdg", "compass"),
     "n": ("n", "cmd", "command", "rpm", "pwm", "n_rev_s", "throttle", "thruster_input"),
-    "n_port": ("n_port", "port", "left", "cmd_port", "port_cmd", "n_left"),
-    "n_stbd": ("n_stbd", "stbd", "starboard", "right", "cmd_stbd", "stbd_cmd", "n_right"),
     "force": ("force", "thrust", "load", "pull", "newtons"),
     "voltage": ("voltage", "volts", "vbat", "battery_voltage"),
+    **{quantity: names for dof in DOFS.values() for quantity, names in dof.plain_names.items()},
 }
 UNIT_WORDS = {"deg", "rad", "s", "ms", "us", "sec", "v", "mv", "nm", *FORCE}
 
@@ -124,9 +131,10 @@ def recognise(quantity: str, names: Sequence[str], seen: Mapping[str, Span]) -> 
 
 
 def _in_words(quantity: str) -> str:
-    return {"n": "control signal", "n_port": "port command", "n_stbd": "starboard command"}.get(
-        quantity, quantity.replace("_", " ")
-    )
+    mounts = {
+        name: f"{mount} command" for dof in DOFS.values() for name, mount in zip(dof.thrusters, dof.mounts)
+    }
+    return {"n": "control signal", **mounts}.get(quantity, quantity.replace("_", " "))
 
 
 def words_of(name: str) -> list[str]:
@@ -168,7 +176,7 @@ def _time(quantity: str, source: str, span: Span) -> Recognised:
     return Recognised("time_s", source, seen, fits[0] if fits else None, why, unit_open=True)
 
 
-def _heading(quantity: str, source: str, span: Span) -> Recognised:
+def _angle(quantity: str, source: str, span: Span) -> Recognised:
     """Degrees or radians: by the name, unless the values cannot be that; by the values only where they wrap."""
     width, largest = span.high - span.low, max(abs(span.low), abs(span.high))
     told = _told(source, {"deg": "deg", "degrees": "deg", "rad": "rad", "radians": "rad"})
@@ -185,16 +193,15 @@ def _heading(quantity: str, source: str, span: Span) -> Recognised:
     )
     if told is not None and certain is not None and told != certain:
         why = f"the name says {told}, the range says {certain}"
-        return Recognised(f"heading_{told}", source, seen, certain, why, unit_open=True)
+        return Recognised(_name(quantity, told), source, seen, certain, why, unit_open=True)
     if told == "deg" and certain is None and width < HARDLY:
         why = f"degrees would mean that no log turns {width:.2g} degrees; deg or rad?"
-        return Recognised("heading_deg", source, seen, "rad", why, unit_open=True)
+        return Recognised(_name(quantity, told), source, seen, "rad", why, unit_open=True)
     if told or certain:
-        return Recognised(f"heading_{told or certain}", source, seen)
+        return Recognised(_name(quantity, told or str(certain)), source, seen)
     likely = "rad" if largest <= 1.1 * RADIANS else "deg"
-    return Recognised(
-        f"heading_{likely}", source, seen, open=f"deg or rad? The range looks like {likely}", unit_open=True
-    )
+    why = f"deg or rad? The range looks like {likely}"
+    return Recognised(_name(quantity, likely), source, seen, open=why, unit_open=True)
 
 
 def _moment(quantity: str, source: str, span: Span) -> Recognised:
@@ -202,9 +209,10 @@ def _moment(quantity: str, source: str, span: Span) -> Recognised:
     if source in CANONICAL:
         return Recognised(source, source, _range(span))
     if "nm" in words or words[-2:] == ["n", "m"]:
-        return Recognised("tau_Nm", source, _range(span))
-    why = f'a moment in newton metres (then tau_Nm = "{source}") or normalised (then tau = "{source}")?'
-    return Recognised("tau", source, _range(span), open=why)
+        return Recognised(_name(quantity, "N m"), source, _range(span))
+    metres, normalised = _name(quantity, "N m"), _name(quantity, NORMALISED)
+    why = f'a {quantity} in newton metres (then {metres} = "{source}") or normalised (then {normalised} = "{source}")?'
+    return Recognised(normalised, source, _range(span), open=why)
 
 
 def _force(quantity: str, source: str, span: Span) -> Recognised:
@@ -230,6 +238,11 @@ def _plain(quantity: str, source: str, span: Span) -> Recognised:
     return Recognised(source if source in CANONICAL else names_of(quantity)[0], source, _range(span))
 
 
+def _name(quantity: str, unit: str) -> str:
+    """The canonical name of a quantity in a unit."""
+    return next(name for name in names_of(quantity) if CANONICAL[name].unit == unit)
+
+
 def _told(source: str, words: Mapping[str, str]) -> str | None:
     """The unit that a name says."""
     if source in CANONICAL and CANONICAL[source].unit != TIMESTAMP:
@@ -241,4 +254,10 @@ def _told(source: str, words: Mapping[str, str]) -> str | None:
 
 
 UNITS_OF_KEYS = {name: one.unit for name, one in CANONICAL.items()}
-_JUDGES = {"time": _time, "heading": _heading, "moment": _moment, "force": _force, "voltage": _voltage}
+_JUDGES = {
+    "time": _time,
+    "force": _force,
+    "voltage": _voltage,
+    **dict.fromkeys((dof.position for dof in ROTATIONS), _angle),
+    **dict.fromkeys((dof.command for dof in ROTATIONS), _moment),
+}

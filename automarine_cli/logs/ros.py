@@ -175,7 +175,7 @@ def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) 
 def _motion(topic: Topic) -> Fields:
     """Heading [rad], yaw rate [rad/s], surge and sway [m/s] by our signs, whichever the type has."""
     quaternion, angular, linear = POSES[topic.kind]
-    x, y, z, w = (topic.fields[f"{quaternion}.{axis}"] for axis in "xyzw")
+    x, y, z, w = (topic.fields[f"{quaternion}.{dof}"] for dof in "xyzw")
     found = {}
     yaw = yaw_of(w, x, y, z)
     yaw[topic.fields.get(NOT_MEASURED, np.zeros(len(yaw))) == -1] = np.nan

@@ -12,16 +12,20 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from automarine_cli.axes import AXES
+from automarine_cli.dofs import DOFS
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import CANONICAL, motion_of, names_of
+from automarine_cli.logs.canonical import CANONICAL, VELOCITIES, motion_of, names_of
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import RawLog
 from automarine_cli.logs.table import Floats
 from automarine_cli.pipeline.words import listed, printable
 
 PAUSE = 5.0  # s without a heading: the recorder stood still
-MOTION = ("yaw_rate", "surge", "sway", "heave", "distance", "depth")  # no heading: it wraps
+MOTION = {
+    *VELOCITIES,
+    *(q for dof in DOFS.values() for q in dof.channels if q != dof.position or not dof.wraps),
+}
+"""What moves on between two messages: no position that wraps."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +145,7 @@ def _is_bollard(streams: Sequence[Stream], also: Mapping[str, str], columns: Col
         for name, rule in columns.columns.items()
         if name in CANONICAL and rule.source in there
     }
-    commands = {name for axis in AXES.values() for name in (axis.command, *axis.thrusters)}
+    commands = {name for dof in DOFS.values() for name in (dof.command, *dof.thrusters)}
     return named >= {"n", "force"} and not named & commands
 
 

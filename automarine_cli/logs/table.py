@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import Dof
 
 Floats = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ class LogTable:
     `columns` holds the canonical quantities that the file has, under these names:
     `time` [s], `heading` [rad, as logged: wrapped or not], `yaw_rate` [rad/s], `moment` [`moment_unit`],
     `n_port`, `n_stbd`, `n` [the file's own unit], `voltage` [V], `surge`, `sway` [m/s], `force` [N]; in a log of
-    another motion (`axis`) its position [m] and force (see `axes.Axis`) [`moment_unit`] in place of heading and moment;
+    another motion (`dof`) its position [m] and force (see `dofs.Dof`) [`moment_unit`] in place of heading and moment;
     every other numeric column stays in `extras` under the file's own name.
     A missing value is NaN. `rows` are 1-based line numbers in the file (Parquet: row numbers), for messages.
     `names` are all column names of the file, `notes` what a person should know about the reading. In a file of several
@@ -41,7 +41,7 @@ class LogTable:
     run_names: tuple[str, ...] = ()
     run_code: NDArray[np.int64] | None = None
     moment_unit: str | None = None
-    axis: Axis = YAW
+    dof: Dof = field(kw_only=True)
     extras: Mapping[str, Floats] = field(default_factory=dict)
     names: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()

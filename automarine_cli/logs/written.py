@@ -34,7 +34,7 @@ def columns_of(table: LogTable, first: int, stop: int) -> dict[str, Floats | lis
 def _name_of(quantity: str, table: LogTable) -> str:
     """The name that a quantity is written under: in degrees, in the unit of the moment or force, else in SI units."""
     names = names_of(quantity)
-    if quantity == table.axis.command:
+    if quantity == table.dof.command:
         return next(name for name in names if CANONICAL[name].unit == table.moment_unit)
     degrees = (name for name in names if "_deg" in name)
     return next(degrees, None) or next(name for name in names if CANONICAL[name].factor() == 1)

@@ -6,7 +6,7 @@ from typing import Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import ModelError, RunError
 from automarine_cli.models.thruster_map import ThrusterMap
 
@@ -27,7 +27,7 @@ class Driven(Protocol):
         ...
 
     @property
-    def axis(self) -> Axis:
+    def dof(self) -> Dof:
         """The motion that it is of."""
         ...
 
@@ -56,7 +56,7 @@ def drive_by_thrusters(runs: Sequence[RunLike], thrusters: ThrusterMap, arm: flo
 
 def drive_run_by_thrusters(run: RunLike, thrusters: ThrusterMap, arm: float) -> RunLike:
     """One run driven by its thruster commands; see `drive_by_thrusters`."""
-    names = run.axis.thrusters
+    names = run.dof.thrusters
     lacking = [name for name in names if name not in run.extras]
     if lacking:
         raise RunError(
@@ -67,11 +67,11 @@ def drive_run_by_thrusters(run: RunLike, thrusters: ThrusterMap, arm: float) -> 
     try:
         moment = (
             thrusters.moment(run.extras["n_port"], run.extras["n_stbd"], arm)
-            if run.axis.levered
+            if run.dof.levered
             else np.asarray(
-                sum(side * thrusters.force(run.extras[n]) for side, n in zip(run.axis.sides, names))
+                sum(side * thrusters.force(run.extras[n]) for side, n in zip(run.dof.sides, names))
             )
         )
     except ModelError as error:
         raise ModelError(f"{run.source}, run {run.name!r}: {error}") from None
-    return run.with_moment(moment, run.axis.units[1])
+    return run.with_moment(moment, run.dof.units.forces[1])

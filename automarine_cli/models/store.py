@@ -2,52 +2,28 @@
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from automarine_cli import effects
-from automarine_cli.axes import AXES, YAW, Axis
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError
 from automarine_cli.models.thruster_map import ThrusterMap
-from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
+from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_roles
 from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.plain_data import told as _told
 from automarine_cli.pipeline.words import LONGEST, printable
 
-SCHEMA = "automarine/yaw-model/1"
 SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
-DRAG_NAMES = {"linear-drag": "k_r", "quadratic-drag": "k_rr"}
 LATEST_SWITCH = 0.5  # of a sample interval: beyond it another sample would show the command first
-# What `fit-yaw` and `diagnose` write; of it `_READ` is read. Any other key is a slip of somebody's hand.
-_READ = ("schema", "models", "preferred", "moment_unit", "switch_offset", "effects")
-_TOP = (
-    *_READ,
-    *(
-        "fitted_to",
-        "preferred_because",
-        "inertial_turn_angle_rad",
-        "gain_scatter",
-        "heading_noise_deg",
-        "valid_range",
-    ),
-    *("warnings", "runs", "parent", "notes"),
-)
-_MODEL = (
-    *("I_r", "k_rr", "k_r", "inertial_turn_angle_rad", "output_error", "velocity_error", "sse", "why"),
-    *("warnings", "notes"),
-)
-CONSTANT, DIFFERENCE = "constant_force", "half_difference"
-"""Keys of what only translations have: the constant force, and half the difference of drag between the two ways."""
-ON_FORCE = ("buoyancy",)
-_EFFECT = ("name", "parameters", "says", "confidence", "p_value", "rivals")
 
 
 @dataclass(frozen=True)
 class StoredModels:
-    """The yaw models of one file, by number, each with the file's effects already in it.
+    """The models of one file, by number, each with the file's effects already in it.
 
-    `preferred` is the number of the model that the fit prefers; `moment_unit` is "nu" or "N m";
+    `preferred` is the number of the model that the fit prefers; `moment_unit` is that of the motion `dof`;
     `switch_offset` is the share of a sample interval by which commands act later than the middle of the
     interval before the sample that first shows them (the logger's convention); `source` is the file's name,
     `effects` the names of what was added to the drag.
@@ -58,12 +34,12 @@ class StoredModels:
     moment_unit: str
     switch_offset: float
     source: str
+    dof: Dof
     effects: tuple[str, ...] = ()
-    axis: Axis = YAW
 
 
 def load_yaw_models(path: Path) -> StoredModels:
-    """The models of a `yaw_model.json`, `surge_model.json`, `heave_model.json` or `extended_model.json`.
+    """The models of a `yaw_model.json`, of another motion's `..._model.json`, or of an `extended_model.json`.
 
     Raises ModelError with the file and the key's path for anything that is not what the schema says.
     """
@@ -81,24 +57,11 @@ def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels
     Raises ModelError.
     """
     top = _object(data, where)
-    axis = _checked_schema(top, where)
-    if wrong := axis.misnamed(top):
-        raise ModelError(
-            f"{where}: unknown key {_told(wrong)}; in {axis.name} it is {_told(axis.key(wrong))}"
-        )
-    try:
-        return _models(axis.plain(top), where, axis)
-    except ModelError as error:
-        place, _, rest = str(error).partition(where)  # a file may be called as it likes
-        raise ModelError(f"{place}{where}{axis.say(rest)}") from None
-
-
-def _models(top: Mapping[str, object], where: str, axis: Axis) -> StoredModels:
-    """The models of a motion, under yaw's keys."""
-    _refuse_unknown(top, _TOP if axis.wraps else (*_TOP, "motion", *ON_FORCE), where)
-    entries = _object(_needed(top, "models", where), f"{where}: models")
-    unit = _moment_unit(top, entries, where, axis)
-    added = _effects(top.get("effects", []), f"{where}: effects")
+    dof = _checked_schema(top, where)
+    _refuse_unknown(top, _file_keys, where, dof)
+    entries = _object(_needed(top, "models", where, dof), f"{where}: models")
+    unit = _force_unit(top, entries, where, dof)
+    added = _effects(top.get("effects", []), f"{where}: effects", dof)
     models = {}
     for number, entry in entries.items():
         if number not in BASE_TERMS:
@@ -106,92 +69,126 @@ def _models(top: Mapping[str, object], where: str, axis: Axis) -> StoredModels:
             raise ModelError(f"{where}: models.{name}: unknown model; known are {', '.join(BASE_TERMS)}")
         if entry is not None:  # null: a model that could not be fitted
             models[number] = _with_effects(
-                _base(number, entry, unit, f"{where}: models.{number}", axis), added
+                _base(number, entry, unit, f"{where}: models.{number}", dof), added
             )
     if not models:
         raise ModelError(f"{where}: models: holds no model; expected one or more of {', '.join(BASE_TERMS)}")
-    preferred = _needed(top, "preferred", where)
+    preferred = _needed(top, "preferred", where, dof)
     if not isinstance(preferred, str) or preferred not in models:
         raise ModelError(
             f"{where}: preferred: found {_told(preferred)}, expected one of the file's models "
             f"({', '.join(models)})"
         )
     offset = top.get("switch_offset")
-    late = 0.0 if offset is None else _number(offset, f"{where}: switch_offset")
+    late = 0.0 if offset is None else _number(offset, f"{where}: switch_offset", dof)
     if abs(late) > LATEST_SWITCH:
         raise ModelError(
             f"{where}: switch_offset: found {late:g}, expected a share of a sample interval "
             f"between -{LATEST_SWITCH} and {LATEST_SWITCH}"
         )
     names = tuple(name for name, _ in added)
-    return StoredModels(models, preferred, unit, late, where, names, axis)
+    return StoredModels(models, preferred, unit, late, where, dof, names)
 
 
-def schema_of(axis: Axis) -> str:
+def schema_of(dof: Dof) -> str:
     """The schema of a motion's model file."""
-    return f"automarine/{axis.name}-model/1"
+    return f"automarine/{dof.name}-model/1"
 
 
-def _checked_schema(top: Mapping[str, object], where: str) -> Axis:
+def _file_keys(dof: Dof) -> tuple[str, ...]:
+    """What `fit-yaw`, its like and `diagnose` write, the first ones being read. Any other key is a slip of somebody's
+    hand."""
+    return (
+        "schema", "models", "preferred", f"{dof.words.force}_unit", "switch_offset", "effects",
+        "fitted_to", "preferred_because", dof.ratio_key, "gain_scatter",
+        f"{dof.words.position}_noise_{dof.units.key}", "valid_range", "warnings", "runs", "parent", "notes",
+        *(() if dof.wraps else ("motion", "buoyancy")),
+    )  # fmt: skip
+
+
+def _model_keys(dof: Dof) -> tuple[str, ...]:
+    """The same of one model."""
+    own = dof.symbols
+    return (
+        own.inertia, own.quadratic, own.linear, dof.ratio_key, "output_error", "velocity_error", "sse", "why",
+        "warnings", "notes", *(() if dof.wraps else (own.constant, own.difference, "sides")),
+    )  # fmt: skip
+
+
+def _effect_keys(dof: Dof) -> tuple[str, ...]:
+    """The same of one effect, alike in all motions."""
+    return ("name", "parameters", "says", "confidence", "p_value", "rivals")
+
+
+def _checked_schema(top: Mapping[str, object], where: str) -> Dof:
     """The motion that the file's schema says."""
     schema = top.get("schema")
-    axis = next((one for one in AXES.values() if schema_of(one) == schema), None)
-    if axis is None:
+    dof = next((one for one in DOFS.values() if schema_of(one) == schema), None)
+    if dof is None:
         hint = "give the yaw_model.json that `automarine fit-yaw` writes"
         if isinstance(schema, str) and schema.startswith("automarine/thruster-map/"):
             hint = f"this is a thruster map; {hint}"
-        raise ModelError(f"{where}: schema: found {_told(schema)}, expected {_told(SCHEMA)}; {hint}")
-    return axis
+        raise ModelError(f"{where}: schema: found {_told(schema)}, expected {_told(schema_of(YAW))}; {hint}")
+    return dof
 
 
-def _refuse_unknown(entry: Mapping[str, object], known: tuple[str, ...], where: str) -> None:
+def _refuse_unknown(
+    entry: Mapping[str, object], keys: Callable[[Dof], tuple[str, ...]], where: str, dof: Dof
+) -> None:
     """Refuse a key that means nothing: it may be meant as one that is read, and must not be passed over."""
+    known = keys(dof)
     for key in entry:
         if key not in known:
             absent = [name for name in known if name not in entry]
-            close = difflib.get_close_matches(key[:LONGEST], absent, n=1, cutoff=0.8)
+            twins = (pair for other in DOFS.values() for pair in zip(keys(other), known))
+            meant = [own for name, own in twins if name == key and own in absent]
+            close = meant or difflib.get_close_matches(key[:LONGEST], absent, n=1, cutoff=0.8)
             hint = f"did you mean {_told(close[0])}?" if close else f"known are {', '.join(known)}"
             raise ModelError(f"{where}: unknown key {_told(key)}; {hint}")
 
 
-def _moment_unit(top: Mapping[str, object], entries: Mapping[str, object], where: str, axis: Axis) -> str:
-    """The moment's unit: said by the file, or in yaw told by the unit of an inertia."""
-    unit = top.get("moment_unit")
-    if unit is None and axis.wraps:
-        inertias = [entry.get("I_r") for entry in entries.values() if isinstance(entry, Mapping)]
+def _force_unit(top: Mapping[str, object], entries: Mapping[str, object], where: str, dof: Dof) -> str:
+    """The unit of moment or force: said by the file, or told by the unit of an inertia."""
+    key = f"{dof.words.force}_unit"
+    unit = top.get(key)
+    if unit is None:
+        inertias = [
+            entry.get(dof.symbols.inertia) for entry in entries.values() if isinstance(entry, Mapping)
+        ]
         units = [one.get("unit") for one in inertias if isinstance(one, Mapping)]
-        unit = next((one.removesuffix(" s²") for one in units if isinstance(one, str)), None)
-    if unit not in axis.units:
-        expected = " or ".join(_told(one) for one in axis.units)
-        raise ModelError(f"{where}: moment_unit: found {_told(unit)}, expected {expected}")
+        unit = next((one for one in units if isinstance(one, str)), None)
+        unit = {dof.unit_of("inertia", force): force for force in dof.units.forces}.get(str(unit), unit)
+    if unit not in dof.units.forces:
+        expected = " or ".join(_told(one) for one in dof.units.forces)
+        raise ModelError(f"{where}: {key}: found {_told(unit)}, expected {expected}")
     return str(unit)
 
 
-def _base(number: str, data: object, unit: str, where: str, axis: Axis) -> YawModel:
+def _base(number: str, data: object, unit: str, where: str, dof: Dof) -> YawModel:
     """Model `number` without effects. Model 2's linear term may have either sign, as in Table 1."""
     entry = _object(data, where)
-    _refuse_unknown(entry, _MODEL if axis.wraps else (*_MODEL, CONSTANT, DIFFERENCE, "sides"), where)
-    drags = [DRAG_NAMES[term] for term in BASE_TERMS[number]]
-    for name in DRAG_NAMES.values():
-        if entry.get(name) is not None and name not in drags:
+    _refuse_unknown(entry, _model_keys, where, dof)
+    sided = dof.directional and entry.get(dof.symbols.difference) is not None
+    roles = base_roles(number, dof, sided)
+    for role in ("linear", "quadratic"):
+        name = dof.parameters[role]
+        if entry.get(name) is not None and role not in roles:
+            drags = [dof.parameters[one] for one in ("quadratic", "linear") if one in roles]
             raise ModelError(f"{where}.{name}: model {number} has no such term; it has {', '.join(drags)}")
-    inertia = _number(_needed(entry, "I_r", where), f"{where}.I_r")
-    if inertia <= 0:
-        raise ModelError(f"{where}.I_r: found {inertia:g}, expected an inertia above zero")
-    values = []
-    for name in drags:
-        value = _number(_needed(entry, name, where), f"{where}.{name}")
-        if value < 0 and not (number == "2" and name == "k_r"):
+    values = {}
+    for role in roles:
+        name = dof.parameters[role]
+        value = values[role] = _number(_needed(entry, name, where, dof), f"{where}.{name}", dof)
+        if role == "inertia" and value <= 0:
+            raise ModelError(f"{where}.{name}: found {value:g}, expected {dof.words.an_inertia} above zero")
+        may_drive = role == "linear" and "quadratic" in roles
+        if role in ("linear", "quadratic") and value < 0 and not may_drive:
             raise ModelError(f"{where}.{name}: found {value:g}, expected a drag of zero or more")
-        values.append(value)
-    if axis.constant:
-        values.append(_number(_needed(entry, CONSTANT, where), f"{where}.{CONSTANT}"))
-    if axis.sided and entry.get(DIFFERENCE) is not None:
-        values.append(_number(entry[DIFFERENCE], f"{where}.{DIFFERENCE}"))
-    return YawModel.base(number, inertia, values, unit, axis)
+    inertia = values.pop("inertia")
+    return YawModel.base(number, inertia, list(values.values()), unit, dof)
 
 
-def _effects(data: object, where: str) -> list[tuple[str, tuple[float, ...]]]:
+def _effects(data: object, where: str, dof: Dof) -> list[tuple[str, tuple[float, ...]]]:
     """Name and values of each effect of the file."""
     if not isinstance(data, list):
         raise ModelError(f"{where}: found {_told(data)}, expected a list")
@@ -199,33 +196,31 @@ def _effects(data: object, where: str) -> list[tuple[str, tuple[float, ...]]]:
     for i, item in enumerate(data):
         place = f"{where}[{i}]"
         entry = _object(item, place)
-        _refuse_unknown(entry, _EFFECT, place)
-        name = _needed(entry, "name", place)
+        _refuse_unknown(entry, _effect_keys, place, dof)
+        name = _needed(entry, "name", place, dof)
         if not isinstance(name, str) or name not in effects.names():
             raise ModelError(
                 f"{place}.name: found {_told(name)}, expected one of {', '.join(effects.names())}"
             )
-        given = _object(_needed(entry, "parameters", place), f"{place}.parameters")
-        found.append((name, _parameters(name, given, f"{place}.parameters")))
+        given = _object(_needed(entry, "parameters", place, dof), f"{place}.parameters")
+        found.append((name, _parameters(name, given, f"{place}.parameters", dof)))
     return found
 
 
-def _parameters(name: str, given: Mapping[str, object], where: str) -> tuple[float, ...]:
-    wanted = effects.get(name).parameters
-    names = ", ".join(parameter.name for parameter in wanted) or "none"
+def _parameters(name: str, given: Mapping[str, object], where: str, dof: Dof) -> tuple[float, ...]:
+    wanted = {parameter.name_in(dof): parameter for parameter in effects.get(name).parameters}
     for key in given:
-        if key not in {parameter.name for parameter in wanted}:
-            raise ModelError(f"{where}: unknown key {_told(key)}; {name} takes {names}")
+        if key not in wanted:
+            raise ModelError(f"{where}: unknown key {_told(key)}; {name} takes {', '.join(wanted) or 'none'}")
     values = []
-    for parameter in wanted:
-        if parameter.choices and parameter.name not in given:
+    for key, parameter in wanted.items():
+        if parameter.choices and key not in given:
             values.append(parameter.start)
             continue
-        value = _number(_needed(given, parameter.name, where), f"{where}.{parameter.name}")
+        value = _number(_needed(given, key, where, dof), f"{where}.{key}", dof)
         if not parameter.lower <= value <= parameter.upper:
             raise ModelError(
-                f"{where}.{parameter.name}: found {value:g}, expected {parameter.lower:g} to "
-                f"{parameter.upper:g}"
+                f"{where}.{key}: found {value:g}, expected {parameter.lower:g} to {parameter.upper:g}"
             )
         values.append(value)
     return tuple(values)
@@ -237,10 +232,10 @@ def _with_effects(model: YawModel, added: list[tuple[str, tuple[float, ...]]]) -
     return model
 
 
-def _number(data: object, where: str) -> float:
+def _number(data: object, where: str, dof: Dof) -> float:
     """A finite number: an estimate's `value`, or plain."""
     if isinstance(data, Mapping):
-        where, data = f"{where}.value", _needed(data, "value", where)
+        where, data = f"{where}.value", _needed(data, "value", where, dof)
     if isinstance(data, bool) or not isinstance(data, int | float):
         raise ModelError(f"{where}: found {_told(data)}, expected a number")
     try:
@@ -260,9 +255,9 @@ def _object(data: object, where: str) -> Mapping[str, object]:
     return data
 
 
-def _needed(data: Mapping[str, object], key: str, where: str) -> object:
+def _needed(data: Mapping[str, object], key: str, where: str, dof: Dof) -> object:
     if key not in data:
         raise ModelError(
-            f"{where}: key {_told(key)} is missing; give a file as `automarine fit-yaw` writes it"
+            f"{where}: key {_told(key)} is missing; give a file as `automarine fit-{dof.name}` writes it"
         )
     return data[key]

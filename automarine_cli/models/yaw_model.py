@@ -1,14 +1,16 @@
 """`YawModel`: inertia and a tuple of effects with values; frozen, `with_...` returns a new one."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from automarine_cli import effects
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import Dof
+from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.errors import ModelError
+from automarine_cli.models.vehicle import Bound
 
 Floats = NDArray[np.float64]
 
@@ -19,49 +21,55 @@ BASE_TERMS = {
 }
 """The drag terms of the paper's three models: D(r) = k_r; k_rr|r| + k_r; k_rr|r|."""
 
+CONSTANT = "bias-moment"
+"""The term of a moment or force that always acts."""
 
 ASYMMETRY = {"1": "linear-drag-asymmetry", "2": "drag-asymmetry", "3": "drag-asymmetry"}
-"""The term by which drag differs between the two ways of a translation."""
-
-BASE_NAMES = {
-    "linear-drag": "k_r",
-    "quadratic-drag": "k_rr",
-    "bias-moment": "b",
-    **dict.fromkeys(ASYMMETRY.values(), "e"),
-}
-"""What the one parameter of each of these terms is called in a fit."""
+"""The term by which drag differs between the two ways."""
 
 
-def base_terms(number: str, axis: Axis = YAW, sided: bool = False) -> tuple[str, ...]:
+def main_drag(number: str) -> str:
+    """What the drag is, "linear" or "quadratic", that model `number` has always, and of which ways may differ."""
+    return effects.get(BASE_TERMS[number][0]).role
+
+
+def base_terms(number: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
     """The terms of model `number` of a motion: drag, a constant force where one acts, and the asymmetry if `sided`."""
-    constant = ("bias-moment",) if axis.constant else ()
+    constant = (CONSTANT,) if dof.has_constant else ()
     return (*BASE_TERMS[number], *constant, *((ASYMMETRY[number],) if sided else ()))
 
 
-def base_names(number: str, axis: Axis = YAW, sided: bool = False) -> tuple[str, ...]:
-    """The parameters of these terms, the inertia first."""
-    return ("I_r", *(BASE_NAMES[term] for term in base_terms(number, axis, sided)))
+def base_roles(number: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
+    """What the parameters of these terms are (see `Dof.parameters`), the inertia first."""
+    return ("inertia", *(effects.get(term).role for term in base_terms(number, dof, sided)))
+
+
+def base_names(number: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
+    """Their symbols."""
+    return tuple(dof.parameters[role] for role in base_roles(number, dof, sided))
 
 
 @dataclass(frozen=True)
 class Term:
-    """One effect with the values of its parameters, in the effect's order."""
+    """One effect with the values of its parameters, in the effect's order; `own` where it belongs to the motion's own
+    equation, and was not added to it."""
 
     name: str
     values: tuple[float, ...]
+    own: bool = False
 
 
 @dataclass(frozen=True)
 class YawModel:
-    """I_r r' = tau + moments of the terms; actuator, water and sensor effects are terms too. Of any motion (`axis`).
+    """I_r r' = tau + moments of the terms; actuator, water and sensor effects are terms too. Of any motion (`dof`).
 
-    The parameter vector theta is (I_r, values of the first term, values of the second, ...).
+    The parameter vector theta is (inertia, values of the first term, values of the second, ...).
     """
 
     inertia: float
     terms: tuple[Term, ...]
-    moment_unit: str = "nu"
-    axis: Axis = YAW
+    moment_unit: str
+    dof: Dof
 
     @classmethod
     def base(
@@ -69,19 +77,43 @@ class YawModel:
         number: str,
         inertia: float,
         values: Sequence[float] | Floats,
-        moment_unit: str = "nu",
-        axis: Axis = YAW,
+        moment_unit: str,
+        dof: Dof,
     ) -> "YawModel":
         """Model "1", "2" or "3" of the paper; `values` in the order of `base_terms`, sided if there is one more."""
-        sided = len(values) > len(base_terms(number, axis))
-        names = base_terms(number, axis, sided)
-        terms = tuple(Term(name, (float(value),)) for name, value in zip(names, values, strict=True))
-        return cls(float(inertia), terms, moment_unit, axis)
+        sided = len(values) > len(base_terms(number, dof))
+        names = base_terms(number, dof, sided)
+        terms = tuple(
+            Term(name, (float(value),), own=True) for name, value in zip(names, values, strict=True)
+        )
+        return cls(float(inertia), terms, moment_unit, dof)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Names of the entries of theta."""
-        return ("I_r", *(p.name for term in self.terms for p in effects.get(term.name).parameters))
+        """Qualified names of the entries of theta: "yaw.I_r", "yaw.k_rr", and "input-delay.t_d" of what was added."""
+        names = [self.dof.parameter("inertia")]
+        for term in self.terms:
+            effect = effects.get(term.name)
+            if term.own:
+                names.append(self.dof.parameter(effect.role))
+            else:
+                names += [f"{term.name}.{name}" for name in effect.names_in(self.dof)]
+        return tuple(names)
+
+    @property
+    def short_names(self) -> tuple[str, ...]:
+        """The same as files have them: without motion or effect, unless an earlier one is called so."""
+        found: list[str] = []
+        for name in self.parameter_names:
+            short = name.partition(".")[2]
+            found.append(name if short in found else short)
+        return tuple(found)
+
+    def index(self, name: str) -> int:
+        """Place in theta of a parameter by its qualified name; ModelError says what there is."""
+        if name not in self.parameter_names:
+            raise ModelError(f"the model has no parameter {name!r}; it has {', '.join(self.parameter_names)}")
+        return self.parameter_names.index(name)
 
     @property
     def theta(self) -> Floats:
@@ -111,35 +143,61 @@ class YawModel:
             )
         return replace(self, terms=(*self.terms, Term(name, tuple(float(v) for v in values))))
 
-    def unpack(self, theta: Floats) -> Iterator[tuple[effects.Effect, tuple[Floats, ...]]]:
+    @property
+    def motion(self) -> Motion:
+        """The one degree of freedom as a motion."""
+        return alone(self.dof)
+
+    def inertia_matrix(self, theta: Floats) -> Floats:
+        """Inertia for theta (P, p), (P, 1, 1)."""
+        return theta[:, :1, None]
+
+    def forces(self, theta: Floats) -> list[Bound]:
         """Each term's effect with its columns of theta (P, p) as arrays of shape (P, 1)."""
-        column = 1
+        column, found = 1, []
         for term in self.terms:
             count = len(term.values)
-            yield effects.get(term.name), tuple(theta[:, column + i, None] for i in range(count))
+            values = tuple(theta[:, column + i, None] for i in range(count))
+            found.append(Bound(0, effects.get(term.name), values))
             column += count
+        return found
+
+    def current(self, theta: Floats) -> None:
+        """Still water: one degree of freedom alone cannot tell a current from its start velocity."""
+        return
 
     def fastest(self, moment: float) -> float:
         """Shortest time constant [s] on the way to the steady rate under |moment|, of the base drag alone."""
-        k_r, k_rr = self.drag()
-        rate = steady_rate(abs(moment), k_r, k_rr)
-        return float(self.inertia / max(k_r + 2.0 * k_rr * float(rate), 1e-12))
+        linear, quadratic = self.drag()
+        rate = steady_rate(abs(moment), linear, quadratic)
+        return float(self.inertia / max(linear + 2.0 * quadratic * float(rate), 1e-12))
 
     def acting(self, moment: Floats) -> tuple[Floats, Floats | float, Floats | float]:
-        """What the vehicle moves by under each `moment`: that with the constant force, k_r and k_rr on its way."""
-        k_r, k_rr = self.drag()
-        if self.axis.wraps:
-            return moment, k_r, k_rr
-        found = {term.name: term.values[0] for term in self.terms}
-        moment = moment + found.get("bias-moment", 0.0)
+        """What the vehicle moves by under each `moment`: that with the constant force, linear and quadratic drag on
+        its way."""
+        linear, quadratic = self.drag()
+        if not (self.dof.has_constant or self.dof.directional):
+            return moment, linear, quadratic
+        moment = moment + self._value("constant")
         way = np.sign(moment)
-        linear, quadratic = (found.get(name, 0.0) for name in (ASYMMETRY["1"], ASYMMETRY["3"]))
-        return moment, k_r + way * linear, k_rr + way * quadratic
+        return (
+            moment,
+            linear + way * self._value("difference", 1),
+            quadratic + way * self._value("difference", 2),
+        )
 
     def drag(self) -> tuple[float, float]:
-        """(k_r, k_rr), zero where the model has no such term."""
-        found = {term.name: term.values[0] for term in self.terms}
-        return found.get("linear-drag", 0.0), found.get("quadratic-drag", 0.0)
+        """Linear and quadratic drag, zero where the model has no such term."""
+        return self._value("linear"), self._value("quadratic")
+
+    def _value(self, role: str, power: int | None = None) -> float:
+        """Value of the last term of a role, and of a power of the speed where that is asked; zero if there is none."""
+        value = 0.0
+        for term in self.terms:
+            effect = effects.get(term.name)
+            if effect.role == role and power in (None, effect.power):
+                value = term.values[0]
+        return value
 
 
 def steady_rate(moment: ArrayLike, k_r: ArrayLike, k_rr: ArrayLike) -> Floats:

@@ -54,7 +54,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Manifest:
-    """A manifest as read; `libraries` includes python."""
+    """A manifest as read; `libraries` includes python, `warnings` say what could not be made."""
 
     schema: str
     automarine: str
@@ -64,6 +64,7 @@ class Manifest:
     seed: int | None = None
     inputs: tuple[Entry, ...] = ()
     outputs: tuple[Entry, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.schema != SCHEMA:

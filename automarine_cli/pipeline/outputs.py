@@ -10,11 +10,13 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePath, PurePosixPath
+from typing import TypeVar
 
 from automarine_cli.errors import OutputError
 from automarine_cli.pipeline import staging
+from automarine_cli.pipeline.attempts import Attempt, attempted
 from automarine_cli.pipeline.manifest import (
     MANIFEST,
     SCHEMA,
@@ -25,6 +27,8 @@ from automarine_cli.pipeline.manifest import (
     versions_here,
 )
 from automarine_cli.pipeline.recipe import to_mapping
+
+Made = TypeVar("Made")
 
 MOST_FOREIGN = 1000
 MOST_THROUGH = 200  # files written through to the disk one by one; of more, a slow disk would make minutes
@@ -71,6 +75,7 @@ class ResultFolder:
         self._stage = stage
         self._forbidden = forbidden
         self._hashes: dict[str, str] = {}
+        self._warnings: list[str] = []
 
     @property
     def hashes(self) -> Mapping[str, str]:
@@ -98,6 +103,21 @@ class ResultFolder:
     def write_json(self, name: str, data: object) -> None:
         """One JSON file in the house's form. Raises OutputError, also for NaN and infinity."""
         self.write(name, json_text(data))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences about what could not be made, in order."""
+        return tuple(self._warnings)
+
+    def attempt(self, failure: str, work: Callable[[], Made]) -> Made | None:
+        """What `work` makes; where it fails None, and a warning that begins with `failure`: see `attempted`."""
+        return self.taken(attempted(failure, work))
+
+    def taken(self, attempt: Attempt[Made]) -> Made | None:
+        """What was made; where nothing was None, and the warning is in the manifest."""
+        if attempt.warning:
+            self._warnings.append(attempt.warning)
+        return attempt.made
 
 
 @contextlib.contextmanager
@@ -135,6 +155,7 @@ def result_folder(
             "seed": seed,
             "inputs": read,
             "outputs": [{"file": name, "sha256": sha} for name, sha in folder.hashes.items()],
+            **({"warnings": folder.warnings} if folder.warnings else {}),
         }
         folder.write_json(MANIFEST, manifest)
         replaced, _ = _inspect(target, out, command, overwrite)  # again: it may have appeared meanwhile

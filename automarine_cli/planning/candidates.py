@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import pi, radians
+from math import radians
 
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.planning.limits import Limits
@@ -12,7 +12,6 @@ TURNS = (1 / 3, 1 / 2, 2 / 3, 1.0)
 """Lengths of steps that are tried, as shares of how far they may turn."""
 LOW = 0.1
 """Smallest moment that is tried, as a share of the largest; levels between go by the root, as yaw rates do."""
-LONG_TURN = 4.0 * pi
 RAMP_S, REST_S, STAIRS = 40.0, 60.0, 20
 COAST_CONSTANTS, COAST_S = 6.0, (5.0, 20.0)
 """A coast-down lasts so many of the vehicle's time constants at full moment, within these bounds [s]."""
@@ -117,8 +116,8 @@ def _furthest(limits: Limits) -> float:
 
 def _seconds(model: YawModel, moment: float, degrees: float) -> float:
     """Time to turn so far from rest, by inertia and drag, on a tenth of a second."""
-    k_r, k_rr = model.drag()
-    return max(round(time_to_turn(radians(degrees), moment, Resistance(model.inertia, k_r, k_rr)), 1), 0.5)
+    drag = Resistance(model.inertia, *model.drag(), dof=model.dof)
+    return max(round(time_to_turn(radians(degrees), moment, drag), 1), 0.5)
 
 
 def _step(model: YawModel, moment: float, degrees: float) -> Candidate:
@@ -168,7 +167,7 @@ def _ramps(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidat
 def _long_turns(model: YawModel, limits: Limits, largest: float) -> Iterator[Candidate]:
     for size in (largest, levels(limits, largest)[limits.moments.levels // 2]):
         for side in (1, -1):
-            hold = _seconds(model, size, 180.0 * LONG_TURN / pi)
+            hold = _seconds(model, size, model.dof.shown(model.dof.limits.long))
             yield Candidate("long-turn", f"long_{moment_text(side * size)}", ((side * size, hold),))
 
 

@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.study import Study
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.mixed_model import Problem
+from automarine_cli.fits.run_effects import GAIN, SWITCHES
 from automarine_cli.fits.step_response import step_data, step_problem
 from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
 from automarine_cli.models.closed_form import response
@@ -74,9 +76,10 @@ class Fitting:
 
     def runs(self, candidates: Sequence[Candidate]) -> list[Run]:
         """The candidates as runs."""
-        unit = self.model.moment_unit
+        unit, dof = self.model.moment_unit, self.model.dof
         return [
-            as_run(one, rate=self.rate, rest=self.rest, unit=unit, voltage=self.voltage) for one in candidates
+            as_run(one, dof, rate=self.rate, rest=self.rest, unit=unit, voltage=self.voltage)
+            for one in candidates
         ]
 
     def problem(self, candidates: Sequence[Candidate]) -> Problem:
@@ -91,18 +94,18 @@ class Fitting:
         return whole_run_problem(self.model, batch, np.array([starts_at_rest(run) for run in runs]))
 
     def _study(self, candidates: Sequence[Candidate]) -> Study:
-        drag = (self.base.inertia, self.base.terms, self.base.moment_unit)
+        drag = (self.base.inertia, self.base.terms, self.base.moment_unit, self.base.dof)
         return _study(tuple(candidates), drag, self.rate, self.rest, self.voltage)
 
     def _half_turns(self, candidates: Sequence[Candidate]) -> Problem:
         """As `fit-yaw` trims them: from the rest to the first half-turn, less three standard deviations."""
-        k_r, k_rr = self.model.drag()
+        drag = self.model.drag()
         names, moments, intervals = list[str](), list[float](), list[float]()
         times, headings = list[Floats](), list[Floats]()
         for run, one in zip(self.runs(candidates), candidates):
             first = int(np.argmax(run.command != 0))
             time = np.asarray((np.arange(len(run)) - first + 0.5) / self.rate)
-            heading, _ = response(time, one.commands[0][0], self.model.inertia, k_r, k_rr)
+            heading, _ = response(time, one.commands[0][0], self.model.inertia, *drag)
             kept = (np.abs(heading) <= np.pi - MARGIN_IN_SIGMA * self.noise) & (
                 np.arange(len(run)) >= first - MOST_REST
             )
@@ -111,7 +114,9 @@ class Fitting:
             headings.append(heading[kept])
             moments.append(one.commands[0][0])
             intervals.append(1.0 / self.rate)
-        return step_problem(step_data(names, times, headings, moments, intervals), self.number)
+        return step_problem(
+            step_data(names, times, headings, moments, intervals, self.model.dof), self.number
+        )
 
     @cached_property
     def on_log(self) -> tuple[bool, ...]:
@@ -125,18 +130,19 @@ class Fitting:
 
     def variances(self, problem: Problem) -> Floats:
         """Logarithms of noise and factors, as the linear half of the mixed model takes them."""
-        factors = [max(self.scatter, problem.effects.limits[0][0]), 1.0, QUIET]
-        for i, name in enumerate(varying_terms(self.model)):
+        own = problem.effects
+        factors = {GAIN: max(self.scatter, own.limits[own.factor_names.index(GAIN)][0]), SWITCHES: 1.0}
+        for name in varying_terms(self.model):
             amplitude = next(term.values[0] for term in self.model.terms if term.name == name)
-            largest = float(problem.effects.scale[:, problem.effects.factor == 3 + i].max())
-            factors.append(max(amplitude / (np.sqrt(2.0) * largest), QUIET))
-        return np.append(np.log(self.noise), np.log(factors[: len(problem.effects.limits)]))
+            largest = float(own.of(own.scale, name).max())
+            factors[name] = max(amplitude / (np.sqrt(2.0) * largest), QUIET)
+        return np.log([self.noise, *(factors.get(name, QUIET) for name in own.factor_names)])
 
 
 @lru_cache(maxsize=64)
 def _study(
     candidates: tuple[Candidate, ...],
-    drag: tuple[float, tuple[Term, ...], str],
+    drag: tuple[float, tuple[Term, ...], str, Dof],
     rate: float,
     rest: float,
     voltage: float | None,
@@ -144,5 +150,7 @@ def _study(
     """The candidates as a diagnosis would have them; kept, since many models are tried on the same runs."""
     base, signals = YawModel(*drag), () if voltage is None else ("voltage",)
     unit = base.moment_unit
-    runs = tuple(as_run(one, rate=rate, rest=rest, unit=unit, voltage=voltage) for one in candidates)
+    runs = tuple(
+        as_run(one, base.dof, rate=rate, rest=rest, unit=unit, voltage=voltage) for one in candidates
+    )
     return Study(runs, base, False, signals)

@@ -15,13 +15,12 @@ from automarine_cli import effects
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.influence import runs_that_carry
-from automarine_cli.fits.linear_mixed import Gram
 from automarine_cli.fits.mixed_model import Problem, derivatives
 from automarine_cli.fits.output_error import ENOUGH_RUNS
+from automarine_cli.fits.run_effects import SWITCHES
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.fitting import Fitting
 from automarine_cli.planning.layout import alike
-from automarine_cli.quantities import unit_of
 
 Floats = NDArray[np.float64]
 
@@ -40,10 +39,11 @@ def names_of(fitting: Fitting) -> tuple[str, ...]:
 
 def labels(fitting: Fitting) -> tuple[str, ...]:
     """Names of all parameters: those of an effect beside the drag begin with the effect's."""
-    own = ["I_r"]
+    dof = fitting.model.dof
+    own = [dof.symbols.inertia]
     for i, term in enumerate(fitting.model.terms):
         prefix = "" if i < len(fitting.base.terms) else f"{term.name} "
-        own += [f"{prefix}{parameter.name}" for parameter in effects.get(term.name).parameters]
+        own += [f"{prefix}{name}" for name in effects.get(term.name).names_in(dof)]
     return tuple(own)
 
 
@@ -68,17 +68,20 @@ def information(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
 
 def _of_problem(problem: Problem, fitting: Fitting, free: NDArray[np.int64]) -> Floats:
     variances, phi = fitting.variances(problem), fitting.phi(problem)
-    confined = problem.effects.factor == 1
     if fitting.fit == "whole-runs":  # instants may leave their interval, and the headings are linear in them
         return _at(problem, phi, np.zeros_like(problem.effects.scale), variances, free)
     weights = WEIGHTS / WEIGHTS.sum()
-    places = (np.where(confined, node, 0.0) * (problem.effects.scale > 0) for node in NODES)
+    places = []
+    for node in NODES:
+        b = np.zeros_like(problem.effects.scale)
+        problem.effects.of(b, SWITCHES)[...] = node
+        places.append(b * (problem.effects.scale > 0))
     return np.asarray(sum(w * _at(problem, phi, b, variances, free) for w, b in zip(weights, places)))
 
 
 def _at(problem: Problem, phi: Floats, b: Floats, variances: Floats, free: NDArray[np.int64]) -> Floats:
     headings, by_phi, by_run = derivatives(problem, phi, b)
-    gram = Gram.of(by_phi, by_run, 0.0 * headings, problem.seen.sum(axis=1)).keep(free)
+    gram = problem.inner(by_phi, by_run, 0.0 * headings).keep(free)
     return linear_mixed.weigh(gram, problem.effects, variances).hessian
 
 
@@ -87,7 +90,7 @@ def excursions(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
     found = np.zeros(len(candidates))
     for places in alike(candidates).values():
         problem = fitting.problem([candidates[i] for i in places])
-        headings = problem.headings(fitting.phi(problem), np.zeros_like(problem.effects.scale))
+        headings = problem.readings(fitting.phi(problem), np.zeros_like(problem.effects.scale))
         found[places] = np.where(problem.seen, np.abs(headings - headings[:, :1]), 0.0).max(axis=1)
     return found
 
@@ -130,12 +133,14 @@ def moving(per_run: Floats) -> Floats:
 
 
 def directions(fitting: Fitting) -> dict[str, Floats]:
-    """What is wanted, each as a direction (p,) of the search's coordinates: every parameter, and I/k_rr."""
+    """What is wanted, each as a direction (p,) of the search's coordinates: every parameter, and inertia over
+    quadratic drag."""
     names = names_of(fitting)
     axes = np.eye(len(names))
     found = {name: axes[i] for i, name in enumerate(names) if name != OFFSET}
-    if "k_rr" in found:
-        found[ANGLE] = found["I_r"] - found["k_rr"]
+    own = fitting.model.dof.symbols
+    if own.quadratic in found:
+        found[ANGLE] = found[own.inertia] - found[own.quadratic]
     return found
 
 
@@ -164,10 +169,12 @@ def _parameters(fitting: Fitting) -> tuple[dict[str, float], dict[str, bool], di
     model, unit, names = fitting.model, fitting.model.moment_unit, labels(fitting)
     values = dict(zip(names, map(float, model.theta)))
     logarithms = dict(zip(names, fitting.on_log))
-    every = [p for term in model.terms for p in effects.get(term.name).parameters]
-    units = {"I_r": unit_of("I_r", unit)} | {name: p.unit_for(unit) for name, p in zip(names[1:], every)}
-    if "k_rr" in values:
-        values[ANGLE], logarithms[ANGLE], units[ANGLE] = values["I_r"] / values["k_rr"], True, "rad"
+    dof, own = model.dof, model.dof.symbols
+    every = [p for term in model.terms for p in effects.get(term.name).card(dof, unit).parameters]
+    units = {own.inertia: dof.unit_of("inertia", unit)} | {name: p.unit for name, p in zip(names[1:], every)}
+    if own.quadratic in values:
+        values[ANGLE], logarithms[ANGLE] = values[own.inertia] / values[own.quadratic], True
+        units[ANGLE] = dof.unit_of("ratio")
     return values, logarithms, units
 
 

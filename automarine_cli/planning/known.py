@@ -69,11 +69,14 @@ def read_known(model: Path, diagnosis: Path | None) -> Known:
     name = printable(model.name)
     data = read_plain(model, "JSON", ModelError)
     stored = yaw_models_from_json(data, name)
-    if not stored.axis.wraps:
-        raise ModelError(f"{name} is a model of {stored.axis.name}; campaigns are planned from models of yaw")
+    if not stored.dof.wraps:
+        raise ModelError(f"{name} is a model of {stored.dof.name}; campaigns are planned from models of yaw")
     chosen = stored.models[stored.preferred]
     now = _stored_estimates(data, stored)
-    noise, scatter = data.get("heading_noise_deg"), data.get("gain_scatter")
+    noise, scatter = (
+        data.get(f"{stored.dof.words.position}_noise_{stored.dof.units.key}"),
+        data.get("gain_scatter"),
+    )
     runs = data.get("runs")
     used = runs.get("used") if isinstance(runs, Mapping) else None
     spread = scatter.get("value") if isinstance(scatter, Mapping) else scatter
@@ -85,7 +88,7 @@ def read_known(model: Path, diagnosis: Path | None) -> Known:
         if added and found.base:
             at = [
                 found.base[n].value if n in found.base else v
-                for n, v in zip(chosen.parameter_names, chosen.theta)
+                for n, v in zip(chosen.short_names, chosen.theta)
             ]
             chosen = chosen.with_theta(at)
         for effect, values in added:
@@ -130,11 +133,12 @@ def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | No
         return None
     size = {n: now[n].stderr / (abs(now[n].value) if logs[n] else 1.0) for n in names}
     covariance = np.diag([size[n] ** 2 for n in names])
-    if ANGLE in now and "k_rr" in names:
-        i, k = names.index("I_r"), names.index("k_rr")
+    own = fitting.model.dof.symbols
+    if ANGLE in now and own.quadratic in names:
+        i, k = names.index(own.inertia), names.index(own.quadratic)
         relative = now[ANGLE].stderr / now[ANGLE].value
-        shared = 0.5 * (size["I_r"] ** 2 + size["k_rr"] ** 2 - relative**2)
-        most = 0.999 * size["I_r"] * size["k_rr"]
+        shared = 0.5 * (size[own.inertia] ** 2 + size[own.quadratic] ** 2 - relative**2)
+        most = 0.999 * size[own.inertia] * size[own.quadratic]
         covariance[i, k] = covariance[k, i] = float(np.clip(shared, -most, most))
     return covariance
 
@@ -191,9 +195,9 @@ def _some(found: Mapping[str, Estimate | None]) -> dict[str, Estimate]:
 def _stored_estimates(data: Mapping[str, object], stored: StoredModels) -> dict[str, Estimate]:
     """Estimates of the preferred model by label; a file written by hand may have none."""
     entry = data["models"][stored.preferred]  # type: ignore[index]
-    found = {name: _estimate(entry.get(name)) for name in ("I_r", "k_rr", "k_r")}
-    own = entry.get("inertial_turn_angle_rad") or data.get("inertial_turn_angle_rad")
-    found[ANGLE] = _estimate(own)
+    dof, own = stored.dof, stored.dof.symbols
+    found = {name: _estimate(entry.get(name)) for name in (own.inertia, own.quadratic, own.linear)}
+    found[ANGLE] = _estimate(entry.get(dof.ratio_key) or data.get(dof.ratio_key))
     for effect in data.get("effects") or ():  # type: ignore[attr-defined]
         for name, one in effect["parameters"].items():
             found[f"{effect['name']} {name}"] = _estimate(one)
@@ -201,18 +205,16 @@ def _stored_estimates(data: Mapping[str, object], stored: StoredModels) -> dict[
 
 
 def _read_diagnosis(path: Path, stored: StoredModels) -> Told:
-    where = printable(path.name)
-    data = read_plain(path, "JSON", ModelError)
-    if data.get("schema") != DIAGNOSIS or "moment_unit" not in data:
+    where, force = printable(path.name), stored.dof.words.force
+    data, key = read_plain(path, "JSON", ModelError), f"{force}_unit"
+    if data.get("schema") != DIAGNOSIS or key not in data:
         raise ModelError(
             f"{where}: found {told(data.get('schema'))}, expected the diagnosis.json that `automarine diagnose` "
-            "writes of "
-            "yaw runs"
+            f"writes of {stored.dof.name} runs"
         )
-    if data["moment_unit"] != stored.moment_unit:
+    if data[key] != stored.moment_unit:
         raise ModelError(
-            f"{where}: a diagnosis of moments in {told(data['moment_unit'])}, but {stored.source} is a model of "
-            "moments in "
+            f"{where}: a diagnosis of {force}s in {told(data[key])}, but {stored.source} is a model of {force}s in "
             f"{stored.moment_unit}; give the diagnosis of this model"
         )
     named, estimates, doubts = [], dict[str, Estimate | None](), []
@@ -221,14 +223,15 @@ def _read_diagnosis(path: Path, stored: StoredModels) -> Told:
         name = _effect_name(entry, f"{where}: effects[{i}]")
         given = entry.get("parameters") or {}
         values = []
-        for parameter in effects.get(name).parameters:
-            estimate = _estimate(given.get(parameter.name)) if isinstance(given, Mapping) else None
+        effect = effects.get(name)
+        for key, parameter in zip(effect.names_in(stored.dof), effect.parameters):
+            estimate = _estimate(given.get(key)) if isinstance(given, Mapping) else None
             if estimate is None and not parameter.choices:
                 raise ModelError(
-                    f"{where}: effects[{i}].parameters: {parameter.name} has no value; expected an estimate"
+                    f"{where}: effects[{i}].parameters: {key} has no value; expected an estimate"
                 )
             values.append(parameter.start if estimate is None else estimate.value)
-            estimates[f"{name} {parameter.name}"] = estimate
+            estimates[f"{name} {key}"] = estimate
         named.append((name, tuple(values)))
         for j, rival in enumerate(entry.get("rivals") or ()):
             doubts.append(Doubt(name, _effect_name(rival, f"{where}: effects[{i}].rivals[{j}]")))

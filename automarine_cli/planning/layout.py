@@ -4,11 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from automarine_cli.dofs import Dof
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.runs.run import Run
 
 
-def as_run(candidate: Candidate, *, rate: float, rest: float, unit: str, voltage: float | None = None) -> Run:
+def as_run(
+    candidate: Candidate, dof: Dof, *, rate: float, rest: float, unit: str, voltage: float | None = None
+) -> Run:
     """The run that a logger of `rate` [Hz] would bring home, `rest` [s] of zero moment first; the heading stands still.
 
     A command shows from the first sample at or after its instant, as in simulated campaigns. `voltage` [V] is the
@@ -22,7 +25,7 @@ def as_run(candidate: Candidate, *, rate: float, rest: float, unit: str, voltage
     heading = np.full(len(moment), np.deg2rad(candidate.start_heading))
     volts = candidate.voltage if candidate.voltage is not None else voltage
     extras = {} if volts is None else {"voltage": np.full(len(moment), volts)}
-    return Run(candidate.label, "plan", time, heading, moment, unit, extras)
+    return Run(candidate.label, "plan", time, heading, moment, unit, extras, dof=dof)
 
 
 def alike(candidates: Sequence[Candidate]) -> dict[str, list[int]]:

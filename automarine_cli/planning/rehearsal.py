@@ -12,21 +12,23 @@ from automarine_cli.simulation.specification import SCHEMA
 def specification(campaign: Campaign, seed: int) -> tuple[dict[str, Any], str]:
     """Plain data of the specification, and a sentence on what it leaves out; no data where it cannot be simulated."""
     fitting, limits = campaign.fitting, campaign.limits
-    k_r, k_rr = fitting.model.drag()
-    if k_r < 0 or k_rr < 0:
+    dof, (linear, quadratic) = fitting.model.dof, fitting.model.drag()
+    own = dof.symbols
+    if linear < 0 or quadratic < 0:
         return {}, "No plan.toml: a vehicle with negative drag cannot be simulated."
-    own = fitting.model.terms[len(fitting.base.terms) :]
-    can = [term for term in own if not effects.get(term.name).needs]
-    left = [term.name for term in own if term not in can]
+    added = fitting.model.terms[len(fitting.base.terms) :]
+    can = [term for term in added if not effects.get(term.name).needs]
+    left = [term.name for term in added if term not in can]
     rate = fitting.rate
     return {
         "schema": SCHEMA,
         "seed": seed,
         "vehicle": {
-            "I_r": fitting.model.inertia, "k_rr": k_rr, "k_r": k_r, "moment_unit": fitting.model.moment_unit,
+            own.inertia: fitting.model.inertia, own.quadratic: quadratic, own.linear: linear,
+            f"{dof.words.force}_unit": fitting.model.moment_unit,
         },
         "effects": [
-            {"name": term.name} | {p.name: v for p, v in zip(effects.get(term.name).parameters, term.values)}
+            {"name": term.name} | dict(zip(effects.get(term.name).names_in(dof), term.values))
             for term in can
         ],
         "logger": {"rate_hz": rate, "noise_deg": round(float(np.rad2deg(fitting.noise)), 6)},

@@ -16,7 +16,6 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.linear_mixed import Gram
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.candidates import Candidate
@@ -86,11 +85,11 @@ def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> C
     for places in alike(candidates).values():
         here = [candidates[i] for i in places]
         truth, problem = true.problem(here), other.problem(here)
-        wanted = truth.headings(true.phi(truth), np.zeros_like(truth.effects.scale))
+        wanted = truth.readings(true.phi(truth), np.zeros_like(truth.effects.scale))
         phi, b = other.phi(problem), np.zeros_like(problem.effects.scale)
         headings, by_phi, by_run = derivatives(problem, phi, b)
         left = np.where(problem.seen, wanted - headings, 0.0)
-        gram = Gram.of(by_phi, by_run, left, problem.seen.sum(axis=1)).keep(free)
+        gram = problem.inner(by_phi, by_run, left).keep(free)
         weighted = linear_mixed.weigh(gram, problem.effects, other.variances(problem))
         square[places] = other.fitted * weighted.square
         gradient[places] = other.fitted * weighted.gradient

@@ -1,35 +1,46 @@
 """A campaign's report as Markdown: from its step folders one document for a person, which the page renders."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 
-from automarine_cli.axes import AXES
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.pipeline.manifest import Manifest
 from automarine_cli.pipeline.outputs import file_stems
-from automarine_cli.report.campaign_steps import StepResult
+from automarine_cli.report.campaign_steps import StepResult, folder_of
 from automarine_cli.report.campaign_summary import missing_sentence, summary
 from automarine_cli.report.diagnosis_page import escape
 from automarine_cli.report.tables import Table, interval
 
 Steps = Mapping[str, StepResult]
 
-ALT = {
-    "thrusters": "Thrust of one thruster against its control signal: measured points, fitted curves, residuals below",
-    "half_turns": "Heading against time of every half-turn: the part that was fitted in colour, what was cut in grey",
-    "steps": "Heading against time of every half-turn: the part that was fitted in colour, what was cut in grey",
-    "drag": "Steady yaw rate against yaw moment: one point a run, the curves of models 1, 2 and 3, residuals below",
-    "inertia": "Yaw inertia of each run against its moment, with the overall value of both methods",
-    "collapse": "Heading against time times the root of the moment: all runs on one curve if model 3 holds",
-    "whole_runs": "Measured heading of each whole run, and that of the model",
-    "where": "Where the gap between simulated and measured heading is: against each variable that stands out",
-    "why": "Evidence for each effect of the library, and how the runs' own drag and inertia drift",
-    "before_after": "The gap before and after the missing effect was added, against the noise of the heading",
-}
-FIGURES = ("drag", "inertia", "half_turns", "steps", "collapse", "whole_runs")
 SHOWN_OPEN, MOST_SHOWN = 6, 40  # runs whose validation figure stands open, and that are in the page at all
 MOST_ROWS = 1000  # of a folded table: a page of ten thousand rows opens slowly and is read by nobody
 NEXT = "What to run next"
+
+
+def alternatives(dof: Dof) -> dict[str, str]:
+    """What each figure shows, in words, by its name."""
+    words = dof.words
+    position = words.position.capitalize()
+    return {
+        "thrusters": "Thrust of one thruster against its control signal: measured points, fitted curves, residuals "
+        "below",
+        dof.steps_key: f"{position} against time of every {words.step}: the part that was fitted in colour, what was "
+        "cut in grey",
+        "drag": f"Steady {words.rate} against {words.full_force}: one point a run, the curves of models 1, 2 and 3, "
+        "residuals below",
+        "inertia": f"{words.full_inertia.capitalize()} of each run against its {words.force}, with the overall value "
+        "of both methods",
+        "collapse": f"{position} against time times the root of the {words.force}: all runs on one curve if model 3 "
+        "holds",
+        "whole_runs": f"Measured {words.position} of each whole run, and that of the model",
+        "where": f"Where the gap between simulated and measured {words.position} is: against each variable that stands "
+        "out",
+        "why": f"Evidence for each effect of the library, and how the runs' own drag and {words.inertia} drift",
+        "before_after": "The gap before and after the missing effect was added, against the noise of the "
+        f"{words.position}",
+    }
 
 
 def document(steps: Steps, title: str, cautions: Sequence[str] = ()) -> str:
@@ -38,33 +49,31 @@ def document(steps: Steps, title: str, cautions: Sequence[str] = ()) -> str:
     `cautions` are sentences about what does not fit together between the thruster tests and the vehicle.
     """
     sections = {
-        "Thruster map": _thrusters(steps, cautions), "Yaw model": _yaw(steps), "Validation": _validation(steps),
-        "Diagnosis": _diagnosis(steps), **_of_force(steps), "Logs": _logs(steps), "Runs set aside": _set_aside(steps),
-        NEXT: _next(steps), "How this was made": _made(steps),
-    }  # fmt: skip
+        "Thruster map": _thrusters(steps, cautions),
+        **{heading: blocks for dof in DOFS.values() for heading, blocks in _of_motion(steps, dof)},
+        "Logs": _logs(steps),
+        "Runs set aside": _set_aside(steps),
+        NEXT: _next(steps),
+        "How this was made": _made(steps),
+    }
     parts = [f"# {escape(title)}", *summary(steps), missing_sentence(steps)]
     for heading, blocks in sections.items():
         parts += [f"## {heading}", *blocks] if blocks else []
     return "\n\n".join(part.strip() for part in parts if part.strip()) + "\n"
 
 
-def _of_force(steps: Steps) -> dict[str, list[str]]:
-    """The sections of surge and heave."""
-    return {
-        heading: blocks
-        for motion in ("surge", "heave")
-        for heading, blocks in (
-            (f"{motion.capitalize()} model", _yaw(steps, motion)),
-            (f"Validation in {motion}", _validation(steps, f"{motion}_validation")),
-            (f"Diagnosis in {motion}", _diagnosis(steps, f"{motion}_diagnosis")),
-        )
-    }
+def _of_motion(steps: Steps, dof: Dof) -> Iterator[tuple[str, list[str]]]:
+    """The sections of one motion; those of yaw, which every campaign has, need no name."""
+    within = "" if dof is YAW else f" in {dof.name}"
+    yield f"{dof.name.capitalize()} model", _model(steps, dof)
+    yield f"Validation{within}", _validation(steps, dof)
+    yield f"Diagnosis{within}", _diagnosis(steps, dof)
 
 
 def picture(step: StepResult, stem: str, alt: str = "") -> str:
     """The line that shows a figure of a step; nothing if it was not drawn."""
     kinds = [kind for kind in ("png", "svg") if (step.folder / f"{stem}.{kind}").is_file()]
-    return f"![{escape(alt or step.axis.say(ALT[stem]))}]({step.name}/{stem}.{kinds[0]})" if kinds else ""
+    return f"![{escape(alt or alternatives(step.dof)[stem])}]({step.name}/{stem}.{kinds[0]})" if kinds else ""
 
 
 def fold(summary: str, *blocks: str) -> list[str]:
@@ -79,15 +88,15 @@ def _thrusters(steps: Steps, cautions: Sequence[str]) -> list[str]:
     return [picture(step, "thrusters"), body, _bullets([escape(f"Caution: {line}") for line in cautions])]
 
 
-def _yaw(steps: Steps, name: str = "yaw") -> list[str]:
-    if (step := steps.get(name)) is None:
+def _model(steps: Steps, dof: Dof) -> list[str]:
+    if (step := steps.get(dof.name)) is None:
         return []
-    say = step.axis.say
     blocks = [escape(str(step.at("preferred_because")))]
-    if step.at("inertial_turn_angle_rad") is not None:
-        turn = interval(step.estimate("inertial_turn_angle_rad"))
+    if step.at(dof.ratio_key) is not None:
+        length, own = escape(interval(step.estimate(dof.ratio_key))), dof.symbols
         blocks.append(
-            say(f"The inertial turn angle I_r/k_r|r| is {escape(turn)} rad, whatever the unit of the moment.")
+            f"The {dof.words.inertial_length} {own.inertia}/{own.quadratic_print} is {length} {dof.units.base}, "
+            f"whatever the unit of the {dof.words.force}."
         )
     if step.data.get("buoyancy"):
         blocks.append(escape(str(step.at("buoyancy", "says"))))
@@ -97,19 +106,21 @@ def _yaw(steps: Steps, name: str = "yaw") -> list[str]:
     noted = "\n".join(tables)
     warnings = [escape(str(line)) for line in step.at("warnings")]
     blocks += [*tables, _bullets([f"Warning: {line}" for line in warnings if line not in noted])]
-    figures = [picture(step, stem) for stem in FIGURES]
-    return [*blocks, "### Figures of the fit", *figures]
+    figures = ("drag", "inertia", dof.steps_key, "collapse", "whole_runs")
+    shown = [picture(step, stem) for stem in figures]
+    return [*blocks, "### Figures of the fit", *shown]
 
 
-def _validation(steps: Steps, name: str = "validation") -> list[str]:
-    if (step := steps.get(name)) is None:
+def _validation(steps: Steps, dof: Dof) -> list[str]:
+    if (step := steps.get(folder_of(dof, "validation"))) is None:
         return []
+    words = dof.words
     names = [str(one) for one in step.at("logs")]
     shown = [
         picture(
             step,
             f"validation_{stem}",
-            f"Run {one}: " + step.axis.say("measured and simulated heading, their difference, the moment"),
+            f"Run {one}: measured and simulated {words.position}, their difference, the {words.force}",
         )
         for one, stem in islice(zip(names, file_stems(names)), MOST_SHOWN)
     ]
@@ -121,15 +132,15 @@ def _validation(steps: Steps, name: str = "validation") -> list[str]:
     return blocks
 
 
-def _diagnosis(steps: Steps, name: str = "diagnosis") -> list[str]:
-    if (step := steps.get(name)) is None:
+def _diagnosis(steps: Steps, dof: Dof) -> list[str]:
+    if (step := steps.get(folder_of(dof, "diagnosis"))) is None:
         return []
     body, _ = _without_next(step)
     body = re.sub(r"\A# .*\n", "", body)
     body = re.sub(r"^## ", "### ", body, flags=re.MULTILINE)
 
     def shown(found: re.Match[str]) -> str:
-        return picture(step, found[1]) if found[1] in ALT else ""
+        return picture(step, found[1]) if found[1] in alternatives(dof) else ""
 
     return [re.sub(r"^!\[.*\]\((\w+)\.\w+\)$", shown, body, flags=re.MULTILINE)]
 
@@ -168,9 +179,9 @@ def _set_aside(steps: Steps) -> list[str]:
 
 
 def _next(steps: Steps) -> list[str]:
-    warnings = [str(line) for name in AXES if name in steps for line in steps[name].at("warnings")]
+    warnings = [str(line) for name in DOFS if name in steps for line in steps[name].at("warnings")]
     said = [escape(line) for line in warnings if re.search(r"\badd\b", line, flags=re.IGNORECASE)]
-    diagnoses = ("diagnosis", *(f"{name}_diagnosis" for name in AXES))
+    diagnoses = [folder_of(dof, "diagnosis") for dof in DOFS.values()]
     blocks = [_bullets(said), *(_without_next(steps[name])[1] for name in diagnoses if name in steps)]
     lines = [block.strip() for block in blocks if block.strip()]
     return (

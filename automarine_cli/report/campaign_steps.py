@@ -1,40 +1,57 @@
 """The folders that a campaign's report is made from: what each step left, read and checked."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from automarine_cli.axes import AXES, YAW, Axis
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import OutputError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
 from automarine_cli.pipeline.plain_data import read_plain
 
-RESULTS = {
-    "check": ("check.json", "automarine/check/", "a look at the logs"),
-    "thrusters": ("thrusters.json", "automarine/thruster-map/", "a thruster map"),
-    "yaw": ("yaw_model.json", "automarine/yaw-model/", "a yaw model"),
-    "validation": ("validation.json", "automarine/validation/", "a validation"),
-    "diagnosis": ("diagnosis.json", "automarine/diagnosis/", "a diagnosis"),
-}
-"""Folder of each step: its result file, how that file's schema begins, and what it is in words."""
 
-OF_FORCE = {
-    folder: (file, schema, words)
-    for motion in ("surge", "heave")
-    for folder, file, schema, words in (
-        (motion, f"{motion}_model.json", f"automarine/{motion}-model/", f"a {motion} model"),
-        (f"{motion}_validation", "validation.json", "automarine/validation/", f"a validation in {motion}"),
-        (f"{motion}_diagnosis", "diagnosis.json", "automarine/diagnosis/", f"a diagnosis in {motion}"),
-    )
+@dataclass(frozen=True)
+class Kind:
+    """What a step leaves: its result file, how that file's schema begins, what it is in words, of which motion."""
+
+    file: str
+    schema: str
+    words: str
+    dof: Dof = YAW
+
+
+def folder_of(dof: Dof, step: str) -> str:
+    """The folder of "validation" or "diagnosis" of a motion; those of yaw, which every campaign has, need no name."""
+    return step if dof is YAW else f"{dof.name}_{step}"
+
+
+def _of(dof: Dof) -> Iterator[tuple[str, Kind]]:
+    """Folders of one motion."""
+    name, also = dof.name, "" if dof is YAW else f" in {dof.name}"
+    yield name, Kind(f"{name}_model.json", f"automarine/{name}-model/", f"a {name} model", dof)
+    for step in ("validation", "diagnosis"):
+        yield folder_of(dof, step), Kind(f"{step}.json", f"automarine/{step}/", f"a {step}{also}", dof)
+
+
+FORCES = tuple(dof for dof in DOFS.values() if dof is not YAW)
+"""Motions that only some campaigns have."""
+
+RESULTS = {
+    "check": Kind("check.json", "automarine/check/", "a look at the logs"),
+    "thrusters": Kind("thrusters.json", "automarine/thruster-map/", "a thruster map"),
+    **dict(_of(YAW)),
 }
-"""The same of the steps that only campaigns with surge or heave have."""
+"""What each folder of every campaign holds."""
+
+OF_FORCE = dict(entry for dof in FORCES for entry in _of(dof))
+"""The same of the steps that only campaigns with these motions have."""
 
 
 @dataclass(frozen=True)
 class StepResult:
-    """One step's folder: its result file, under yaw's keys, and its manifest (None if there is none)."""
+    """One step's folder: its result file, under the keys of its motion, and its manifest (None if there is none)."""
 
     name: str
     folder: Path
@@ -42,14 +59,14 @@ class StepResult:
     manifest: Manifest | None
 
     @property
-    def axis(self) -> Axis:
+    def dof(self) -> Dof:
         """The motion that it is of."""
-        return AXES.get(self.name.partition("_")[0], YAW)
+        return (RESULTS | OF_FORCE)[self.name].dof
 
     @property
     def file(self) -> str:
         """The result file, as messages name it."""
-        return f"{self.name}/{(RESULTS | OF_FORCE)[self.name][0]}"
+        return f"{self.name}/{(RESULTS | OF_FORCE)[self.name].file}"
 
     def at(self, *keys: str | int) -> Any:
         """A value in the result file. Raises OutputError with its place if it is not there."""
@@ -91,17 +108,16 @@ def read_steps(folder: Path) -> dict[str, StepResult]:
     """The steps that are there, by folder name in their order. Raises OutputError if there is none, or for a file
     that automarine did not write so."""
     found = {}
-    for name, (file, schema, _) in (RESULTS | OF_FORCE).items():
-        path = folder / name / file
+    for name, kind in (RESULTS | OF_FORCE).items():
+        path = folder / name / kind.file
         if not path.is_file():
             continue
         data = read_plain(path, "JSON", OutputError)
-        if not str(data.get("schema", "")).startswith(schema):
+        if not str(data.get("schema", "")).startswith(kind.schema):
             raise OutputError(
-                f"{name}/{file}: schema is {data.get('schema')!r}; expected {schema}1. Run that step again"
+                f"{name}/{kind.file}: schema is {data.get('schema')!r}; expected {kind.schema}1. Run that step again"
             )
         manifest = path.with_name(MANIFEST)
-        data = AXES.get(name.partition("_")[0], YAW).plain(data)
         found[name] = StepResult(
             name, folder / name, data, read_manifest(manifest) if manifest.is_file() else None
         )

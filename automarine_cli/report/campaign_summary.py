@@ -2,16 +2,13 @@
 
 from collections.abc import Iterator, Mapping
 
-from automarine_cli.axes import AXES
+from automarine_cli.dofs import Dof
 from automarine_cli.pipeline.words import listed
-from automarine_cli.report.campaign_steps import OF_FORCE, RESULTS, StepResult
+from automarine_cli.report.campaign_steps import FORCES, OF_FORCE, RESULTS, StepResult, folder_of
 from automarine_cli.report.diagnosis_page import escape
 from automarine_cli.report.tables import interval, number
 
 Steps = Mapping[str, StepResult]
-
-LAWS = {"1": "drag k_r r", "2": "drag k_r|r| |r| r + k_r r", "3": "drag k_r|r| |r| r"}
-NAMES = {"k_rr": "k_r|r|", "k_r": "k_r", "I_r": "I_r"}
 
 
 def summary(steps: Steps) -> Iterator[str]:
@@ -21,27 +18,26 @@ def summary(steps: Steps) -> Iterator[str]:
         for sentence in (
             _identified(steps),
             _predicts(steps.get("validation"), steps.get("yaw")),
-            _lacks(steps),
+            _lacks(steps.get("diagnosis")),
         )
         if sentence
     ]
     if said:
         yield " ".join(said)
-    for motion in ("surge", "heave"):
-        yield from _of_force(steps, motion)
+    for dof in FORCES:
+        yield from _of_force(steps, dof)
 
 
-def _of_force(steps: Steps, motion: str) -> Iterator[str]:
-    """The same paragraph of surge or heave."""
-    model, judged = steps.get(motion), steps.get(f"{motion}_validation")
+def _of_force(steps: Steps, dof: Dof) -> Iterator[str]:
+    """The same paragraph of another motion."""
+    model = steps.get(dof.name)
     parts = []
     if model is not None:
-        said = _yaw(model)
-        parts.append(f"In {motion}, {said}.")
+        parts.append(f"In {dof.name}, {_model(model)}.")
         if model.data.get("buoyancy"):
             parts.append(escape(str(model.at("buoyancy", "says"))))
-    found = [_predicts(judged, model), _lacks({**steps, "diagnosis": steps.get(f"{motion}_diagnosis")})]
-    parts += [AXES[motion].say(one) for one in found if one]
+    judged, lacks = (steps.get(folder_of(dof, step)) for step in ("validation", "diagnosis"))
+    parts += [one for one in (_predicts(judged, model), _lacks(lacks)) if one]
     if parts:
         yield " ".join(parts)
 
@@ -50,39 +46,34 @@ def missing_sentence(steps: Steps) -> str:
     """Which steps left nothing to report."""
     only_force = any(name in steps for name in OF_FORCE) and "yaw" not in steps
     missing = [
-        words
-        for name, (_, _, words) in RESULTS.items()
+        kind.words
+        for name, kind in RESULTS.items()
         if name not in steps and not (only_force and name in ("yaw", "validation", "diagnosis"))
     ]
     return f"Not in this report, for want of results: {listed(missing)}." if missing else ""
 
 
 def _identified(steps: Steps) -> str:
-    parts = [_yaw(steps["yaw"])] if "yaw" in steps else []
+    parts = [_model(steps["yaw"])] if "yaw" in steps else []
     parts += [_thrust(steps["thrusters"])] if "thrusters" in steps else []
     said = "; ".join(part for part in parts if part)
     return f"{said[:1].upper()}{said[1:]}." if said else ""
 
 
-def _yaw(step: StepResult) -> str:
-    model = str(step.at("preferred"))
-    say = step.axis.say
+def _model(step: StepResult) -> str:
+    """Law and parameters of the preferred model."""
+    model, own = str(step.at("preferred")), step.dof.symbols
+    names = {own.quadratic: own.quadratic_print, own.linear: own.linear, own.inertia: own.inertia}
     found = [
-        f"**{say(name)} = {escape(interval(estimate))}** {estimate.unit}"
-        for key, name in NAMES.items()
+        f"**{name} = {escape(interval(estimate))}** {estimate.unit}"
+        for key, name in names.items()
         if key in step.at("models", model)
         for estimate in [step.estimate("models", model, key)]
     ]
-    runs = step.at("runs", "used")
-    law = say(LAWS.get(model, "drag"))
-    law = law if step.axis.wraps else law.replace("|r| r", _speed(step)).replace(" r", f" {_speed(step)[-1]}")
-    return f"model {escape(model)} ({law}) serves best on {runs} runs, with {' and '.join(found)}"
-
-
-def _speed(step: StepResult) -> str:
-    """|u| u or |w| w."""
-    letter = step.axis.say("k_r")[-1]
-    return f"|{letter}| {letter}"
+    runs, v = step.at("runs", "used"), own.velocity
+    linear, quadratic = f"{own.linear} {v}", f"{own.quadratic_print} |{v}| {v}"
+    law = {"1": f" {linear}", "2": f" {quadratic} + {linear}", "3": f" {quadratic}"}.get(model, "")
+    return f"model {escape(model)} (drag{law}) serves best on {runs} runs, with {' and '.join(found)}"
 
 
 def _thrust(step: StepResult) -> str:
@@ -100,24 +91,27 @@ def _predicts(step: StepResult | None, fitted: StepResult | None) -> str:
         return ""
     best, fits = str(step.at("best")), str(step.at("preferred_by_fit"))
     model, used = fits if fits in step.at("models") else best, step.at("runs", "used")
-    score = step.at("models", model)
+    score, words, unit = step.at("models", model), step.dof.words, step.dof.units.key
     runs = f"{used} run{'s' * (used != 1)}{_seen(step, fitted)}"
-    if score.get("rmse_deg") is None:
+    if score.get(f"rmse_{unit}") is None:
         return f"Driven by the commands of {runs}, model {escape(model)} runs away."
-    again = score.get("restarted_rmse_deg")
-    restarted = f", by {number(again, 3)} degrees when restarted within them" if again is not None else ""
+    again = score.get(f"restarted_rmse_{unit}")
+    restarted = (
+        f", by {number(again, 3)} {words.units} when restarted within them" if again is not None else ""
+    )
     better = f" (best is model {escape(best)} with {_bracketed(step, best)})" if best != model else ""
     return (
-        f"Driven by the commands of {runs}, model {escape(model)} misses the heading by "
-        f"**{_bracketed(step, model)}** degrees rms over whole runs{better}{restarted}, where the noise is "
-        f"{number(step.number('noise_floor_deg'), 3)}."
+        f"Driven by the commands of {runs}, model {escape(model)} misses the {words.position} by "
+        f"**{_bracketed(step, model)}** {words.units} rms over whole runs{better}{restarted}, where the noise is "
+        f"{number(step.number(f'noise_floor_{unit}'), 3)}."
     )
 
 
 def _bracketed(step: StepResult, model: str) -> str:
     """The free-run error with its interval over runs, where there is one."""
-    value = number(step.number("models", model, "rmse_deg"), 3)
-    ends = step.at("models", model).get("rmse_deg_ci95")
+    key = f"rmse_{step.dof.units.key}"
+    value = number(step.number("models", model, key), 3)
+    ends = step.at("models", model).get(f"{key}_ci95")
     return f"{value} \\[{number(ends[0], 3)}, {number(ends[1], 3)}\\]" if ends else value
 
 
@@ -132,14 +126,16 @@ def _seen(step: StepResult, fitted: StepResult | None) -> str:
     return " that was not fitted" if step.at("runs", "used") == 1 else " that were not fitted"
 
 
-def _lacks(steps: Mapping[str, StepResult | None]) -> str:
-    if (step := steps.get("diagnosis")) is None:
+def _lacks(step: StepResult | None) -> str:
+    if step is None:
         return ""
-    unit, words = ("deg", "degrees") if "before_deg" in step.at("gap", "fitted_runs") else ("N", "newtons")
+    own = step.dof.units.key
+    of_runs = f"before_{own}" in step.at("gap", "fitted_runs")
+    unit, words = (own, step.dof.words.units) if of_runs else ("N", "newtons")
 
     def gap(runs: str) -> list[str]:
         values = (step.number("gap", runs, f"{name}_{unit}") for name in ("before", "after", "noise_floor"))
-        return [f"{value:.2f}" if unit == "deg" else number(value, 3) for value in values]
+        return [f"{value:.2f}" if of_runs else number(value, 3) for value in values]
 
     before, after, noise = gap("fitted_runs")
     verdict = str(step.at("verdict"))

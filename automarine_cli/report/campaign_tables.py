@@ -1,10 +1,10 @@
 """What `run` shows of a campaign: one line a step, and cautions that only the whole campaign gives."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from automarine_cli.axes import AXES, YAW
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.recipe import read_mapping
 from automarine_cli.report.tables import MISSING, Table, number
@@ -12,11 +12,10 @@ from automarine_cli.report.tables import MISSING, Table, number
 FILES = {
     "check": "check.json",
     "fit-thrusters": "thrusters.json",
-    "fit-yaw": "yaw_model.json",
     "validate": "validation.json",
     "diagnose": "diagnosis.json",
+    **{f"fit-{name}": f"{name}_model.json" for name in DOFS},
 }
-FILES |= {f"fit-{name}": f"{name}_model.json" for name in ("surge", "heave")}
 
 
 def steps_table(rows: Sequence[tuple[str, str, str, str]]) -> Table:
@@ -45,9 +44,9 @@ def outcome(step: str, folder: Path) -> str:
     """The result of a step in a few words; empty where its file cannot be read."""
     try:
         command = step if step in FILES else step.rpartition("-")[0]
-        axis = AXES.get(step.rpartition("-")[2], YAW)
-        data: dict[str, Any] = axis.plain(dict(read_mapping(folder / FILES[command])))
-        return axis.say(_IN_WORDS["fit-yaw" if command == f"fit-{axis.name}" else command](data))
+        dof = DOFS.get(step.rpartition("-")[2], YAW)
+        data: dict[str, Any] = dict(read_mapping(folder / FILES[command]))
+        return (_model if command == f"fit-{dof.name}" else _IN_WORDS[command])(data, dof)
     except (SettingError, KeyError, TypeError, AttributeError):
         return ""
 
@@ -82,45 +81,44 @@ def cautions(thrusters: Path, supply: float | None) -> list[str]:
     ]
 
 
-def _check(data: dict[str, Any]) -> str:
+def _check(data: dict[str, Any], _: Dof) -> str:
     used, aside = data["runs"]["used"], len(data["runs"]["set_aside"])
     idle = sum(run["half_turn"] is None for run in data["yaw_runs"])
     said = f"{data['logs']} logs, {used} runs" + (f", {idle} without a half-turn" if idle else "")
     return said + (f", {aside} set aside" if aside else "")
 
 
-def _thrusters(data: dict[str, Any]) -> str:
+def _thrusters(data: dict[str, Any], _: Dof) -> str:
     error = number(data["rmse_percent_of_full_scale"], 2)
     return f"{data['form']} law, R² {number(data['r2'])}, error {error} % of full scale"
 
 
-def _yaw(data: dict[str, Any]) -> str:
-    model = data["models"][data["preferred"]]
-    names = {"k_rr": "k_r|r|", "k_r": "k_r", "I_r": "I_r"}
+def _model(data: dict[str, Any], dof: Dof) -> str:
+    model, own = data["models"][data["preferred"]], dof.symbols
+    names = {own.quadratic: own.quadratic_print, own.linear: own.linear, own.inertia: own.inertia}
     values = [f"{names[key]} {number(model[key]['value'])}" for key in names if model.get(key)]
     return f"model {data['preferred']}: {', '.join(values)}"
 
 
-def _validation(data: dict[str, Any]) -> str:
-    best = data["models"][data["best"]]
+def _validation(data: dict[str, Any], dof: Dof) -> str:
+    best, unit = data["models"][data["best"]], dof.units.key
     return (
-        f"model {data['best']}: {number(best['rmse_deg'], 3)} deg free run, "
-        f"{number(best['restarted_rmse_deg'], 3)} deg restarted, noise {number(data['noise_floor_deg'], 2)} deg"
+        f"model {data['best']}: {number(best[f'rmse_{unit}'], 3)} {unit} free run, "
+        f"{number(best[f'restarted_rmse_{unit}'], 3)} {unit} restarted, "
+        f"noise {number(data[f'noise_floor_{unit}'], 2)} {unit}"
     )
 
 
-def _diagnosis(data: dict[str, Any]) -> str:
-    words = {"named": "named", "nothing-missing": "nothing missing", "unexplained": "unexplained"}
-    gap = data["gap"]["fitted_runs"]
+def _diagnosis(data: dict[str, Any], dof: Dof) -> str:
+    gap, unit = data["gap"]["fitted_runs"], dof.units.key
     names = ", ".join(effect["name"] for effect in data["effects"])
-    said = words[data["verdict"]] + (f": {names}" if names else "")
-    return f"{said}; gap {number(gap['before_deg'], 3)} to {number(gap['after_deg'], 3)} deg"
+    said = str(data["verdict"]).replace("-", " ") + (f": {names}" if names else "")
+    return f"{said}; gap {number(gap[f'before_{unit}'], 3)} to {number(gap[f'after_{unit}'], 3)} {unit}"
 
 
-_IN_WORDS = {
+_IN_WORDS: Mapping[str, Callable[[dict[str, Any], Dof], str]] = {
     "check": _check,
     "fit-thrusters": _thrusters,
-    "fit-yaw": _yaw,
     "validate": _validation,
     "diagnose": _diagnosis,
 }

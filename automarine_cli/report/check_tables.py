@@ -1,8 +1,8 @@
-"""The tables of `check`: one line for each yaw run, one for each thruster test."""
+"""The tables of `check`: one line for each run, one for each thruster test."""
 
 from collections.abc import Sequence
 
-from automarine_cli.axes import AXES, YAW, Axis
+from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
 
@@ -10,14 +10,14 @@ from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
 def run_tables(runs: Sequence[RunSeen]) -> list[Table]:
     """One table for each motion that was seen."""
     return [
-        run_table([run for run in runs if run.motion == axis.name], axis)
-        for axis in AXES.values()
-        if any(run.motion == axis.name for run in runs)
+        run_table([run for run in runs if run.dof is dof], dof)
+        for dof in DOFS.values()
+        if any(run.dof is dof for run in runs)
     ]
 
 
-def run_table(runs: Sequence[RunSeen], axis: Axis = YAW) -> Table:
-    """Sampling, what was dropped, moments, and the half-turn that a fit would keep; reasons in the notes."""
+def run_table(runs: Sequence[RunSeen], dof: Dof) -> Table:
+    """Sampling, what was dropped, commands, and what a fit would keep of the step; reasons in the notes."""
     header = (
         "run",
         "samples",
@@ -26,18 +26,18 @@ def run_table(runs: Sequence[RunSeen], axis: Axis = YAW) -> Table:
         "jitter ms",
         "gaps",
         "dropped",
-        "noise deg",
+        f"noise {dof.units.shown}",
         "levels",
-        "turns" if axis.wraps else "m",
+        "turns" if dof.wraps else dof.units.base,
         "kept of the step",
         "cut by",
-        "no half-turn because",
+        f"no {dof.words.step} because",
     )
-    rows = tuple(_run_row(run, axis) for run in runs)
-    return Table("Yaw runs", header, rows, notes=tuple(_notes(runs, axis))).said(axis, names=False)
+    rows = tuple(_run_row(run, dof) for run in runs)
+    return Table(f"{dof.name.capitalize()} runs", header, rows, notes=tuple(_notes(runs, dof)))
 
 
-def _run_row(run: RunSeen, axis: Axis) -> tuple[str, ...]:
+def _run_row(run: RunSeen, dof: Dof) -> tuple[str, ...]:
     dropped = sum(run.counts.get(kind, 0) for kind in ("missing", "duplicates", "glitches"))
     turn = run.half_turn
     return (
@@ -48,23 +48,23 @@ def _run_row(run: RunSeen, axis: Axis) -> tuple[str, ...]:
         number(run.jitter_ms, 2),
         str(run.counts.get("gaps", 0)),
         str(dropped),
-        number(run.heading_noise_deg, 2),
+        number(run.noise, 2),
         MISSING if run.levels is None else ", ".join(number(level, 3) for level in run.levels),
-        number(run.turns, 2),
+        number(run.extent, 2),
         MISSING
         if turn is None
-        else f"{turn.kept_samples} samples, {turn.turned_deg:.0f} {axis.unit} of {number(turn.moment, 3)}",
+        else f"{turn.kept_samples} samples, {turn.gone:.0f} {dof.units.shown} of {number(turn.moment, 3)}",
         MISSING if turn is None else turn.cut_by,
         MISSING if run.why is None else run.why.split(":")[0],
     )
 
 
-def _notes(runs: Sequence[RunSeen], axis: Axis) -> list[str]:
+def _notes(runs: Sequence[RunSeen], dof: Dof) -> list[str]:
     """What cleaning did and what a person should know, run by run."""
     words = {
         "missing": ("row with a missing value", "rows with a missing value"),
         "duplicates": ("repeated stamp", "repeated stamps"),
-        "glitches": (f"{axis.position} spike", f"{axis.position} spikes"),
+        "glitches": (f"{dof.position} spike", f"{dof.position} spikes"),
     }
     lines = []
     for run in runs:

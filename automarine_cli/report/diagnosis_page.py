@@ -6,7 +6,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.axes import Axis
 from automarine_cli.diagnosis import verdict as judge
 from automarine_cli.diagnosis.advice import general_advice
 from automarine_cli.diagnosis.diagnose import Diagnosis
@@ -14,6 +13,7 @@ from automarine_cli.diagnosis.naming_key import Drift, NamingKey
 from automarine_cli.diagnosis.trials import LEVEL
 from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.diagnosis.where import Where
+from automarine_cli.dofs import Dof
 from automarine_cli.report.diagnosis_page_tables import (
     MOST_REGIONS,
     budget_table,
@@ -29,10 +29,12 @@ LARGE_MOVE = 2.0
 CERTAIN_DRIFT = 0.01
 
 
-def page(diagnosis: Diagnosis, where: Where, key: NamingKey, budget: Mapping[str, float]) -> str:
-    """The whole page in Markdown; `budget` in shares of one."""
-    axis = diagnosis.study.base.axis
-    parts = [axis.say("# Diagnosis of the yaw model"), _summary(diagnosis)]
+def page(
+    diagnosis: Diagnosis, where: Where, key: NamingKey | None, budget: Mapping[str, float] | None
+) -> str:
+    """The whole page in Markdown; `budget` in shares of one. Either may be None, where it could not be worked out."""
+    dof = diagnosis.study.base.dof
+    parts = [f"# Diagnosis of the {dof.name} model", _summary(diagnosis)]
     for effect in diagnosis.effects:
         parts += [f"## {effect.name}", _effect(diagnosis, effect)]
     parts += ["## Where the gap is", _where(where), "![Where the gap is](where.png)"]
@@ -42,9 +44,11 @@ def page(diagnosis: Diagnosis, where: Where, key: NamingKey, budget: Mapping[str
         "## The gap before and after",
         gap_table(diagnosis).to_markdown(),
         "![Before and after](before_after.png)",
-        budget_table(budget).said(axis).to_markdown(),
+        "The budget of the gap could not be worked out."
+        if budget is None
+        else budget_table(budget).to_markdown(),
     ]
-    parts += ["## What remains", _remains(diagnosis, budget)]
+    parts += ["## What remains", _remains(diagnosis)]
     parts += ["## What to run next", _next(diagnosis)]
     if diagnosis.verdict != "named":
         parts += ["## What these runs would have shown", detectable_table(diagnosis).to_markdown()]
@@ -58,44 +62,42 @@ def escape(text: str) -> str:
 
 def _summary(diagnosis: Diagnosis) -> str:
     """The verdict in a few sentences."""
-    axis = diagnosis.study.base.axis
+    dof = diagnosis.study.base.dof
+    position, units = dof.words.position, dof.words.units
     runs = f"{len(diagnosis.study.runs)} runs were fitted"
     if diagnosis.held_out is not None:
         runs += f" and {len(diagnosis.held_out.runs)} held out"
     before, after, floor = (
-        f"{axis.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
+        f"{dof.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
     )
     if diagnosis.verdict == "named":
         names = " and ".join(f"**{effect.name}**" for effect in diagnosis.effects)
         says = " ".join(effect.says for effect in diagnosis.effects)
         return (
-            f"The model lacks {names}. {says} "
-            + axis.say("With that added the gap between simulated and measured heading falls ")
-            + axis.say(
-                f"from {before} to {after} degrees; the noise of the heading itself is {floor} degrees. {runs}."
-            )
+            f"The model lacks {names}. {says} With that added the gap between simulated and measured {position} falls "
+            f"from {before} to {after} {units}; the noise of the {position} itself is {floor} {units}. {runs}."
         )
     if diagnosis.verdict == "unexplained":
-        return axis.say(
-            f"Something is missing, and no effect of the library explains it: the gap is {after} degrees where the "
-            f"noise of the heading is {floor} degrees, and what is left hangs together in time. Nothing is "
+        return (
+            f"Something is missing, and no effect of the library explains it: the gap is {after} {units} where the "
+            f"noise of the {position} is {floor} {units}, and what is left hangs together in time. Nothing is "
             f"named. {runs}."
         )
-    return axis.say(
-        f"Nothing is missing that these runs could show: the gap is {before} degrees, the noise of the heading {floor} "
-        f"degrees. {runs}."
+    return (
+        f"Nothing is missing that these runs could show: the gap is {before} {units}, the noise of the {position} "
+        f"{floor} {units}. {runs}."
     )
 
 
 def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     """One effect: equation, parameters, how sure, rivals, source."""
-    card, say = effects.get(effect.name), diagnosis.study.base.axis.say
+    card = effects.get(effect.name).card(diagnosis.study.base.dof)
     means = {parameter.name: parameter.meaning for parameter in card.parameters}
     table = Table(
         "", ("parameter", "meaning", "estimate and 95 % interval", "unit"),
         tuple(
-            (name, say(means[name]), parameter_cell(effect.name, name, e), e.unit or MISSING)
-            for name, e in effect.parameters.items()
+            (name, means[name], parameter_cell(effect.name, i, e), e.unit or MISSING)
+            for i, (name, e) in enumerate(effect.parameters.items())
         ),
     )  # fmt: skip
     smallest = 1.0 / (1 + len(diagnosis.found.rounds[0].scores.null))
@@ -106,12 +108,12 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     )
     if not effect.rivals:
         sure += " No other effect of the library comes near."
-    lines = [effect.says, f"`{diagnosis.study.base.axis.equation(card.equation)}`", table.to_markdown(), sure]
+    lines = [effect.says, f"`{card.equation}`", table.to_markdown(), sure]
     for rival in effect.rivals:
         lines.append(
             f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}."
         )
-    return "\n\n".join([*lines, f"Source: {card.source}."])
+    return "\n\n".join([*lines, f"Source: {effects.get(effect.name).source}."])
 
 
 def _where(where: Where) -> str:
@@ -127,7 +129,7 @@ def _where(where: Where) -> str:
     )
 
 
-def _why(diagnosis: Diagnosis, key: NamingKey) -> str:
+def _why(diagnosis: Diagnosis, key: NamingKey | None) -> str:
     """Evidence of the best candidates and what the naming key says."""
     first = diagnosis.found.rounds[0]
     best = sorted(first.trials, key=lambda trial: trial.evidence)[:5]
@@ -139,27 +141,33 @@ def _why(diagnosis: Diagnosis, key: NamingKey) -> str:
             "Every candidate was fitted together with the base model by simulating whole runs.",
         ),
     )  # fmt: skip
-    said = [_drift(key.best("k"), "drag"), _drift(key.best("I/k"), "inertia over drag")]
-    return "\n\n".join([table.to_markdown(), diagnosis.study.base.axis.say(" ".join(said))])
+    dof = diagnosis.study.base.dof
+    ratio = f"{dof.words.inertia} over drag"
+    drift = f"how the runs' own drag and {dof.words.inertia} drift with the {dof.words.force}"
+    said = [f"The naming key ({drift}) could not be formed."]
+    if key is not None:
+        said = [_drift(key.best("k"), "drag", dof), _drift(key.best("I/k"), ratio, dof)]
+    return "\n\n".join([table.to_markdown(), " ".join(said)])
 
 
-def _drift(drift: Drift | None, what: str) -> str:
+def _drift(drift: Drift | None, what: str, dof: Dof) -> str:
+    force = dof.words.force
     if drift is None or drift.p_value > CERTAIN_DRIFT:
-        return f"The runs' own {what} does not drift with the moment beyond chance."
+        return f"The runs' own {what} does not drift with the {force} beyond chance."
     return (
-        f"The runs' own {what} drifts with |moment| to the power {drift.power:g}, {drift.parity} in its sign, which "
+        f"The runs' own {what} drifts with |{force}| to the power {drift.power:g}, {drift.parity} in its sign, which "
         f"points to {drift.means}."
     )
 
 
 def _moves(diagnosis: Diagnosis) -> str:
     """Base parameters before and after."""
-    axis = diagnosis.study.base.axis
+    dof = diagnosis.study.base.dof
     before = judge.base_estimates(diagnosis.study, diagnosis.found.base)
     if not diagnosis.effects:
         table = Table(
             "", ("parameter", "estimate and 95 % interval", "unit"),
-            tuple((_called(name, axis), interval(e), e.unit) for name, e in before.items()),
+            tuple((_called(name, dof), interval(e), e.unit) for name, e in before.items()),
         )  # fmt: skip
         return "Nothing was added; the base model fitted to these runs is\n\n" + table.to_markdown()
     after = judge.base_estimates(diagnosis.study, diagnosis.found.final)
@@ -171,7 +179,7 @@ def _moves(diagnosis: Diagnosis) -> str:
         )
         rows.append(
             (
-                _called(name, axis),
+                _called(name, dof),
                 interval(old),
                 interval(new),
                 f"{change:+.1%}" if np.isfinite(change) else MISSING,
@@ -179,7 +187,7 @@ def _moves(diagnosis: Diagnosis) -> str:
             )
         )
         if abs(new.value - old.value) > LARGE_MOVE * float(np.hypot(old.stderr, new.stderr)):
-            moved.append(_called(name, axis))
+            moved.append(_called(name, dof))
     table = Table("", ("parameter", "base model", "with what was missing", "change", "unit"), tuple(rows))
     said = (
         f"{' and '.join(moved)} moved by more than the uncertainty: the base model had been absorbing what is missing."
@@ -189,19 +197,17 @@ def _moves(diagnosis: Diagnosis) -> str:
     return table.to_markdown() + "\n" + said
 
 
-def _called(name: str, axis: Axis) -> str:
+def _called(name: str, dof: Dof) -> str:
     """A base parameter as people call it."""
-    if axis.wraps:
-        return name
-    return {"b": "constant force", "e": "half the difference of drag"}.get(name, axis.say(name))
+    own = dof.symbols
+    return {own.constant: "constant force", own.difference: "half the difference of drag"}.get(name, name)
 
 
-def _remains(diagnosis: Diagnosis, budget: Mapping[str, float]) -> str:
+def _remains(diagnosis: Diagnosis) -> str:
     gap = diagnosis.gap
     ratio = gap.after / max(gap.floor, 1e-12)
-    text = diagnosis.study.base.axis.say(
-        f"The gap that is left is {ratio:.2f} times the noise of the heading."
-    )
+    position = diagnosis.study.base.dof.words.position
+    text = f"The gap that is left is {ratio:.2f} times the noise of the {position}."
     if ratio < 1.0 + judge.WELL_ABOVE:
         return text + " That is the floor: these runs hold nothing more that could be fitted."
     if diagnosis.study.disturbed:
@@ -216,7 +222,7 @@ def _next(diagnosis: Diagnosis) -> str:
         for rival in effect.rivals
     ]
     for effect in diagnosis.effects:
-        reveals = diagnosis.study.base.axis.say(effects.get(effect.name).reveals)
+        reveals = effects.get(effect.name).card(diagnosis.study.base.dof).reveals
         told.append(f"- To see {effect.name} better: {reveals}.")
     return "\n".join(
         [*told, *(f"- {line}" for line in general_advice(diagnosis.study, diagnosis.detectable))]

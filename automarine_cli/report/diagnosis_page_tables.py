@@ -5,28 +5,24 @@ from collections.abc import Mapping
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.axes import Axis
+from automarine_cli.diagnosis.bins import SIZE, THRUST
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.gap import Gap
 from automarine_cli.diagnosis.where import Region, Where
+from automarine_cli.dofs import Dof
+from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.tables import MISSING, Table, number
 
 MOST_REGIONS = 8
 MOST_NAMED_RUNS = 5
 
-SEEN_IN = {
-    "heading": "heading",
-    "moment": "missing moment",
-    "thrust": "each run's own thrust",
-    "size": "size of each run's gap",
-}
-
 
 def regions_table(where: Where) -> Table:
     """The regions that stand out, the most significant first."""
     return Table(
-        "", ("variable", "from", "to", "unit", f"gap [{where.axis.unit}]", "share of the gap", "seen in", "p", "runs"),
-        tuple(_region(region, where.axis) for region in where.regions[:MOST_REGIONS]),
+        "", ("variable", "from", "to", "unit", f"gap [{where.dof.units.shown}]", "share of the gap",
+         "seen in", "p", "runs"),
+        tuple(_region(region, where.dof) for region in where.regions[:MOST_REGIONS]),
         notes=(
             "p is corrected for all bins and variables. Shares of different variables overlap: they are views of one "
             "gap.",
@@ -34,41 +30,54 @@ def regions_table(where: Where) -> Table:
     )  # fmt: skip
 
 
-def _region(region: Region, axis: Axis) -> tuple[str, ...]:
+def _seen_in(kind: str, dof: Dof) -> str:
+    """The gap that shows a region, in words."""
+    others = {
+        dof.words.force: f"missing {dof.words.force}",
+        THRUST: "each run's own thrust",
+        SIZE: "size of each run's gap",
+    }
+    return others.get(kind, kind)
+
+
+def _region(region: Region, dof: Dof) -> tuple[str, ...]:
     some = ", ".join(region.runs[:MOST_NAMED_RUNS])
     more = len(region.runs) - MOST_NAMED_RUNS
     runs = f"{some} and {more} more" if more > 0 else some or MISSING
-    gap = number(float(axis.shown(region.gap)), 3)
+    gap = number(float(dof.shown(region.gap)), 3)
     return (
-        axis.say(region.variable), number(region.low, 3), number(region.high, 3), region.unit or MISSING, gap,
-        f"{region.share:.0%}", axis.say(SEEN_IN[region.seen_in]), number(region.p_value, 2), runs,
+        region.variable, number(region.low, 3), number(region.high, 3), region.unit or MISSING, gap,
+        f"{region.share:.0%}", _seen_in(region.seen_in, dof), number(region.p_value, 2), runs,
     )  # fmt: skip
 
 
 def gap_table(diagnosis: Diagnosis) -> Table:
     """Root mean square gap before and after, against the noise, on runs fitted and held out."""
-    axis = diagnosis.study.base.axis
-    rows = [_gap_row(f"{len(diagnosis.study.runs)} runs fitted", diagnosis.gap, axis)]
+    dof = diagnosis.study.base.dof
+    unit, position = dof.units.shown, dof.words.position
+    rows = [_gap_row(f"{len(diagnosis.study.runs)} runs fitted", diagnosis.gap, dof)]
     if diagnosis.held_out is not None and diagnosis.held_out_gap is not None:
-        rows.append(_gap_row(f"{len(diagnosis.held_out.runs)} runs held out", diagnosis.held_out_gap, axis))
-    scatter = [100.0 * float(trial.fit.factors[0]) for trial in (diagnosis.found.base, diagnosis.found.final)]
+        rows.append(_gap_row(f"{len(diagnosis.held_out.runs)} runs held out", diagnosis.held_out_gap, dof))
+    scatter = [100.0 * trial.fit.factor(GAIN) for trial in (diagnosis.found.base, diagnosis.found.final)]
     return Table(
-        "", ("runs", "before [deg]", "after [deg]", "noise of the heading [deg]", "gap above the noise closed"),
+        "",
+        ("runs", f"before [{unit}]", f"after [{unit}]", f"noise of the {position} [{unit}]",
+         "gap above the noise closed"),
         tuple(rows),
         notes=(
-            "Root mean square over whole runs simulated from their start, with each run's own start heading and "
+            f"Root mean square over whole runs simulated from their start, with each run's own start {position} and "
             "disturbances, which follow much of what the model lacks: restarted errors are those of `automarine "
             "validate`."
             if diagnosis.study.disturbed
-            else "Root mean square over whole runs simulated from their start, with each run's own start heading, "
+            else f"Root mean square over whole runs simulated from their start, with each run's own start {position}, "
             "thrust and switch instants. "
             f"Thrust differs from run to run by {scatter[0]:.1f} % before and {scatter[1]:.1f} % after.",
         ),
-    ).said(axis)  # fmt: skip
+    )  # fmt: skip
 
 
-def _gap_row(name: str, gap: Gap, axis: Axis) -> tuple[str, ...]:
-    cells = (f"{axis.shown(x):.2f}" for x in (gap.before, gap.after, gap.floor))
+def _gap_row(name: str, gap: Gap, dof: Dof) -> tuple[str, ...]:
+    cells = (f"{dof.shown(x):.2f}" for x in (gap.before, gap.after, gap.floor))
     above = gap.before**2 - gap.floor**2
     visible = above > 0.02 * gap.floor**2
     closed = f"{np.clip((gap.before**2 - gap.after**2) / above, 0.0, 1.0):.0%}" if visible else MISSING
@@ -88,17 +97,15 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
     """Smallest size of each effect that would have been named four times in five."""
     rows = []
     for name, size in sorted(diagnosis.detectable.items()):
-        parameter = _sized(name)
         base = diagnosis.study.base
-        unit = parameter.unit_for(base.moment_unit, base.axis)
-        rows.append((name, parameter.name, number(size, 2), unit or MISSING))
+        told = effects.get(name).card(base.dof, base.moment_unit).parameters[_sized(name)]
+        rows.append((name, told.name, number(size, 2), told.unit or MISSING))
     return Table(
         "", ("effect", "parameter", "smallest size seen", "unit"), tuple(rows),
         notes=("Sizes that these runs would have shown four times in five, from the value at which it is off.",),
     )  # fmt: skip
 
 
-def _sized(name: str) -> effects.Parameter:
-    """The parameter that says how large an effect is: the first that is not a shape and is fitted."""
-    own = effects.get(name).parameters
-    return next((p for p in own if not p.scan and not p.held), own[0])
+def _sized(name: str) -> int:
+    """Place of the parameter that says how large an effect is: the first that is not a shape and is fitted."""
+    return next((i for i, p in enumerate(effects.get(name).parameters) if not p.scan and not p.held), 0)

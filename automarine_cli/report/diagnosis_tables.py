@@ -10,25 +10,23 @@ from automarine_cli.report.tables import Table, interval, number
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence with its numbers."""
-    axis = diagnosis.study.base.axis
+    dof = diagnosis.study.base.dof
+    unit, position = dof.units.shown, dof.words.position
     before, after, floor = (
-        f"{axis.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
+        f"{dof.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
     )
     if diagnosis.verdict == "named":
         names = " and ".join(effect.name for effect in diagnosis.effects)
-        return f"Named: {names}; the gap falls from {before} to {after} {axis.unit} " + axis.say(
-            f"(noise of the heading {floor} deg)."
-        )
+        noise = f"noise of the {position} {floor} {unit}"
+        return f"Named: {names}; the gap falls from {before} to {after} {unit} ({noise})."
     if diagnosis.verdict == "unexplained":
-        return axis.say(f"Unexplained: the gap is {after} deg where the noise of the heading is {floor} deg.")
-    return axis.say(
-        f"Nothing missing that these runs could show: gap {before} deg, noise of the heading {floor} deg."
-    )
+        return f"Unexplained: the gap is {after} {unit} where the noise of the {position} is {floor} {unit}."
+    return f"Nothing missing that these runs could show: gap {before} {unit}, noise of the {position} {floor} {unit}."
 
 
-def parameter_cell(effect: str, name: str, estimate: Estimate) -> str:
-    """An estimate with its interval; the word for a choice between laws."""
-    parameter = next(p for p in library.get(effect).parameters if p.name == name)
+def parameter_cell(effect: str, i: int, estimate: Estimate) -> str:
+    """The estimate of an effect's parameter `i` with its interval; the word for a choice between laws."""
+    parameter = library.get(effect).parameters[i]
     return parameter.choices[round(estimate.value)] if parameter.choices else interval(estimate)
 
 
@@ -38,12 +36,12 @@ def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
         (
             effect.name,
             name,
-            parameter_cell(effect.name, name, estimate),
+            parameter_cell(effect.name, i, estimate),
             estimate.unit,
             f"{effect.confidence:.0%}",
         )
         for effect in diagnosis.effects
-        for name, estimate in effect.parameters.items()
+        for i, (name, estimate) in enumerate(effect.parameters.items())
     ]
     found = diagnosis.found.rounds[0]
     best = sorted(found.trials, key=lambda trial: trial.evidence)[:5]

@@ -8,10 +8,9 @@ import io
 import math
 import re
 import textwrap
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
-from automarine_cli.axes import Axis
 from automarine_cli.report.table_text import text_table
 
 MISSING = "–"
@@ -69,24 +68,6 @@ class Table:
                 raise ValueError(
                     f"table {self.title!r}: {len(row)} cells in {row!r} for {len(self.header)} columns"
                 )
-
-    def said(self, axis: Axis, names: bool = True) -> "Table":
-        """The same table of another motion: title, header and notes in its words, and the `names` of its rows."""
-        if axis.wraps:
-            return self
-
-        def say(cell: Cell) -> Cell:
-            return (
-                Math(axis.say(cell.plain), axis.say(cell.latex)) if isinstance(cell, Math) else axis.say(cell)
-            )
-
-        return replace(
-            self,
-            title=axis.say(self.title),
-            header=tuple(say(cell) for cell in self.header),
-            rows=tuple((say(row[0]), *row[1:]) for row in self.rows) if names else self.rows,
-            notes=tuple(axis.say(note) for note in self.notes),
-        )
 
     def to_csv(self) -> str:
         """Header and rows; a missing cell is empty; title and notes stay out: any program reads it."""

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from automarine_cli.axes import Axis
 from automarine_cli.comparison.scores import SCORES, Overall
 from automarine_cli.comparison.validation import Comparison
+from automarine_cli.dofs import Dof
 from automarine_cli.report.tables import MISSING, Cell, Table, number
 
 HEADINGS = {
@@ -29,11 +29,11 @@ def overall_table(comparison: Comparison) -> Table:
     count = len(comparison.runs)
     title = f"Validation over {count} run{'s' * (count != 1)}"
     notes = (comparison.because, *_notes(comparison))
-    return Table(title, header, tuple(rows), notes=notes).said(_axis(comparison))
+    return Table(title, header, tuple(rows), notes=notes)
 
 
-def _axis(comparison: Comparison) -> Axis:
-    return comparison.runs[0].axis
+def _axis(comparison: Comparison) -> Dof:
+    return comparison.runs[0].dof
 
 
 def run_table(comparison: Comparison) -> Table:
@@ -58,7 +58,7 @@ def run_table(comparison: Comparison) -> Table:
         floor, horizon = number(comparison.floors[i], 2), number(comparison.restarts[i].horizon, 3)
         rows.append((run.name, length, floor, *free, *again, horizon, start))
     title = "Heading error of each run: rmse in degrees, free run and restarted"
-    return Table(title, header, tuple(rows)).said(_axis(comparison), names=False)
+    return Table(title, header, tuple(rows))
 
 
 def score_table(comparison: Comparison) -> Table:
@@ -81,7 +81,7 @@ def score_table(comparison: Comparison) -> Table:
         cells = (number(scored.overall[name].value, 6) for name in SCORES)
         tail = (number(comparison.floor, 6), MISSING, MISSING, MISSING)
         rows.append(("all runs", model, *cells, *tail))
-    return Table("Scores", header, tuple(rows)).said(_axis(comparison), names=False)
+    return Table("Scores", header, tuple(rows))
 
 
 def _cell(name: str, score: Overall) -> str:
@@ -100,7 +100,7 @@ def _notes(comparison: Comparison) -> list[str]:
     starts = [one.start.how for one in next(iter(comparison.models.values())).free]
     rest = sum(how.startswith("from rest") for how in starts)
     rules = dict.fromkeys(restarts.rule for restarts in comparison.restarts)
-    logged = sum(run.axis.rate in run.extras for run in comparison.runs)
+    logged = sum(run.dof.velocity in run.extras for run in comparison.runs)
     rate = f"the log in {logged} runs, else " if logged else ""
     notes = [
         "Free run (rmse, max, fit): simulated from start to end of a run by its commands alone. "

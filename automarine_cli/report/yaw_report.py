@@ -1,18 +1,20 @@
-"""All files of a yaw fit, in memory: tables, figures, one row a run."""
+"""All files of a yaw fit: tables, one row a run, figures."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
+from automarine_cli.fits.mixed_problem import SWITCH
+from automarine_cli.fits.run_effects import GAIN, START_VELOCITY, SWITCHES
 from automarine_cli.fits.step_response import instant
 from automarine_cli.fits.ways import Ways
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report import yaw_tables
 from automarine_cli.report.figures import yaw as figures
-from automarine_cli.report.figures.style import figure_files
+from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.tables import Table, interval
 
 
@@ -22,14 +24,14 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
     `short`, for the terminal, leaves that to the warnings, and leaves out the means at each moment.
     """
     notes = (
-        (fit.seed_method.tail_because(fit.axis),)
+        (fit.seed_method.tail_because(fit.dof),)
         if fit.seed_method is not None
         else (f"{fit.why_no_seed_method}.",)
     )
     drag, inertia = ((), ()) if short else yaw_tables.caution_notes(fit.cautions)
-    one = yaw_tables.drag_table(fit.seed_method, fit.output_error, fit.moment_unit, (*notes, *drag), fit.axis)
+    one = yaw_tables.drag_table(fit.seed_method, fit.output_error, fit.moment_unit, (*notes, *drag), fit.dof)
     two = yaw_tables.inertia_table(
-        fit.seed_method, fit.output_error, fit.moment_unit, (*notes, *inertia), not short, fit.axis
+        fit.seed_method, fit.output_error, fit.moment_unit, (*notes, *inertia), not short, fit.dof
     )
     return one, two
 
@@ -37,112 +39,118 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
 def sentences(fit: YawFit) -> tuple[str, ...]:
     """What a person should read beside the tables: choice, inertial turn angle, scatter, warnings."""
     preferred, turn = fit.preferred, fit.inertial_turn_angle
+    dof, words, own = fit.dof, fit.dof.words, fit.dof.symbols
     lines = [fit.preference.because]
     if turn is not None:
         low, high = turn.ci95
         lines.append(
-            f"Inertial turn angle I_r/k_r|r|: {turn.value:.4g} rad [{low:.4g}, {high:.4g}], whatever the "
-            "moment's unit."
+            f"{words.inertial_length.capitalize()} {own.inertia}/{own.quadratic_print}: {turn.value:.4g} "
+            f"{dof.units.base} [{low:.4g}, {high:.4g}], whatever the {words.force}'s unit."
         )
-    low, high = preferred.gain_scatter.ci95
+    scatter, (low, high) = preferred.gain_scatter.value, preferred.gain_scatter.ci95
+    late, (first, last) = preferred.offset.value, preferred.offset.ci95
+    noise = f"{words.position} noise {dof.shown(preferred.noise):.2f}{dof.units.mark}"
     lines.append(
-        f"Thrust scatters from run to run by {100 * preferred.gain_scatter.value:.1f} % [{100 * low:.1f}, "
-        f"{100 * high:.1f}]; "
-        f"heading noise {fit.axis.shown(preferred.noise):.2f}°. Moments switch {preferred.offset.value:+.2f} sample "
-        f"intervals [{preferred.offset.ci95[0]:+.2f}, {preferred.offset.ci95[1]:+.2f}] from the middle between "
-        "the first sample that shows them and the one before."
+        f"Thrust scatters from run to run by {100 * scatter:.1f} % [{100 * low:.1f}, {100 * high:.1f}]; {noise}. "
+        f"{words.force.capitalize()}s switch {late:+.2f} sample intervals [{first:+.2f}, {last:+.2f}] from the middle "
+        "between the first sample that shows them and the one before."
     )
-    lines = [fit.axis.say(line) for line in lines]
     if preferred.ways is not None:
-        lines.append(_by_way(preferred.ways, fit.axis))
+        lines.append(_by_way(preferred.ways, dof))
     if fit.buoyancy is not None:
         lines.append(fit.buoyancy.says)
     return (*lines, *(f"Warning: {warning}" for warning in fit.warnings))
 
 
-def _by_way(ways: Ways, axis: Axis) -> str:
+def _by_way(ways: Ways, dof: Dof) -> str:
     """Whether drag differs between the ways, in a sentence."""
-    symbol = axis.say("k_r|r|" if ways.parameter == "k_rr" else "k_r")
+    symbol = dof.symbols.quadratic_print if ways.role == "quadratic" else dof.symbols.linear
     told = " and ".join(f"{interval(one)} {way}" for way, one in ways.drag.items())
     unit = next(iter(ways.drag.values())).unit
     if ways.differ:
-        far = " and ".join(f"{interval(one)} m {way}" for way, one in ways.distance.items())
+        far = " and ".join(f"{interval(one)} {one.unit} {way}" for way, one in ways.distance.items())
         said = f"Drag differs between the ways (p = {ways.p_value:.2g}): {symbol} is {told} {unit}"
-        return f"{said}, the inertial distance {far}." if far else f"{said}."
+        return f"{said}, the {dof.words.inertial_length} {far}." if far else f"{said}."
     return f"Drag does not differ between the ways beyond chance (p = {ways.p_value:.2g}): {symbol} {told} {unit}."
 
 
-def files(fit: YawFit, formats: Sequence[str] = ("png",)) -> Iterator[tuple[str, str | bytes]]:
-    """Name and content of every file but the model's JSON; each figure in each of the formats."""
+def files(fit: YawFit) -> Iterator[tuple[str, str | bytes]]:
+    """Name and content of every file but the model's JSON and the figures."""
     for name, table in zip(("table1", "table2"), tables(fit)):
         yield f"{name}.csv", table.to_csv()
         yield f"{name}.md", table.to_markdown()
         yield f"{name}.tex", table.to_latex()
     yield "runs.parquet", parquet(run_rows(fit))
-    if fit.seed_method is not None and fit.data is not None:
-        yield from figure_files(
-            "half_turns" if fit.axis.wraps else "steps", figures.half_turns_figure(fit), formats
-        )
-        yield from figure_files("drag", figures.drag_figure(fit, fit.seed_method), formats)
-        yield from figure_files("inertia", figures.inertia_figure(fit, fit.seed_method), formats)
-        yield from figure_files("collapse", figures.collapse_figure(fit, fit.data), formats)
-    else:
-        yield from figure_files("whole_runs", figures.whole_runs_figure(fit), formats)
+
+
+def drawings(fit: YawFit) -> dict[str, Draw]:
+    """What draws each figure, by the name of its file."""
+    seed, data = fit.seed_method, fit.data
+    if seed is None or data is None:
+        return {"whole_runs": lambda: figures.whole_runs_figure(fit)}
+    return {
+        fit.dof.steps_key: lambda: figures.half_turns_figure(fit),
+        "drag": lambda: figures.drag_figure(fit, seed),
+        "inertia": lambda: figures.inertia_figure(fit, seed),
+        "collapse": lambda: figures.collapse_figure(fit, data),
+    }
 
 
 def run_rows(fit: YawFit) -> pa.Table:
     """One row a run: what was kept of it, why, and what both methods found in it."""
-    return pa.Table.from_pylist([fit.axis.named(row) for row in _rows(fit)])
+    return pa.Table.from_pylist(_rows(fit))
 
 
 def _rows(fit: YawFit) -> list[dict[str, object]]:
-    axis = fit.axis
+    dof, words = fit.dof, fit.dof.words
+    shown, shown_rate = dof.units.key, dof.units.rate_key
     mixed, measured = fit.preferred.mixed, list[dict[str, object]]()
-    effects = mixed.run_effects
     if fit.seed_method is None or fit.data is None:
         for i, run in enumerate(fit.runs):
-            off = axis.shown(run.heading - mixed.fitted[i][: len(run)])
+            off = dof.shown(run.position - mixed.reading(dof.position)[i][: len(run)])
             measured.append(
                 {
                     "run": run.name,
                     "file": run.source,
                     "samples": len(run),
                     "duration_s": float(run.time[-1] - run.time[0]),
-                    "start_rate_deg_s": float(axis.shown(effects[i, 1])),
-                    "gain": float(np.exp(effects[i, 2])),
-                    "rmse_deg": float(np.sqrt(np.mean(off**2))),
+                    f"start_{words.speed}_{shown_rate}": float(dof.shown(mixed.own(START_VELOCITY)[i, 0])),
+                    "gain": float(np.exp(mixed.own(GAIN)[i, 0])),
+                    f"rmse_{shown}": float(np.sqrt(np.mean(off**2))),
                 }
             )
         return measured
     seed, data = fit.seed_method, fit.data
     for i, turn in enumerate(fit.turns):
-        off = axis.shown((data.heading - mixed.fitted)[i][data.seen[i]])
+        off = dof.shown((data.heading - mixed.reading(dof.position))[i][data.seen[i]])
         row: dict[str, object] = {
             "run": turn.name,
             "file": turn.step.run.source,
-            "moment": turn.moment,
+            words.force: turn.moment,
             "time_from_s": float(turn.time[0]),
             "time_to_s": float(turn.time[-1]),
             "samples": len(turn.time),
-            "turned_deg": float(axis.shown(turn.turned)),
+            f"{words.gone_key}_{shown}": float(dof.shown(turn.turned)),
             "cut_by": turn.cut_by,
             "steady": turn.steady,
-            "start_heading_deg": float(axis.shown(turn.start_heading)),
+            f"start_{words.position}_{dof.units.log}": float(dof.logged(turn.start_position)),
             "switch_from_s": turn.switch_from,
             "switch_to_s": turn.switch_to,
             "tail_samples": int(seed.tails.used[i].sum()),
-            "steady_rate_deg_s": float(axis.shown(seed.tails.rate[i])),
-            "steady_rate_stderr_deg_s": float(axis.shown(np.sqrt(seed.variance[i]))),
-            "velocity_error_deg": float(axis.shown(seed.tails.error[i])),
+            f"steady_{words.speed}_{shown_rate}": float(dof.shown(seed.tails.rate[i])),
+            f"steady_{words.speed}_stderr_{shown_rate}": float(dof.shown(np.sqrt(seed.variance[i]))),
+            f"velocity_error_{shown}": float(dof.shown(seed.tails.error[i])),
         }
         row |= {
-            f"{axis.key('I_r')}_model_{number}": float(table.per_run[i])
+            f"{dof.symbols.inertia}_model_{number}": float(table.per_run[i])
             for number, table in seed.inertia.items()
         }
         row |= {
-            "gain": float(np.exp(effects[i, 1])),
-            "switch_shift_s": float(data.interval[i] * instant(mixed.theta[-1] + effects[i, 2])),
-            "rmse_deg": float(np.sqrt(np.mean(off**2))),
+            "gain": float(np.exp(mixed.own(GAIN)[i, 0])),
+            "switch_shift_s": float(
+                data.interval[i] * instant(mixed.value(SWITCH) + mixed.own(SWITCHES)[i, 0])
+            ),
+            f"rmse_{shown}": float(np.sqrt(np.mean(off**2))),
         }
         measured.append(row)
     return measured

@@ -1,4 +1,4 @@
-"""A log's rows become runs: the clock rises, the heading is unwrapped, everything dropped is counted."""
+"""A log's rows become runs: the clock rises, the position is unwrapped, everything dropped is counted."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,7 +13,7 @@ from automarine_cli.runs.jumps import find_jumps
 from automarine_cli.runs.noise import median
 from automarine_cli.runs.plain import plain_position
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.sense import LARGEST_HEADING, clock_trouble, command_trouble, position_trouble, stuck
+from automarine_cli.runs.sense import beyond, clock_trouble, command_trouble, position_trouble, stuck
 from automarine_cli.runs.unwrap import find_glitches, unwrap, wrapped
 
 Floats = NDArray[np.float64]
@@ -31,28 +31,26 @@ def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tupl
     """Clean the rows `chosen` (indices into the table, shape (N,), or a slice) of one run; a wide gap may split it
     into several.
 
-    Rows without time, heading or command are dropped and counted, as are repeated stamps and heading spikes.
+    Rows without time, position or command are dropped and counted, as are repeated stamps and spikes of the position.
     Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
     """
     columns = {key: values[chosen] for key, values in {**table.extras, **table.columns}.items()}
-    axis = table.axis
+    dof = table.dof
     rows, counts = table.rows[chosen], dict.fromkeys(COUNTS, 0)
     counts["rows"] = len(rows)
-    commands = (axis.command,) if axis.command in table.columns else axis.thrusters
-    position = plain_position(
-        columns["time"], columns[axis.position], [columns[key] for key in commands], axis
-    )
+    commands = (dof.command,) if dof.command in table.columns else dof.thrusters
+    position = plain_position(columns["time"], columns[dof.position], [columns[key] for key in commands], dof)
     if position is not None:
-        return (_run(table, {**columns, axis.position: position}, name, counts),)
+        return (_run(table, {**columns, dof.position: position}, name, counts),)
     missing = np.isnan(columns["time"])
-    for key in (axis.position, *commands):
+    for key in (dof.position, *commands):
         missing |= np.isnan(columns[key])
     counts["missing"] = int(np.count_nonzero(missing))
     if counts["missing"]:
         columns, rows = _only(columns, ~missing), rows[~missing]
         if not len(rows):
             raise NotUsable(
-                f"no row has time, {axis.position} and command ({counts['missing']} rows lack one); check the columns"
+                f"no row has time, {dof.position} and command ({counts['missing']} rows lack one); check the columns"
             )
     fresh = _rising(columns["time"], rows, table.source, name)
     if len(rows) > 1 and not fresh[1:].any():
@@ -60,38 +58,35 @@ def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tupl
     counts["duplicates"] = len(fresh) - int(np.count_nonzero(fresh))
     columns = _only(columns, fresh)
     _refuse(clock_trouble(columns["time"]))
-    _refuse(position_trouble(columns["time"], columns[axis.position], axis))
+    _refuse(position_trouble(columns["time"], columns[dof.position], dof))
     for key in commands:
-        _refuse(
-            command_trouble(columns[key], axis.say("moment") if key == axis.command else "thruster command")
-        )
-    glitch = find_glitches(columns["time"], columns[axis.position], axis.turn)
-    glitch |= np.abs(columns[axis.position]) > LARGEST_HEADING  # what some compasses say instead of nothing
+        _refuse(command_trouble(columns[key], dof.words.force if key == dof.command else "thruster command"))
+    glitch = find_glitches(columns["time"], columns[dof.position], dof) | beyond(columns[dof.position], dof)
     counts["glitches"] = int(np.count_nonzero(glitch))
     if counts["glitches"]:
         columns = _only(columns, ~glitch)
         _refuse(clock_trouble(columns["time"]))
     run = _run(table, columns, name, counts)
-    _refuse(stuck(run.heading, _any_command(run), axis))
+    _refuse(stuck(run.position, _any_command(run), dof))
     return _bridged(run)
 
 
 def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapping[str, int]) -> Run:
-    axis = table.axis
-    own = ("time", axis.position, axis.command)
+    dof = table.dof
+    own = ("time", dof.position, dof.command)
     extras = {key: values for key, values in columns.items() if key not in own}
     return Run(
         name=name,
         source=table.source,
         time=columns["time"],
-        heading=columns[axis.position],
-        moment=columns.get(axis.command),
+        position=columns[dof.position],
+        moment=columns.get(dof.command),
         moment_unit=table.moment_unit or "",
         extras=extras,
         counts=counts,
         notes=table.notes + _coarse_clock(counts),
         reading=table.notes,
-        axis=axis,
+        dof=dof,
     )
 
 
@@ -133,34 +128,33 @@ def _any_command(run: Run) -> Floats:
     """Something that is not zero while any thruster works, shape (N,)."""
     if run.moment is not None:
         return run.moment
-    return np.asarray(sum(np.abs(run.extras[name]) for name in run.axis.thrusters))
+    return np.asarray(sum(np.abs(run.extras[name]) for name in run.dof.thrusters))
 
 
 def _bridged(run: Run) -> tuple[Run, ...]:
-    """Unwrap the heading; gaps that can be bridged are flagged, at the others and at jumps the run is split."""
+    """Unwrap the position; gaps that can be bridged are flagged, at the others and at jumps the run is split."""
     steps = np.diff(run.time)
     gaps = np.flatnonzero(steps > GAP_IN_PERIODS * median(steps))
-    axis = run.axis
-    jumps = np.setdiff1d(find_jumps(run.time, run.heading, axis.turn), gaps)
-    sizes = axis.shown(np.abs(wrapped(np.diff(run.heading)[jumps], axis.turn)))
-    result = unwrap(run.time, run.heading, gaps, axis.turn)
-    run = replace(run, heading=result.heading)
+    dof, words = run.dof, run.dof.words
+    jumps = np.setdiff1d(find_jumps(run.time, run.position, dof), gaps)
+    sizes = dof.shown(np.abs(wrapped(np.diff(run.position)[jumps], dof.turn)))
+    result = unwrap(run.time, run.position, gaps, dof)
+    run = replace(run, position=result.position)
     widest = f"{steps[gaps].max():.3g} s" if gaps.size else ""
     notes = run.notes
     if jumps.size:
         notes += (
-            axis.say(
-                f"split at {_counted(len(jumps), 'jump')} of up to {sizes.max():.0f} degrees from one sample to the "
-                "next, which no vehicle makes: samples are missing there, or the compass slipped"
-            ),
+            f"split at {_counted(len(jumps), 'jump')} of up to {sizes.max():.0f} {words.units} from one sample to the "
+            f"next, which no vehicle makes: samples are missing there, or the {words.sensor} slipped",
         )
     if result.broken_after:
         notes += (
             f"split at {_counted(len(result.broken_after), 'gap')} of up to {widest}, "
-            "across which the heading cannot be followed",
+            f"across which the {words.position} cannot be followed",
         )
     elif gaps.size:
-        notes += (f"{_counted(gaps.size, 'gap')} of up to {widest}, bridged by the rates beside them",)
+        bridged = f", bridged by the {words.speed}s beside them" if dof.wraps else ""
+        notes += (f"{_counted(gaps.size, 'gap')} of up to {widest}{bridged}",)
     edges = [0, *(int(i) + 1 for i in sorted({*result.broken_after, *jumps})), len(run)]
     if len(edges) == 2:
         return (replace(run, counts={**run.counts, "gaps": int(gaps.size)}, notes=notes),)
@@ -179,8 +173,9 @@ def too_short(part: Run) -> str | None:
     length = float(part.time[-1] - part.time[0])
     if not part.counts["jumps"] or length >= SHORTEST_PART:
         return None
-    return part.axis.say(
-        f"only {length:.2g} s are left beside a jump of the heading; at least {SHORTEST_PART:g} s are needed"
+    name = part.dof.position
+    return (
+        f"only {length:.2g} s are left beside a jump of the {name}; at least {SHORTEST_PART:g} s are needed"
     )
 
 

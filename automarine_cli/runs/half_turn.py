@@ -14,22 +14,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.runs.noise import slope
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.sense import longest_repeat
-from automarine_cli.runs.steps import Step, find_steps, start_heading
+from automarine_cli.runs.steps import Step, find_steps, start_position
 
 Floats = NDArray[np.float64]
 
-HALF_TURN = "half a turn"
-MOMENT_ENDS = "the moment changed"
-LOG_ENDS = "the log ended"
-WAY, WINDOW = "the way allowed", "the window"
+COMMAND_ENDS = "the {force} changed"
+LOG_ENDS, WINDOW = "the log ended", "the window"
 
 FEWEST_SAMPLES = 8
 MOST_REST = 200
-"""Samples of rest before a step that are used; more would say little of the start heading and much of slow drifts."""
+"""Samples of rest before a step that are used; more would say little of the start and much of slow drifts."""
 MARGIN_IN_SIGMA = 3.0
 STILL_CHANGING = 0.1  # of the last third's rate
 SURE = 4.0  # standard errors
@@ -45,9 +43,9 @@ class Trim:
     low: float = -math.inf
     high: float = math.inf
 
-    def beyond(self, position: Floats, zero: float, noise: float, axis: Axis) -> NDArray[np.bool_]:
+    def beyond(self, position: Floats, zero: float, noise: float, dof: Dof) -> NDArray[np.bool_]:
         """Which samples, (N,), are no longer followed; the ends of a window are as sure as the noise lets them be."""
-        far = np.abs(position - zero) > (axis.trim if self.reach is None else self.reach)
+        far = np.abs(position - zero) > (dof.limits.trim if self.reach is None else self.reach)
         if math.isinf(self.low) and math.isinf(self.high):
             return np.asarray(far)
         margin = MARGIN_IN_SIGMA * noise
@@ -55,12 +53,12 @@ class Trim:
 
     def of_whole(self, run: Run) -> Run:
         """A whole run of a translation as far as it is followed."""
-        out = self.beyond(run.heading, float(run.heading[0]), run.noise, run.axis)
-        return run.cut(0, int(np.argmax(out))) if not run.axis.wraps and out.any() else run
+        out = self.beyond(run.position, float(run.position[0]), run.noise, run.dof)
+        return run.cut(0, int(np.argmax(out))) if not run.dof.wraps and out.any() else run
 
-    def ended(self, axis: Axis) -> str:
+    def ended(self, dof: Dof) -> str:
         """What ended a step that was cut, in words."""
-        return HALF_TURN if axis.wraps else WAY if self.reach is not None else WINDOW
+        return dof.words.reach if dof.wraps or self.reach is not None else WINDOW
 
 
 UNTRIMMED = Trim()
@@ -68,19 +66,19 @@ UNTRIMMED = Trim()
 
 @dataclass(frozen=True)
 class HalfTurn:
-    """What is kept of a step: `kept` are its samples in the run, `time` [s, campaign clock] and `heading`
-    [rad] theirs.
+    """What is kept of a step: `kept` are its samples in the run, `time` [s, campaign clock] and `position`
+    [rad or m] theirs.
 
-    `start_heading` [rad] is psi0; the switch lies in (`switch_from`, `switch_to`] [s]; `cut_by` is what ended
-    it, in words; `turned` [rad] the signed angle from psi0 to the end; `noise` [rad] of the heading; `steady`
+    `start_position` [rad or m] is psi0; the switch lies in (`switch_from`, `switch_to`] [s]; `cut_by` is what ended
+    it, in words; `turned` [rad or m] the signed way from psi0 to the end; `noise` [rad or m] of the position; `steady`
     whether the rate had settled. `why` is empty, or the sentence for which the half-turn is set aside.
     """
 
     step: Step
     time: Floats
-    heading: Floats
+    position: Floats
     kept: slice
-    start_heading: float
+    start_position: float
     switch_from: float
     switch_to: float
     moment: float
@@ -104,20 +102,20 @@ class HalfTurn:
 def half_turn(run: Run, step: Step, trim: Trim = UNTRIMMED) -> HalfTurn:
     """Trim a step to |psi - psi0| <= pi and judge it. Trimming what was trimmed changes nothing."""
     noise = run.noise
-    zero = start_heading(step)
-    position = run.heading[step.segment]
-    stop, crossed = _end(position - zero, trim.beyond(position, zero, noise, run.axis), noise)
+    zero = start_position(step)
+    whole = run.position[step.segment]
+    stop, crossed = _end(whole - zero, trim.beyond(whole, zero, noise, run.dof), noise)
     kept = slice(step.first, step.first + stop)
-    cut_by = trim.ended(run.axis) if crossed else LOG_ENDS if step.ends_log else MOMENT_ENDS
-    time, heading = run.time[kept], run.heading[kept]
-    steady = _is_steady(time, heading, noise)
-    turned = _last_heading(time, heading) - zero
+    cut_by = trim.ended(run.dof) if crossed else LOG_ENDS if step.ends_log else run.dof.fill(COMMAND_ENDS)
+    time, position = run.time[kept], run.position[kept]
+    steady = _is_steady(time, position, noise)
+    turned = _last_position(time, position) - zero
     return HalfTurn(
         step=step,
         time=time,
-        heading=heading,
+        position=position,
         kept=kept,
-        start_heading=zero,
+        start_position=zero,
         switch_from=step.switch_from,
         switch_to=step.switch_to,
         moment=step.moment,
@@ -125,7 +123,7 @@ def half_turn(run: Run, step: Step, trim: Trim = UNTRIMMED) -> HalfTurn:
         turned=turned,
         noise=noise,
         steady=steady,
-        why=_why_not(step, heading, turned, noise, cut_by, steady, crossed),
+        why=_why_not(step, position, turned, noise, cut_by, steady, crossed),
     )
 
 
@@ -152,7 +150,7 @@ def first_half_turn(run: Run, trim: Trim = UNTRIMMED) -> tuple[HalfTurn | None, 
         if turn.serves:
             return turn, ""
         why = why or turn.why
-    return None, why or run.axis.say(NO_STEP)
+    return None, why or run.dof.fill(NO_STEP)
 
 
 @dataclass(frozen=True)
@@ -192,20 +190,19 @@ def trimmed(run: Run, trim: Trim = UNTRIMMED) -> Trimmed:
     )
     kept = slice(kept.start - start, kept.stop - start)
     return Trimmed(
-        short, replace(turn, step=step, time=short.time[kept], heading=short.heading[kept], kept=kept), ""
+        short, replace(turn, step=step, time=short.time[kept], position=short.position[kept], kept=kept), ""
     )
 
 
 def _copied(run: Run, start: int, stop: int) -> Run:
-    """Samples start:stop with nothing else, so that the rest of the log need not stay in memory."""
-    time, heading = (column[start:stop].copy() for column in (run.time, run.heading))
+    """Samples start:stop of what sensors of the motion say, so that the rest of the log need not stay in memory."""
+    time, position = (column[start:stop].copy() for column in (run.time, run.position))
     moment = None if run.moment is None else run.moment[start:stop].copy()
-    return replace(run, time=time, heading=heading, moment=moment, extras={})
+    extras = {name: run.extras[name][start:stop].copy() for name in (run.dof.velocity,) if name in run.extras}
+    return replace(run, time=time, position=position, moment=moment, extras=extras)
 
 
-NO_STEP = (
-    "no step: no constant moment is held for at least 5 samples. Hold the moment constant, or fit whole runs"
-)
+NO_STEP = "no step: no constant {force} is held for at least 5 samples. Hold the {force} constant, or fit whole runs"
 
 
 def _end(turned: Floats, beyond: NDArray[np.bool_], noise: float) -> tuple[int, bool]:
@@ -221,20 +218,20 @@ def _end(turned: Floats, beyond: NDArray[np.bool_], noise: float) -> tuple[int, 
     return max(crossing - margin, min(crossing, FEWEST_SAMPLES)), True
 
 
-def _last_heading(time: Floats, heading: Floats) -> float:
-    """Heading at the last sample [rad], from the line through the last six."""
-    late, psi = time[-6:], heading[-6:]
-    rate, _ = slope(late, psi)
-    return float(psi.mean() + rate * (late[-1] - late.mean()))
+def _last_position(time: Floats, position: Floats) -> float:
+    """Position at the last sample [rad or m], from the line through the last six."""
+    late, last = time[-6:], position[-6:]
+    rate, _ = slope(late, last)
+    return float(last.mean() + rate * (late[-1] - late.mean()))
 
 
-def _is_steady(time: Floats, heading: Floats, noise: float) -> bool:
+def _is_steady(time: Floats, position: Floats, noise: float) -> bool:
     """Whether the rate of the last third is that of the third before, within a tenth or the noise."""
     third = len(time) // 3
     if third < 3:
         return False
-    late, late_error = slope(time[-third:], heading[-third:])
-    middle, middle_error = slope(time[-2 * third : -third], heading[-2 * third : -third])
+    late, late_error = slope(time[-third:], position[-third:])
+    middle, middle_error = slope(time[-2 * third : -third], position[-2 * third : -third])
     change = abs(late - middle)
     return change <= STILL_CHANGING * abs(late) or change <= SURE * noise * math.hypot(
         late_error, middle_error
@@ -242,53 +239,49 @@ def _is_steady(time: Floats, heading: Floats, noise: float) -> bool:
 
 
 def _why_not(
-    step: Step, heading: Floats, turned: float, noise: float, cut_by: str, steady: bool, crossed: bool
+    step: Step, position: Floats, turned: float, noise: float, cut_by: str, steady: bool, crossed: bool
 ) -> str:
     """The sentence for which a half-turn is set aside, or nothing."""
-    return step.run.axis.say(_why_not_yaw(step, heading, turned, noise, cut_by, steady, crossed))
-
-
-def _why_not_yaw(
-    step: Step, heading: Floats, turned: float, noise: float, cut_by: str, steady: bool, crossed: bool
-) -> str:
-    """The same in the words of yaw."""
-    axis = step.run.axis
-    whole = round(abs(float(axis.shown(turned))))
-    degrees = f"{whole} degree{'s' * (whole != 1)}"
+    dof, words = step.run.dof, step.run.dof.words
+    whole = round(abs(float(dof.shown(turned))))
+    way = f"{whole} {words.unit if whole == 1 else words.units}"
     at = f"the step of {step.moment:.4g} {step.run.moment_unit}".rstrip()
-    repeats, _ = longest_repeat(heading, np.ones(len(heading), dtype=bool))
-    if repeats >= max(10, len(heading) / 2):
+    repeats, _ = longest_repeat(position, np.ones(len(position), dtype=bool))
+    if repeats >= max(10, len(position) / 2):
         return (
-            f"compass stuck: {repeats} of {len(heading)} samples of {at} show one heading. "
-            "Check the compass, or whether the vehicle was held"
+            f"{words.sensor} stuck: {repeats} of {len(position)} samples of {at} show one {words.position}. "
+            f"Check the {words.sensor}, or whether the vehicle was held"
         )
-    if len(heading) < FEWEST_SAMPLES:
+    if len(position) < FEWEST_SAMPLES:
         return (
-            f"too short: {at} has {len(heading)} samples ({cut_by}); at least {FEWEST_SAMPLES} are needed. "
-            "Log faster or hold the moment longer"
+            f"too short: {at} has {len(position)} samples ({cut_by}); at least {FEWEST_SAMPLES} are needed. "
+            f"Log faster or hold the {words.force} longer"
         )
-    if abs(turned) < max(axis.still, 5 * noise):
+    if abs(turned) < max(dof.limits.still, 5 * noise):
+        radians = (
+            f"; if the {words.position} column is in radians, name it {dof.column(dof.position, 'rad')}"
+            if dof.wraps
+            else ""
+        )
         return (
-            f"never moved: {degrees} turned in {at}. Use a larger moment, and check thrusters and tether"
-            + ("; if the heading column is in radians, name it heading_rad" if axis.wraps else "")
+            f"never moved: {way} {words.moved} in {at}. Use a larger {words.force}, and check thrusters and "
+            f"tether{radians}"
         )
     if not step.from_rest:
         return (
-            f"not from rest: {at} begins at {axis.shown(step.start_rate):.3g} degrees/s. "
-            f"Let the vehicle come to rest{' at zero moment' * (not axis.constant)} before each step"
+            f"not from rest: {at} begins at {dof.shown(step.start_rate):.3g} {words.units}/s. "
+            f"Let the vehicle come to rest{f' at zero {words.force}' * (not dof.has_constant)} before each step"
         )
-    if turned * step.moment < 0 and not axis.constant:
-        counts = "counter-clockwise" if axis.wraps else "the other way"
+    if turned * step.moment < 0 and not dof.has_constant:
         return (
-            f"units look wrong: {at} turned the vehicle {degrees} against it. If the heading counts "
-            f"{counts}, map it with sign = -1 in the --columns file"
+            f"units look wrong: {at} {words.moved} the vehicle {way} against it. If the {words.position} counts "
+            f"{words.other_way}, map it with sign = -1 in the --columns file"
         )
-    if not crossed and (abs(turned) < axis.least or not steady):
-        if not axis.wraps and steady:
-            return f"ended too soon: {cut_by} after {degrees} of {at}. Hold each moment for longer"
-        rate = "its rate was still changing" if not steady else "half a turn was not near"
-        ended = "moment changed before steady" if cut_by == MOMENT_ENDS else "ended before steady"
-        return f"{ended}: {cut_by} after {degrees} of {at}, and {rate}. " + (
-            "Hold each moment for half a turn" if axis.wraps else "Hold each moment for longer"
-        )
+    if not crossed and (abs(turned) < dof.limits.least or not steady):
+        longer = f"Hold each {words.force} for {words.reach if dof.wraps else 'longer'}"
+        if not dof.wraps and steady:
+            return f"ended too soon: {cut_by} after {way} of {at}. {longer}"
+        settled = f"its {words.speed} was still changing" if not steady else f"{words.reach} was not near"
+        ended = "ended before steady" if step.ends_log else f"{words.force} changed before steady"
+        return f"{ended}: {cut_by} after {way} of {at}, and {settled}. {longer}"
     return ""

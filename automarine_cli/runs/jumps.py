@@ -1,35 +1,37 @@
-"""Jumps of the heading that no vehicle makes: samples are missing that the clock does not miss, or a compass slips."""
+"""Jumps of a position that no vehicle makes: samples are missing that the clock does not miss, or a sensor slips."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.runs.unwrap import TURN, wrapped
+from automarine_cli.dofs import Dof
+from automarine_cli.runs.unwrap import scatter_of_steps, wrapped
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-LEAST_JUMP = np.deg2rad(15)
 AROUND = 6
 """Steps on either side with which a jump is compared."""
 TIMES_FASTER = 3.0
 """How much faster than any of them it is."""
-FASTEST_SWING = 60.0
-"""Acceleration [rad/s²] that no vehicle reaches which yaw tests are made with: a small one has a moment of 10 N m on
-0.2 kg m²."""
+JUMP_IN_SIGMA = 5.0
+"""Of steps that are noise."""
 
 
-def find_jumps(time: Floats, heading: Floats, turn: float = TURN) -> Indices:
-    """After which samples, of a heading (N,) [rad] without spikes, a jump follows that stays.
+def find_jumps(time: Floats, position: Floats, dof: Dof) -> Indices:
+    """After which samples, of a position (N,) [rad or m] without spikes, a jump follows that stays.
 
-    A jump is a step that is several times faster than every step beside it, on both sides, and that a vehicle would
-    need more than FASTEST_SWING to begin and to end within its span (two parabolas: four times the step by the
-    square of the span). A compass that had stopped catches up over the span since its last change. What comes back
-    is no jump, nor is a turn, whose rate has to grow and to fall.
+    A jump is a step beyond noise that is several times faster than every step beside it, on both sides, and that a
+    vehicle would need more than the motion's largest acceleration to begin and to end within its span (two parabolas:
+    four times the step by the square of the span). A sensor that had stopped catches up over the span since its last
+    change. What comes back is no jump, nor is a move, whose rate has to grow and to fall.
     """
-    steps, spans = wrapped(np.diff(heading), turn), np.diff(time)
-    speeds = np.abs(steps) / spans
+    most = dof.limits.acceleration
+    steps, spans = wrapped(np.diff(position), dof.turn), np.diff(time)
+    speeds, least = np.abs(steps) / spans, dof.limits.jump
+    if len(steps) > 1:
+        least = max(least, JUMP_IN_SIGMA * scatter_of_steps(np.abs(np.diff(steps))))
     found = []
-    for i in np.flatnonzero((np.abs(steps) > LEAST_JUMP) & (4.0 * speeds > FASTEST_SWING * spans)):
+    for i in np.flatnonzero((np.abs(steps) > least) & (4.0 * speeds > most * spans)):
         last = int(i)
         while last > 0 and steps[last - 1] == 0:
             last -= 1
@@ -38,6 +40,6 @@ def find_jumps(time: Floats, heading: Floats, turn: float = TURN) -> Indices:
         if min(len(before), len(after)) < AROUND // 2:
             continue
         size, fastest = abs(steps[i]), max(before.max(), after.max())
-        if size > TIMES_FASTER * fastest * span and 4.0 * size > FASTEST_SWING * span**2:
+        if size > TIMES_FASTER * fastest * span and 4.0 * size > most * span**2:
             found.append(int(i))
     return np.array(found, dtype=int)

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_motion
 from automarine_cli.logs.canonical import names_of
@@ -45,7 +45,7 @@ def load_runs(
     logs: Sequence[str | Path],
     columns: ColumnMap | None = None,
     *,
-    axis: Axis = YAW,
+    dof: Dof,
     strict: bool = False,
     progress: Progress = silent,
     jobs: int = 1,
@@ -56,7 +56,7 @@ def load_runs(
     that would be set aside if `strict`, and if no run is left.
     """
     files = find_logs(logs)
-    runs, aside = _gathered(partial(read_runs, columns=columns, axis=axis), files, strict, progress, jobs)
+    runs, aside = _gathered(partial(read_runs, columns=columns, dof=dof), files, strict, progress, jobs)
     return Campaign(_one_unit(named_apart(runs)), aside, tuple(filter(has_bytes, files)))
 
 
@@ -78,7 +78,7 @@ def load_half_turns(
     columns: ColumnMap | None = None,
     drive: Callable[[Run], Run] | None = None,
     *,
-    axis: Axis = YAW,
+    dof: Dof,
     trim: Trim = UNTRIMMED,
     strict: bool = False,
     progress: Progress = silent,
@@ -89,7 +89,7 @@ def load_half_turns(
     how far a step is followed.
     """
     files = find_logs(logs)
-    read = partial(_read_trimmed, columns=columns, drive=drive, axis=axis, trim=trim)
+    read = partial(_read_trimmed, columns=columns, drive=drive, dof=dof, trim=trim)
     found, aside = _gathered(read, files, strict, progress, jobs)
     runs = _one_unit(named_apart([one.run for one in found]))
     named = [one.of(run) for one, run in zip(found, runs)]
@@ -133,9 +133,9 @@ def _paying(files: Sequence[LogFile], jobs: int) -> int:
 
 
 def _read_trimmed(
-    file: LogFile, columns: ColumnMap | None, drive: Callable[[Run], Run] | None, axis: Axis, trim: Trim
+    file: LogFile, columns: ColumnMap | None, drive: Callable[[Run], Run] | None, dof: Dof, trim: Trim
 ) -> tuple[list[Trimmed], list[SetAside]]:
-    runs, aside = read_runs(file, columns, axis)
+    runs, aside = read_runs(file, columns, dof=dof)
     return [trimmed(run if drive is None else drive(run), trim) for run in runs], aside
 
 
@@ -179,13 +179,13 @@ def told_beside(aside: Sequence[SetAside]) -> Iterator[None]:
 
 
 def read_runs(
-    file: LogFile, columns: ColumnMap | None = None, axis: Axis | None = YAW
+    file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None
 ) -> tuple[list[Run], list[SetAside]]:
     """The runs of one log of a motion (None: whichever its columns show), and those set aside. Raises LogError or
     RunError if the log was named and is unreadable.
     """
     try:
-        table = read_log(file, columns, axis)
+        table = read_log(file, columns, dof=dof)
     except LogError as error:
         if file.named:
             raise
@@ -278,13 +278,13 @@ def names_apart(runs: Sequence[tuple[str, str]]) -> list[str]:
 
 
 def _one_unit(runs: Sequence[Run]) -> tuple[Run, ...]:
-    """All moments of a campaign in one unit. Raises RunError where tau and tau_Nm are mixed."""
+    """All commands of a campaign in one unit. Raises RunError where normalised ones and others are mixed."""
     units = {run.moment_unit: run for run in runs if run.moment is not None}
     if len(units) > 1:
         first, second = list(units.values())[:2]
         raise RunError(
-            f"{first.source} gives its {first.axis.say('moment')} in {first.moment_unit}, {second.source} in "
+            f"{first.source} gives its {first.dof.words.force} in {first.moment_unit}, {second.source} in "
             f"{second.moment_unit}; expected one unit in a campaign. Analyse them apart, or map both "
-            f"columns to {' or to '.join(names_of(first.axis.command))} with --columns"
+            f"columns to {' or to '.join(names_of(first.dof.command))} with --columns"
         )
     return tuple(runs)

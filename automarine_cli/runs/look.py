@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.dofs import Dof
 from automarine_cli.logs import LogTable
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.runs.half_turn import NO_STEP, HalfTurn, half_turn
-from automarine_cli.runs.noise import heading_noise
+from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import find_steps, segments
 
@@ -19,28 +20,49 @@ MOST_LEVELS = 64  # more different values than this are a signal, not levels
 
 @dataclass(frozen=True)
 class StepSeen:
-    """One step of a run: angles in degrees, times in seconds on the campaign's clock."""
+    """One step of a run: its start in the unit of logs, how far it went as people see it, times in seconds on the
+    campaign's clock.
+    """
 
     moment: float
     switch_from_s: float
     switch_to_s: float
     ends_s: float
     from_rest: bool
-    start_heading_deg: float
+    start: float
     kept_samples: int
     kept_s: float
-    turned_deg: float
+    gone: float
     cut_by: str
     steady: bool
     why: str | None
 
+    def to_json(self, dof: Dof) -> dict[str, object]:
+        """Its form in check.json."""
+        words, units = dof.words, dof.units
+        return {
+            words.force: self.moment,
+            "switch_from_s": self.switch_from_s,
+            "switch_to_s": self.switch_to_s,
+            "ends_s": self.ends_s,
+            "from_rest": self.from_rest,
+            f"start_{words.position}_{units.log}": self.start,
+            "kept_samples": self.kept_samples,
+            "kept_s": self.kept_s,
+            f"{words.gone_key}_{units.key}": self.gone,
+            "cut_by": self.cut_by,
+            "steady": self.steady,
+            "why": self.why,
+        }
+
 
 @dataclass(frozen=True)
 class RunSeen:
-    """One run of a yaw log. `levels` are its moments (None: the moment never stays), `why` says why no step
-    serves.
+    """One run of a log. `noise` of its position is as people see it, `extent` how far it went in all [turns, or m];
+    `levels` are its moments or forces (None: they never stay), `why` says why no step serves.
     """
 
+    dof: Dof
     file: str
     run: str
     samples: int
@@ -50,8 +72,8 @@ class RunSeen:
     jitter_ms: float
     longest_step_s: float
     counts: Mapping[str, int]
-    heading_noise_deg: float
-    turns: float
+    noise: float
+    extent: float
     moment_unit: str
     levels: list[float] | None
     steps: list[StepSeen]
@@ -59,7 +81,30 @@ class RunSeen:
     why: str | None
     columns: list[str]
     notes: list[str]
-    motion: str = "yaw"
+
+    def to_json(self) -> dict[str, object]:
+        """Its form in check.json."""
+        words, half_turn = self.dof.words, self.half_turn
+        return {
+            "file": self.file,
+            "run": self.run,
+            "samples": self.samples,
+            "begins_s": self.begins_s,
+            "duration_s": self.duration_s,
+            "rate_hz": self.rate_hz,
+            "jitter_ms": self.jitter_ms,
+            "longest_step_s": self.longest_step_s,
+            "counts": dict(self.counts),
+            f"{words.position}_noise_{self.dof.units.key}": self.noise,
+            words.range_key: self.extent,
+            f"{words.force}_unit": self.moment_unit,
+            "levels": self.levels,
+            "steps": [step.to_json(self.dof) for step in self.steps],
+            "half_turn": None if half_turn is None else half_turn.to_json(self.dof),
+            "why": self.why,
+            "columns": self.columns,
+            "notes": self.notes,
+        }
 
 
 @dataclass(frozen=True)
@@ -81,13 +126,14 @@ class ThrusterTestSeen:
 
 
 def look_at_run(run: Run) -> RunSeen:
-    """One run. Thruster commands without a moment are seen as they add up: in yaw port less starboard."""
+    """One run. Thruster commands without a moment or force are seen as they add up: in yaw port less starboard."""
     driven = run.as_commanded()
     spans = np.diff(run.time)
     turns = [half_turn(driven, step) for step in find_steps(driven)]
     best = next((turn for turn in turns if turn.serves), None)
     levels = sorted({moment for _, _, moment in segments(driven.command)})
     return RunSeen(
+        dof=run.dof,
         file=run.source,
         run=run.name,
         samples=len(run),
@@ -99,16 +145,15 @@ def look_at_run(run: Run) -> RunSeen:
         ),  # not the clock's rounding
         longest_step_s=float(spans.max()),
         counts=dict(run.counts),
-        heading_noise_deg=float(run.axis.shown(heading_noise(run.time, run.heading))),
-        turns=float(np.ptp(run.heading) / (run.axis.turn if run.axis.wraps else 1.0)),
+        noise=float(run.dof.shown(position_noise(run.time, run.position))),
+        extent=float(np.ptp(run.position) / (run.dof.turn if run.dof.wraps else 1.0)),
         moment_unit=driven.moment_unit,
         levels=levels if len(levels) <= min(MOST_LEVELS, len(run) // 4) else None,
         steps=[_step_seen(turn) for turn in turns],
         half_turn=None if best is None else _step_seen(best),
-        why=None if best is not None else turns[0].why if turns else NO_STEP,
+        why=None if best is not None else turns[0].why if turns else run.dof.fill(NO_STEP),
         columns=sorted(run.extras),
         notes=[*run.notes, *(note for turn in turns for note in turn.step.notes)],
-        motion=run.axis.name,
     )
 
 
@@ -120,10 +165,10 @@ def _step_seen(turn: HalfTurn) -> StepSeen:
         switch_to_s=step.switch_to,
         ends_s=float(step.run.time[step.stop - 1]),
         from_rest=step.from_rest,
-        start_heading_deg=float(step.run.axis.logged(turn.start_heading)),
+        start=float(step.run.dof.logged(turn.start_position)),
         kept_samples=len(turn.time),
         kept_s=float(turn.time[-1] - turn.time[0]),
-        turned_deg=float(step.run.axis.shown(turn.turned)),
+        gone=float(step.run.dof.shown(turn.turned)),
         cut_by=turn.cut_by,
         steady=turn.steady,
         why=turn.why or None,

@@ -1,4 +1,4 @@
-"""Heading noise measured from the log alone, without any model of the vehicle."""
+"""Noise of a position measured from the log alone, without any model of the vehicle."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,11 +7,11 @@ Floats = NDArray[np.float64]
 NORMAL = 1.4826  # median absolute value of a normal variable -> its standard deviation
 
 
-def heading_noise(time: Floats, heading: Floats) -> float:
-    """Standard deviation [rad] of the white noise on a heading of shape (N,); 0 for fewer than 7 samples.
+def position_noise(time: Floats, position: Floats) -> float:
+    """Standard deviation [rad or m] of the white noise on a position of shape (N,); 0 for fewer than 7 samples.
 
     Each sample is compared with the cubic through two neighbours on either side at their true times, which
-    removes any smooth turn and any clock jitter; the median makes glitches harmless. A quantised heading that
+    removes any smooth motion and any clock jitter; the median makes glitches harmless. A quantised position that
     often repeats itself has at least its quantum / sqrt(12).
     """
     if len(time) < 7:
@@ -28,12 +28,12 @@ def heading_noise(time: Floats, heading: Floats) -> float:
         before * off[3] / (-apart[0, 2] * apart[1, 2] * apart[2, 3]),
         before * off[2] / (apart[0, 3] * apart[1, 3] * apart[2, 3]),
     )
-    residual, square = heading[2:last].copy(), np.ones(len(time) - 4)
+    residual, square = position[2:last].copy(), np.ones(len(time) - 4)
     for weight, k in zip(weights, (-2, -1, 1, 2)):
-        residual -= weight * heading[2 + k : last + k]
+        residual -= weight * position[2 + k : last + k]
         square += weight * weight
     sigma = NORMAL * median(np.abs(residual) / np.sqrt(square))
-    return max(sigma, _quantum(heading) / np.sqrt(12))
+    return max(sigma, _quantum(position) / np.sqrt(12))
 
 
 def median(values: Floats) -> float:
@@ -45,21 +45,21 @@ def median(values: Floats) -> float:
     return float(parted[half - 1] + parted[half]) / 2
 
 
-def _quantum(heading: Floats) -> float:
-    """Smallest step of a heading that repeats itself in a third of its samples or more, else 0 [rad]."""
-    steps = np.abs(np.diff(heading))
+def _quantum(position: Floats) -> float:
+    """Smallest step of a position that repeats itself in a third of its samples or more, else 0 [rad or m]."""
+    steps = np.abs(np.diff(position))
     still = steps < 1e-9
     if still.mean() < 1 / 3 or still.all():
         return 0.0
     return float(steps[~still].min())
 
 
-def slope(time: Floats, heading: Floats) -> tuple[float, float]:
-    """Least-squares slope [rad/s] and its standard error for a noise of 1 rad a sample; (0, inf) for one
+def slope(time: Floats, position: Floats) -> tuple[float, float]:
+    """Least-squares slope [rad/s or m/s] and its standard error for a noise of 1 rad or m a sample; (0, inf) for one
     sample.
     """
     centred = time - time.mean()
     square = float(centred @ centred)
     if square == 0:
         return 0.0, np.inf
-    return float(centred @ (heading - heading.mean())) / square, 1 / np.sqrt(square)
+    return float(centred @ (position - position.mean())) / square, 1 / np.sqrt(square)

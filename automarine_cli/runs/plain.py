@@ -5,18 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
-from automarine_cli.runs.jumps import LEAST_JUMP
+from automarine_cli.dofs import Dof
 from automarine_cli.runs.sense import (
     FASTEST,
     FEWEST_SAMPLES,
-    LARGEST_HEADING,
-    LARGEST_MOMENT,
+    LARGEST_COMMAND,
     LEAST_STUCK,
     RADIANS_AS_DEGREES,
     SLOWEST,
 )
-from automarine_cli.runs.unwrap import LOCAL, find_spikes, spike_threshold, wrapped
+from automarine_cli.runs.unwrap import LOCAL, find_spikes, wrapped
 
 Floats = NDArray[np.float64]
 
@@ -24,12 +22,12 @@ MOST_UNEVEN = 1.5
 """Longest over shortest time between samples of a plain run."""
 
 
-def plain_position(time: Floats, position: Floats, commands: Sequence[Floats], axis: Axis) -> Floats | None:
+def plain_position(time: Floats, position: Floats, commands: Sequence[Floats], dof: Dof) -> Floats | None:
     """The position, (N,), unwrapped, of a run that cleaning would leave as it is otherwise; else None.
 
     Every condition is at least as strict as the one that the thorough way asks: no value missing, a clock that rises
-    evenly, a position of a sensible size without jumps, spikes or standstill of the compass, commands of a sensible
-    size.
+    evenly, a position of a sensible size and speed without jumps, spikes or standstill of the sensor, commands of a
+    sensible size.
     """
     if len(time) < max(FEWEST_SAMPLES, LOCAL) or not np.isfinite(time.sum() + position.sum()):
         return None
@@ -38,23 +36,29 @@ def plain_position(time: Floats, position: Floats, commands: Sequence[Floats], a
     if not (shortest >= FASTEST and longest < SLOWEST and longest <= MOST_UNEVEN * shortest):
         return None
     for command in commands:
-        if not (command.max() <= LARGEST_MOMENT and command.min() >= -LARGEST_MOMENT):  # nor of a missing one
+        if not (
+            command.max() <= LARGEST_COMMAND and command.min() >= -LARGEST_COMMAND
+        ):  # nor of a missing one
             return None
     low, high = position.min(), position.max()
     span = high - low
-    if max(high, -low) > LARGEST_HEADING or not RADIANS_AS_DEGREES * 1.01 < span < 4 * np.pi:
+    if (max(high, -low) if dof.wraps else span) > dof.limits.far:
+        return None
+    if dof.wraps and not RADIANS_AS_DEGREES * 1.01 < span < 2 * dof.turn:
         return None
     raw = position[1:] - position[:-1]
     if np.count_nonzero(raw) < len(raw) - LEAST_STUCK + 2:
         return None
     steps, turned = raw, np.zeros(0, dtype=int)
-    if axis.wraps and (turned := np.flatnonzero(np.abs(raw) > np.pi)).size:
+    if dof.wraps and (turned := np.flatnonzero(np.abs(raw) > dof.turn / 2)).size:
         steps = raw.copy()
-        steps[turned] = wrapped(raw[turned])
+        steps[turned] = wrapped(raw[turned], dof.turn)
     bend = np.abs(steps[1:] - steps[:-1])
-    if max(steps.max(), -steps.min()) > LEAST_JUMP:
+    if max(steps.max(), -steps.min()) > min(
+        dof.limits.jump, dof.limits.end_spike, dof.limits.fast * shortest
+    ):
         return None
-    if find_spikes(time, position, steps, spans, bend, spike_threshold(bend), axis.turn).any():
+    if find_spikes(time, position, steps, spans, bend, dof).any():
         return None
     if not turned.size:
         return position

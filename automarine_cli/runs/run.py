@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs.canonical import names_of
-from automarine_cli.runs.noise import heading_noise, median
+from automarine_cli.runs.noise import median, position_noise
 
 Floats = NDArray[np.float64]
 
@@ -31,28 +31,29 @@ class SetAside:
 class Run:
     """One test of one vehicle, checked once: arrays of shape (N,), SI units.
 
-    `time` [s] rises strictly on the campaign's clock; `heading` [rad] is unwrapped; `moment` [`moment_unit`] is
-    the commanded yaw moment, held until the next sample, or None where the log has thruster commands instead.
+    `time` [s] rises strictly on the campaign's clock; `position` of the motion `dof` [rad or m] is unwrapped; `moment`
+    [`moment_unit`] is the commanded moment or force, held until the next sample, or None where the log has thruster
+    commands instead.
     `extras` holds every other numeric column (`yaw_rate` [rad/s], `n_port`, `n_stbd`, `voltage` [V], `surge`,
     `sway` [m/s], ...). `counts` says what cleaning did (name -> number), `notes` what a person should know.
     `reading` are those of the notes that tell how the log was read, such as signs that were turned and how old held
-    values are. In a run of another motion (`axis`) `heading` is the position [m] and `moment` the force.
+    values are.
     """
 
     name: str
     source: str
     time: Floats
-    heading: Floats
+    position: Floats
     moment: Floats | None
     moment_unit: str
     extras: Mapping[str, Floats] = field(default_factory=dict)
     counts: Mapping[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     reading: tuple[str, ...] = ()
-    axis: Axis = YAW
+    dof: Dof = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        for name, column in {"time": self.time, "heading": self.heading, **self.extras}.items():
+        for name, column in {"time": self.time, "position": self.position, **self.extras}.items():
             if column.shape != self.time.shape:
                 raise RunError(
                     f"{self.source}, run {self.name!r}: column {name!r} has {column.shape} values "
@@ -68,15 +69,31 @@ class Run:
 
     @property
     def command(self) -> Floats:
-        """Commanded yaw moment [`moment_unit`], shape (N,). Raises RunError where the log has none."""
+        """Commanded moment or force [`moment_unit`], shape (N,). Raises RunError where the log has none."""
         if self.moment is None:
-            axis, names = self.axis, ", ".join(names_of(self.axis.command))
+            dof, names = self.dof, ", ".join(names_of(self.dof.command))
+            arm = " and --arm METRES" * dof.levered
+            thrusters = f"give --thrusters MAP.json{arm} for {' and '.join(dof.thrusters)}, or "
             raise RunError(
-                f"{self.source}, run {self.name!r}: no {axis.say('yaw moment')} ({names}) in the log; "
-                f"give --thrusters MAP.json{' and --arm METRES' * axis.levered} for {' and '.join(axis.thrusters)}, "
-                f"or name the {axis.say('moment')}'s column with --columns"
+                f"{self.source}, run {self.name!r}: no {dof.words.full_force} ({names}) in the log; "
+                f"{thrusters * bool(dof.thrusters)}name the {dof.words.force}'s column with --columns"
             )
         return self.moment
+
+    def command_of(self, dof: Dof) -> Floats:
+        """Commanded moment or force of any degree of freedom, (N,). Raises RunError where the log has none."""
+        if dof is self.dof:
+            return self.command
+        if dof.command not in self.extras:
+            raise RunError(
+                f"{self.source}, run {self.name!r}: no {dof.words.full_force} ({', '.join(names_of(dof.command))}) in "
+                "the log; name its column with --columns"
+            )
+        return self.extras[dof.command]
+
+    def channel(self, quantity: str) -> Floats | None:
+        """What a sensor logged, (N,) [base units], NaN where it has no reading; None where there is no such sensor."""
+        return self.position if quantity == self.dof.position else self.extras.get(quantity)
 
     @cached_property
     def sample_period(self) -> float:
@@ -85,20 +102,21 @@ class Run:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation [rad] of the white noise on the heading at the start of the run, see `heading_noise`."""
-        return heading_noise(self.time[:NOISE_FROM], self.heading[:NOISE_FROM])
+        """Standard deviation [rad or m] of the white noise on the position at the start of the run, see
+        `position_noise`."""
+        return position_noise(self.time[:NOISE_FROM], self.position[:NOISE_FROM])
 
     def as_commanded(self) -> "Run":
         """The run with what is logged of its commands for a moment: thruster commands added up if there is no other."""
         if self.moment is not None:
             return self
-        signs = [" - " if side < 0 else " + " for side in self.axis.sides]
-        names = "".join(sign + name for sign, name in zip(signs, self.axis.thrusters)).removeprefix(" + ")
-        total = sum(side * self.extras[name] for side, name in zip(self.axis.sides, self.axis.thrusters))
+        signs = [" - " if side < 0 else " + " for side in self.dof.sides]
+        names = "".join(sign + name for sign, name in zip(signs, self.dof.thrusters)).removeprefix(" + ")
+        total = sum(side * self.extras[name] for side, name in zip(self.dof.sides, self.dof.thrusters))
         return self.with_moment(np.asarray(total), names)
 
     def with_moment(self, moment: Floats, unit: str) -> "Run":
-        """The same run driven by another moment (thruster commands through a map)."""
+        """The same run driven by another moment or force (thruster commands through a map)."""
         return replace(self, moment=moment, moment_unit=unit)
 
     def cut(self, start: int, stop: int) -> "Run":
@@ -106,7 +124,7 @@ class Run:
         return replace(
             self,
             time=self.time[start:stop],
-            heading=self.heading[start:stop],
+            position=self.position[start:stop],
             moment=None if self.moment is None else self.moment[start:stop],
             extras={name: column[start:stop] for name, column in self.extras.items()},
         )

@@ -3,24 +3,22 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.runs.noise import median
 
 Floats = NDArray[np.float64]
 FEWEST_SAMPLES = 8
-LEAST_STUCK = 20  # samples of one exact heading
-SLOWEST = 5.0  # s between samples; nobody logs a yaw test more slowly
+LEAST_STUCK = 20  # samples of one exact position
+SLOWEST = 5.0  # s between samples; nobody logs a test more slowly
 FASTEST = 2e-4  # s between samples
-LARGEST_MOMENT = 1e12  # of either unit; beyond it arithmetic overflows
-LARGEST_HEADING = 1000 * 2 * np.pi
-FARTHEST = 500.0  # m; no test that this is for goes as far
-FASTEST_TURN = 8 * np.pi  # rad/s; four turns a second
+LARGEST_COMMAND = 1e12  # of any unit; beyond it arithmetic overflows
+WHILE = 1.0  # s over which a way is measured: it is longer than its noise
 RADIANS_AS_DEGREES = 2 * np.pi * np.pi / 180  # a whole turn in radians, read as degrees
 DEGREES_AS_RADIANS = 360.0
 
 
 def clock_trouble(time: Floats) -> str | None:
-    """Why a clock, shape (N,), cannot be one of a yaw test, or None."""
+    """Why a clock, shape (N,), cannot be one of a test, or None."""
     if len(time) > 1 and np.ptp(time) == 0:
         return (
             f"units look wrong: the clock stands still at {time[0]:.10g} s in all {len(time)} rows; expected a rising "
@@ -45,85 +43,101 @@ def clock_trouble(time: Floats) -> str | None:
     return None
 
 
-def position_trouble(time: Floats, position: Floats, axis: Axis) -> str | None:
-    """Why a position as logged, shape (N,), cannot be one of this motion, or None."""
-    if axis.wraps:
-        return heading_trouble(time, position)
+def position_trouble(time: Floats, position: Floats, dof: Dof) -> str | None:
+    """Why a position as logged, shape (N,) [rad or m], cannot be one of this motion, or None."""
+    return _angle_trouble(time, position, dof) if dof.wraps else _way_trouble(time, position, dof)
+
+
+def beyond(position: Floats, dof: Dof) -> NDArray[np.bool_]:
+    """Which positions, (N,), are further than any vehicle gets: what some sensors say instead of nothing. Ways count
+    from the middle one, since they may be measured from anywhere."""
+    return np.asarray(np.abs(position - (0.0 if dof.wraps else median(position))) > dof.limits.far)
+
+
+def _way_trouble(time: Floats, position: Floats, dof: Dof) -> str | None:
+    name, column = dof.position, dof.column(dof.position, dof.units.log)
     largest = median(np.abs(position - position[0]))
-    if largest <= FARTHEST:
+    later = np.interp(time + WHILE, time, position)
+    fastest = float(np.percentile(np.abs(later - position), 90)) / WHILE
+    if largest > dof.limits.far:
+        found = f"a {name} of {largest:.3g} {dof.units.base}"
+    elif fastest > dof.limits.fast:
+        found = f"the {name} changes by {fastest:.3g} {dof.units.base}/s"
+    else:
         return None
-    name = axis.position
     return (
-        f"units look wrong: a {name} of {largest:.3g} m. If it is in millimetres, say so with --columns, such as "
-        f'{name}_m = {{ from = "{name}", unit = "mm" }}'
+        f"units look wrong: {found}. If it is in millimetres, say so with --columns, such as "
+        f'{column} = {{ from = "{name}", unit = "mm" }}'
     )
 
 
-def heading_trouble(time: Floats, heading: Floats) -> str | None:
-    """Why a heading as logged, shape (N,) [rad], cannot be one, or None."""
-    largest = float(np.abs(heading).max())
-    if largest > LARGEST_HEADING and median(np.abs(heading)) > LARGEST_HEADING:
+def _angle_trouble(time: Floats, angle: Floats, dof: Dof) -> str | None:
+    name, limits = dof.position, dof.limits
+    degrees, radians = dof.column(name, "deg"), dof.column(name, "rad")
+    largest = float(np.abs(angle).max())
+    if largest > limits.far and median(np.abs(angle)) > limits.far:
         return (
-            f"units look wrong: a heading of {np.rad2deg(largest):.3g} degrees. "
-            "Check which column is the heading"
+            f"units look wrong: a {name} of {dof.shown(largest):.3g} {dof.words.units}. "
+            f"Check which column is the {name}"
         )
-    span, jumps = float(np.ptp(heading)), np.abs(np.diff(heading))
+    span, jumps = float(np.ptp(angle)), np.abs(np.diff(angle))
     if _wraps_at(RADIANS_AS_DEGREES, span, jumps):
         return (
-            "units look wrong: the heading wraps at 2 pi where it should at 360 degrees. "
-            'If it is in radians, name it heading_rad, or say unit = "rad" with --columns'
+            f"units look wrong: the {name} wraps at 2 pi where it should at 360 degrees. "
+            f'If it is in radians, name it {radians}, or say unit = "rad" with --columns'
         )
     if _wraps_at(DEGREES_AS_RADIANS, span, jumps):
         return (
-            "units look wrong: the heading wraps at 360 where it should at 2 pi radians. "
-            'If it is in degrees, name it heading_deg, or say unit = "deg" with --columns'
+            f"units look wrong: the {name} wraps at 360 where it should at 2 pi radians. "
+            f'If it is in degrees, name it {degrees}, or say unit = "deg" with --columns'
         )
-    speed = median(jumps / np.diff(time)) if span > 4 * np.pi else 0.0
-    if speed > FASTEST_TURN:
+    speed = median(jumps / np.diff(time)) if span > 2 * dof.turn else 0.0
+    if speed > limits.fast:
         return (
-            f"units look wrong: the heading changes by {speed:.3g} rad/s. If it is in degrees, "
-            'name it heading_deg, or say unit = "deg" with --columns'
+            f"units look wrong: the {name} changes by {speed:.3g} rad/s. If it is in degrees, "
+            f'name it {degrees}, or say unit = "deg" with --columns'
         )
     return None
 
 
 def command_trouble(command: Floats, name: str) -> str | None:
-    """Why a moment or thruster command, shape (N,), cannot be one, or None."""
+    """Why a moment, force or thruster command, shape (N,), cannot be one, or None."""
     largest = float(np.abs(command).max(initial=0.0))
-    if largest <= LARGEST_MOMENT:
+    if largest <= LARGEST_COMMAND:
         return None
     return f"units look wrong: a {name} of {largest:.3g}. Check which column is the {name}"
 
 
 def _wraps_at(turn: float, span: float, jumps: Floats) -> bool:
-    """Whether a heading stays within one `turn` [rad] and jumps by most of it, smooth otherwise."""
+    """Whether an angle stays within one `turn` [rad] and jumps by most of it, smooth otherwise."""
     return bool(span <= 1.001 * turn and jumps.max() > 0.75 * turn and median(jumps) < 0.05 * turn)
 
 
-def stuck(heading: Floats, command: Floats, axis: Axis = YAW) -> str | None:
-    """Why a heading that repeats one value while a moment acts does not serve, or None."""
+def stuck(position: Floats, command: Floats, dof: Dof) -> str | None:
+    """Why a position that repeats one value while a command acts does not serve, or None."""
     acting = command != 0
     if not acting.any():
         return None
-    longest, at = longest_repeat(heading, acting)
+    longest, at = longest_repeat(position, acting)
     if longest >= max(LEAST_STUCK, acting.sum() / 2):
-        where = axis.shown(at) % 360 if axis.wraps else axis.shown(at)
-        return axis.say(
-            f"compass stuck: {longest} samples of exactly {where:.6g} degrees while a moment "
-            "acts. Check the compass and its cable, or whether the vehicle was held"
+        where = dof.shown(at) % 360 if dof.wraps else dof.shown(at)
+        words = dof.words
+        return (
+            f"{words.sensor} stuck: {longest} samples of exactly {where:.6g} {words.units} while a {words.force} acts. "
+            f"Check the {words.sensor} and its cable, or whether the vehicle was held"
         )
     return None
 
 
-def longest_repeat(heading: Floats, where: NDArray[np.bool_]) -> tuple[int, float]:
-    """Length and value of the longest stretch of one exact heading among the samples `where`."""
-    same = np.diff(heading) == 0
+def longest_repeat(position: Floats, where: NDArray[np.bool_]) -> tuple[int, float]:
+    """Length and value of the longest stretch of one exact position among the samples `where`."""
+    same = np.diff(position) == 0
     if not same.any():
-        return 1, float(heading[0])
+        return 1, float(position[0])
     same &= where[1:] & where[:-1]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
     starts, stops = edges[::2], edges[1::2]
     if not len(starts):
-        return 1, float(heading[0])
+        return 1, float(position[0])
     best = int(np.argmax(stops - starts))
-    return int(stops[best] - starts[best]) + 1, float(heading[starts[best]])
+    return int(stops[best] - starts[best]) + 1, float(position[starts[best]])

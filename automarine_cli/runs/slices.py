@@ -126,9 +126,9 @@ def _states(table: LogTable, name: str) -> tuple[list[str], NDArray[np.int64]]:
 
 def _commands(table: LogTable) -> tuple[list[str], NDArray[np.int64]]:
     """Words for every stretch of constant commands, held where a row has none, and the stretch of each row."""
-    axis = table.axis
-    names = (axis.command,) if axis.command in table.columns else axis.thrusters
-    require(table, names if {*names} & set(table.columns) else (axis.command,))
+    dof = table.dof
+    names = (dof.command,) if dof.command in table.columns else dof.thrusters
+    require(table, names if {*names} & set(table.columns) else (dof.command,))
     held = np.array([_held(table.columns[name]) for name in names])
     known = ~np.isnan(held).any(axis=0)
     least = SAME_MOMENT * np.nanmax(np.abs(held), axis=1, initial=0.0)[:, None]

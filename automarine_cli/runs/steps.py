@@ -1,11 +1,10 @@
-"""Steps: where a run holds one constant moment, from when, and whether the vehicle stood still before."""
+"""Steps: where a run holds one constant moment or force, from when, and whether the vehicle stood still before."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW
 from automarine_cli.runs.noise import slope
 from automarine_cli.runs.run import Run
 
@@ -26,9 +25,9 @@ class Step:
     The command switched somewhere in (`switch_from`, `switch_to`] [s, campaign clock]: after the last sample
     that does not show the moment, at the latest with the first that does. If the log begins with the moment
     already on (`begins_log`), `switch_from` is one sample period before. `rest` are the samples before the
-    step at zero moment during which the vehicle stood still, `start_heading` [rad] the mean heading over
+    step at zero moment during which the vehicle stood still, `start_position` [rad or m] the mean position over
     them; both None where there are none. `from_rest` says whether the step starts from standstill,
-    `start_rate` [rad/s] what rate it seems to start with. `ends_log`: the log ends with the moment still on.
+    `start_rate` [rad/s or m/s] what rate it seems to start with. `ends_log`: the log ends with the moment still on.
     """
 
     run: Run
@@ -37,7 +36,7 @@ class Step:
     moment: float
     switch_from: float
     switch_to: float
-    start_heading: float | None
+    start_position: float | None
     rest: slice | None
     from_rest: bool
     start_rate: float
@@ -86,10 +85,11 @@ def _step(run: Run, first: int, stop: int) -> Step:
     sigma = run.noise
     pace = _mean_rate(run, first, stop)
     rest = None if begins else _rest_before(run, first, sigma, pace)
-    rate, doubt = start_motion(run.time[first:stop], run.heading[first:stop], sigma, run.axis.start)
+    rate, doubt = start_motion(run.time[first:stop], run.position[first:stop], sigma, run.dof.limits.start)
     slow = abs(rate) <= SLOW * abs(pace) + SURE * doubt
     only = begins or first < SHORT_REST  # too little before the step to tell: its own start decides
-    note = "the log begins with the moment already on: its switch is taken within the sample period before"
+    force = run.dof.words.force
+    note = f"the log begins with the {force} already on: its switch is taken within the sample period before"
     return Step(
         run=run,
         first=first,
@@ -97,36 +97,36 @@ def _step(run: Run, first: int, stop: int) -> Step:
         moment=float(run.command[first]),
         switch_from=float(before),
         switch_to=float(run.time[first]),
-        start_heading=None if rest is None else float(run.heading[rest].mean()),
+        start_position=None if rest is None else float(run.position[rest].mean()),
         rest=rest,
         from_rest=rest is not None or (only and slow),
         start_rate=0.0 if rest is not None else rate,
         begins_log=begins,
         ends_log=ends,
-        notes=(run.axis.say(note),) if begins else (),
+        notes=(note,) if begins else (),
     )
 
 
 def _mean_rate(run: Run, first: int, stop: int) -> float:
-    """Mean yaw rate of the step [rad/s], over its first half-turn at most."""
-    turned = run.heading[first:stop] - run.heading[first]
-    last = int(np.argmax(np.abs(turned) > run.axis.trim)) or stop - first - 1
+    """Mean rate of the step [rad/s or m/s], as far as it is followed at most."""
+    turned = run.position[first:stop] - run.position[first]
+    last = int(np.argmax(np.abs(turned) > run.dof.limits.trim)) or stop - first - 1
     return float(turned[last] / (run.time[first + last] - run.time[first]))
 
 
 def _rest_before(run: Run, first: int, sigma: float, pace: float) -> slice | None:
-    """The longest stretch of zero moment right before the step over which the heading shows no slope.
+    """The longest stretch of zero moment right before the step over which the position shows no slope.
 
     Where a constant force acts, of any one command: that may be the one that balances it.
     """
     least = SAME_MOMENT * float(np.abs(run.command).max())
-    idle = run.command[first - 1] if run.axis.constant else 0.0
+    idle = run.command[first - 1] if run.dof.has_constant else 0.0
     acting = np.flatnonzero(np.abs(run.command[:first] - idle) > least)
     start = int(acting[-1]) + 1 if acting.size else 0
     length = first - start
     while length >= FEWEST_AT_REST:
         stretch = slice(first - length, first)
-        rate, error = slope(run.time[stretch], run.heading[stretch])
+        rate, error = slope(run.time[stretch], run.position[stretch])
         doubt = SURE * error * sigma
         whole = length == first and start == 0  # the log begins here: nothing moved the vehicle before
         if abs(rate) <= doubt + 0.2 * SLOW * abs(pace) and (whole or doubt <= SLOW * abs(pace)):
@@ -145,57 +145,55 @@ def released(run: Run) -> int:
     return first if rest is not None and rest.start <= 2 else 0
 
 
-def start_motion(
-    time: Floats, heading: Floats, sigma: float, angle: float = YAW.start
-) -> tuple[float, float]:
-    """Yaw rate at the first sample [rad/s] and its standard error, from a parabola through the start of a
+def start_motion(time: Floats, position: Floats, sigma: float, way: float) -> tuple[float, float]:
+    """Rate at the first sample [rad/s or m/s] and its standard error, from a parabola through the start of a
     step.
 
-    The start is what turned less than `angle` (at least 6 samples, all if fewer). `sigma` [rad] is the
+    The start is what moved less than `way` [rad or m] (at least 6 samples, all if fewer). `sigma` [rad or m] is the
     noise.
     """
-    count = start_length(heading, angle)
-    coefficients, root = _parabola(time[:count], heading[:count])
-    if abs(heading[count - 1] - heading[0]) > 2 * angle:  # a slow logger sees more than a parabola
+    count = start_length(position, way)
+    coefficients, root = _parabola(time[:count], position[:count])
+    if abs(position[count - 1] - position[0]) > 2 * way:  # a slow logger sees more than a parabola
         powers = np.vander(time[:count] - time[0], len(coefficients), increasing=True)
-        left = heading[:count] - powers @ coefficients
+        left = position[:count] - powers @ coefficients
         sigma = max(sigma, float(np.sqrt(left @ left / max(count - 3, 1))))
     return float(coefficients[1]), sigma * float(np.sqrt((root @ root.T)[1, 1]))
 
 
-def start_length(heading: Floats, angle: float = YAW.start) -> int:
-    """How many samples belong to the start of a step: those before the heading has turned `angle` for good."""
-    moved = np.abs(heading - heading[0]) > angle
+def start_length(position: Floats, way: float) -> int:
+    """How many samples belong to the start of a step: those before the position has moved by `way` for good."""
+    moved = np.abs(position - position[0]) > way
     both = moved[:-1] & moved[1:]  # two in a row: a single sample may be noise
-    count = int(np.argmax(both)) if both.any() else len(heading)
-    return min(max(count, 6), len(heading))
+    count = int(np.argmax(both)) if both.any() else len(position)
+    return min(max(count, 6), len(position))
 
 
-def start_heading(step: Step) -> float:
-    """Heading at the step [rad]: the mean over the rest before it, else carried back from the start of the
+def start_position(step: Step) -> float:
+    """Position at the step [rad or m]: the mean over the rest before it, else carried back from the start of the
     motion.
 
     Without rest a parabola through the start of the step is read at the middle of the switch interval (from a
     standstill without slope there). It depends on the first samples of the step only.
     """
-    if step.start_heading is not None:
-        return step.start_heading
-    heading = step.run.heading[step.segment]
-    count = start_length(heading, step.run.axis.start)
+    if step.start_position is not None:
+        return step.start_position
+    position = step.run.position[step.segment]
+    count = start_length(position, step.run.dof.limits.start)
     time = step.run.time[step.first : step.first + count] - step.switch_mid
     if step.from_rest:
         design = np.column_stack([np.ones(count), time**2])
-        return float(np.linalg.lstsq(design, heading[:count], rcond=None)[0][0])
-    return float(_parabola(time, heading[:count], at=0.0)[0][0])
+        return float(np.linalg.lstsq(design, position[:count], rcond=None)[0][0])
+    return float(_parabola(time, position[:count], at=0.0)[0][0])
 
 
-def _parabola(time: Floats, heading: Floats, at: float | None = None) -> tuple[Floats, Floats]:
+def _parabola(time: Floats, position: Floats, at: float | None = None) -> tuple[Floats, Floats]:
     """Coefficients of the parabola about `at` (default: the first time), and the matrix that makes them of
-    headings.
+    positions.
     """
     shifted = time - (time[0] if at is None else at)
     powers = np.arange(min(3, len(time)))[:, None]
     unit = float(np.abs(shifted).max()) or 1.0
     design = (shifted / unit) ** powers
     inverse = np.linalg.solve(design @ design.T, design) / unit**powers
-    return inverse @ heading, inverse
+    return inverse @ position, inverse

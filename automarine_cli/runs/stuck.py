@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from automarine_cli.axes import Axis
 from automarine_cli.runs.run import Run, SetAside
 
 ALIKE = 1.25  # pushes of one size: steps that end at one angle are logged a sample more or less
-PIECE_S = 1.0  # headings are averaged over pieces of about this length, so that noise is no motion
+PIECE_S = 1.0  # positions are averaged over pieces of about this length, so that noise is no motion
 
 
 def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]:
@@ -22,7 +21,7 @@ def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]
     moved = [run for run in runs if _moved(run)]
     kept, aside = [], []
     for run in runs:
-        free = run.axis.constant or _moved(
+        free = run.dof.has_constant or _moved(
             run
         )  # under a constant force the smaller command may be what moves
         other = None if free else _moved_by_no_more(run, moved)
@@ -34,10 +33,10 @@ def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]
 
 
 def _moved(run: Run) -> bool:
-    """Whether the mean headings of its pieces differ by more than noise would make them."""
+    """Whether the mean positions of its pieces differ by more than noise would make them."""
     count = max(1, min(len(run) // 3, int((run.time[-1] - run.time[0]) / PIECE_S)))
-    means = [float(piece.mean()) for piece in np.array_split(run.heading, count)]
-    return max(means) - min(means) >= max(run.axis.still, 5 * run.noise)
+    means = [float(piece.mean()) for piece in np.array_split(run.position, count)]
+    return max(means) - min(means) >= max(run.dof.limits.still, 5 * run.noise)
 
 
 def _push(run: Run) -> float:
@@ -61,9 +60,8 @@ def _moved_by_no_more(run: Run, moved: Sequence[Run]) -> Run | None:
 
 
 def _why(run: Run, other: Run) -> str:
-    axis: Axis = run.axis
     size = np.abs(run.command).max() * np.sign(run.command.sum())
-    return axis.say(
-        f"never moved under a moment of {size:.4g} {run.moment_unit}, though run {other.name} did under no more; check "
-        "thrusters and tether, and make the run again"
+    return (
+        f"never moved under a {run.dof.words.force} of {size:.4g} {run.moment_unit}, though run {other.name} did under "
+        "no more; check thrusters and tether, and make the run again"
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_thruster
 from automarine_cli.pipeline.progress import Progress, counted, silent
@@ -57,7 +58,7 @@ def load_thruster_logs(
     missing = 0
     for file in counted(progress, "reading", files, len(files)):
         try:
-            table = read_log(file, columns)
+            table = read_log(file, columns, dof=YAW)  # of no motion: columns of others keep their names
             require_thruster(table)
         except LogError as refusal:
             if file.named:

@@ -1,67 +1,66 @@
-"""One continuous heading from a compass that wraps, skips and spikes."""
+"""One continuous position from a sensor that wraps, skips and spikes."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.dofs import Dof
 from automarine_cli.runs.noise import NORMAL, median
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 TURN = 2 * np.pi
-LEAST_SPIKE = np.deg2rad(6)  # a smaller spike is left to the noise
 SPIKE_IN_SIGMA = 8.0
 LONGEST_SPIKE = 2  # samples
 LOCAL = 9  # samples; of fewer nothing can be told
 ENOUGH = 1000  # second differences
 LONGEST_BRIDGE = 60.0  # s; over a longer gap anything may have happened
-LARGE_STEP = 0.35  # rad; three times a rate of this and the like of it are less than half a turn
-END_SPIKE = np.deg2rad(20)  # at the ends there is only one side to compare with
 
 
 def wrapped(angle: Floats, turn: float = TURN) -> Floats:
-    """The same angle within (-pi, pi]; as it is if the position never comes back to itself (`turn` is infinite)."""
-    return angle - TURN * np.ceil(angle / TURN - 0.5) if turn < np.inf else angle
+    """The same angle within half a `turn` to either side; as it is if the position never comes back to itself (`turn`
+    is infinite)."""
+    return angle - turn * np.ceil(angle / turn - 0.5) if turn < np.inf else angle
 
 
-def find_glitches(time: Floats, heading: Floats, turn: float = TURN) -> NDArray[np.bool_]:
-    """Which samples, shape (N,), are spikes of one or two samples: far off both neighbours, which agree.
+def find_glitches(time: Floats, position: Floats, dof: Dof) -> NDArray[np.bool_]:
+    """Which samples of a position [rad or m], shape (N,), are spikes of one or two samples: far off both neighbours,
+    which agree.
 
-    A spike stands out against the local rate by eight robust standard deviations and six degrees, and by half
-    as much again as the vehicle turns from sample to sample around it; the samples on either side of it
-    continue each other. A jump that stays (a stale compass that catches up) is no spike, nor is a sharp
+    A spike stands out against the local rate by eight robust standard deviations and the motion's least spike, and by
+    half as much again as the vehicle moves from sample to sample around it; the samples on either side of it
+    continue each other. A jump that stays (a stale sensor that catches up) is no spike, nor is a sharp
     reversal.
     """
     count = len(time)
     bad = np.zeros(count, dtype=bool)
     if count < LOCAL:
         return bad
-    steps, spans = wrapped(np.diff(heading), turn), np.diff(time)
+    steps, spans = wrapped(np.diff(position), dof.turn), np.diff(time)
     bend = np.abs(np.diff(steps))
-    threshold = spike_threshold(bend)
-    bad = find_spikes(time, heading, steps, spans, bend, threshold, turn)
-    if not _jumps_at_ends(heading, turn):
+    bad = find_spikes(time, position, steps, spans, bend, dof)
+    if not _jumps_at_ends(position, dof):
         return bad
-    return bad | _ends(time, heading, max(threshold, END_SPIKE), turn)
+    return bad | _ends(time, position, max(spike_threshold(bend, dof), dof.limits.end_spike), dof.turn)
 
 
 def find_spikes(
-    time: Floats, heading: Floats, steps: Floats, spans: Floats, bend: Floats, threshold: float, turn: float
+    time: Floats, position: Floats, steps: Floats, spans: Floats, bend: Floats, dof: Dof
 ) -> NDArray[np.bool_]:
-    """The spikes, (N,), that are not at an end; `steps` and `spans` (N-1,) are those of heading and time, `bend` (N-2,)
-    the sizes of the differences of the steps."""
-    bad = np.zeros(len(time), dtype=bool)
+    """The spikes, (N,), that are not at an end; `steps` and `spans` (N-1,) are those of position and time, `bend`
+    (N-2,) the sizes of the differences of the steps."""
+    bad, turn, threshold = np.zeros(len(time), dtype=bool), dof.turn, spike_threshold(bend, dof)
     for width in range(1, LONGEST_SPIKE + 1):
-        before = _suspects(steps, spans, bend, width, threshold)
+        before = _suspects(steps, spans, bend, width, threshold, dof.limits.large_step)
         if not before.size:
             continue
         after = before + width + 1
         rate = _median_beside(steps, before, after, spans)
-        across = np.abs(_off(time, heading, rate, before, after, turn))
-        off = np.abs(_off(time, heading, rate, before, before + 1, turn))
+        across = np.abs(_off(time, position, rate, before, after, turn))
+        off = np.abs(_off(time, position, rate, before, before + 1, turn))
         for k in range(2, width + 1):
-            off = np.maximum(off, np.abs(_off(time, heading, rate, before, before + k, turn)))
+            off = np.maximum(off, np.abs(_off(time, position, rate, before, before + k, turn)))
         spike = (off > threshold) & (across < threshold) & (off > 3 * across)
         if not spike.any():
             continue
@@ -73,16 +72,23 @@ def find_spikes(
     return bad
 
 
-def spike_threshold(bend: Floats) -> float:
-    """From what size on [rad or m] a sample may be a spike, by the sizes of second differences, (M,), of a position.
+def spike_threshold(bend: Floats, dof: Dof) -> float:
+    """From what size on [rad or m] a sample may be a spike, by the sizes of second differences, (M,), of a position."""
+    return max(dof.limits.spike, SPIKE_IN_SIGMA * scatter_of_steps(bend))
+
+
+def scatter_of_steps(bend: Floats) -> float:
+    """Standard deviation of the steps of a position that are noise, by the sizes of its second differences, (M,).
 
     Those of white noise are root three times as wide as its steps. A thousand of them are enough.
     """
     some = bend[:: 1 + len(bend) // ENOUGH]
-    return max(LEAST_SPIKE, SPIKE_IN_SIGMA * NORMAL * median(some) / np.sqrt(3.0))
+    return float(NORMAL * median(some) / np.sqrt(3.0))
 
 
-def _suspects(steps: Floats, spans: Floats, bend: Floats, width: int, threshold: float) -> Indices:
+def _suspects(
+    steps: Floats, spans: Floats, bend: Floats, width: int, threshold: float, large_step: float
+) -> Indices:
     """The samples, shape (M,), that a spike of `width` samples may follow: a look at differences of steps spares
     the medians of nearly all samples of a log, and leaves out none that is a spike.
 
@@ -94,7 +100,7 @@ def _suspects(steps: Floats, spans: Floats, bend: Floats, width: int, threshold:
     share = 2 / 3 - (float(spans.max() / spans.min()) - 1.0) / 1.5
     last = len(steps) - width
     largest = max(float(steps.max()), -float(steps.min()))
-    large = np.flatnonzero(np.abs(steps) > LARGE_STEP) if largest > LARGE_STEP else np.zeros(0, dtype=int)
+    large = np.flatnonzero(np.abs(steps) > large_step) if largest > large_step else np.zeros(0, dtype=int)
     if share < 0.2 or len(large) > 2:
         return np.arange(last)
     suspect = np.concatenate([np.flatnonzero(bend > 0.99 * share * threshold), large, large - 1])
@@ -114,33 +120,32 @@ def _median_beside(steps: Floats, before: Indices, after: Indices, spans: Floats
     return np.asarray((values[2] + values[3]) / 2)
 
 
-def _off(
-    time: Floats, heading: Floats, rate: Floats, here: Indices, there: Indices, turn: float = TURN
-) -> Floats:
-    """How far `heading[there]` is from `heading[here]` carried on at `rate`, modulo a turn."""
-    return wrapped(heading[there] - heading[here] - rate * (time[there] - time[here]), turn)
+def _off(time: Floats, position: Floats, rate: Floats, here: Indices, there: Indices, turn: float) -> Floats:
+    """How far `position[there]` is from `position[here]` carried on at `rate`, modulo a turn."""
+    return wrapped(position[there] - position[here] - rate * (time[there] - time[here]), turn)
 
 
-def _jumps_at_ends(heading: Floats, turn: float = TURN) -> bool:
-    """Whether any of the first or last steps is large enough for a spike there."""
+def _jumps_at_ends(position: Floats, dof: Dof) -> bool:
+    """Whether any of the first or last steps is large enough for a spike there: only one side can be compared with."""
     near = LONGEST_SPIKE + 1
-    steps = np.concatenate([np.diff(heading[:near]), np.diff(heading[-near:])])
-    return bool(np.abs(wrapped(steps, turn)).max() > 0.99 * END_SPIKE)
+    steps = np.concatenate([np.diff(position[:near]), np.diff(position[-near:])])
+    return bool(np.abs(wrapped(steps, dof.turn)).max() > 0.99 * dof.limits.end_spike)
 
 
-def _ends(time: Floats, heading: Floats, threshold: float, turn: float = TURN) -> NDArray[np.bool_]:
+def _ends(time: Floats, position: Floats, threshold: float, turn: float) -> NDArray[np.bool_]:
     """Spikes at the very first and last samples: far off what the next samples, which agree, lead to."""
     count = len(time)
     bad = np.zeros(count, dtype=bool)
     for order in (np.arange(count), np.arange(count)[::-1]):
         for width in range(1, LONGEST_SPIKE + 1):
             inner = order[width : width + 6]
-            steps = wrapped(np.diff(heading[inner]), turn)
+            steps = wrapped(np.diff(position[inner]), turn)
             rate = np.array(np.median(steps / np.diff(time[inner])))
-            jump = abs(float(wrapped(heading[inner[0]] - heading[order[width - 1]], turn)))
-            agree = np.abs(_off(time, heading, rate, inner[:-1], inner[1:], turn)) < threshold / 4
+            jump = abs(float(wrapped(position[inner[0]] - position[order[width - 1]], turn)))
+            agree = np.abs(_off(time, position, rate, inner[:-1], inner[1:], turn)) < threshold / 4
             far = (
-                np.abs(_off(time, heading, rate, np.repeat(inner[0], width), order[:width], turn)) > threshold
+                np.abs(_off(time, position, rate, np.repeat(inner[0], width), order[:width], turn))
+                > threshold
             )
             # a vehicle at rest that starts to turn is far off as well, but it begins with a small step
             if agree.all() and far.all() and jump > max(threshold, 2 * float(np.median(np.abs(steps)))):
@@ -151,39 +156,40 @@ def _ends(time: Floats, heading: Floats, threshold: float, turn: float = TURN) -
 
 @dataclass(frozen=True)
 class Unwrapped:
-    """Heading of shape (N,) [rad], and after which samples the turn count is unknown (a gap too wide to
+    """Position of shape (N,) [rad or m], and after which samples the turn count is unknown (a gap too wide to
     bridge).
     """
 
-    heading: Floats
+    position: Floats
     broken_after: tuple[int, ...]
 
 
-def unwrap(time: Floats, heading: Floats, gaps: Indices, turn: float = TURN) -> Unwrapped:
+def unwrap(time: Floats, position: Floats, gaps: Indices, dof: Dof) -> Unwrapped:
     """Unwrap a heading; `gaps` are the samples after which the log has a hole. What never wraps is whole as it is.
 
     Between samples the shortest way is taken. Across a hole the rates on both sides say how far the vehicle
     turned; if they leave it open by more than a quarter of a turn, the run breaks there. A log that counts
     turns itself (more than a turn wide, without jumps) is taken as it is.
     """
-    if turn == np.inf:
-        return Unwrapped(heading.copy(), ())
-    raw = np.diff(heading)
+    turn = dof.turn
+    if not dof.wraps:
+        return Unwrapped(position.copy(), ())
+    raw = np.diff(position)
     inside = np.ones(len(raw), dtype=bool)
     inside[gaps] = False
-    if np.ptp(heading) > 1.01 * TURN and np.all(np.abs(raw[inside]) < np.pi):
-        return Unwrapped(heading.copy(), ())
-    steps = wrapped(raw)
+    if np.ptp(position) > 1.01 * turn and np.all(np.abs(raw[inside]) < turn / 2):
+        return Unwrapped(position.copy(), ())
+    steps = wrapped(raw, turn)
     broken = []
     for gap in gaps:
         span = time[gap + 1] - time[gap]
         before, after = _side_rate(time, steps, gap - 1, -1, gaps), _side_rate(time, steps, gap + 1, 1, gaps)
         predicted = span * (before[0] + after[0]) / 2
         doubt = span * (abs(after[0] - before[0]) / 2 + before[1] + after[1])
-        if doubt > np.pi / 2 or span > LONGEST_BRIDGE:
+        if doubt > turn / 4 or span > LONGEST_BRIDGE:
             broken.append(int(gap))
-        steps[gap] = predicted + wrapped(np.asarray(raw[gap] - predicted))
-    return Unwrapped(heading[0] + np.concatenate([[0.0], np.cumsum(steps)]), tuple(broken))
+        steps[gap] = predicted + wrapped(np.asarray(raw[gap] - predicted), turn)
+    return Unwrapped(position[0] + np.concatenate([[0.0], np.cumsum(steps)]), tuple(broken))
 
 
 def _side_rate(time: Floats, steps: Floats, start: int, way: int, gaps: Indices) -> tuple[float, float]:

@@ -1,14 +1,15 @@
 """Many runs padded to one array: simulation grid, held commands, and command changes that may move, worked
 out once."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import Dof
+from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Commands
 from automarine_cli.errors import RunError
 from automarine_cli.runs.run import Run
@@ -19,45 +20,75 @@ Floats = NDArray[np.float64]
 WINDOW = 2.0
 """Length [s] of the windows in which a disturbance moment is held."""
 
-MOST_EDGES = 24
-"""Runs with more changes of command than this (closed-loop driving) get one shift for all their changes
+MOST_SWITCHES = 24
+"""Runs with more changes of command than this (closed-loop driving) get one delay for all their changes
 together."""
 
 
 @dataclass(frozen=True)
-class Batch:
-    """R runs on a common layout: N samples, M steps and E command changes at most; shorter runs are padded.
+class Channel:
+    """What one kind of sensor logged of all runs: `quantity` is that of the records, of the degree of freedom in place
+    `dof` of the motion, its `velocity` or its position. `values` (R, N) [base units], zero where not `seen` (R, N).
 
-    The command changes half a sample interval before the sample that first shows it; a shift [s] of that
+    One that does not `count` stands in for a sensor that the log lacks (a heading summed up from a gyro): it is shown,
+    and no evidence.
+    """
+
+    quantity: str
+    dof: int
+    velocity: bool
+    values: Floats
+    seen: NDArray[np.bool_]
+    counts: bool = True
+
+
+@dataclass(frozen=True)
+class Batch:
+    """R runs of one motion on a common layout: N samples, M steps and E command changes at most; shorter runs are
+    padded. D degrees of freedom.
+
+    The command changes half a sample interval before the sample that first shows it; a delay [s] of that
     instant stretches the steps before it and shortens those after it, so that samples stay where they are
     and no step ever holds two commands.
 
     `length` (R, M) step lengths [s], 0 in the padding; `stretch` (R, M) change of a length per second of
-    shift of its edge; `edge` (R, M) index of that edge; `moment` (R, M) command held over each step; `node`
-    (R, N) which grid node each sample is; `seen` (R, N) which samples exist; `heading` (R, N) measured
-    [rad], 0 in the padding; `interval` (R, E) sample interval [s] in which each change happened, 0 in the
-    padding; `start` (R,) clock of the first sample [s]; `window` (R, M) which of the windows of `WINDOW`
-    seconds each step lies in; `signals` other logged columns held over the steps, (R, M).
+    delay of its switch; `switch` (R, M) index of that switch; `force` (D, R, M) moment or force commanded, held over
+    each step; `node` (R, N) which grid node each sample is; `seen` (R, N) which samples exist; `channels` what was
+    measured, the position of the first degree of freedom first; `interval` (R, E) sample interval [s] in which each
+    change happened, 0 in the padding; `start` (R,) clock of the first sample [s]; `before` (D, R, 1) what was held
+    before; `window` (R, M) which of the windows of `WINDOW` seconds each step lies in; `signals` other logged columns
+    held over the steps, (R, M).
 
-    Where a constant force acts (`axis`), a vehicle that stands still before its first change of command is held: on the
+    Where a constant force acts, a vehicle that stands still before its first change of command is held: on the
     surface, by hand. Its clock begins with that change, and the steps before have no length.
     """
 
+    motion: Motion
     names: tuple[str, ...]
     length: Floats
     stretch: Floats
-    edge: NDArray[np.int64]
-    moment: Floats
+    switch: NDArray[np.int64]
+    force: Floats
     node: NDArray[np.int64]
     seen: NDArray[np.bool_]
-    heading: Floats
+    channels: tuple[Channel, ...]
     interval: Floats
     start: Floats
     before: Floats
     window: NDArray[np.int64]
     moment_unit: str
     signals: Mapping[str, Floats]
-    axis: Axis = YAW
+
+    @property
+    def dof(self) -> Dof:
+        """The degree of freedom, where there is only one."""
+        (only,) = self.motion.dofs
+        return only
+
+    @property
+    def position(self) -> Floats:
+        """Measured positions of the first degree of freedom (R, N), 0 in the padding."""
+        return self.channels[0].values
 
     @property
     def windows(self) -> int:
@@ -70,15 +101,18 @@ class Batch:
         clock = np.concatenate([np.zeros((len(self.names), 1)), np.cumsum(self.length, axis=1)], axis=1)
         return np.take_along_axis(clock, self.node, axis=1)
 
-    def commands(self, shift: Floats | None = None) -> Commands:
-        """Commands on the grid, (P or 1, R, M), with the instants of change moved by `shift` (P, R, E)
-        [s]."""
+    def commands(self, switch_delay: Floats | None = None) -> tuple[Commands, ...]:
+        """Commands of each degree of freedom on the grid, (P or 1, R, M), with the instants of change moved by
+        `switch_delay` (P, R, E) [s]."""
         length = self.length[None]
-        if shift is not None:
-            index = np.broadcast_to(self.edge[None], (len(shift), *self.edge.shape))
-            length = length + self.stretch[None] * np.take_along_axis(shift, index, axis=2)
-        begins = np.cumsum(length, axis=2) - length
-        return Commands(self.moment[None], begins, length, self.before, self.start[:, None], self.signals)
+        if switch_delay is not None:
+            index = np.broadcast_to(self.switch[None], (len(switch_delay), *self.switch.shape))
+            length = length + self.stretch[None] * np.take_along_axis(switch_delay, index, axis=2)
+        begins, clock = np.cumsum(length, axis=2) - length, self.start[:, None]
+        return tuple(
+            Commands(force[None], begins, length, before, clock, self.signals)
+            for force, before in zip(self.force, self.before)
+        )
 
 
 @dataclass(frozen=True)
@@ -87,20 +121,31 @@ class _Grid:
 
     length: Floats
     stretch: Floats
-    edge: NDArray[np.int64]
+    switch: NDArray[np.int64]
     held: NDArray[np.int64]
     node: NDArray[np.int64]
     interval: Floats
 
 
-def make_batch(runs: Sequence[Run], max_step: float, signals: Sequence[str] = (), hold: bool = True) -> Batch:
+def make_batch(
+    runs: Sequence[Run],
+    max_step: float,
+    signals: Sequence[str] = (),
+    hold: bool = True,
+    *,
+    motion: Motion | None = None,
+    channels: Sequence[str] | None = None,
+) -> Batch:
     """Lay `runs` out for simulation with steps of at most `max_step` [s].
 
-    `signals` names the columns of `Run.extras` that effects need; without `hold` nobody holds a vehicle. Raises
-    RunError for no runs, a run without a moment, runs with moments in different units, or a missing signal.
+    `motion` is by default that of the runs' one degree of freedom. `channels` names the quantities measured that are to
+    be followed, by default the positions of the runs alone; `signals` the columns of `Run.extras` that effects need;
+    without `hold` nobody holds a vehicle. Raises RunError for no runs, a run without a moment, runs with moments in
+    different units, or a missing signal.
     """
     if not runs:
         raise RunError("no runs to simulate; give at least one log")
+    motion = motion or alone(runs[0].dof)
     units = {run.moment_unit for run in runs}
     if len(units) > 1:
         raise RunError(
@@ -113,37 +158,56 @@ def make_batch(runs: Sequence[Run], max_step: float, signals: Sequence[str] = ()
             raise RunError(
                 f"{run.source}, run {run.name!r}: the model needs column {missing[0]!r}, which the log lacks"
             )
-    grids = [_grid(run, max_step) for run in runs]
-    if hold and runs[0].axis.constant:
+    commanded = [np.stack([run.command_of(dof) for dof in motion.dofs]) for run in runs]
+    grids = [_grid(run, force, max_step) for run, force in zip(runs, commanded)]
+    if hold and any(dof.has_constant for dof in motion.dofs):
         grids = [_held(run, grid) for run, grid in zip(runs, grids)]
     steps = max(len(g.length) for g in grids)
     samples = max(len(run) for run in runs)
-    edges = max(1, *(len(g.interval) for g in grids))
-
-    def padded(rows: Sequence[NDArray[Any]], width: int) -> NDArray[Any]:
-        out = np.zeros((len(rows), width), dtype=np.result_type(*rows))
-        for row, values in zip(out, rows):
-            row[: len(values)] = values
-        return out
-
-    lengths = padded([g.length for g in grids], steps)
+    switches = max(1, *(len(g.interval) for g in grids))
+    lengths = _padded([g.length for g in grids], steps)
+    held = [force[:, g.held] for force, g in zip(commanded, grids)]
     return Batch(
+        motion=motion,
         names=tuple(run.name for run in runs),
         length=lengths,
-        stretch=padded([g.stretch for g in grids], steps),
-        edge=padded([g.edge for g in grids], steps),
-        moment=padded([run.command[g.held] for run, g in zip(runs, grids)], steps),
-        node=padded([g.node for g in grids], samples),
-        seen=padded([np.ones(len(run), dtype=bool) for run in runs], samples),
-        heading=padded([run.heading for run in runs], samples),
-        interval=padded([g.interval for g in grids], edges),
+        stretch=_padded([g.stretch for g in grids], steps),
+        switch=_padded([g.switch for g in grids], steps),
+        force=np.stack([_padded([force[d] for force in held], steps) for d in range(len(motion.dofs))]),
+        node=_padded([g.node for g in grids], samples),
+        seen=_padded([np.ones(len(run), dtype=bool) for run in runs], samples),
+        channels=tuple(_channels(runs, motion, samples, channels)),
+        interval=_padded([g.interval for g in grids], switches),
         start=np.array([run.time[0] for run in runs]),
-        before=np.array([[_moment_before(run)] for run in runs]),
+        before=np.array([[[_held_before(run, dof)] for run in runs] for dof in motion.dofs]),
         window=((np.cumsum(lengths, axis=1) - 0.5 * lengths) / WINDOW).astype(int),
         moment_unit=units.pop(),
-        signals={n: padded([run.extras[n][g.held] for run, g in zip(runs, grids)], steps) for n in signals},
-        axis=runs[0].axis,
+        signals={n: _padded([run.extras[n][g.held] for run, g in zip(runs, grids)], steps) for n in signals},
     )
+
+
+def _padded(rows: Sequence[NDArray[Any]], width: int) -> NDArray[Any]:
+    out = np.zeros((len(rows), width), dtype=np.result_type(*rows))
+    for row, values in zip(out, rows):
+        row[: len(values)] = values
+    return out
+
+
+def _channels(
+    runs: Sequence[Run], motion: Motion, samples: int, wanted: Sequence[str] | None
+) -> Iterator[Channel]:
+    """The channels of the motion that are wanted and that any run has; the first position always, if only to show."""
+    for d, (dof, position) in enumerate(zip(motion.dofs, motion.positions)):
+        for quantity in (position, dof.velocity):
+            first = d == 0 and quantity == position
+            asked = quantity == position if wanted is None else quantity in wanted
+            columns = [run.channel(quantity) for run in runs]
+            if not (first or asked) or all(column is None for column in columns):
+                continue
+            values = [np.full(len(run), np.nan) if c is None else c for run, c in zip(runs, columns)]
+            seen = _padded([np.isfinite(column) for column in values], samples)
+            filled = _padded([np.nan_to_num(column) for column in values], samples)
+            yield Channel(quantity, d, quantity == dof.velocity, filled, seen, counts=asked)
 
 
 def _held(run: Run, grid: _Grid) -> _Grid:
@@ -157,33 +221,36 @@ def _held(run: Run, grid: _Grid) -> _Grid:
     )
 
 
-def _grid(run: Run, max_step: float) -> _Grid:
-    """Steps between the samples of one run; an interval in which the command changes is halved at the
-    change."""
+def _grid(run: Run, force: Floats, max_step: float) -> _Grid:
+    """Steps between the samples of one run; an interval in which a command, of `force` (D, N), changes is halved at
+    the change."""
     intervals = np.diff(run.time)
-    changed = np.diff(run.command) != 0
+    changed = np.any(np.diff(force, axis=1) != 0, axis=0)
     count = np.maximum(np.ceil(intervals / max_step - 1e-9).astype(int), 1)
     count = np.where(changed, count + count % 2, count)
     which = np.repeat(np.arange(len(intervals)), count)
     order = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     late = changed[which] & (order >= count[which] // 2)
-    edges = np.cumsum(changed)[which] - 1
+    switch = np.cumsum(changed)[which] - 1
     width = intervals[changed]
-    if len(width) > MOST_EDGES:
-        edges, width = np.zeros_like(edges), np.array([np.median(width)])
+    if len(width) > MOST_SWITCHES:
+        switch, width = np.zeros_like(switch), np.array([np.median(width)])
     moves = np.where(late, -2.0, 2.0) / count[which]
     return _Grid(
         length=(intervals / count)[which],
         stretch=np.where(changed[which], moves, 0.0),
-        edge=np.where(changed[which], edges, 0),
+        switch=np.where(changed[which], switch, 0),
         held=which + late,
         node=np.concatenate([[0], np.cumsum(count)]),
         interval=width,
     )
 
 
-def _moment_before(run: Run) -> float:
-    """Moment held before the first sample: none if the vehicle starts from rest, else what the first sample shows."""
+def _held_before(run: Run, dof: Dof) -> float:
+    """What was commanded before the first sample: nothing if the vehicle starts from rest, else what that shows."""
+    force = run.command_of(dof)
+    if dof is not run.dof:
+        return float(force[0])
     steps = find_steps(run)
     from_rest = bool(steps) and steps[0].begins_log and steps[0].from_rest
-    return 0.0 if from_rest else float(run.command[0])
+    return 0.0 if from_rest else float(force[0])

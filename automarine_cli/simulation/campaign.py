@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import LogTable
 from automarine_cli.models.yaw_model import YawModel
@@ -36,7 +36,8 @@ MOST_REDRAWS = 10_000
 @dataclass(frozen=True)
 class Drawn:
     """What was drawn for one run: start heading and compass zero [rad], the factor on the moment delivered, the
-    constant moment added [moment unit], and the instants [s since the first sample] at which commands changed.
+    constant moment added [moment unit], the instants [s since the first sample] at which commands changed, and
+    the bias of the rate logged [rad/s].
     """
 
     start_heading: float
@@ -44,6 +45,7 @@ class Drawn:
     log_gain: float
     added_moment: float
     switches: Floats
+    rate_bias: float = 0.0
 
     @property
     def gain(self) -> float:
@@ -67,7 +69,7 @@ def make_runs(specification: Specification, seed: int | None = None) -> list[Run
     """
     runs: list[Run] = []
     for made in make_campaign(specification, seed):
-        table = as_table(made, specification.vehicle.moment_unit, specification.vehicle.axis)
+        table = as_table(made, specification.vehicle.moment_unit, specification.vehicle.dof)
         try:
             runs += clean(table, np.arange(len(table)), made.plan.name)
         except NotUsable:
@@ -75,17 +77,17 @@ def make_runs(specification: Specification, seed: int | None = None) -> list[Run
     return runs
 
 
-def as_table(made: SimulatedRun, moment_unit: str, axis: Axis = YAW) -> LogTable:
+def as_table(made: SimulatedRun, moment_unit: str, dof: Dof = YAW) -> LogTable:
     """The log as the reader would give it."""
     columns = {
         "time": made.log.time_s,
-        axis.position: axis.inner(made.log.heading_deg),
-        axis.command: made.log.moment,
+        dof.position: dof.inner(made.log.heading_deg),
+        dof.command: made.log.moment,
     }
     if made.log.rate_deg_s is not None:
-        columns[axis.rate] = axis.inner(made.log.rate_deg_s)
+        columns[dof.velocity] = dof.inner(made.log.rate_deg_s)
     rows = np.arange(1, len(made.log.time_s) + 1)
-    return LogTable(made.plan.file, columns, rows, moment_unit=moment_unit, axis=axis)
+    return LogTable(made.plan.file, columns, rows, moment_unit=moment_unit, dof=dof)
 
 
 def make_campaign(
@@ -133,7 +135,8 @@ def _make(work: tuple[Sequence[Plan], float], specification: Specification, seed
     made = []
     for plan, draw, time, (heading, rate) in zip(plans, drawn, times, truth):
         reading = heading + draw.heading_zero
-        log = log_run(plan, logger, seed, time, reading, rate, draw.switches, specification.vehicle.axis)
+        sensed = rate + draw.rate_bias
+        log = log_run(plan, logger, seed, time, reading, sensed, draw.switches, specification.vehicle.dof)
         made.append(SimulatedRun(plan, draw, log))
     return made
 
@@ -145,13 +148,14 @@ def _draw(plan: Plan, specification: Specification, seed: int) -> Drawn:
         degrees = 360.0 * float(uniform(1, seed, key, "start heading")[0])
     else:
         degrees = start[plan.turn % len(start)] if isinstance(start, tuple) else float(start)
-    axis = specification.vehicle.axis
+    dof, bias = specification.vehicle.dof, specification.logger.rate_bias_deg_s or 0.0
     return Drawn(
-        start_heading=float(axis.inner(degrees)),
-        heading_zero=float(axis.inner(scatter.heading_zero_deg) * normal(1, seed, key, "heading zero")[0]),
+        start_heading=float(dof.inner(degrees)),
+        heading_zero=float(dof.inner(scatter.heading_zero_deg) * normal(1, seed, key, "heading zero")[0]),
         log_gain=scatter.gain * float(normal(1, seed, key, "gain")[0]),
         added_moment=_added_moment(plan, specification, seed),
         switches=switch_times(plan, specification.logger, seed),
+        rate_bias=float(dof.inner(bias) * normal(1, seed, key, "rate bias")[0]),
     )
 
 
@@ -188,17 +192,17 @@ def _truth(
             name=plan.name,
             source=plan.file,
             time=plan.start + clock,
-            heading=np.zeros_like(clock),
+            position=np.zeros_like(clock),
             moment=commanded(clock, draw.switches, plan.moments),
             moment_unit=model.moment_unit,
-            axis=model.axis,
+            dof=model.dof,
         )
         for plan, draw, clock in zip(plans, drawn, clocks)
     ]
     batch = make_batch(runs, step, hold=False)
     added = np.array([draw.added_moment for draw in drawn])
     start = Start(
-        heading=np.array([[draw.start_heading for draw in drawn]]),
+        position=np.array([[draw.start_heading for draw in drawn]]),
         log_gain=np.array([[draw.log_gain for draw in drawn]]),
         own=_own_phases(model, plans, seed),
         disturbance=np.broadcast_to(added[None, :, None], (1, len(plans), batch.windows)),
@@ -209,7 +213,7 @@ def _truth(
         node = np.searchsorted(clock, np.maximum(time, clock[0]))  # held still before the clock begins
         if plan.group.fault == "never-moves":
             node = np.zeros_like(node)
-        truth.append((found.heading[0, i, node], found.rate[0, i, node]))
+        truth.append((found.position[0, i, node], found.velocity[0, i, node]))
     return truth
 
 

@@ -8,7 +8,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
+from automarine_cli.dofs import Dof
 from automarine_cli.logs.canonical import CANONICAL
 from automarine_cli.simulation.campaign import SimulatedRun
 from automarine_cli.simulation.logging_chain import DECIMALS, MOMENT_DECIMALS
@@ -35,11 +35,11 @@ def run_logs(
     files: dict[str, list[SimulatedRun]] = {}
     for run in sorted(runs, key=lambda run: run.plan.turn):
         files.setdefault(run.plan.file, []).append(run)
-    axis = specification.vehicle.axis
-    moment = COMMANDS[axis.command, specification.vehicle.moment_unit]
+    dof = specification.vehicle.dof
+    moment = COMMANDS[dof.command, specification.vehicle.moment_unit]
     for file, members in files.items():
         group = members[0].plan.group
-        parts = [_columns(run, moment, axis) for run in members]
+        parts = [_columns(run, moment, dof) for run in members]
         columns: dict[str, Column] = {}
         if group.together is not None:
             members_of = zip(members, parts)
@@ -48,15 +48,15 @@ def run_logs(
         yield file, log_bytes(columns, group.format, label(specification, seed))
 
 
-def _columns(run: SimulatedRun, moment: str, axis: Axis) -> dict[str, Floats]:
+def _columns(run: SimulatedRun, moment: str, dof: Dof) -> dict[str, Floats]:
     log = run.log
     columns = {
         "time_s": log.time_s,
-        f"{axis.position}_{axis.log_unit}": log.heading_deg,
+        f"{dof.position}_{dof.units.log}": log.heading_deg,
         moment: log.moment,
     }
     if log.rate_deg_s is not None:
-        columns[f"{axis.rate}_{axis.log_unit}_s"] = log.rate_deg_s
+        columns[f"{dof.velocity}_{dof.units.log}_s"] = log.rate_deg_s
     return columns
 
 

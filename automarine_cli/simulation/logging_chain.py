@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.simulation.plans import Plan
 from automarine_cli.simulation.specification import Logger
 from automarine_cli.simulation.streams import normal, uniform
@@ -62,13 +62,13 @@ def log_run(
     heading: Floats,
     rate: Floats,
     switches: Floats,
-    axis: Axis = YAW,
+    dof: Dof = YAW,
 ) -> Log:
-    """The log of a run whose sensor would read `heading` [rad, or m] at `time` [s since its first sample] without
-    noise; `rate` [rad/s, or m/s] is the true one; all of shape (N,).
+    """The log of a run whose sensors would read `heading` [rad, or m] and `rate` [rad/s, or m/s] at `time` [s since
+    its first sample] without noise, all of shape (N,).
     """
     count = len(time)
-    reading = axis.logged(heading) + logger.noise_deg * normal(count, seed, plan.key, "noise")
+    reading = dof.logged(heading) + logger.noise_deg * normal(count, seed, plan.key, "noise")
     glitch = uniform(count, seed, plan.key, "glitch") < logger.glitch
     side = np.where(uniform(count, seed, plan.key, "glitch side") < 0.5, -1.0, 1.0)
     reading = reading + np.where(glitch, side * logger.glitch_deg, 0.0)
@@ -79,12 +79,12 @@ def log_run(
         stuck = min(plan.changes[0] + STUCK_AFTER, count - 1)
         reading[stuck:] = reading[stuck]
     if plan.group.fault == "ends-early":
-        beyond = np.abs(heading - heading[0]) > EARLY_END * axis.least
+        beyond = np.abs(heading - heading[0]) > EARLY_END * dof.limits.least
         kept[int(np.argmax(beyond)) if beyond.any() else count // 2 :] = False
     turning = None
     if logger.rate_noise_deg_s is not None:
         noise = logger.rate_noise_deg_s * normal(count, seed, plan.key, "rate noise")
-        turning = _rounded(axis.logged(rate) + noise, DECIMALS)[kept]
+        turning = _rounded(dof.logged(rate) + noise, DECIMALS)[kept]
     return Log(
         time_s=_rounded(plan.start + time, DECIMALS)[kept],
         heading_deg=_wrapped(reading, logger)[kept],

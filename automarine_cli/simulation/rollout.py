@@ -1,7 +1,8 @@
 """Advance every run under every parameter set together: classical Runge-Kutta with a fixed step, blind to
 the effects.
 
-Order of the axes everywhere: parameter sets P, runs R, samples N (or steps M).
+Order of the axes of what is returned: parameter sets P, runs R, samples N, degrees of freedom D. Inside, the degrees of
+freedom come first, so that one alone is a plain array of sets by runs.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -12,59 +13,81 @@ from itertools import islice
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from automarine_cli.effects import Commands, Effect, Motion, Place
+from automarine_cli.dofs.motion import Motion
+from automarine_cli.effects import Commands, Place, State
+from automarine_cli.models.vehicle import Bound, Vehicle
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.simulation.batch import Batch
+from automarine_cli.simulation.batch import Batch, Channel
+from automarine_cli.simulation.plane import coriolis, in_body_axes, in_earth_axes
 
 Floats = NDArray[np.float64]
-Bound = tuple[Effect, tuple[Floats, ...]]
-"""An effect with the values of its parameters, each (P, 1)."""
-Slope = Callable[..., tuple[Floats, Sequence[Floats]]]
+Slope = Callable[..., tuple[Floats, Floats, Sequence[Floats]]]
 
 
 @dataclass(frozen=True)
 class Start:
-    """What differs from run to run and is no property of the vehicle; each broadcasts to (P, R), shift to
+    """What differs from run to run and is no property of the vehicle; each broadcasts to (P, R), switch_delay to
     (P, R, E).
 
-    `heading` [rad] and `rate` [rad/s] at the first sample, `log_gain` of the moment delivered, `shift` [s]
-    of every change of command from the middle of the interval in which it happened, `disturbance` (P, R,
-    windows) a moment added in each window of the batch, `own` by name the coefficients (P, R, k) of effects that
-    vary from run to run.
+    `position` and `velocity` at the first sample, of several degrees of freedom (D, P, R), or (D, 1, 1) for all runs
+    alike: in the plane north, east and heading, and the velocities over ground in the vehicle's axes. `log_gain` is
+    that of everything delivered, `switch_delay` [s] of every change of command from the middle of the interval in which
+    it happened, `disturbance` (D, P, R, windows), of one degree of freedom (P, R, windows), a moment or force in each
+    window of the batch, `own` by name the coefficients (P, R, k) of effects that vary from run to run.
     """
 
-    heading: ArrayLike = 0.0
-    rate: ArrayLike = 0.0
+    position: ArrayLike = 0.0
+    velocity: ArrayLike = 0.0
     log_gain: ArrayLike = 0.0
-    shift: Floats | None = None
+    switch_delay: Floats | None = None
     disturbance: Floats | None = None
     own: Mapping[str, Floats] = field(default_factory=dict)
 
-    def bind(self, effect: Effect, values: tuple[Floats, ...]) -> tuple[Floats, ...]:
-        """An effect's values with each run's own coefficients after them."""
-        own = self.own.get(effect.name, np.zeros((1, 1, effect.per_run)))
-        return (*values, *np.moveaxis(own, 2, 0))
+    def bind(self, term: Bound) -> Bound:
+        """A term with each run's own coefficients after its values."""
+        if not term.effect.per_run:
+            return term
+        own = self.own.get(term.effect.name, np.zeros((1, 1, term.effect.per_run)))
+        return replace(term, values=(*term.values, *np.moveaxis(own, 2, 0)))
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Simulated heading as the sensor reads it [rad] and true yaw rate [rad/s] at the samples, both (P, R, N).
+    """Simulated states at the samples: positions as the sensors show them, true positions and velocities. In the plane
+    positions are north, east and heading, velocities those over ground in the vehicle's axes.
 
-    `nodes` holds the two at all nodes of the simulation grid, (P, R, M + 1); samples are picked when asked for.
+    `nodes` holds the three at all nodes of the simulation grid, (D, P, R, M + 1) each; samples are picked when asked
+    for.
     """
 
-    nodes: tuple[Floats, Floats] = field(repr=False)
+    nodes: tuple[Floats, Floats, Floats] = field(repr=False)
     node: NDArray[np.int64] = field(repr=False)
 
     @cached_property
-    def heading(self) -> Floats:
-        """Headings that the sensor reads [rad], (P, R, N)."""
-        return self._at_samples(self.nodes[0])
+    def position(self) -> Floats:
+        """Positions of the first degree of freedom as its sensor reads them, (P, R, N)."""
+        return self._at_samples(self.nodes[0][0])
 
     @cached_property
-    def rate(self) -> Floats:
-        """True yaw rates [rad/s], (P, R, N)."""
-        return self._at_samples(self.nodes[1])
+    def velocity(self) -> Floats:
+        """True velocities of the first degree of freedom, (P, R, N)."""
+        return self._at_samples(self.nodes[2][0])
+
+    @cached_property
+    def positions(self) -> Floats:
+        """True positions, (P, R, N, D)."""
+        return np.stack([self._at_samples(one) for one in self.nodes[1]], axis=-1)
+
+    @cached_property
+    def velocities(self) -> Floats:
+        """True velocities, (P, R, N, D)."""
+        return np.stack([self._at_samples(one) for one in self.nodes[2]], axis=-1)
+
+    def reading(self, channel: Channel) -> Floats:
+        """What a channel's sensor reads, (P, R, N)."""
+        if channel.dof == 0:
+            return self.velocity if channel.velocity else self.position
+        return self._at_samples(self.nodes[2 if channel.velocity else 0][channel.dof])
 
     def _at_samples(self, column: Floats) -> Floats:
         return np.asarray(column[:, np.arange(len(self.node))[:, None], self.node])
@@ -76,123 +99,172 @@ def step_for(model: YawModel, moment: float) -> float:
 
 
 def simulate(
-    model: YawModel, batch: Batch, theta: Floats | None = None, start: Start | None = None
+    model: Vehicle, batch: Batch, theta: Floats | None = None, start: Start | None = None
 ) -> Trajectory:
     """Simulate all runs of `batch` under all parameter sets `theta` (P, p), by default the model's own.
 
-    Returns headings and rates of shape (P, R, N). Commands are held over each step; the order is actuators
-    on the commands, sum of moments with water states, division by inertia, sensors on the heading.
+    Commands are held over each step; the order is actuators on the commands, sum of forces with water states, division
+    by inertia, sensors on the positions.
     """
     theta = np.atleast_2d(model.theta if theta is None else theta)
     start = start or Start()
     shape = np.broadcast_shapes(
-        (len(theta), len(batch.names)), np.shape(start.heading), np.shape(start.log_gain)
+        (len(model.motion.dofs), len(theta), len(batch.names)),
+        np.shape(start.position),
+        np.shape(start.velocity),
+        np.shape(start.log_gain),
     )
-    terms = [(effect, start.bind(effect, values)) for effect, values in model.unpack(theta)]
-    commands = batch.commands(start.shift)
-    forward = replace(
-        commands, length=np.maximum(commands.length, 0.0)
-    )  # for those who only know time to pass
-    for effect, values in terms:
-        if effect.place is Place.ACTUATOR:
-            wide = tuple(v[..., None] for v in values)
-            forward = replace(forward, moment=effect.deliver(forward, wide))
-    commands = replace(commands, moment=forward.moment)
+    terms = [start.bind(term) for term in model.forces(theta)]
+    commands = list(batch.commands(start.switch_delay))
+    for term in terms:
+        if term.effect.place is Place.ACTUATOR:
+            commands[term.dof] = _actuated(commands[term.dof], term)
     with np.errstate(
         over="ignore", invalid="ignore"
     ):  # a fit may try parameters that no vehicle has; it sees the infinity
-        heading, rate = _integrate(theta[:, :1], terms, batch, commands, start, shape)
-        time = np.concatenate(
-            [np.zeros_like(commands.start[..., :1]), commands.start + commands.length], axis=2
-        )
-        for effect, values in terms:
-            if effect.place is Place.SENSOR:
-                heading = effect.read(heading, time, tuple(v[..., None] for v in values))
-    return Trajectory((heading, rate), batch.node)
+        true, velocities = _integrate(model, theta, terms, batch, commands, start, shape)
+        clock = commands[0]
+        time = np.concatenate([np.zeros_like(clock.start[..., :1]), clock.start + clock.length], axis=2)
+        read = true
+        for term in terms:
+            if term.effect.place is Place.SENSOR:
+                shown = term.effect.read(read[term.dof], time, term.wide())
+                read = shown[None] if len(read) == 1 else np.stack(
+                    [shown if d == term.dof else one for d, one in enumerate(read)]
+                )  # fmt: skip
+    return Trajectory((read, true, velocities), batch.node)
+
+
+def _actuated(commands: Commands, term: Bound) -> Commands:
+    """The commands as an actuator effect delivers them."""
+    forward = replace(commands, length=np.maximum(commands.length, 0.0))  # it only knows time to pass
+    return replace(commands, force=term.effect.deliver(forward, term.wide()))
 
 
 def _integrate(
-    inertia: Floats,
+    model: Vehicle,
+    theta: Floats,
     terms: Sequence[Bound],
     batch: Batch,
-    commands: Commands,
+    commands: Sequence[Commands],
     start: Start,
     shape: tuple[int, ...],
 ) -> tuple[Floats, Floats]:
-    """Headings and rates at all M + 1 nodes, (P, R, M + 1).
+    """True positions and velocities at all M + 1 nodes, (D, P, R, M + 1).
 
-    The rate and the states of the water are advanced step by step; the heading only where a moment depends on it,
-    else its increments are summed at the end: numpy's cost a call, not arithmetic, is what a step costs.
+    Velocities and the states of the water are advanced step by step; positions only where something depends on them,
+    else their increments are summed at the end: numpy's cost a call, not arithmetic, is what a step costs. In a
+    current the velocities that are advanced are those through the water.
     """
-    movers = [(effect, values) for effect, values in terms if effect.place in (Place.MOMENT, Place.WATER)]
-    steered = any(effect.steered for effect, _ in movers)
+    movers = [term for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
+    followed = model.motion.turns or any(term.effect.steered for term in movers)
     tau = _delivered(batch, commands, start, shape)
-    lengths, begins = (np.ascontiguousarray(np.moveaxis(x, 2, 0)) for x in (commands.length, commands.start))
+    clock, signals = commands[0], commands[0].signals
+    lengths, begins = (np.ascontiguousarray(np.moveaxis(x, 2, 0)) for x in (clock.length, clock.start))
     half, sixth, middle = 0.5 * lengths, lengths / 6.0, begins + 0.5 * lengths
-    slope = _slope(movers, 1.0 / inertia)
-    heading = np.array(np.broadcast_to(start.heading, shape), dtype=float)
-    rate = np.array(np.broadcast_to(start.rate, shape), dtype=float)
-    water = [np.zeros(shape) for effect, _ in movers for _ in effect.states]
-    motion = Motion(heading, heading, rate, rate, tau[0], begins[0], {})
+    position = np.array(np.broadcast_to(start.position, shape), dtype=float)
+    velocity = np.array(np.broadcast_to(start.velocity, shape), dtype=float)
+    current = model.current(theta)
+    if current is not None:
+        velocity = velocity - in_body_axes(current, position[2])
+    water = [np.zeros(shape[1:]) for term in movers for _ in term.effect.states]
+    slope = _slope(model.motion, movers, model.inertia_matrix(theta), current, position)
     steps = len(tau)
-    rates, turned = np.empty((steps + 1, *shape)), np.empty((steps + 1, *shape))
-    rates[0], turned[0] = rate, heading
+    velocities, travelled = np.empty((steps + 1, *shape)), np.empty((steps + 1, *shape))
+    velocities[0], travelled[0] = velocity, position
+    held: Mapping[str, Floats] = {}
     for m in range(steps):
-        h, h2, h6 = lengths[m], half[m], sixth[m]
-        motion.delivered = tau[m]
-        if commands.signals:
-            motion.signals = {name: column[:, m] for name, column in commands.signals.items()}
-        first, water1 = slope(motion, heading, rate, water, begins[m])
-        rate2 = rate + h2 * first
-        at = heading + h2 * rate if steered else heading
-        second, water2 = slope(motion, at, rate2, _ahead(water, h2, water1), middle[m])
-        rate3 = rate + h2 * second
-        at = heading + h2 * rate2 if steered else heading
-        third, water3 = slope(motion, at, rate3, _ahead(water, h2, water2), middle[m])
-        at = heading + h * rate3 if steered else heading
-        fourth, water4 = slope(motion, at, rate + h * third, _ahead(water, h, water3), begins[m] + h)
+        h, h2, h6, force = lengths[m], half[m], sixth[m], tau[m]
+        if signals:
+            held = {name: column[:, m] for name, column in signals.items()}
+        first, move1, water1 = slope(position, velocity, water, force, begins[m], held)
+        there = position + h2 * move1 if followed else position
+        velocity2 = velocity + h2 * first
+        second, move2, water2 = slope(there, velocity2, _ahead(water, h2, water1), force, middle[m], held)
+        there = position + h2 * move2 if followed else position
+        velocity3 = velocity + h2 * second
+        third, move3, water3 = slope(there, velocity3, _ahead(water, h2, water2), force, middle[m], held)
+        there = position + h * move3 if followed else position
+        velocity4 = velocity + h * third
+        fourth, move4, water4 = slope(there, velocity4, _ahead(water, h, water3), force, begins[m] + h, held)
         twice = second + third
-        # The heading's own Runge-Kutta step: the mean rate of the four stages, written with their slopes.
-        np.add(rate, h6 * (first + twice), out=turned[m + 1])
-        rate = np.add(rate, h6 * (first + 2.0 * twice + fourth), out=rates[m + 1])
-        if steered:
-            heading = heading + h * turned[m + 1]
+        if move1 is velocity:
+            # The position's own Runge-Kutta step: the mean velocity of the four stages, written with their slopes.
+            np.add(velocity, h6 * (first + twice), out=travelled[m + 1])
+            if followed:
+                position = position + h * travelled[m + 1]
+        else:
+            position = position + h6 * (move1 + 2.0 * (move2 + move3) + move4)
+            travelled[m + 1] = position
+        velocity = np.add(velocity, h6 * (first + 2.0 * twice + fourth), out=velocities[m + 1])
         water = [
             w + h6 * (a + 2.0 * (b + c) + d) for w, a, b, c, d in zip(water, water1, water2, water3, water4)
         ]
-    turned[1:] *= lengths
-    np.cumsum(turned, axis=0, out=turned)
-    return np.moveaxis(turned, 0, 2), np.moveaxis(rates, 0, 2)
+    if not model.motion.turns:
+        travelled[1:] *= lengths[:, None]
+        np.cumsum(travelled, axis=0, out=travelled)
+    elif current is not None:
+        velocities += np.moveaxis(in_body_axes(current, travelled[:, 2]), 0, 1)
+    return np.moveaxis(travelled, 0, 3), np.moveaxis(velocities, 0, 3)
 
 
-def _delivered(batch: Batch, commands: Commands, start: Start, shape: tuple[int, ...]) -> Floats:
-    """Moment held over each step with the run's gain and disturbance, (M, P, R)."""
-    delivered = commands.moment * np.exp(np.asarray(start.log_gain))[..., None]
-    if start.disturbance is not None:
-        index = np.broadcast_to(batch.window[None], (len(start.disturbance), *batch.window.shape))
-        delivered = delivered + np.take_along_axis(start.disturbance, index, axis=2)
-    wide = np.broadcast_to(delivered, (*shape, delivered.shape[2]))
-    return np.ascontiguousarray(np.moveaxis(wide, 2, 0))
+def _delivered(batch: Batch, commands: Sequence[Commands], start: Start, shape: tuple[int, ...]) -> Floats:
+    """What is held over each step with the run's gain and disturbance, (M, D, P, R)."""
+    gain, rows = np.exp(np.asarray(start.log_gain))[..., None], []
+    pushed = start.disturbance
+    if pushed is not None and pushed.ndim == 3:
+        pushed = pushed[None]
+    for d, one in enumerate(commands):
+        force = one.force * gain
+        if pushed is not None:
+            index = np.broadcast_to(batch.window, (*pushed.shape[1:2], *batch.window.shape))
+            force = force + np.take_along_axis(pushed[d], index, axis=2)
+        rows.append(np.broadcast_to(force, (*shape[1:], force.shape[2])))
+    together = rows[0][None] if len(rows) == 1 else np.stack(rows)
+    return np.ascontiguousarray(np.moveaxis(together, 3, 0))
 
 
-def _slope(movers: Sequence[Bound], per_inertia: Floats) -> Slope:
-    """The right-hand side: acceleration (P, R) and the derivatives of the water's states."""
+def _slope(
+    motion: Motion, movers: Sequence[Bound], inertia: Floats, current: Floats | None, origin: Floats
+) -> Slope:
+    """The right-hand side: accelerations and rates of the positions (D, P, R), derivatives of the water's states."""
+    single = not motion.turns
+    inverse = 1.0 / inertia[:, 0, :1] if single else np.linalg.inv(inertia)
+    none = np.zeros(())
+    flow = [none] * len(motion.dofs)
+    states = [State(none, start, none, none, none, none, {}, flow) for start in origin]
 
-    def slope(motion: Motion, heading: Floats, rate: Floats, water: Sequence[Floats], time: Floats):  # type: ignore[no-untyped-def]
-        motion.heading, motion.rate, motion.time, motion.slip = heading, rate, time, rate
+    def slope(  # type: ignore[no-untyped-def]
+        position: Floats, velocity: Floats, water: Sequence[Floats], force: Floats, time: Floats, signals
+    ):
+        over_ground = velocity if current is None else velocity + in_body_axes(current, position[2])
+        for d, state in enumerate(states):
+            state.position, state.velocity = position[d], over_ground[d]
+            state.relative = flow[d] = velocity[d]
+            state.delivered, state.time, state.signals = force[d], time, signals
         if water:
             left = iter(water)
-            own = [tuple(islice(left, len(effect.states))) for effect, _ in movers]
-            moving = [e.water_rate(s, v) for (e, v), s in zip(movers, own) if e.place is Place.WATER]
-            motion.slip = rate - sum(moving)
-        total = motion.delivered
-        for effect, values in movers:
-            total = total + effect.moment(motion, values)
-        flow: list[Floats] = []
+            own = [tuple(islice(left, len(term.effect.states))) for term in movers]
+            for term, stored in zip(movers, own):
+                if term.effect.place is Place.WATER:
+                    state = states[term.dof]
+                    state.relative = flow[term.dof] = state.relative - term.effect.water_rate(
+                        stored, term.values
+                    )
+        total = list(force)
+        for term in movers:
+            total[term.dof] = total[term.dof] + term.effect.moment(states[term.dof], term.values)
+        stirred: list[Floats] = []
         if water:
-            for (effect, values), states in zip(movers, own):
-                flow.extend(effect.derivatives(motion, states, values) if states else ())
-        return total * per_inertia, flow
+            for term, stored in zip(movers, own):
+                stirred.extend(
+                    term.effect.derivatives(states[term.dof], stored, term.values) if stored else ()
+                )
+        if single:
+            return (total[0] * inverse)[None], velocity, stirred
+        turning = np.stack(total) - coriolis(inertia, velocity)
+        moved = in_earth_axes(over_ground, position[2])
+        return np.einsum("pij,jpr->ipr", inverse, turning), moved, stirred
 
     return slope
 

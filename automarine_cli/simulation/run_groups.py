@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar, Literal, TypeAlias
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.models.closed_form import response
 from automarine_cli.pipeline.recipe import from_mapping
@@ -28,7 +28,7 @@ class Resistance:
     k_r: float
     k_rr: float
     constant: float = 0.0
-    axis: Axis = YAW
+    dof: Dof = YAW
 
 
 MOST_LEVELS = 100_000
@@ -132,7 +132,7 @@ class StepRuns(RunGroup):
         """How long the moment is held [s]."""
         if self.duration_s is not None:
             return self.duration_s
-        return time_to_turn(drag.axis.inner(self.turn_deg or 0.0), moment, drag)
+        return time_to_turn(drag.dof.inner(self.turn_deg or 0.0), moment, drag)
 
     def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
         """The moments in their order."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from automarine_cli import effects as library
-from automarine_cli.axes import AXES, YAW, Axis
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.plain_data import everything, in_words, told
@@ -41,12 +41,12 @@ class EffectSetting:
             raise SettingError(
                 f"effect {self.name!r} needs the column {effect.needs[0]!r}, which simulated runs lack; leave it out"
             )
-        names = [parameter.name for parameter in effect.parameters]
+        names = [parameter.name_in(YAW) for parameter in effect.parameters]
         allowed = ", ".join(names)
         for name in self.values:
             if name not in names:
                 raise SettingError(f"effect {self.name!r} has no parameter {name!r}; it has {allowed}")
-        for name in (p.name for p in effect.parameters if not p.choices):
+        for name in (p.name_in(YAW) for p in effect.parameters if not p.choices):
             if name not in self.values:
                 raise SettingError(
                     f"effect {self.name!r} needs its parameter {name!r} (of {allowed}); give it"
@@ -55,7 +55,7 @@ class EffectSetting:
     @property
     def ordered(self) -> tuple[float, ...]:
         """The values in the effect's own order."""
-        return tuple(self.values.get(p.name, p.start) for p in library.get(self.name).parameters)
+        return tuple(self.values.get(p.name_in(YAW), p.start) for p in library.get(self.name).parameters)
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,8 @@ class Logger:
     `rate_hz` samples a second; `noise_deg` white noise of the heading and `quantisation_deg` its resolution;
     `dropout` share of the samples lost; `clock_jitter_s` standard deviation of the sampling instants around
     an even clock (the stamps are right); `glitch` share of the samples that are off by `glitch_deg` to either side;
-    `wrap` of the heading; `rate_noise_deg_s` adds a column with the yaw rate and that noise.
+    `wrap` of the heading; `rate_noise_deg_s` adds a column with the yaw rate, as a gyro reads it, and that noise;
+    `rate_bias_deg_s` is the standard deviation of what it reads at standstill, drawn for each run.
     """
 
     rate_hz: float = 10.0
@@ -77,13 +78,17 @@ class Logger:
     glitch_deg: float = 90.0
     wrap: Literal["0..360", "-180..180", "none"] = "0..360"
     rate_noise_deg_s: float | None = None
+    rate_bias_deg_s: float | None = None
 
     def __post_init__(self) -> None:
         positive(self, "rate_hz")
-        at_least_zero(
-            self, "noise_deg", "quantisation_deg", "clock_jitter_s", "glitch_deg", "rate_noise_deg_s"
-        )
+        at_least_zero(self, "noise_deg", "quantisation_deg", "clock_jitter_s", "glitch_deg")
+        at_least_zero(self, "rate_noise_deg_s", "rate_bias_deg_s")
         between(self, 0.0, 0.9, "dropout", "glitch")
+        if self.rate_noise_deg_s is None and self.rate_bias_deg_s is not None:
+            raise SettingError(
+                "rate_bias_deg_s is of the rates logged; expected rate_noise_deg_s with it (0 for none)"
+            )
         if self.clock_jitter_s > MOST_JITTER * self.period:
             raise SettingError(
                 f"clock_jitter_s is {self.clock_jitter_s:g}; expected at most {MOST_JITTER:g} of the sample "
@@ -187,8 +192,8 @@ class Specification:
 
     def model(self) -> YawModel:
         """The true model: the vehicle's drag and the effects, in their order."""
-        terms = tuple(Term(name, (value,)) for name, value in self.vehicle.terms)
-        model = YawModel(self.vehicle.I_r, terms, self.vehicle.moment_unit, self.vehicle.axis)
+        terms = tuple(Term(name, (value,), own=True) for name, value in self.vehicle.terms)
+        model = YawModel(self.vehicle.I_r, terms, self.vehicle.moment_unit, self.vehicle.dof)
         for effect in self.effects:
             model = model.with_effect(effect.name, effect.ordered)
         return model
@@ -227,25 +232,25 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
     """The specification held by plain data; `where` names it in messages. Raises SettingError."""
     vehicle = mapping.get("vehicle")
     motion = vehicle.get("motion", YAW.name) if isinstance(vehicle, Mapping) else YAW.name
-    axis = AXES.get(motion) if isinstance(motion, str) else None
-    if axis is None:
-        raise SettingError(f"{where}: vehicle.motion: found {told(motion)}, expected {' or '.join(AXES)}")
-    if axis.wraps:
+    dof = DOFS.get(motion) if isinstance(motion, str) else None
+    if dof is None:
+        raise SettingError(f"{where}: vehicle.motion: found {told(motion)}, expected {' or '.join(DOFS)}")
+    if dof.wraps:
         return _specification(mapping, where, _Raw)
-    if wrong := axis.misnamed(mapping):
-        raise SettingError(f"{where}: unknown key {wrong!r}; in {axis.name} it is {axis.key(wrong)!r}")
+    if wrong := dof.misnamed(mapping):
+        raise SettingError(f"{where}: unknown key {wrong!r}; in {dof.name} it is {dof.key(wrong)!r}")
     try:
-        return _specification(_with_defaults(axis.plain(mapping), axis), where, _RawForce)
+        return _specification(_with_defaults(dof.plain(mapping), dof), where, _RawForce)
     except SettingError as problem:
-        raise SettingError(where + axis.say(str(problem).removeprefix(where))) from None
+        raise SettingError(where + dof.say(str(problem).removeprefix(where))) from None
 
 
-def _with_defaults(mapping: Mapping[str, object], axis: Axis) -> dict[str, object]:
+def _with_defaults(mapping: Mapping[str, object], dof: Dof) -> dict[str, object]:
     """The data of a translation with what goes without saying there: nothing wraps, and who sinks or rises is held."""
     own: dict[str, dict[str, object]] = {
         "logger": {"wrap": "none", "glitch_deg": 1.0},
         "scatter": {"start_heading_deg": 0.0},
-        "campaign": {"held": axis.constant},
+        "campaign": {"held": dof.has_constant},
     }
     given = {key: mapping.get(key, {}) for key in own}
     return {

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from automarine_cli.axes import AXES, YAW, Axis
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.simulation.checks import at_least_zero, positive
 
@@ -24,7 +24,7 @@ class Vehicle:
             raise SettingError("k_rr and k_r are both 0; expected a drag, or the vehicle never gets steady")
 
     @property
-    def axis(self) -> Axis:
+    def dof(self) -> Dof:
         """The motion that is simulated."""
         return YAW
 
@@ -52,13 +52,13 @@ class ForceVehicle(Vehicle):
         super().__post_init__()
         if abs(self.half_difference) >= max(self.k_rr, 1e-300):
             raise SettingError("half_difference is not below k_rr; expected a drag that brakes both ways")
-        if self.constant_force and not self.axis.constant:
+        if self.constant_force and not self.dof.has_constant:
             raise SettingError('constant_force is of heave; elsewhere expected the effect "bias-moment"')
 
     @property
-    def axis(self) -> Axis:
+    def dof(self) -> Dof:
         """The motion that is simulated."""
-        return AXES[self.motion]
+        return DOFS[self.motion]
 
     @property
     def terms(self) -> list[tuple[str, float]]:

@@ -2,11 +2,11 @@
 
 import glob
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from automarine_cli.axes import SURGE, YAW
+from automarine_cli.dofs import SURGE, TRANSLATIONS, YAW, Dof
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.fits.tails import asked_tail
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs
@@ -77,8 +77,8 @@ class Yaw:
 
 @dataclass(frozen=True)
 class Force:
-    """Logs of surge or heave, where their force comes from, what of the runs is fitted, and from which distance [m] on
-    a step is taken for steady."""
+    """Logs of a translation, where their force comes from, what of the runs is fitted, and from which distance [m] on a
+    step is taken for steady."""
 
     steps: tuple[str, ...] = ()
     manoeuvres: tuple[str, ...] = ()
@@ -97,22 +97,22 @@ class Force:
 
 
 @dataclass(frozen=True)
-class Surge(Force):
-    """How far a step of surge is followed [m], before the wall is felt."""
+class Followed(Force):
+    """How far a step is followed [m], before the wall is felt."""
 
     within: float | None = None
 
 
 @dataclass(frozen=True)
-class Heave(Force):
-    """Between which depths [m] a step of heave is followed."""
+class Windowed(Force):
+    """Between which depths [m] a step is followed."""
 
     depths: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
-class CampaignFile:
-    """A campaign: its logs, how to read them, and the settings of the steps."""
+class Settings:
+    """A campaign: its logs, how to read them, and the settings of the steps; those of translations are added below."""
 
     schema: str
     logs: Logs = Logs()
@@ -122,8 +122,6 @@ class CampaignFile:
     can: Mapping[str, Any] = field(default_factory=dict)
     thrusters: Thrusters = Thrusters()
     yaw: Yaw = Yaw()
-    surge: Surge | None = None
-    heave: Heave | None = None
     seed: int = 0
     strict: bool = False
 
@@ -132,7 +130,7 @@ class CampaignFile:
             raise SettingError(f"schema is {self.schema!r}; expected {SCHEMA!r}")
         if self.seed < 0:
             raise SettingError(f"seed is {self.seed}; expected 0 or more")
-        of_forces = [one.steps or one.manoeuvres for one in (self.surge, self.heave) if one is not None]
+        of_forces = [one.steps or one.manoeuvres for one in self.forces.values()]
         if not any((self.logs.thrusters, self.logs.steps, self.logs.manoeuvres, *of_forces)):
             raise SettingError("logs: no logs are named; give thrusters, steps or manoeuvres")
         if self.thrusters.map is not None and self.logs.thrusters:
@@ -146,13 +144,34 @@ class CampaignFile:
                     "thrusters.map; give one of them"
                 )
 
+    @property
+    def forces(self) -> dict[str, Force]:
+        """The translations that the campaign has logs of, by name."""
+        sections = {name: getattr(self, name, None) for name in TRANSLATIONS}
+        return {name: one for name, one in sections.items() if one is not None}
+
+
+def _section(dof: Dof) -> tuple[str, Any, Any]:
+    """The field of a translation: its table, if the campaign has one."""
+    return dof.name, (Windowed if dof.windowed else Followed) | None, field(default=None)
+
+
+CampaignFile = make_dataclass(
+    "CampaignFile",
+    map(_section, TRANSLATIONS.values()),
+    bases=(Settings,),
+    frozen=True,
+    namespace={"__module__": __name__},
+)
+"""`Settings` with a table for each translation."""
+
 
 @dataclass(frozen=True)
 class Campaign:
     """A campaign as `run` needs it: the settings, the column map, and where the logs are."""
 
     path: Path
-    asked: CampaignFile
+    asked: Settings
     columns: ColumnMap
 
     @property
@@ -167,9 +186,8 @@ class Campaign:
 
     @property
     def forces(self) -> dict[str, Force]:
-        """Surge and heave, if the campaign has them, by name."""
-        both = {"surge": self.asked.surge, "heave": self.asked.heave}
-        return {name: one for name, one in both.items() if one is not None}
+        """The translations that the campaign has logs of, by name."""
+        return self.asked.forces
 
     def settings(self, motion: str) -> Yaw | Force:
         """The settings of a motion that the campaign has."""
@@ -226,7 +244,7 @@ def read_campaign(path: Path) -> Campaign:
             f'write the value{"s" if many else ""} in place of "{OPEN}" (the comment beside each says what was '
             "seen), or delete the line if it does not apply"
         )
-    asked = from_mapping(CampaignFile, data, name)
+    asked: Settings = from_mapping(CampaignFile, data, name)
     return Campaign(path, asked, ColumnMap(column_rules(asked.columns, name), dbc=database(asked.can, path)))
 
 

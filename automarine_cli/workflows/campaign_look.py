@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from automarine_cli.axes import AXES, YAW, Axis
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, is_thruster_test, read_log
 from automarine_cli.logs.canonical import CANONICAL
@@ -37,7 +37,7 @@ class Layout:
     bollard: bool
     files: tuple[LogFile, ...]
     seen: Mapping[str, Span]
-    axis: Axis = YAW
+    dof: Dof = YAW
 
 
 @dataclass(frozen=True)
@@ -89,16 +89,16 @@ def look_at(folder: Path, files: Sequence[LogFile], jobs: int = 1, progress: Pro
             bollard,
             tuple(file for file, _ in group),
             _together([spans for _, spans in group]),
-            AXES[motion],
+            DOFS[motion],
         )
         for (names, bollard, motion), group in sorted(groups.items(), key=_yaw_first)
     )
-    layouts = tuple(layout for layout in every if layout.axis.wraps)
+    layouts = tuple(layout for layout in every if layout.dof.wraps)
     columns, lacking = _recognised(layouts)
     rules = ColumnMap({one.key: ColumnRule(one.source, one.unit) for one in columns if not one.as_named})
     yaw = [file for layout in layouts if not layout.bollard for file in layout.files]
     found = ordered_map(
-        partial(_runs_of, columns=rules), yaw, jobs, progress=progress, stage="looking at runs"
+        partial(_runs_of, columns=rules, dof=YAW), yaw, jobs, progress=progress, stage="looking at runs"
     )
     aside += [one for _, bad in found for one in bad]
     runs = dict(zip(yaw, (good for good, _ in found)))
@@ -115,10 +115,10 @@ def _yaw_first(group: tuple[tuple[tuple[str, ...], bool, str], Sequence[object]]
 def _columns_of(file: LogFile) -> tuple[tuple[str, ...], bool, str, dict[str, Span]] | SetAside:
     """Names, whether it is a thruster test, the motion, and what the columns of a log do; or why it cannot be read."""
     try:
-        table = read_log(file, axis=None)
+        table = read_log(file, dof=None)
     except LogError as error:
         return unreadable(file, error)
-    return table.names, is_thruster_test(table), table.axis.name, spans(table)
+    return table.names, is_thruster_test(table), table.dof.name, spans(table)
 
 
 def _together(seen: Sequence[Mapping[str, Span]]) -> dict[str, Span]:
@@ -158,11 +158,9 @@ def _wanted(layout: Layout) -> tuple[str, ...]:
     return OF_YAW
 
 
-def _runs_of(
-    file: LogFile, columns: ColumnMap, axis: Axis = YAW
-) -> tuple[tuple[RunKind, ...], list[SetAside]]:
+def _runs_of(file: LogFile, columns: ColumnMap, dof: Dof) -> tuple[tuple[RunKind, ...], list[SetAside]]:
     try:
-        runs, aside = read_runs(LogFile(file.path, file.name, False), columns, axis)
+        runs, aside = read_runs(LogFile(file.path, file.name, False), columns, dof=dof)
     except LogError as error:  # a guess that does not fit this log
         return (), [unreadable(file, error)]
     return tuple(kind_of(run) for run in runs), aside
@@ -193,17 +191,17 @@ def _kind_of(file: LogFile, runs: Sequence[RunKind]) -> str:
 
 
 def _with_forces(look: Look, files: Sequence[LogFile]) -> Look:
-    """The look with the logs of surge and heave, each under its motion and kind."""
+    """The look with the logs of translations, each under its motion and kind."""
     forces: dict[str, dict[str, list[LogFile]]] = {}
     aside, runs = list(look.set_aside), dict(look.runs)
     for layout in look.layouts:
-        for file in layout.files if not layout.axis.wraps else ():
-            runs[file], bad = _runs_of(file, ColumnMap(), layout.axis)
+        for file in layout.files if not layout.dof.wraps else ():
+            runs[file], bad = _runs_of(file, ColumnMap(), layout.dof)
             aside += bad
             kind = _kind_of(file, runs[file])
             if kind:
                 sections = {name: list[LogFile]() for name in ("steps", "manoeuvres", "validation")}
-                forces.setdefault(layout.axis.name, sections)[kind].append(file)
+                forces.setdefault(layout.dof.name, sections)[kind].append(file)
     order = {file: i for i, file in enumerate(files)}
     told = {
         motion: {kind: tuple(sorted(found, key=lambda file: order[file])) for kind, found in kinds.items()}

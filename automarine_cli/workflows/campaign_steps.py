@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from automarine_cli.axes import AXES, YAW
+from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.logs import ColumnMap, LogFile
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.reuse import manifest_of, why_made_again
@@ -149,7 +149,7 @@ def _drive(campaign: Campaign, out: Path, motion: str) -> dict[str, object] | No
     thrusters = campaign.map or out / "thrusters" / "thrusters.json"
     if campaign.map is None and not thrusters.is_file():
         return None
-    arm = {"arm": campaign.asked.vehicle.arm_m} if AXES[motion].levered else {}
+    arm = {"arm": campaign.asked.vehicle.arm_m} if DOFS[motion].levered else {}
     return {"thrusters": thrusters, **arm}
 
 
@@ -172,7 +172,7 @@ def _of(motion: str) -> tuple[Step, ...]:
 STEPS = (
     Step("check", "check", _check),
     Step("fit-thrusters", "thrusters", _fit_thrusters),
-    *(step for motion in AXES for step in _of(motion)),
+    *(step for motion in DOFS for step in _of(motion)),
 )
 REPORT = "report"
 NAMES = (*(step.name for step in STEPS), REPORT)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from automarine_cli.dofs import DOFS
 from automarine_cli.logs.canonical import CANONICAL, names_of
 from automarine_cli.logs.recognise import Recognised, pulses
 from automarine_cli.pipeline.recipe import toml_line
@@ -91,7 +92,7 @@ def _logs(look: Look, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
 
 
 def _force(look: Look, motion: str, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    """The section of surge or heave."""
+    """The section of a translation."""
     yield ""
     yield _beside(f"[{motion}]", "position against force; everything else as in yaw")
     for kind, places in entries.items():
@@ -99,12 +100,12 @@ def _force(look: Look, motion: str, entries: Mapping[str, Sequence[str]]) -> Ite
         told = moments_of(look, files)
         seen = f"{len(files)} log{'s' * (len(files) != 1)}" + (f", {told}" if told else "")
         yield _beside(_list(kind, places), f"{SAY[kind].replace('moment', 'force')}: {seen}")
-    if motion == "surge":
-        yield _beside("# within = 3.0", "metres from the start of a step, before the wall is felt")
-    else:
+    if DOFS[motion].windowed:
         yield _beside(
             "# depths = [0.3, 2.5]", "metres: follow steps between them, clear of surface and bottom"
         )
+    else:
+        yield _beside("# within = 3.0", "metres from the start of a step, before the wall is felt")
 
 
 def _list(key: str, places: Sequence[str]) -> str:

@@ -26,8 +26,8 @@ STAGE = "running campaigns"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one campaign: its name here and its title, the steps of its result file with what each says, and
-    whatever was refused."""
+    """What became of one campaign: its name here and its title, the steps of its result file with what each says,
+    whatever was refused, and what the steps' manifests warn of."""
 
     name: str
     title: str
@@ -35,6 +35,7 @@ class Outcome:
     says: Mapping[str, str]
     cautions: tuple[str, ...]
     refused: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """One entry of the overview."""
@@ -57,6 +58,11 @@ class Campaigns:
     def refused(self) -> tuple[Outcome, ...]:
         """Campaigns of which something was refused."""
         return tuple(one for one in self.outcomes if one.refused)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the campaigns warn of, each with its name."""
+        return tuple(f"{one.name}: {warning}" for one in self.outcomes for warning in one.warnings)
 
     def to_json(self) -> dict[str, Any]:
         """The result file: schema automarine/campaigns/1."""
@@ -185,4 +191,6 @@ def _outcome(task: _Task, campaign: Path, out: Path) -> Outcome:
         return Outcome(task.name, task.name, (), {}, (), (str(refusal),))
     refused = tuple(f"{one.step}: {one.why}" for one in run.refused)
     content = run.to_json()
-    return Outcome(task.name, content["title"], tuple(content["steps"]), run.says, run.cautions, refused)
+    return Outcome(
+        task.name, content["title"], tuple(content["steps"]), run.says, run.cautions, refused, run.warnings
+    )

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from automarine_cli.axes import AXES, Axis
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import LogError
 from automarine_cli.logs import (
     ColumnMap,
@@ -56,11 +56,7 @@ class Check(Shown):
                 "used": len(self.runs) + len(self.tests),
                 "set_aside": [asdict(run) for run in self.set_aside],
             },
-            **{
-                f"{axis.name}_runs": self._seen(axis)
-                for axis in AXES.values()
-                if axis.wraps or self._seen(axis)
-            },
+            **{f"{dof.name}_runs": self._seen(dof) for dof in DOFS.values() if dof is YAW or self._seen(dof)},
             "thruster_tests": [asdict(test) for test in self.tests],
         }
 
@@ -70,10 +66,8 @@ class Check(Shown):
             table for table in (*run_tables(self.runs), thruster_test_table(self.tests)) if table.rows
         )
 
-    def _seen(self, axis: Axis) -> list[dict[str, object]]:
-        """The runs of one motion, under its keys."""
-        runs = [asdict(run) for run in self.runs if run.motion == axis.name]
-        return [axis.named({key: value for key, value in run.items() if key != "motion"}) for run in runs]
+    def _seen(self, dof: Dof) -> list[dict[str, object]]:
+        return [run.to_json() for run in self.runs if run.dof is dof]
 
 
 def check(
@@ -86,7 +80,7 @@ def check(
     jobs: int = 1,
     progress: Progress = silent,
 ) -> Check:
-    """Look at yaw logs and thruster tests, which may be mixed; writes what it found if `out` is given.
+    """Look at logs of all motions and thruster tests, which may be mixed; writes what it found if `out` is given.
 
     Raises LogError or RunError as `load_runs`: for a named log that cannot be read, with `strict` for what
     would be set aside, and where nothing is left; OutputError.
@@ -130,9 +124,9 @@ def _look(files: Sequence[LogFile], names: ColumnMap, strict: bool, jobs: int, p
 def _look_at(
     file: LogFile, columns: ColumnMap
 ) -> tuple[list[RunSeen], list[ThrusterTestSeen], list[SetAside]]:
-    """What is seen of the yaw runs and thruster tests of one file, and what is set aside; its samples are not kept."""
+    """What is seen of the runs and thruster tests of one file, and what is set aside; its samples are not kept."""
     try:
-        table = read_log(file, columns, axis=None)
+        table = read_log(file, columns, dof=None)
         if is_thruster_test(table):
             require_thruster(table)
             return [], *look_at_tests(table)

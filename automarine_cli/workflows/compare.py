@@ -1,14 +1,14 @@
 """`compare`: results of two or more campaigns side by side: another vehicle, another day, another battery."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from automarine_cli.axes import AXES
 from automarine_cli.comparison.result_files import shared_models, side
 from automarine_cli.comparison.side_by_side import Difference, Side, differences
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
 from automarine_cli.pipeline.outputs import result_folder
@@ -18,17 +18,17 @@ from automarine_cli.pipeline.shown import Shown
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.compare_tables import difference_table, parameter_table, sentence, summary
 from automarine_cli.report.figures.compare import compare_figure
-from automarine_cli.report.figures.style import figure_files
+from automarine_cli.report.figures.files import refuse_unknown, write_figures
 from automarine_cli.report.tables import Table
 
 SCHEMA = "automarine/comparison/1"
 FILES = ("comparison.json", "parameters.csv", "differences.csv", "comparison.md", "comparison.png")
 RESULTS = {
     "diagnosis.json": ("automarine/diagnosis/1", "diagnose"),
-    **{f"{name}_model.json": (f"automarine/{name}-model/1", f"fit-{name}") for name in AXES},
+    **{f"{name}_model.json": (f"automarine/{name}-model/1", f"fit-{name}") for name in DOFS},
     "thrusters.json": ("automarine/thruster-map/1", "fit-thrusters"),
 }
-STEPS = ("yaw", "thrusters", "diagnosis")
+STEPS = tuple(dict.fromkeys(("yaw", "thrusters", "diagnosis", *DOFS)))
 
 
 @dataclass(frozen=True, repr=False)
@@ -78,9 +78,14 @@ class _Found:
     kind: str
 
     @property
+    def dof(self) -> Dof:
+        """The motion that it is of."""
+        return DOFS.get(str(self.data.get("motion")), YAW)
+
+    @property
     def unit(self) -> str:
-        """The unit of moments; nothing for thrusters."""
-        return str(self.data.get("moment_unit", self.data.get("force_unit", "")))
+        """The unit of moments or forces; nothing for thrusters."""
+        return str(self.data.get(f"{self.dof.words.force}_unit", ""))
 
 
 def compare(
@@ -98,6 +103,7 @@ def compare(
     Writes the comparison if `out` is given; `jobs` and `progress` change nothing, it is quick. Raises SettingError for
     results that cannot be compared, ModelError for a file that automarine did not write so, OutputError.
     """
+    refuse_unknown(figure_formats)
     folders = [Path(one) for one in results]
     if len(folders) < 2:
         raise SettingError("one result was given; give two or more folders of results to compare")
@@ -133,8 +139,7 @@ def compare(
         folder.write("differences.csv", two.to_csv())
         words = Table("", ("in words",), tuple((line,) for line in result.sentences()))
         folder.write("comparison.md", "\n".join(table.to_markdown() for table in (words, one, two)))
-        for name, content in figure_files("comparison", compare_figure(sides), figure_formats):
-            folder.write(name, content)
+        write_figures(folder, {"comparison": lambda: compare_figure(sides)}, figure_formats)
     return result
 
 
@@ -172,22 +177,26 @@ def _find(folder: Path, name: str) -> _Found:
 
 
 def _refuse_mixtures(found: Sequence[_Found]) -> None:
-    for what, of in (("results of", lambda one: one.kind), ("moments in", lambda one: one.unit)):
+    same: tuple[tuple[str, Callable[[_Found], str], str], ...] = (
+        ("results of", lambda one: one.kind, "compare results of one command"),
+        ("results in", lambda one: one.dof.name, "compare results of one motion"),
+        (
+            f"{found[0].dof.words.force}s in",
+            lambda one: one.unit,
+            "there is no factor between the two, so compare results in one unit",
+        ),
+    )
+    for what, of, advice in same:
         values = list(dict.fromkeys(map(of, found)))
         if len(values) > 1:
             told = "; ".join(f"{one.name}: {of(one)}" for one in found)
-            advice = (
-                "compare results of one command"
-                if what == "results of"
-                else "there is no factor between the two, so compare results in one unit"
-            )
             raise SettingError(f"{what} {' and '.join(values)} cannot be compared ({told}); {advice}")
 
 
 def _sides(found: Sequence[_Found]) -> tuple[Side, ...]:
     models = (
         shared_models([one.data for one in found])
-        if found[0].kind in [f"fit-{name}" for name in AXES]
+        if found[0].kind in [f"fit-{name}" for name in DOFS]
         else ()
     )
     sides = []

@@ -16,16 +16,15 @@ from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import SettingError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.validity import covariance_json, valid_range
-from automarine_cli.fits.yaw_fit import KEYS
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models, schema_of
-from automarine_cli.models.yaw_model import ASYMMETRY, BASE_NAMES
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import lasting_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report import diagnosis_report, diagnosis_tables, thruster_diagnosis
+from automarine_cli.report.figures.files import refuse_unknown
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside, readings
@@ -52,18 +51,18 @@ class YawDiagnosis(Shown):
         held = self.diagnosis.held_out_gap
         moved = base_estimates(self.diagnosis.study, found.final)
         before = base_estimates(self.diagnosis.study, found.base)
-        axis = self.stored.axis
-        content = {
+        dof = self.stored.dof
+        return {
             "schema": "automarine/diagnosis/1",
-            **({} if axis.wraps else {"motion": axis.name}),
+            **({} if dof.wraps else {"motion": dof.name}),
             "verdict": self.diagnosis.verdict,
             "model": self.stored.preferred,
-            "moment_unit": self.stored.moment_unit,
+            f"{dof.words.force}_unit": self.stored.moment_unit,
             "effects": [_effect_json(effect) for effect in self.diagnosis.effects],
-            "where": [region.to_json(axis) for region in self.where.regions],
+            "where": [region.to_json(dof) for region in self.where.regions],
             "gap": {
-                "fitted_runs": gap_json(self.diagnosis.gap, axis),
-                "held_out_runs": None if held is None else gap_json(held, axis),
+                "fitted_runs": gap_json(self.diagnosis.gap, dof),
+                "held_out_runs": None if held is None else gap_json(held, dof),
             },
             "candidates": [
                 {"name": trial.added[-1], "gain": found.rounds[0].gain(trial)}
@@ -71,11 +70,7 @@ class YawDiagnosis(Shown):
             ],
             "threshold": found.rounds[0].threshold,
             "base": {
-                name if axis.wraps else KEYS.get(name, name): {
-                    "before": before[name].to_json(),
-                    "after": moved[name].to_json(),
-                }
-                for name in before
+                name: {"before": before[name].to_json(), "after": moved[name].to_json()} for name in before
             },
             "smallest_visible": {k: v for k, v in self.diagnosis.detectable.items() if np.isfinite(v)},
             "open_water": self.diagnosis.study.disturbed,
@@ -88,7 +83,6 @@ class YawDiagnosis(Shown):
                 **readings(self.diagnosis.study.runs),
             },
         }
-        return dict(axis.named(content))
 
     def tables(self) -> list[Table | str]:
         """What the terminal shows: verdict, effects, gap, candidates."""
@@ -110,37 +104,33 @@ class YawDiagnosis(Shown):
 
 def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha256: str) -> dict[str, Any]:
     """A yaw-model file of one model with its effects, and the hash of the file that it grew from."""
-    base, axis = base_estimates(study, trial), study.base.axis
-    core, names = ["linear-drag", "quadratic-drag"], {name: name for name in ("k_rr", "k_r", "I_r")}
-    sides = ASYMMETRY[stored.preferred]
-    own = ["bias-moment"] * axis.constant + [sides] * (sides in [term.name for term in study.base.terms])
-    if not axis.wraps:
-        core += own
-        names |= {BASE_NAMES[name]: KEYS[BASE_NAMES[name]] for name in own}
-    drag = {key: base[name].to_json() for name, key in names.items() if name in base}
-    angle, covariance, fit = None, study.covariance(trial.model, trial.fit), trial.fit
-    order = [
-        axis.key(KEYS.get(name, name)) if not axis.wraps else name for name in trial.model.parameter_names
-    ]
-    told = drag | {"covariance": covariance_json(order, fit.theta, fit.positive, covariance)}
-    if "k_rr" in base and base["k_rr"].value > 0:
-        spread = float(np.sqrt(max(covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1], 0.0)))
-        angle = Estimate.from_log(
-            base["I_r"].value / base["k_rr"].value, spread, len(study.runs) - 1, axis.unit_of("theta_c")
+    base, model, dof = base_estimates(study, trial), trial.model, study.base.dof
+    roles = ("quadratic", "linear", "inertia", "constant", "difference")
+    own = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
+    drag = {name: base[name].to_json() for name in own.values()}
+    ratio, covariance, fit = None, study.covariance(model, trial.fit), trial.fit
+    told = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.positive, covariance)}
+    if "quadratic" in own and base[own["quadratic"]].value > 0:
+        i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
+        spread = float(np.sqrt(max(covariance[i, i] + covariance[k, k] - 2.0 * covariance[i, k], 0.0)))
+        ratio = Estimate.from_log(
+            base[own["inertia"]].value / base[own["quadratic"]].value,
+            spread,
+            len(study.runs) - 1,
+            dof.unit_of("ratio"),
         ).to_json()
-    added = [term.name for term in trial.model.terms if term.name not in core]
-    added += [name for name in trial.added if name in core]
-    content = {
-        "schema": schema_of(axis),
-        **({} if axis.wraps else {"motion": axis.name}),
-        "moment_unit": stored.moment_unit,
+    added = [term.name for term in model.terms if not term.own]
+    return {
+        "schema": schema_of(dof),
+        **({} if dof.wraps else {"motion": dof.name}),
+        f"{dof.words.force}_unit": stored.moment_unit,
         "fitted_to": "whole runs",
         "models": {stored.preferred: {**drag, "output_error": told, "velocity_error": None, "sse": None}},
         "preferred": stored.preferred,
         "preferred_because": f"Model {stored.preferred} was the base of the diagnosis.",
-        "inertial_turn_angle_rad": angle,
+        dof.ratio_key: ratio,
         "valid_range": valid_range(
-            (end for run in study.runs for end in (run.command.min(), run.command.max())), trial.model
+            (end for run in study.runs for end in (run.command.min(), run.command.max())), model
         ),
         "effects": [
             {
@@ -149,10 +139,9 @@ def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha2
             }
             for name in added
         ],
-        "heading_noise_deg": float(axis.shown(trial.fit.noise)),
+        f"{dof.words.position}_noise_{dof.units.key}": float(dof.shown(trial.fit.noise)),
         "parent": {"file": stored.source, "sha256": parent_sha256},
     }
-    return dict(axis.named(content))
 
 
 def _effect_json(effect: NamedEffect) -> dict[str, Any]:
@@ -189,6 +178,7 @@ def diagnose(
     results if `out` is given, figures in the
     `figure_formats` (png, svg, pdf). Raises LogError, RunError, ModelError, FitError, SettingError or OutputError.
     """
+    refuse_unknown(figure_formats)
     stored = load_yaw_models(model)
     names = given_columns(columns)
     runs, aside, files = _runs(logs, names, thrusters, arm, strict, jobs, progress, stored)
@@ -229,8 +219,7 @@ def diagnose(
         result = work()
         folder.write_json("diagnosis.json", result.to_json())
         folder.write_json("extended_model.json", result.extended_model())
-        for name, content in diagnosis_report.files(result.diagnosis, result.where, figure_formats):
-            folder.write(name, content)
+        diagnosis_report.write(folder, result.diagnosis, result.where, figure_formats)
     return result
 
 
@@ -273,14 +262,14 @@ def _runs(
     stored: StoredModels,
 ) -> tuple[list[Run], tuple[SetAside, ...], tuple[LogFile, ...]]:
     """Runs that a diagnosis can use, with their moments, in the model's unit."""
-    axis = stored.axis
-    campaign = load_runs(logs, names, axis=axis, strict=strict, progress=progress, jobs=jobs)
-    runs = with_moments(campaign.runs, thrusters, arm, names, axis)
+    dof = stored.dof
+    campaign = load_runs(logs, names, dof=dof, strict=strict, progress=progress, jobs=jobs)
+    runs = with_moments(campaign.runs, thrusters, arm, names, dof)
     units = {run.moment_unit for run in runs if run.moment is not None}
     if units - {stored.moment_unit}:
         raise SettingError(
-            f"{stored.source} is a model of {axis.say('moments')} in {stored.moment_unit}, the logs give "
-            f"{', '.join(sorted(units))}; fit a model to these logs first, or map their {axis.say('moment')} with "
+            f"{stored.source} is a model of {dof.words.force}s in {stored.moment_unit}, the logs give "
+            f"{', '.join(sorted(units))}; fit a model to these logs first, or map their {dof.words.force} with "
             "--columns"
         )
     moving, stuck = without_stuck(runs)

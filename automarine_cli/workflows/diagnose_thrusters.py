@@ -14,7 +14,7 @@ from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import thruster_diagnosis as page
 from automarine_cli.report.figures import thruster_diagnosis as figures
-from automarine_cli.report.figures.style import figure_files
+from automarine_cli.report.figures.files import refuse_unknown, write_figures
 from automarine_cli.runs.thruster_test import ThrusterLogs, load_thruster_logs
 
 FILES = (
@@ -55,6 +55,7 @@ def diagnose_thrusters(
     Without `hold_out` a quarter of the levels, drawn with `seed`, is held out. Writes the results if `out` is given.
     `jobs` changes nothing: a table of levels is quick. Raises LogError, RunError, FitError, ModelError, OutputError.
     """
+    refuse_unknown(figure_formats)
     column_map = given_columns(columns)
     base, with_voltage, of_map = _base(model)
     loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)
@@ -98,14 +99,12 @@ def diagnose_thrusters(
         folder.write_json("diagnosis.json", result.to_json())
         folder.write_json("extended_model.json", result.extended_map)
         folder.write("diagnosis.md", page.markdown(result))
-        drawn = {
-            "where": figures.where_figure(result),
-            "why": figures.why_figure(result),
-            "before_after": figures.before_after_figure(result),
+        drawings = {
+            "where": lambda: figures.where_figure(result),
+            "why": lambda: figures.why_figure(result),
+            "before_after": lambda: figures.before_after_figure(result),
         }
-        for figure in drawn:
-            for name, content in figure_files(figure, drawn[figure], figure_formats):
-                folder.write(name, content)
+        write_figures(folder, drawings, figure_formats)
     return result
 
 

@@ -4,19 +4,20 @@ import math
 from dataclasses import dataclass
 
 from automarine_cli import effects as library
-from automarine_cli.axes import AXES
+from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.effects import Effect, Parameter
-from automarine_cli.effects.base import EVEN, MIXED, ODD
+from automarine_cli.effects.base import EVEN, MIXED, ODD, ParameterCard
+from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.words import listed
 from automarine_cli.report.tables import Table, number
 
 SCHEMA = "automarine/effects/1"
-MOMENT = "moment unit"  # what stands for the logs' own unit of moment in print
 
 ACTS_ON = {
-    "actuator": "actuator: the moment delivered for the moment commanded",
-    "moment": "moment: one more moment on the vehicle",
+    "actuator": "actuator: the {force} delivered for the {force} commanded",
+    "moment": "{force}: one more {force} on the vehicle",
     "water": "water: the water that the drag acts through",
-    "sensor": "sensor: the heading that is read for the true one",
+    "sensor": "sensor: the {position} that is read for the true one",
 }
 MIRRORED = {
     EVEN: "even: a mirrored campaign has the same parameters",
@@ -24,7 +25,7 @@ MIRRORED = {
     MIXED: "mixed: a mirrored campaign has some parameters negated",
 }
 FITTED_AGAINST = {
-    "moment": "the largest moment of the logs",
+    "moment": "the largest {force} of the logs",
     "clock": "the logs' first instant",
     "voltage": "the logs' mean voltage",
 }
@@ -32,66 +33,93 @@ FITTED_AGAINST = {
 
 @dataclass(frozen=True)
 class EffectCards:
-    """Cards of effects; `whole` where one was asked for by name."""
+    """Cards of effects in a motion; `whole` where one was asked for by name."""
 
     cards: tuple[Effect, ...]
     whole: bool
+    dof: Dof
 
     def to_json(self) -> dict[str, object]:
         """The cards (schema automarine/effects/1); infinity, which JSON has no word for, is null."""
-        return {"schema": SCHEMA, "effects": [_card_json(effect) for effect in self.cards]}
+        return {
+            "schema": SCHEMA,
+            **({} if self.dof.wraps else {"motion": self.dof.name}),
+            "effects": [_card_json(effect, self.dof) for effect in self.cards],
+        }
 
     def tables(self) -> tuple[Table | str, ...]:
         """The list of all, or sentences and the parameters of one."""
-        return _card(self.cards[0]) if self.whole else (_list(self.cards),)
+        return _card(self.cards[0], self.dof) if self.whole else (_list(self.cards, self.dof),)
 
 
-def effects(name: str | None = None) -> EffectCards:
-    """All effects, or the one of that name. Raises ModelError for a name that is not in the library."""
+def effects(name: str | None = None, motion: str | None = None) -> EffectCards:
+    """All effects that may act in a motion, or the one of that name; without a motion the whole library, told of yaw.
+
+    Raises ModelError for a name that is not in the library, SettingError for a motion that is none of ours or one in
+    which the effect does not act.
+    """
+    if motion is not None and motion not in DOFS:
+        raise SettingError(f"motion {motion!r} is not known; known are {', '.join(DOFS)}")
+    dof = YAW if motion is None else DOFS[motion]
     cards = tuple(library.get(one) for one in (library.names() if name is None else (name,)))
-    return EffectCards(cards, whole=name is not None)
+    own = tuple(one for one in cards if motion is None or one.acts_in(dof))
+    if not own:
+        where = cards[0].motions
+        raise SettingError(
+            f"{name} does not act in {motion}; it acts in {listed(where)}: give --motion {where[0]}"
+        )
+    return EffectCards(own, name is not None, dof)
 
 
-def _list(cards: tuple[Effect, ...]) -> Table:
+def _list(cards: tuple[Effect, ...], dof: Dof) -> Table:
     rows = tuple(
-        (one.name, one.place.value, one.equation, ", ".join(p.name for p in one.parameters)) for one in cards
+        (one.name, _place(one, dof), one.card(dof).equation, ", ".join(one.names_in(dof))) for one in cards
     )
     note = "automarine effects NAME prints the whole card of one."
     return Table("Library of effects", ("name", "place", "equation", "parameters"), rows, notes=(note,))
 
 
-def _card(one: Effect) -> tuple[Table | str, ...]:
+def _place(one: Effect, dof: Dof) -> str:
+    """Where it acts, in a word: the first of ACTS_ON."""
+    return dof.fill(ACTS_ON[one.place.value]).partition(":")[0]
+
+
+def _card(one: Effect, dof: Dof) -> tuple[Table | str, ...]:
+    card, motions = one.card(dof), one.motions
     lines = [
-        ("equation", one.equation),
-        ("acts on", ACTS_ON[one.place.value]),
-        *([] if len(one.axes) == len(AXES) else [("only in", " and ".join(one.axes))]),
+        ("equation", card.equation),
+        ("acts on", dof.fill(ACTS_ON[one.place.value])),
+        *([] if len(motions) == len(DOFS) else [("only in", " and ".join(motions))]),
         ("states", ", ".join(one.states) or "none of its own"),
-        ("columns needed", ", ".join(one.needs) or "none beyond time, heading and command"),
-        ("verdict", one.says),
-        ("revealed by", one.reveals),
+        (
+            "columns needed",
+            ", ".join(one.needs) or f"none beyond time, {dof.words.position} and command",
+        ),
+        ("verdict", card.says),
+        ("revealed by", card.reveals),
         ("mistaken for", ", ".join(one.mistaken_for)),
-        ("told apart by", one.separated_by),
+        ("told apart by", card.separated_by),
         ("parity", MIRRORED[one.parity]),
         ("source", one.source),
     ]
     width = max(len(label) for label, _ in lines)
     sentences = (one.name, "", *(f"{label.ljust(width)}  {text}" for label, text in lines))
-    rows = tuple(_parameter_row(parameter, shape) for parameter, shape in zip(one.parameters, one.shapes))
+    rows = tuple(_parameter_row(*three, dof) for three in zip(card.parameters, one.parameters, one.shapes))
     header = ("symbol", "meaning", "unit", "bounds", "start", "off", "reference or choices")
-    note = "Starts are for a largest moment of one. A parameter with a reference is taken from the logs, not fitted; "
-    note += "one with choices is 0 for the first and so on, and a diagnosis tries each."
+    note = f"Starts are for a largest {dof.words.force} of one. A parameter with a reference is taken from the logs, "
+    note += "not fitted; one with choices is 0 for the first and so on, and a diagnosis tries each."
     return ("\n".join(sentences), Table("Parameters", header, rows, notes=(note,)))
 
 
-def _parameter_row(parameter: Parameter, shape: bool) -> tuple[str, ...]:
+def _parameter_row(card: ParameterCard, parameter: Parameter, shape: bool, dof: Dof) -> tuple[str, ...]:
     return (
-        parameter.name,
-        parameter.meaning,
-        parameter.unit_for(MOMENT),
+        card.name,
+        card.meaning,
+        card.unit,
         f"{_bound(parameter.lower)} to {_bound(parameter.upper)}",
         number(parameter.start),
         "any" if shape else _bound(parameter.off),
-        " or ".join(parameter.choices) or FITTED_AGAINST.get(parameter.reference, ""),
+        " or ".join(parameter.choices) or dof.fill(FITTED_AGAINST.get(parameter.reference, "")),
     )
 
 
@@ -99,17 +127,18 @@ def _bound(value: float) -> str:
     return number(value) if math.isfinite(value) else "∞" if value > 0 else "-∞"
 
 
-def _card_json(one: Effect) -> dict[str, object]:
+def _card_json(one: Effect, dof: Dof) -> dict[str, object]:
+    card = one.card(dof)
     return {
         "name": one.name,
         "place": one.place.value,
-        "motions": list(one.axes),
-        "equation": one.equation,
+        "motions": list(one.motions),
+        "equation": card.equation,
         "parameters": [
             {
-                "name": p.name,
-                "meaning": p.meaning,
-                "unit": p.unit_for(MOMENT),
+                "name": filled.name,
+                "meaning": filled.meaning,
+                "unit": filled.unit,
                 "lower": _finite(p.lower),
                 "upper": _finite(p.upper),
                 "start": p.start,
@@ -118,14 +147,14 @@ def _card_json(one: Effect) -> dict[str, object]:
                 "reference": p.reference or None,
                 "choices": list(p.choices),
             }
-            for p, shape in zip(one.parameters, one.shapes)
+            for filled, p, shape in zip(card.parameters, one.parameters, one.shapes)
         ],
         "states": list(one.states),
         "columns_needed": list(one.needs),
-        "says": one.says,
-        "reveals": one.reveals,
+        "says": card.says,
+        "reveals": card.reveals,
         "mistaken_for": list(one.mistaken_for),
-        "separated_by": one.separated_by,
+        "separated_by": card.separated_by,
         "parity": one.parity,
         "source": one.source,
     }

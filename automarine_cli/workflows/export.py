@@ -20,11 +20,12 @@ from automarine_cli.exports.base import (
 )
 from automarine_cli.exports.frames import in_enu
 from automarine_cli.exports.prepare import (
-    axis_of,
     cannot,
     in_unit,
+    motion_by_schema,
     refuse_driving,
     refuse_inertia,
+    refuse_motion,
     refuse_unused,
     split,
 )
@@ -105,7 +106,7 @@ class Targets:
                     "name": one.name,
                     "says": one.says,
                     "takes": one.takes,
-                    "motions": list(one.axes) if one.takes == YAW_MODEL else [],
+                    "motions": list(one.motions) if one.takes == YAW_MODEL else [],
                     "forms": dict(one.forms),
                     "frames": list(one.frames),
                     "effects": sorted(one.carries),
@@ -127,7 +128,7 @@ class Targets:
 
 
 def _taken(target: Target) -> str:
-    return ", ".join(target.axes) if target.takes == YAW_MODEL else "thrusters"
+    return ", ".join(target.motions) if target.takes == YAW_MODEL else "thrusters"
 
 
 def export_targets() -> Targets:
@@ -182,8 +183,9 @@ def _of_map(
     target: Target, data: Mapping[str, Any], origin: Origin, form: str, frame: str, settings: Settings
 ) -> Exported:
     if data.get("schema") != MAP_SCHEMA and "models" in data:
+        motion = motion_by_schema(data).name
         raise SettingError(
-            f"{origin.file} is a yaw model; --to {target.name} takes the thrusters.json of a fit"
+            f"{origin.file} is a {motion} model; --to {target.name} takes the thrusters.json of a fit"
         )
     found = ThrusterMap.from_json(data, origin.file)
     scale = data.get("full_scale_N")
@@ -205,20 +207,20 @@ def _of_yaw(
     if data.get("schema") == MAP_SCHEMA:
         raise SettingError(f"{origin.file} is a thruster map; --to {target.name} takes a yaw model, as --to thrusters "
                            "takes a map")  # fmt: skip
-    axis = axis_of(target, data, origin)
+    refuse_motion(target, data, origin)
     stored = yaw_models_from_json(data, origin.file)
     which = _one_of(stored.models, number or stored.preferred, "--number")
     origin = replace(origin, number=which)
-    model = in_unit(target, stored.models[which], axis, settings, origin)
-    model = in_enu(model, axis) if frame == "ENU" else model
-    kept, left_out = split(target, model, axis, settings)
+    model = in_unit(target, stored.models[which], settings, origin)
+    model = in_enu(model) if frame == "ENU" else model
+    kept, left_out = split(target, model, settings)
     if left_out and not settings.allow_partial:
         raise SettingError(cannot(target, left_out, origin))
     part = replace(model, terms=kept)
-    refuse_inertia(target, settings.rigid_inertia, part, axis, origin)
+    refuse_inertia(target, settings.rigid_inertia, part, origin)
     if target.si:
         refuse_driving(part, target, origin)
-    subject = YawSubject(origin, part, frame, form, settings, left_out, axis, axis.plain(data), logs)
+    subject = YawSubject(origin, part, frame, form, settings, left_out, data, logs)
     carried = ("inertia", *(term.name for term in kept))
     return Exported(
         target.name, form, frame, origin, part.moment_unit, carried, left_out, target.write(subject)

@@ -22,7 +22,7 @@ from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import thruster_tables
-from automarine_cli.report.figures.style import figure_files
+from automarine_cli.report.figures.files import refuse_unknown, write_figures
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.runs.load import told_beside
 from automarine_cli.runs.thruster_test import ThrusterLogs, load_thruster_logs
@@ -51,6 +51,7 @@ def fit_thrusters(
     cross-validation. Writes the results if `out` is given, figures in the
     `figure_formats` (png, svg, pdf). Raises LogError, RunError, FitError, OutputError.
     """
+    refuse_unknown(figure_formats)
     column_map = given_columns(columns)
     loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)
     if out is None:
@@ -72,8 +73,7 @@ def fit_thrusters(
         folder.write_json("thrusters.json", result.to_json())
         folder.write("thrusters.csv", thruster_tables.points_csv(result))
         folder.write("thrusters.md", thruster_tables.markdown(result))
-        for name, content in figure_files("thrusters", thruster_figure(result), figure_formats):
-            folder.write(name, content)
+        write_figures(folder, {"thrusters": lambda: thruster_figure(result)}, figure_formats)
     return result
 
 

@@ -5,9 +5,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from automarine_cli.axes import HEAVE, SURGE, YAW, Axis
+from automarine_cli.dofs import HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.identify import NOTHING_KNOWN, identify_turns
+from automarine_cli.fits.linear_mixed import NotFinite, not_finite
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.step_response import Known
 from automarine_cli.fits.tails import asked_tail
@@ -19,6 +20,7 @@ from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import yaw_report
+from automarine_cli.report.figures.files import refuse_unknown, write_figures
 from automarine_cli.runs.half_turn import UNTRIMMED, Trim
 from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run
@@ -104,7 +106,7 @@ def fit_heave(
 
 
 def _fit(
-    axis: Axis,
+    dof: Dof,
     trim: Trim,
     own: dict[str, object],
     logs: Sequence[str | Path],
@@ -122,18 +124,19 @@ def _fit(
     progress: Progress,
 ) -> YawFit:
     """The fit of any motion; `own` are the options that only it has."""
-    start = asked_tail(tail, axis)
+    start = asked_tail(tail, dof)
     if tail is not None and fit_to == FIT_TO[2]:
         raise SettingError("tail is given, but whole runs have no tails; leave it out, or fit to steps")
+    refuse_unknown(figure_formats)
     column_map = given_columns(columns)
     arm, kind = own.get("arm"), FIT_TO[1] if fit_to == STEPS else fit_to
-    drive = moment_maker(thrusters, arm if isinstance(arm, int | float) else None, column_map, axis)
+    drive = moment_maker(thrusters, arm if isinstance(arm, int | float) else None, column_map, dof)
     campaign = load_half_turns(
-        logs, column_map, drive, axis=axis, trim=trim, strict=strict, progress=progress, jobs=jobs
+        logs, column_map, drive, dof=dof, trim=trim, strict=strict, progress=progress, jobs=jobs
     )
 
     def whole() -> Sequence[Run]:
-        runs = load_runs(logs, column_map, axis=axis, progress=progress, jobs=jobs).runs
+        runs = load_runs(logs, column_map, dof=dof, progress=progress, jobs=jobs).runs
         return [trim.of_whole(run if drive is None else drive(run)) for run in runs]
 
     def each(function: Callable[[str], OutputErrorFit], models: Sequence[str]) -> Sequence[OutputErrorFit]:
@@ -142,9 +145,11 @@ def _fit(
     def work() -> YawFit:
         with told_beside(campaign.set_aside):
             try:
-                fit = identify_turns(campaign.turns, campaign.not_turned, whole, kind, known, each, start)
-            except FitError as problem:
-                raise FitError(axis.say(str(problem))) from None
+                fit = identify_turns(
+                    dof, campaign.turns, campaign.not_turned, whole, kind, known, each, start
+                )
+            except NotFinite:
+                raise FitError(not_finite(dof.words.position, dof.words.force)) from None
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside))
         if strict and fit.set_aside:
             raise refused_by_strict(fit.set_aside[0])
@@ -164,12 +169,13 @@ def _fit(
         "figure_formats": figure_formats,
         "strict": strict,
     }
-    command = f"fit-{axis.name}"
+    command = f"fit-{dof.name}"
     with result_folder(
         out, command=command, options=options, inputs=inputs, seed=None, overwrite=overwrite
     ) as folder:
         fit = work()
-        folder.write_json(f"{axis.name}_model.json", fit.to_json())
-        for name, content in yaw_report.files(fit, figure_formats):
+        folder.write_json(f"{dof.name}_model.json", fit.to_json())
+        for name, content in yaw_report.files(fit):
             folder.write(name, content)
+        write_figures(folder, yaw_report.drawings(fit), figure_formats)
     return fit

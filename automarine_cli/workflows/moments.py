@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from automarine_cli.axes import YAW, Axis
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.propulsion import drive_run_by_thrusters
@@ -14,30 +14,30 @@ from automarine_cli.runs.run import Run
 
 
 def moment_maker(
-    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, axis: Axis = YAW
+    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, dof: Dof = YAW
 ) -> Callable[[Run], Run] | None:
     """What makes the moment of thruster commands, at lever arm `arm` [m] (default: the column map's `arm_m`).
 
     None without a map: then the logs hold the moment. Raises SettingError where map or arm is given alone.
     """
-    given = map_and_arm(thrusters, arm, columns, axis)
+    given = map_and_arm(thrusters, arm, columns, dof)
     return None if given is None else partial(drive_run_by_thrusters, thrusters=given[0], arm=given[1])
 
 
 def map_and_arm(
-    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, axis: Axis = YAW
+    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, dof: Dof = YAW
 ) -> tuple[ThrusterMap, float] | None:
     """The map and the lever arm [m] as given, or None without a map; see `moment_maker`."""
-    if not axis.levered and arm is not None:
+    if not dof.levered and arm is not None:
         raise SettingError(
-            f"--arm is of yaw; in {axis.name} thrusters push as hard at any arm, so leave it out"
+            f"--arm is of yaw; in {dof.name} thrusters push as hard at any arm, so leave it out"
         )
     if thrusters is None:
         if arm is not None:
             raise SettingError("--arm goes with the thrusters' map; give --thrusters MAP.json too")
         return None
     length = columns.defaults.get("arm_m") if arm is None else arm
-    if not axis.levered:
+    if not dof.levered:
         length = 1.0  # of no account
     if not isinstance(length, int | float):
         raise SettingError("--thrusters makes moments only with the thrusters' lever arm; give --arm METRES")
@@ -50,8 +50,8 @@ def with_moments(
     thrusters: Path | ThrusterMap | None,
     arm: float | None,
     columns: ColumnMap,
-    axis: Axis = YAW,
+    dof: Dof = YAW,
 ) -> tuple[Run, ...]:
     """The runs driven through `thrusters`, or as they are; see `moment_maker`."""
-    drive = moment_maker(thrusters, arm, columns, axis)
+    drive = moment_maker(thrusters, arm, columns, dof)
     return tuple(runs) if drive is None else tuple(drive(run) for run in runs)

@@ -22,8 +22,8 @@ from automarine_cli.planning.rehearsal import specification
 from automarine_cli.planning.rivals import Split
 from automarine_cli.planning.schedule import Slot
 from automarine_cli.report import plan_page, plan_tables
+from automarine_cli.report.figures.files import refuse_unknown, write_figures
 from automarine_cli.report.figures.plan import plan_figure
-from automarine_cli.report.figures.style import figure_files
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.thruster_test import load_thruster_logs
 from automarine_cli.workflows.plan_vehicle import drive_for, largest_moment, supply_for
@@ -121,6 +121,7 @@ def plan(
     power the battery's use. `seed` draws the order of the runs; the work takes seconds, so `jobs` changes nothing.
     Writes the results if `out` is given. Raises ModelError, SettingError, LogError, RunError or OutputError.
     """
+    refuse_unknown(figure_formats)
     known = read_known(model, diagnosis)
     allowed = limits if isinstance(limits, Limits) else Limits() if limits is None else read_limits(limits)
     column_map = given_columns(columns)
@@ -175,8 +176,7 @@ def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...]) -> None
     for slot in made.slots:
         content = command_file(slot.candidate, rest, unit, result.drive)
         folder.write(plan_tables.command_name(slot.name), content)
-    for name, picture in figure_files("plan", plan_figure(made), formats):
-        folder.write(name, picture)
+    write_figures(folder, {"plan": lambda: plan_figure(made)}, formats)
 
 
 def _slot_json(slot: Slot, why: str) -> dict[str, Any]:

@@ -41,12 +41,14 @@ Tell = Callable[[News], None]
 
 @dataclass(frozen=True)
 class CampaignRun:
-    """What `run` did: the news of every step that is over, what each result says, and the result file."""
+    """What `run` did: the news of every step that is over, what each result says, the result file, and what the
+    steps' manifests warn of."""
 
     news: tuple[News, ...]
     says: Mapping[str, str]
     cautions: tuple[str, ...]
     content: dict[str, Any]
+    warnings: tuple[str, ...] = ()
 
     @property
     def refused(self) -> tuple[News, ...]:
@@ -129,7 +131,13 @@ def _run(
         for step in STEPS
         if step.name in done and done[step.name].did in ("made", "kept")
     }
-    return CampaignRun(tuple(news), says, tuple(content["cautions"]), content)
+    warnings = [
+        f"{step.name}: {warning}"
+        for step in STEPS
+        if step.name in says and (manifest := manifest_of(out / step.folder)) is not None
+        for warning in manifest.warnings
+    ]
+    return CampaignRun(tuple(news), says, tuple(content["cautions"]), content, tuple(warnings))
 
 
 def _do(

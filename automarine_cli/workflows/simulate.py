@@ -36,7 +36,7 @@ class Simulation(Shown):
             bollard = {"file": made.bollard.file} | {
                 key: value for key, value in bollard.items() if key not in ("folder", "name", "format")
             }
-        axis = made.vehicle.axis
+        dof, biased = made.vehicle.dof, made.logger.rate_bias_deg_s is not None
         content = {
             "schema": SCHEMA,
             "simulated": label(made, self.seed),
@@ -47,9 +47,9 @@ class Simulation(Shown):
             "logger": to_mapping(made.logger),
             "scatter": to_mapping(made.scatter),
             "campaign": to_mapping(made.campaign),
-            "made": [_truth_of(run, number) for number, run in enumerate(self.runs, 1)],
+            "made": [_truth_of(run, number, biased) for number, run in enumerate(self.runs, 1)],
         }
-        return dict(axis.named(content))
+        return dict(dof.named(content))
 
     def files(self) -> tuple[str, ...]:
         """What is written: the folders of logs, then the truth."""
@@ -113,8 +113,8 @@ def _row(folder: str, kind: str, runs: list[SimulatedRun]) -> tuple[str, ...]:
     return folder, kind, *(str(number) for number in (len(runs), len(files), samples, faulty))
 
 
-def _truth_of(run: SimulatedRun, number: int) -> dict[str, object]:
-    """What was drawn for one run; instants on the campaign's clock."""
+def _truth_of(run: SimulatedRun, number: int, biased: bool) -> dict[str, object]:
+    """What was drawn for one run, the bias of its rates if they are `biased`; instants on the campaign's clock."""
     plan, drawn, log = run.plan, run.drawn, run.log
     commands = [
         {"moment": moment, "from_s": _rounded(plan.start + instant)}
@@ -135,6 +135,8 @@ def _truth_of(run: SimulatedRun, number: int) -> dict[str, object]:
         "lost_samples": log.lost,
         "glitches": log.glitches,
     }
+    if biased:
+        truth["rate_bias_rad_s"] = _rounded(drawn.rate_bias)
     return truth if plan.group.fault is None else truth | {"fault": plan.group.fault}
 
 

@@ -196,7 +196,7 @@ def _cut(
 ) -> Source | SetAside:
     """The runs of one log as files, or why it was set aside."""
     try:
-        table = read_log(file, columns, axis=None)
+        table = read_log(file, columns, dof=None)
         found, passed = find_slices(table, by, keep, lead, shortest)
     except LogError as error:
         if file.named:

@@ -8,20 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.axes import Axis
 from automarine_cli.comparison.residuals import FreeRun
 from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.comparison.scores import SCORES, RunScore, rate_source
 from automarine_cli.comparison.validation import Comparison, Scored, compare
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import AutomarineError, ModelError, RunError
 from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models
+from automarine_cli.pipeline.attempts import Attempt
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import ResultFolder, file_stems, result_folder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.report.figures.style import figure_files
+from automarine_cli.report.figures.files import Files, drawn, refuse_unknown, write_figure
 from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.report.validation_tables import overall_table, run_table, score_table
@@ -49,10 +50,10 @@ class Validation(Shown):
 
     def to_json(self) -> dict[str, Any]:
         """The result: schema automarine/validation/1."""
-        found, axis = self.comparison, self.stored.axis
+        found, dof = self.comparison, self.stored.dof
         content = {
             "schema": SCHEMA,
-            **({} if axis.wraps else {"motion": axis.name}),
+            **({} if dof.wraps else {"motion": dof.name}),
             "models": {number: self._model_json(scored) for number, scored in found.models.items()},
             "noise_floor_deg": found.floor,
             "best": found.best,
@@ -61,7 +62,7 @@ class Validation(Shown):
             "effects": list(self.stored.effects),
             "moment_unit": self.stored.moment_unit,
             "switch_offset": self.stored.switch_offset,
-            "scores": {name: axis.say(meaning) for name, meaning in MEANING.items()},
+            "scores": {name: dof.say(meaning) for name, meaning in MEANING.items()},
             "logs": {run.name: self._log_json(i) for i, run in enumerate(found.runs)},
             "runs": {
                 "used": len(found.runs),
@@ -69,7 +70,7 @@ class Validation(Shown):
                 **readings(found.runs),
             },
         }
-        return dict(axis.named(content))
+        return dict(dof.named(content))
 
     def tables(self) -> tuple[Table, ...]:
         """Models over all runs, then run by run."""
@@ -83,7 +84,7 @@ class Validation(Shown):
                 data[f"{name}_ci95"] = list(scored.overall[name].ci95 or ())
         data["diverged"] = list(scored.diverged)
         names = (run.name for run in self.comparison.runs)
-        data["runs"] = {name: _run_json(one, self.stored.axis) for name, one in zip(names, scored.scores)}
+        data["runs"] = {name: _run_json(one, self.stored.dof) for name, one in zip(names, scored.scores)}
         return data
 
     def _log_json(self, i: int) -> dict[str, Any]:
@@ -94,17 +95,17 @@ class Validation(Shown):
             "duration_s": float(run.time[-1] - run.time[0]),
             "noise_floor_deg": self.comparison.floors[i],
             "restarts": len(restarts.states),
-            "restarted_at": self.stored.axis.say(restarts.rule),
+            "restarted_at": self.stored.dof.say(restarts.rule),
             "restarted_horizon_s": restarts.horizon,
             "rate_from": rate_source(run),
         }
 
 
-def _run_json(one: RunScore, axis: Axis) -> dict[str, Any]:
+def _run_json(one: RunScore, dof: Dof) -> dict[str, Any]:
     start = {
-        "heading_deg": float(axis.shown(one.start.heading)),
-        "rate_deg_s": float(axis.shown(one.start.rate)),
-        "how": axis.say(one.start.how),
+        "heading_deg": float(dof.shown(one.start.heading)),
+        "rate_deg_s": float(dof.shown(one.start.rate)),
+        "how": dof.say(one.start.how),
     }
     return {**{name: one.value(name) for name in SCORES}, "diverged": one.diverged, "start": start}
 
@@ -133,10 +134,11 @@ def validate(
     `figures` is false. Raises LogError, RunError,
     ModelError, SettingError, OutputError.
     """
+    refuse_unknown(figure_formats)
     stored = load_yaw_models(model)
     names = given_columns(columns)
-    drive = moment_maker(thrusters, arm, names, stored.axis)
-    campaign = load_runs(logs, names, axis=stored.axis, strict=strict, progress=progress, jobs=jobs)
+    drive = moment_maker(thrusters, arm, names, stored.dof)
+    campaign = load_runs(logs, names, dof=stored.dof, strict=strict, progress=progress, jobs=jobs)
     runs, aside = _usable(campaign.runs, stored, drive)
     if strict and aside:
         raise refused_by_strict(aside[0])
@@ -204,7 +206,7 @@ def _same_unit(runs: Sequence[Run], stored: StoredModels) -> None:
     for run in runs:
         if run.moment_unit != stored.moment_unit:
             raise ModelError(
-                f"{stored.source} was fitted to {stored.axis.say('moments')} in {stored.moment_unit}, {run.source} "
+                f"{stored.source} was fitted to {stored.dof.say('moments')} in {stored.moment_unit}, {run.source} "
                 f"gives them in {run.moment_unit}; there is no factor between the two. Validate with logs in "
                 f"{stored.moment_unit}, or fit a model to logs in {run.moment_unit}"
             )
@@ -223,14 +225,14 @@ def _write(
     free = [
         {number: scored.free[i] for number, scored in found.models.items()} for i in range(len(found.runs))
     ]
-    draw = partial(_pictures, formats=formats)
-    pages = ordered_map(draw, list(zip(free, found.floors)), jobs, progress=progress, stage="figures")
-    for stem, page in zip(file_stems([run.name for run in found.runs]), pages):
-        for name, content in page:
-            folder.write(name.replace("RUN", stem), content)
+    work = list(zip(file_stems([run.name for run in found.runs]), free, found.floors))
+    for figure in ordered_map(
+        partial(_drawn, formats=formats), work, jobs, progress=progress, stage="figures"
+    ):
+        write_figure(folder, figure)
 
 
-def _pictures(one: tuple[Mapping[str, FreeRun], float], formats: tuple[str, ...]) -> list[tuple[str, bytes]]:
+def _drawn(one: tuple[str, Mapping[str, FreeRun], float], formats: tuple[str, ...]) -> Attempt[Files]:
     """The figure of one run in each of the formats."""
-    free, floor_deg = one
-    return list(figure_files("validation_RUN", validation_figure(free, floor_deg), formats))
+    stem, free, floor_deg = one
+    return drawn(f"validation_{stem}", lambda: validation_figure(free, floor_deg), formats)

@@ -10,7 +10,7 @@ from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.thruster_result import ThrusterFit
-from automarine_cli.fits.yaw_fit import KEYS, YawFit
+from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report import (
     compare_tables,
     diagnosis_tables,
@@ -20,12 +20,14 @@ from automarine_cli.report import (
     yaw_report,
 )
 from automarine_cli.report.figures import compare as compare_figures
-from automarine_cli.report.figures import diagnosis as diagnosis_figures
 from automarine_cli.report.figures import plan as plan_figures
 from automarine_cli.report.figures import thruster_diagnosis as thruster_diagnosis_figures
 from automarine_cli.report.figures import thrusters as thruster_figures
 from automarine_cli.report.figures import validation as validation_figures
 from automarine_cli.report.figures import yaw as yaw_figures
+from automarine_cli.report.figures.diagnosis_gap import before_after_figure
+from automarine_cli.report.figures.diagnosis_where import where_figure
+from automarine_cli.report.figures.diagnosis_why import why_figure
 from automarine_cli.report.tables import Table, interval, number
 from automarine_cli.workflows.check import Check
 from automarine_cli.workflows.compare import ResultComparison
@@ -37,7 +39,6 @@ from automarine_cli.workflows.validate import Validation
 
 Row = dict[str, object]
 Figures = Mapping[str, Callable[[], Any]]
-SYMBOLS = {"k_rr": "k_r|r|"}
 
 
 @dataclass(frozen=True)
@@ -77,25 +78,27 @@ def _aligned(estimates: Mapping[str, Estimate]) -> Iterator[str]:
 
 
 def _yaw_lines(fit: YawFit) -> Iterator[str]:
-    axis = fit.axis
-    to = axis.say("half-turns") if fit.turns else "whole runs"
+    dof = fit.dof
+    own = dof.symbols
+    to = f"{dof.words.step}s" if fit.turns else "whole runs"
     used, aside = _counted(fit.used, "run"), len(fit.set_aside)
-    yield f"{axis.say('Yaw model')} {fit.preference.number}, fitted to {to} of {used}; {aside} set aside"
-    names = {**SYMBOLS, **({} if axis.wraps else {name: key.replace("_", " ") for name, key in KEYS.items()})}
-    found = {axis.say(names.get(name, name)): one for name, one in fit.preferred.estimates.items()}
+    yield f"{dof.name.capitalize()} model {fit.preference.number}, fitted to {to} of {used}; {aside} set aside"
+    names = {
+        own.quadratic: own.quadratic_print,
+        **{name: name.replace("_", " ") for name in (own.constant, own.difference)},
+    }
+    found = {names.get(name, name): one for name, one in fit.preferred.estimates.items()}
     if fit.inertial_turn_angle is not None:
-        found[axis.say("I_r/k_r|r|")] = fit.inertial_turn_angle
+        found[f"{own.inertia}/{own.quadratic_print}"] = fit.inertial_turn_angle
     yield from _aligned(found)
-    noise = f"{axis.position} noise {axis.shown(fit.preferred.noise):.2f} {axis.unit}"
+    noise = f"{dof.words.position} noise {dof.shown(fit.preferred.noise):.2f} {dof.units.shown}"
     yield f"  {noise}; {_counted(len(fit.warnings), 'warning')}"
 
 
 def _yaw_rows(fit: YawFit) -> Iterator[Row]:
     for model, ml in fit.output_error.items():
         for name, one in ml.estimates.items():
-            yield {"model": model, "method": "maximum likelihood", "parameter": fit.called(name)} | _numbers(
-                one
-            )
+            yield {"model": model, "method": "maximum likelihood", "parameter": name} | _numbers(one)
     if fit.seed_method is None:
         return
     for model, drag in fit.seed_method.drag.items():
@@ -103,9 +106,9 @@ def _yaw_rows(fit: YawFit) -> Iterator[Row]:
             continue
         found = dict(drag.estimates)
         if model in fit.seed_method.inertia:
-            found["I_r"] = fit.seed_method.inertia[model].overall
+            found[fit.dof.symbols.inertia] = fit.seed_method.inertia[model].overall
         for name, one in found.items():
-            yield {"model": model, "method": "velocity error", "parameter": fit.called(name)} | _numbers(one)
+            yield {"model": model, "method": "velocity error", "parameter": name} | _numbers(one)
 
 
 def _yaw_figures(fit: YawFit) -> Figures:
@@ -115,7 +118,7 @@ def _yaw_figures(fit: YawFit) -> Figures:
     return {
         "drag": lambda: yaw_figures.drag_figure(fit, seed),
         "inertia": lambda: yaw_figures.inertia_figure(fit, seed),
-        "half-turns": lambda: yaw_figures.half_turns_figure(fit),
+        f"{fit.dof.words.step}s": lambda: yaw_figures.half_turns_figure(fit),
         "collapse": lambda: yaw_figures.collapse_figure(fit, data),
     }
 
@@ -139,7 +142,7 @@ def _thruster_rows(fit: ThrusterFit) -> Iterator[Row]:
 
 
 def _validation_lines(result: Validation) -> Iterator[str]:
-    found, axis = result.comparison, result.stored.axis
+    found, dof = result.comparison, result.stored.dof
     runs, aside = _counted(len(found.runs), "run"), len(result.set_aside)
     yield f"Validation on {runs}: model {found.best} is best; {aside} set aside"
     for model, scored in found.models.items():
@@ -148,17 +151,17 @@ def _validation_lines(result: Validation) -> Iterator[str]:
         said = (
             "runs away"
             if score.value is None
-            else axis.say(f"heading rmse {number(score.value, 3)}{ends} deg")
+            else dof.say(f"heading rmse {number(score.value, 3)}{ends} deg")
         )
         yield f"  model {model}  {said}"
-    yield axis.say(f"  noise of the heading {number(found.floor, 3)} deg")
+    yield dof.say(f"  noise of the heading {number(found.floor, 3)} deg")
 
 
 def _validation_rows(result: Validation) -> Iterator[Row]:
     found = result.comparison
     for model, scored in found.models.items():
         for run, one in zip(found.runs, scored.scores):
-            scores: Row = {run.axis.key(name): one.value(name) for name in SCORES}
+            scores: Row = {run.dof.key(name): one.value(name) for name in SCORES}
             yield {"run": run.name, "model": model} | scores
 
 
@@ -193,9 +196,9 @@ def _diagnosis_figures(result: YawDiagnosis) -> Figures:
     found, where = result.diagnosis, result.where
     last = found.found
     return {
-        "before-after": lambda: diagnosis_figures.before_after_figure(found, where, budget(found)),
-        "where": lambda: diagnosis_figures.where_figure(where, found),
-        "why": lambda: diagnosis_figures.why_figure(found, naming_key(found.study, last.base, last.final)),
+        "before-after": lambda: before_after_figure(found, where, budget(found)),
+        "where": lambda: where_figure(where, found),
+        "why": lambda: why_figure(found, naming_key(found.study, last.base, last.final)),
     }
 
 

@@ -31,6 +31,7 @@ from automarine_cli.diagnosis.scores import probes
 from automarine_cli.diagnosis.search import add_effect
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.verdict import base_estimates
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.tables import Table
@@ -113,10 +114,10 @@ def guess(case: Case, campaign: Campaign) -> YawModel:
     unit = campaign.runs[0].moment_unit
     if "quadratic" in case.hidden:
         return YawModel.base(
-            "1", 1.2 * vehicle.inertia * vehicle.scale, [vehicle.linear * vehicle.scale], unit
+            "1", 1.2 * vehicle.inertia * vehicle.scale, [vehicle.linear * vehicle.scale], unit, YAW
         )
     return YawModel.base(
-        "3", 1.2 * vehicle.inertia * vehicle.scale, [0.85 * vehicle.quadratic * vehicle.scale], unit
+        "3", 1.2 * vehicle.inertia * vehicle.scale, [0.85 * vehicle.quadratic * vehicle.scale], unit, YAW
     )
 
 

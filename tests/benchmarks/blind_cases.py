@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from blind_truth import LARGEST, SMALLEST, Chance, Floats, Plan, Vehicle, headings, surge
 
+from automarine_cli.dofs import YAW
 from automarine_cli.runs.run import Run
 
 JUST = 5.0
@@ -278,4 +279,6 @@ def _logged(
     if vehicle.size("surge"):
         extras = {"surge": surge(chance.surge[i], time) + 0.01 * random.standard_normal(len(time))}
     unit = "N m" if vehicle.scale != 1.0 else "nu"
-    return Run(f"run_{i:02d}", f"run_{i:02d}.csv", plan.clock[i] + time, heading, moment, unit, extras)
+    return Run(
+        f"run_{i:02d}", f"run_{i:02d}.csv", plan.clock[i] + time, heading, moment, unit, extras, dof=YAW
+    )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.dofs import YAW
 from automarine_cli.fits.step_response import StepData, step_data
 from automarine_cli.models.closed_form import response
 from automarine_cli.runs.half_turn import half_turns
@@ -60,7 +61,7 @@ def make_campaign(
         time = PERIOD * (np.arange(-REST, last) + random.uniform())
         heading, _ = response(time, delivered, INERTIA, k_r, k_rr, heading0)
         noisy = heading + noise * random.standard_normal(len(time))
-        runs.append(Run(f"run {i}", "simulated", time, noisy, np.where(time > 0, moment, 0.0), "nu"))
+        runs.append(Run(f"run {i}", "simulated", time, noisy, np.where(time > 0, moment, 0.0), "nu", dof=YAW))
     return Campaign(tuple(runs), start)
 
 
@@ -78,7 +79,8 @@ def known_half_turns(campaign: Campaign) -> StepData:
     return step_data(
         [turn.name for turn in turns],
         [turn.time for turn in turns],
-        [turn.heading - zero[turn.name] for turn in turns],
+        [turn.position - zero[turn.name] for turn in turns],
         [turn.moment for turn in turns],
         [turn.switch_to - turn.switch_from for turn in turns],
+        turns[0].step.run.dof,
     )

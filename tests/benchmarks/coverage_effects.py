@@ -10,6 +10,7 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.diagnosis.trials import Trial as Explained
 from automarine_cli.diagnosis.verdict import base_estimates, parameter_estimates
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.parallel import ordered_map
@@ -61,7 +62,7 @@ def run_trial(item: tuple[int, str]) -> Trial:
     """Simulate one campaign, fit the base model with the effect, and compare every interval with the truth."""
     index, name = item
     runs = make_runs(specification_from(specification(name)), STREAM + index)
-    base = YawModel.base("3", INERTIA, (K_RR,), "nu")
+    base = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)
     study = study_of(runs, base, disturbed=False)
     values = tuple(
         study.reference(parameter.reference)
@@ -69,7 +70,7 @@ def run_trial(item: tuple[int, str]) -> Trial:
         else PLANTED[name].get(parameter.name, parameter.start)
         for parameter in effects.get(name).parameters
     )
-    model = YawModel(base.inertia, (*base.terms, Term(name, values)), base.moment_unit)
+    model = YawModel(base.inertia, (*base.terms, Term(name, values)), base.moment_unit, base.dof)
     try:
         fit = study.fit(model, near=study.fit(base))
     except FitError as refusal:

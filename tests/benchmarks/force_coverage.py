@@ -28,18 +28,21 @@ def estimates(fit: YawFit) -> dict[str, Estimate]:
         found |= {f"distance {way}": one for way, one in best.ways.distance.items()}
     if seed is not None:
         found |= {f"{name}, least squares": one for name, one in seed.drag["3"].estimates.items()}
-        found["I_r, velocity error"] = seed.inertia["3"].overall
+        found[f"{fit.dof.symbols.inertia}, velocity error"] = seed.inertia["3"].overall
     return found
 
 
 def coverage(motion: str, campaigns: int) -> dict[str, float]:
     """Share of the campaigns in which each interval holds the truth."""
     specification = read_specification(SAMPLES / f"{motion}.toml")
-    vehicle, axis = specification.vehicle, specification.vehicle.axis
+    vehicle, dof = specification.vehicle, specification.vehicle.dof
     constant = dict(vehicle.terms).get("bias-moment", 0.0)
     half = dict(vehicle.terms).get("drag-asymmetry", 0.0)
-    truth = {"I_r": vehicle.I_r, "k_rr": vehicle.k_rr, "b": constant, "e": half}
-    for way, drag in zip(axis.ways, (vehicle.k_rr + half, vehicle.k_rr - half)):
+    own = dof.symbols
+    truth = {
+        own.inertia: vehicle.I_r, own.quadratic: vehicle.k_rr, own.constant: constant, own.difference: half,
+    }  # fmt: skip
+    for way, drag in zip(dof.words.ways, (vehicle.k_rr + half, vehicle.k_rr - half)):
         truth |= {f"drag {way}": drag, f"distance {way}": vehicle.I_r / drag}
     held: dict[str, list[bool]] = defaultdict(list)
     for seed in range(FIRST_SEED, FIRST_SEED + campaigns):

@@ -12,6 +12,7 @@ from campaigns import BOTH_SIDES, INERTIA, K_RR
 
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import diagnose_runs
+from automarine_cli.dofs import YAW
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import lasting_map
@@ -32,7 +33,10 @@ def many(repeats: int, progress: Progress) -> Result:
     taken: dict[str, list[float]] = {"reading to half-turns": [], "fit-yaw, reading included": []}
     with tempfile.TemporaryDirectory() as folder:
         many_logs.small_csv(Path(folder, "logs"), 2000)
-        works: Sequence[Callable[[], object]] = (lambda: load_half_turns([folder]), lambda: fit_yaw([folder]))
+        works: Sequence[Callable[[], object]] = (
+            lambda: load_half_turns([folder], dof=YAW),
+            lambda: fit_yaw([folder]),
+        )
         for i in range(repeats):
             for name, work in zip(taken, works):
                 taken[name].append(_seconds(work))
@@ -81,13 +85,15 @@ def _runs(count: int, samples: int) -> list[Run]:
         moment = BOTH_SIDES[i % len(BOTH_SIDES)]
         heading, _ = response(clock - 3.0, moment, INERTIA, 0.0, K_RR)
         noisy = heading + np.radians(1.0) * random.standard_normal(samples)
-        runs.append(Run(f"run {i}", "simulated", clock, noisy, np.where(clock >= 3.0, moment, 0.0), "nu"))
+        runs.append(
+            Run(f"run {i}", "simulated", clock, noisy, np.where(clock >= 3.0, moment, 0.0), "nu", dof=YAW)
+        )
     return runs
 
 
 def _diagnosed(runs: list[Run], candidates: int | None = None, jobs: int = 1) -> float:
     """Seconds of one diagnosis, with the first `candidates` of those that apply."""
-    model = YawModel.base("3", INERTIA, [K_RR])
+    model = YawModel.base("3", INERTIA, [K_RR], "nu", YAW)
     whole = search.candidates
     if candidates is not None:
         search.candidates = lambda *given: whole(*given)[:candidates]  # type: ignore[assignment]

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.dofs import YAW
 from automarine_cli.fits.drag import fit_drag, identity_gap
 from automarine_cli.fits.step_response import half_turn_data
 from automarine_cli.fits.velocity_error import fit_velocity_error
@@ -93,7 +94,7 @@ def run_trial(item: tuple[Specification, Setting, int]) -> dict[str, float]:
     fit = fit_velocity_error(data, np.zeros(len(turns)))
     # the same tails, where the scatter is in the record against moments that were written down wrong
     moment = _misread(data.moment, specification.scatter.moment, seed) if setting.recorded else data.moment
-    drags = {number: fit_drag(moment, fit.tails.rate, number) for number in fit.drag}
+    drags = {number: fit_drag(moment, fit.tails.rate, number, "nu", YAW) for number in fit.drag}
     inertia = {
         number: inertia_from_velocity_error(fit.tails.error, moment, *drags[number].drag)
         for number in fit.inertia

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from automarine_cli.diagnosis.diagnose import split_off
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.study import study_of
+from automarine_cli.dofs import YAW
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.identify import identify
 from automarine_cli.models.store import StoredModels
@@ -43,7 +44,7 @@ from automarine_cli.simulation.specification import Specification, specification
 
 Floats = NDArray[np.float64]
 
-MODEL = YawModel.base("3", INERTIA, [K_RR])
+MODEL = YawModel.base("3", INERTIA, [K_RR], "nu", YAW)
 LARGEST = 1.2  # of the paper's moments
 SUPPLY = Supply(0.3, 6.0, LARGEST)
 PARAMETERS = ("I_r", "k_rr", ANGLE)
@@ -68,7 +69,7 @@ HIDDEN = {
 
 def known_of(model: YawModel, doubts: tuple[Doubt, ...] = ()) -> Known:
     """The truth as what is known, without any interval."""
-    return Known(StoredModels({"3": MODEL}, "3", "nu", 0.0, "truth"), model, {}, 1.0, None, 0, doubts)
+    return Known(StoredModels({"3": MODEL}, "3", "nu", 0.0, "truth", YAW), model, {}, 1.0, None, 0, doubts)
 
 
 @cache

@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow.csv as arrow_csv
 import pyarrow.parquet as pq
 
+from automarine_cli.dofs import YAW
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import load_half_turns
@@ -49,8 +50,8 @@ def reading(repeats: int, full: bool, progress: Progress) -> Result:
             merely_read(files[:2])
             ways: dict[str, Callable[[], object]] = {
                 "pyarrow": lambda files=files: merely_read(files),  # type: ignore[misc]
-                "automarine": lambda folder=folder: load_half_turns([folder]),  # type: ignore[misc]
-                "automarine, 2 jobs": lambda folder=folder: load_half_turns([folder], jobs=2),  # type: ignore[misc]
+                "automarine": lambda folder=folder: load_half_turns([folder], dof=YAW),  # type: ignore[misc]
+                "automarine, 2 jobs": lambda folder=folder: load_half_turns([folder], jobs=2, dof=YAW),  # type: ignore[misc]
             }
             taken: dict[str, list[tuple[float, float]]] = {way: [] for way in ways}
             for i in range(repeats):
@@ -102,11 +103,13 @@ READERS = {
     "imports alone": _START + "import automarine_cli.workflows.fit_yaw",
     "every run in turn": _START
     + "import automarine_cli.workflows.fit_yaw\n"
-    + "from automarine_cli.logs import find_logs\nfrom automarine_cli.runs.load import read_runs\n"
-    + "print(sum(len(read_runs(file)[0]) for file in find_logs(sys.argv[1:2])))",
+    + "from automarine_cli.logs import find_logs\nfrom automarine_cli.dofs import YAW\n"
+    + "from automarine_cli.runs.load import read_runs\n"
+    + "print(sum(len(read_runs(file, dof=YAW)[0]) for file in find_logs(sys.argv[1:2])))",
     "half-turns of all runs": _START
     + "import automarine_cli.workflows.fit_yaw\n"
-    + "from automarine_cli.runs.load import load_half_turns\nprint(load_half_turns(sys.argv[1:2]).count)",
+    + "from automarine_cli.dofs import YAW\nfrom automarine_cli.runs.load import load_half_turns\n"
+    + "print(load_half_turns(sys.argv[1:2], dof=YAW).count)",
     "check": _START + "from automarine_cli.workflows.check import check\nprint(check(sys.argv[1:2]).logs)",
 }
 
@@ -142,8 +145,9 @@ def broken(full: bool, progress: Progress) -> Result:
 BROKEN = (
     _START
     + """import json, resource
+from automarine_cli.dofs import YAW
 from automarine_cli.runs.load import load_half_turns
-found = load_half_turns(sys.argv[1:2])
+found = load_half_turns(sys.argv[1:2], dof=YAW)
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 print(json.dumps({"count": found.count, "aside": [one.file for one in found.set_aside], "peak_mb": peak}))
 """

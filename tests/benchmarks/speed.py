@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
+from automarine_cli.dofs import YAW
 from automarine_cli.fits.output_error import fit_half_turns
 from automarine_cli.fits.step_response import Known, StepData, half_turn_data
 from automarine_cli.models.yaw_model import YawModel
@@ -112,17 +113,18 @@ def _simulator(runs: int, sets: int, repeats: int, progress: Progress) -> Result
             np.zeros(samples),
             np.where(np.arange(samples) > 30, moment, 0.0),
             "nu",
+            dof=YAW,
         )
         for i, moment in enumerate(moments)
     ]
     batch = make_batch(made, 0.1)
-    model = YawModel.base("3", INERTIA, [K_RR])
+    model = YawModel.base("3", INERTIA, [K_RR], "nu", YAW)
     theta = model.theta * (1.0 + 0.02 * random.standard_normal((sets, 2)))
     together = []
     for i in range(repeats):
         together.append(_seconds(lambda: simulate(model, batch, theta)))
         progress("simulator", i + 1, repeats)
-    heading = simulate(model, batch, theta).heading
+    heading = simulate(model, batch, theta).position
     compiled = _compiled(batch, theta, repeats)
     some = range(0, runs, runs // 12)  # these runs, the first parameter set; the rest takes as long
     worst, one_by_one = 0.0, 0.0

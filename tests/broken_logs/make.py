@@ -26,7 +26,7 @@ ODD_NAMES = (
 def good_table(moment: float = 0.5, seed: int = 0) -> pd.DataFrame:
     """A step run that every command can use, rounded as loggers do."""
     run = step_run(moment, seed=seed)
-    table = {"time_s": run.time, "heading_deg": np.rad2deg(run.heading) % 360, "tau": run.moment}
+    table = {"time_s": run.time, "heading_deg": np.rad2deg(run.position) % 360, "tau": run.moment}
     return pd.DataFrame(table).round(3)
 
 

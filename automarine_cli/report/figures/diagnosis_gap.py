@@ -7,11 +7,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.budget import LEFT, NOISE, SCATTER
+from automarine_cli.diagnosis.budget import LEFT, SCATTER, noise_of
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.where import Where
+from automarine_cli.dofs import Dof
+from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, in_words
-from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure, said
+from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure
 
 Floats = NDArray[np.float64]
 
@@ -19,38 +21,39 @@ MOST_RUNS_SHOWN = 4
 
 
 @house_style
-def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str, float]) -> Figure:
-    """Telling runs with both models, their errors, the error by the most telling variable, and the budget."""
-    axis = diagnosis.study.base.axis
+def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str, float] | None) -> Figure:
+    """Telling runs with both models, their errors, the error by the most telling variable, and the budget, if there
+    is one."""
+    dof = diagnosis.study.base.dof
     picks = _telling_runs(diagnosis)
     count = max(len(picks), 1)
     figure, grid = new_figure(4, count, PAGE_IN, 7.0, height_ratios=(1.5, 1.2, 1.4, 0.75))
-    errors = [axis.shown(pick[k]) for pick in picks for k in (3, 4)]
+    errors = [dof.shown(pick[k]) for pick in picks for k in (3, 4)]
     most = 1.08 * max((float(np.abs(e).max()) for e in errors), default=1.0)
-    floor = axis.shown(diagnosis.gap.floor)
+    floor = dof.shown(diagnosis.gap.floor)
     for column, (title, time, heading, before, after) in enumerate(picks):
         top, bottom = grid[0, column], grid[1, column]
-        measured = axis.shown(heading - heading[0])
+        measured = dof.shown(heading - heading[0])
         top.plot(time, measured, "o", color=MEASURED, markersize=1.6, label="measured")
         top.plot(
             time,
-            measured - axis.shown(before),
+            measured - dof.shown(before),
             color=BEFORE,
             linewidth=1.0,
             linestyle="--",
             label="base model",
         )
-        top.plot(time, measured - axis.shown(after), color=AFTER, linewidth=1.0, label="after")
+        top.plot(time, measured - dof.shown(after), color=AFTER, linewidth=1.0, label="after")
         top.set_title(title, fontsize=6.5, parse_math=False)
         bottom.axhspan(-2 * floor, 2 * floor, color="0.9", linewidth=0, label="± 2 × noise")
-        bottom.plot(time, axis.shown(before), color=BEFORE, linewidth=0.6)
-        bottom.plot(time, axis.shown(after), color=AFTER, linewidth=0.6)
+        bottom.plot(time, dof.shown(before), color=BEFORE, linewidth=0.6)
+        bottom.plot(time, dof.shown(after), color=AFTER, linewidth=0.6)
         bottom.set_ylim(-most, most)
         bottom.set_xlabel("time [s]", labelpad=1)
         if column:
             bottom.set_yticklabels([])
-    grid[0, 0].set_ylabel("turned [deg]")
-    grid[1, 0].set_ylabel("measured − sim. [deg]")
+    grid[0, 0].set_ylabel(f"{dof.words.moved} [{dof.units.shown}]")
+    grid[1, 0].set_ylabel(f"measured − sim. [{dof.units.shown}]")
     place = grid[0, 0].get_gridspec()
     for axes in grid[2:].ravel():
         axes.remove()
@@ -58,26 +61,30 @@ def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str,
     _sizes(figure.add_subplot(place[2, :half]), diagnosis)
     if count > 1:
         _by_variable(figure.add_subplot(place[2, half:]), diagnosis, where)
-    _budget(figure.add_subplot(place[3, :]), shares)
+    if shares is not None:
+        _budget(figure.add_subplot(place[3, :]), shares, dof)
     figure.suptitle(_sizes_in_words(diagnosis))
     handles = [h for axes in (grid[0, 0], grid[1, 0]) for h in axes.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
-    return said(figure, axis)
+    return figure
 
 
 def _sizes_in_words(diagnosis: Diagnosis) -> str:
     """The gap before and after on both sets of runs."""
-    axis = diagnosis.study.base.axis
+    dof = diagnosis.study.base.dof
     parts = []
     for gap, word in ((diagnosis.gap, "fitted"), (diagnosis.held_out_gap, "held out")):
         if gap is not None:
-            parts.append(f"runs {word} {axis.shown(gap.before):.2f} → {axis.shown(gap.after):.2f} deg")
+            parts.append(
+                f"runs {word} {dof.shown(gap.before):.2f} → {dof.shown(gap.after):.2f} {dof.units.shown}"
+            )
     added = (
         "Added: " + " and ".join(diagnosis.found.final.added)
         if diagnosis.found.final.added
         else "Nothing added"
     )
-    return f"Gap: {', '.join(parts)} (noise {axis.shown(diagnosis.gap.floor):.2f} deg). {added}"
+    noise = f"{dof.shown(diagnosis.gap.floor):.2f} {dof.units.shown}"
+    return f"Gap: {', '.join(parts)} (noise {noise}). {added}"
 
 
 Pick = tuple[str, Floats, Floats, Floats, Floats]
@@ -98,7 +105,7 @@ def _telling_runs(diagnosis: Diagnosis) -> list[Pick]:
             run, n = study.runs[i], len(study.runs[i])
             name = run.name if len(run.name) <= 26 else f"…{run.name[-25:]}"
             found.append(
-                (f"{name}\n{word}", run.time - run.time[0], run.heading, gap.residuals_before[i, :n],
+                (f"{name}\n{word}", run.time - run.time[0], run.position, gap.residuals_before[i, :n],
                  gap.residuals_after[i, :n])
             )  # fmt: skip
     return found[:MOST_RUNS_SHOWN]
@@ -106,7 +113,7 @@ def _telling_runs(diagnosis: Diagnosis) -> list[Pick]:
 
 def _sizes(axes: Axes, diagnosis: Diagnosis) -> None:
     """Gap of every run before against after, on equal axes."""
-    axis = diagnosis.study.base.axis
+    dof = diagnosis.study.base.dof
     pairs = [
         (diagnosis.study, diagnosis.gap, "o", "fitted"),
         (diagnosis.held_out, diagnosis.held_out_gap, "s", "held out"),
@@ -117,7 +124,7 @@ def _sizes(axes: Axes, diagnosis: Diagnosis) -> None:
             continue
         count = study.batch.seen.sum(axis=1)
         before, after = (
-            axis.shown(np.sqrt((r**2).sum(axis=1) / count))
+            dof.shown(np.sqrt((r**2).sum(axis=1) / count))
             for r in (gap.residuals_before, gap.residuals_after)
         )
         fill = AFTER if marker == "o" else "none"
@@ -127,16 +134,16 @@ def _sizes(axes: Axes, diagnosis: Diagnosis) -> None:
         top = max(top, float(before.max()), float(after.max()))
     axes.plot([0, 1.05 * top], [0, 1.05 * top], color="0.4", linewidth=0.7, linestyle=":")
     axes.axhline(
-        axis.shown(diagnosis.gap.floor),
+        dof.shown(diagnosis.gap.floor),
         color="0.5",
         linewidth=0.8,
         linestyle="--",
-        label="noise of the heading",
+        label=f"noise of the {dof.words.position}",
     )
     axes.set_xlim(0.0, 1.05 * top)
     axes.set_ylim(0.0, 1.05 * top)
-    axes.set_xlabel("gap before [deg]", labelpad=1)
-    axes.set_ylabel("gap after [deg]")
+    axes.set_xlabel(f"gap before [{dof.units.shown}]", labelpad=1)
+    axes.set_ylabel(f"gap after [{dof.units.shown}]")
     axes.legend(loc="upper left", fontsize=6.5)
 
 
@@ -149,13 +156,14 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis, where: Where) -> None:
     variable, column = where.variables[at], where.columns[at]
     row = variable.telling
     if column.of_the_run:
-        pairs = [where.gain, 100.0 * diagnosis.found.final.fit.run_effects[:, 2]]
+        pairs = [where.gain, 100.0 * diagnosis.found.final.fit.own(GAIN)[:, 0]]
         axes.set_ylabel("own thrust [%]")
     else:
-        axis = where.axis
+        dof = where.dof
         gaps = (diagnosis.gap.residuals_before, diagnosis.gap.residuals_after)
-        pairs = [axis.shown(gap * where.sign if row.directed else gap) for gap in gaps]
-        axes.set_ylabel("mean gap [deg]" + ("\nalong the moment" if row.directed else ""))
+        pairs = [dof.shown(gap * where.sign if row.directed else gap) for gap in gaps]
+        along = f"\nalong the {dof.words.force}" if row.directed else ""
+        axes.set_ylabel(f"mean gap [{dof.units.shown}]{along}")
     have = np.isfinite(column.values)
     which = np.where(have, np.digitize(np.nan_to_num(column.values), variable.edges[1:-1]), -1)
     axes.axhline(0.0, color="0.3", linewidth=0.6)
@@ -170,13 +178,13 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis, where: Where) -> None:
             ]
         )
         axes.plot(variable.middle, means, style, color=colour, markersize=2.5, linewidth=1.0, label=label)
-    axes.set_xlabel(in_words(variable), labelpad=1, parse_math=False)
+    axes.set_xlabel(in_words(variable, where.dof), labelpad=1, parse_math=False)
     axes.legend(loc="best", fontsize=6.5)
 
 
-def _budget(axes: Axes, shares: Mapping[str, float]) -> None:
+def _budget(axes: Axes, shares: Mapping[str, float], dof: Dof) -> None:
     """One stacked bar of the whole gap."""
-    fixed = {NOISE: "0.6", SCATTER: "0.82", LEFT: COLOURS["black"]}
+    fixed = {noise_of(dof): "0.6", SCATTER: "0.82", LEFT: COLOURS["black"]}
     others = [COLOURS[name] for name in ("blue", "sky", "green")]
     at, used = 0.0, 0
     for name, share in shares.items():

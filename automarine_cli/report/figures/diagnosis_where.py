@@ -6,11 +6,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.bins import Row, Variable
+from automarine_cli.diagnosis.bins import SIZE, THRUST, Row, Variable
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.where import Where
+from automarine_cli.dofs import Dof
 from automarine_cli.report.figures.diagnosis_words import BEFORE, MARK, in_words, verdict
-from automarine_cli.report.figures.style import PAGE_IN, house_style, new_figure, said
+from automarine_cli.report.figures.style import PAGE_IN, house_style, new_figure
 
 Floats = NDArray[np.float64]
 
@@ -29,7 +30,7 @@ def where_figure(where: Where, diagnosis: Diagnosis) -> Figure:
     figure, grid = new_figure(rows + 1, COLUMNS, PAGE_IN, sum(heights) + 0.5, height_ratios=heights)
     panels = grid[:rows].ravel()
     for axes, variable in zip(panels, shown):
-        _bins(axes, variable)
+        _bins(axes, variable, where.dof)
     for axes in panels[len(shown) :]:
         axes.set_axis_off()
     place = grid[rows, 0].get_gridspec()
@@ -49,14 +50,14 @@ def where_figure(where: Where, diagnosis: Diagnosis) -> Figure:
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
     figure.suptitle(f"{told}. Verdict: {verdict(diagnosis)}")
-    return said(figure, where.axis)
+    return figure
 
 
 NARROWEST = 0.04
 """Share of its panel that a marked region takes at least: a narrower one could not be seen."""
 
 
-def _bins(axes: Axes, variable: Variable) -> None:
+def _bins(axes: Axes, variable: Variable, dof: Dof) -> None:
     """The most telling row of one variable as steps with a band; bins that stand out are shaded."""
     row = variable.telling
     out = bool(variable.stands_out.any())
@@ -80,8 +81,8 @@ def _bins(axes: Axes, variable: Variable) -> None:
     axes.set_ylim(-1.15 * most, 1.15 * most)
     span = float(np.ptp(variable.edges))
     axes.set_xlim(float(variable.edges[0]) - 0.02 * span, float(variable.edges[-1]) + 0.02 * span)
-    axes.set_xlabel(in_words(variable), labelpad=1, fontsize=7, parse_math=False)
-    axes.set_ylabel(_look(row), labelpad=1, fontsize=6.5)
+    axes.set_xlabel(in_words(variable, dof), labelpad=1, fontsize=7, parse_math=False)
+    axes.set_ylabel(_look(row, dof), labelpad=1, fontsize=6.5)
     axes.set_title(
         f"p = {variable.p_value:.2g}" if out else "within chance",
         fontsize=7, fontweight="bold" if out else "normal", color="black" if out else "0.45", pad=2,
@@ -89,39 +90,40 @@ def _bins(axes: Axes, variable: Variable) -> None:
     axes.tick_params(labelsize=6)
 
 
-def _look(row: Row) -> str:
+def _look(row: Row, dof: Dof) -> str:
     """What the vertical axis shows."""
-    if row.kind == "size":
+    force = dof.words.force
+    if row.kind == SIZE:
         return "log gap of the run"
     if row.unit == "%":
-        return "own thrust [%]" + (" × side" if row.directed else "")
-    word = {"heading": "gap", "thrust": "gap, equal thrust", "moment": "missing moment"}[row.kind]
-    return f"{word} [{row.unit}]" + ("\nalong the moment" if row.directed else "")
+        return "own thrust [%]" + (f" × {dof.words.way}" if row.directed else "")
+    word = {THRUST: "gap, equal thrust", force: f"missing {force}"}.get(row.kind, "gap")
+    return f"{word} [{row.unit}]" + (f"\nalong the {force}" if row.directed else "")
 
 
 def _heat_map(figure: Figure, axes: Axes, where: Where) -> None:
     """Residual headings, runs in order of their moment by time."""
-    axis = where.axis
+    dof = where.dof
     order = np.argsort(where.mean_moment, kind="stable")
     ends = np.where(where.seen, where.time, 0.0).max(axis=1)
     grid = np.linspace(0.0, float(ends.max()), 240)
     image = np.full((len(order), len(grid)), np.nan)
     for line, i in enumerate(order):
-        time, gap = where.time[i][where.seen[i]], axis.shown(where.residual[i][where.seen[i]])
+        time, gap = where.time[i][where.seen[i]], dof.shown(where.residual[i][where.seen[i]])
         width = max(1, round(len(time) / 60))
         smooth = np.convolve(gap, np.ones(width), "same") / np.convolve(
             np.ones(len(gap)), np.ones(width), "same"
         )
         image[line] = np.where(grid <= time[-1], np.interp(grid, time, smooth), np.nan)
-    most = max(float(np.nanquantile(np.abs(image), 0.99)), axis.shown(where.floor))
+    most = max(float(np.nanquantile(np.abs(image), 0.99)), dof.shown(where.floor))
     mesh = axes.imshow(
         image, aspect="auto", origin="lower", cmap="PuOr", vmin=-most, vmax=most, interpolation="nearest",
         extent=(0.0, float(grid[-1]), -0.5, len(order) - 0.5),
     )  # fmt: skip
     bar = figure.colorbar(mesh, ax=axes, pad=0.01)
-    bar.set_label("measured − simulated [deg]", fontsize=7)
+    bar.set_label(f"measured − simulated [{dof.units.shown}]", fontsize=7)
     ticks = np.unique(np.linspace(0, len(order) - 1, min(len(order), 7)).round().astype(int))
     axes.set_yticks(ticks, [f"{where.mean_moment[order[i]]:.2g}" for i in ticks])
-    axes.set_ylabel(f"runs by mean moment [{where.moment_unit}]")
+    axes.set_ylabel(f"runs by mean {dof.words.force} [{where.moment_unit}]")
     axes.set_xlabel("time in the run [s]")
     axes.grid(False)

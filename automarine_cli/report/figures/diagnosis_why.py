@@ -12,26 +12,23 @@ from numpy.typing import NDArray
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.naming_key import NamingKey
 from automarine_cli.diagnosis.trials import LEVEL
+from automarine_cli.dofs import Dof
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, verdict
-from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure, said
+from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure
 
 Floats = NDArray[np.float64]
 
 
 @house_style
-def why_figure(diagnosis: Diagnosis, key: NamingKey) -> Figure:
-    """Evidence of every candidate in the first round against the threshold, and the naming key."""
+def why_figure(diagnosis: Diagnosis, key: NamingKey | None) -> Figure:
+    """Evidence of every candidate in the first round against the threshold, and the naming key, if there is one."""
     count = len(diagnosis.found.rounds[0].trials)
     figure, grid = new_figure(2, 2, PAGE_IN, max(4.2, 0.17 * count + 1.2), width_ratios=(1.25, 1.0))
     place = grid[0, 0].get_gridspec()
     for axes in grid[:, 0]:
         axes.remove()
     _evidence(figure.add_subplot(place[:, 0]), diagnosis)
-    named = bool(diagnosis.found.final.added)
-    _key(grid[0, 1], key, "k", "drag over thrust, k", key.log_k, key.log_k_error, key.predicted_k, named)
-    _key(grid[1, 1], key, "I/k", "inertia over drag, I / k", key.log_ratio, key.log_ratio_error,
-         key.predicted_ratio, named)  # fmt: skip
-    grid[1, 1].set_xlabel(f"size of the moment [{key.unit}]")
+    _drifts(grid[0, 1], grid[1, 1], key, diagnosis.study.base.dof, bool(diagnosis.found.final.added))
     chance = f"reached by chance in {1000 * LEVEL:.0f} of 1000 campaigns"
     handles = [
         Patch(color=AFTER, label="named"),
@@ -42,7 +39,7 @@ def why_figure(diagnosis: Diagnosis, key: NamingKey) -> Figure:
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     figure.suptitle(f"Which missing effect would explain the gap. Verdict: {verdict(diagnosis)}")
-    return said(figure, diagnosis.study.base.axis)
+    return figure
 
 
 def _evidence(axes: Axes, diagnosis: Diagnosis) -> None:
@@ -78,8 +75,22 @@ def _evidence(axes: Axes, diagnosis: Diagnosis) -> None:
     axes.margins(y=0.01)
 
 
+def _drifts(top: Axes, bottom: Axes, key: NamingKey | None, dof: Dof, named: bool) -> None:
+    """Both drifts of the naming key, one above the other."""
+    if key is None:
+        for axes in (top, bottom):
+            axes.set_axis_off()
+        top.set_title("the naming key could not be formed", fontsize=7)
+        return
+    _key(top, dof, key, "k", "drag over thrust, k", key.log_k, key.log_k_error, key.predicted_k, named)
+    _key(bottom, dof, key, "I/k", f"{dof.words.inertia} over drag, I / k", key.log_ratio, key.log_ratio_error,
+         key.predicted_ratio, named)  # fmt: skip
+    bottom.set_xlabel(f"size of the {dof.words.force} [{key.unit}]")
+
+
 def _key(
     axes: Axes,
+    dof: Dof,
     key: NamingKey,
     quantity: str,
     title: str,
@@ -91,9 +102,10 @@ def _key(
     """One drift: every run's own value against the size of its moment, with what the final model predicts."""
     axes.axhline(0.0, color="0.3", linewidth=0.6)
     have = np.isfinite(key.moment)
+    there, back = dof.words.to_ways
     for side, marker, colour, name in (
-        (1, ">", COLOURS["orange"], "to starboard"),
-        (-1, "<", COLOURS["green"], "to port"),
+        (1, ">", COLOURS["orange"], there),
+        (-1, "<", COLOURS["green"], back),
     ):
         here = have & (np.sign(key.moment) == side)
         axes.errorbar(
@@ -116,9 +128,10 @@ def _key(
                 zorder=3,
             )
     best = key.best(quantity)
-    note = "no drift with the moment beyond chance"
+    force = dof.words.force
+    note = f"no drift with the {force} beyond chance"
     if best is not None and best.p_value < 0.01:
-        note = textwrap.fill(f"drifts as |moment|^{best.power:g}, {best.parity}: {best.means}", 52)
+        note = textwrap.fill(f"drifts as |{force}|^{best.power:g}, {best.parity}: {best.means}", 52)
     axes.set_title(f"{title}\n{note}", fontsize=7)
     axes.set_ylabel("against the base fit [%]")
     values = 100 * np.concatenate([log[have], predicted[have] if named else np.zeros(0)])

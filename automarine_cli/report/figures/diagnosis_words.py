@@ -2,21 +2,22 @@
 
 from automarine_cli.diagnosis.bins import Variable
 from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.dofs import Dof
 from automarine_cli.report.figures.style import COLOURS
 
 BEFORE, AFTER, MARK = COLOURS["vermilion"], COLOURS["blue"], COLOURS["yellow"]
-NAMES = {
-    "time-since-command-change": "time since command changed", "time-in-run": "time in the run",
-    "turned-angle": "turned angle", "yaw-rate": "yaw rate", "start-heading": "start heading",
-    "run-order": "run order", "campaign-clock": "campaign clock", "moment-size": "size of the moment",
-}  # fmt: skip
 
 
-def in_words(variable: Variable) -> str:
+def in_words(variable: Variable, dof: Dof) -> str:
     """The variable's name and unit for an axis."""
-    name = NAMES.get(variable.name, variable.name.replace("-", " ")) + (
-        ", by run" if variable.of_the_run else ""
-    )
+    force = dof.words.force
+    others = {
+        "time-since-command-change": "time since command changed",
+        "time-in-run": "time in the run",
+        f"{force}-size": f"size of the {force}",
+    }
+    name = others.get(variable.name, variable.name.replace("-", " "))
+    name += ", by run" if variable.of_the_run else ""
     return name + (f" [{variable.unit}]" if variable.unit else "")
 
 

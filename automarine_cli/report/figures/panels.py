@@ -69,8 +69,8 @@ def _panel(name: str, axes: Axes, figure: Figure) -> dict[str, Any]:
     place = axes.get_position()
     box = (place.x0 * width, (1 - place.y1) * height, place.x1 * width, (1 - place.y0) * height)
     numbers = all(
-        axis.get_scale() == "linear" and type(axis.get_major_formatter()) is ScalarFormatter
-        for axis in (axes.xaxis, axes.yaxis)
+        dof.get_scale() == "linear" and type(dof.get_major_formatter()) is ScalarFormatter
+        for dof in (axes.xaxis, axes.yaxis)
     )
     labels = [line.get_label() for line in _lines(axes)]
     return {

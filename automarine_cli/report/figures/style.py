@@ -6,7 +6,7 @@ own matplotlib settings say, and leaves them alone afterwards.
 
 import io
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import matplotlib
@@ -14,11 +14,8 @@ import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from automarine_cli.axes import Axis
-from automarine_cli.errors import SettingError
 from automarine_cli.report.figures import panels
 
 # Okabe and Ito (2008), ordered so that neighbours differ in lightness too.
@@ -127,14 +124,6 @@ def pdf(figure: Figure) -> bytes:
 FORMATS: Mapping[str, Callable[[Figure], bytes]] = {"png": png, "svg": svg, "pdf": pdf}
 
 
-def figure_files(name: str, figure: Figure, formats: Sequence[str] = ("png",)) -> Iterator[tuple[str, bytes]]:
-    """`name.format` and its content, for each format in turn. Raises SettingError for a format unknown."""
-    for kind in formats:
-        if kind not in FORMATS:
-            raise SettingError(f"figure format {kind!r} is not known; known are {', '.join(FORMATS)}")
-        yield f"{name}.{kind}", FORMATS[kind](figure)
-
-
 def _saved(figure: Figure, kind: str, metadata: dict[str, Any], **keywords: Any) -> bytes:
     """The file of that kind. The layout is found once, for the first file: a second search would start where the
     first one ended and end a hair beside it, and so would every pixel of a colour bar."""
@@ -151,12 +140,3 @@ def legend(axes: Axes, **keywords: Any) -> None:
     """The axes' legend in the house's type size, if anything in it has a label."""
     if axes.get_legend_handles_labels()[0]:
         axes.legend(**keywords)
-
-
-def said(figure: Figure, axis: Axis) -> Figure:
-    """The figure of another motion: every text that was written for yaw in its words."""
-    if not axis.wraps:
-        for text in figure.findobj(Text):
-            if isinstance(text, Text):
-                text.set_text(axis.say(text.get_text()))
-    return figure

@@ -23,7 +23,6 @@ from automarine_cli.report.figures.style import (
     house_style,
     legend,
     new_figure,
-    said,
 )
 
 MOMENT_MAP = "cividis"
@@ -33,11 +32,12 @@ MOMENT_MAP = "cividis"
 def half_turns_figure(fit: YawFit) -> Figure:
     """Heading against time of every half-turn: kept part coloured by the size of the moment, what follows in
     grey."""
-    axis = fit.axis
+    dof, words = fit.dof, fit.dof.words
     figure, axes = new_figure(1, 2, PAGE_IN, 3.2, sharey=True)
     scale, colours = _moment_scale(np.array([turn.moment for turn in fit.turns]))
+    there, back = words.to_ways
     for ax, sign, side in zip(
-        axes[0], (-1, 1), ("to port (negative moments)", "to starboard (positive moments)")
+        axes[0], (-1, 1), (f"{back} (negative {words.force}s)", f"{there} (positive {words.force}s)")
     ):
         for turn in fit.turns:
             if np.sign(turn.moment) != sign:
@@ -45,11 +45,11 @@ def half_turns_figure(fit: YawFit) -> Figure:
             run, start = turn.step.run, turn.step.switch_mid
             first = turn.step.rest.start if turn.step.rest is not None else turn.kept.start
             after = slice(turn.kept.stop - 1, turn.step.stop)
-            zero = axis.shown(turn.start_heading)
+            zero = dof.shown(turn.start_position)
             for part, style in ((slice(first, turn.kept.start + 1), "-"), (after, "-")):
                 ax.plot(
                     run.time[part] - start,
-                    axis.shown(run.heading[part]) - zero,
+                    dof.shown(run.position[part]) - zero,
                     style,
                     color="0.82",
                     lw=0.7,
@@ -57,21 +57,24 @@ def half_turns_figure(fit: YawFit) -> Figure:
                 )
             ax.plot(
                 turn.time - start,
-                axis.shown(turn.heading) - zero,
+                dof.shown(turn.position) - zero,
                 color=colours(abs(turn.moment)),
                 lw=0.9,
                 zorder=2,
             )
-        if axis.wraps:
+        if dof.wraps:
             ax.axhline(sign * 180.0, color=COLOURS["vermilion"], lw=0.9, ls="--", zorder=3)
-        ax.set_title(axis.say(side))
-        ax.set_xlabel(axis.say("Time since the step [s]"))
-    axes[0, 0].set_ylabel(axis.say("Heading less start heading ψ − ψ₀ [deg]"))
+        ax.set_title(side)
+        ax.set_xlabel("Time since the step [s]")
+    x = dof.symbols.position_print
+    axes[0, 0].set_ylabel(
+        f"{words.position.capitalize()} less start {words.position} {x} − {x}₀ [{dof.units.shown}]"
+    )
     axes[0, 1].plot([], [], color="0.82", label="rest, and what was cut")
-    if axis.wraps:
-        axes[0, 1].plot([], [], color=COLOURS["vermilion"], ls="--", label="half a turn")
+    if dof.wraps:
+        axes[0, 1].plot([], [], color=COLOURS["vermilion"], ls="--", label=words.reach)
     legend(axes[0, 1], loc="lower right")
-    figure.colorbar(scale, ax=axes, label=axis.say(f"Size of the moment |τ| [{fit.moment_unit}]"), pad=0.01)
+    figure.colorbar(scale, ax=axes, label=_size_of_force(fit), pad=0.01)
     return figure
 
 
@@ -79,14 +82,14 @@ def half_turns_figure(fit: YawFit) -> Figure:
 def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     """Steady yaw rate against moment with the three curves of Table 1, residuals below (the paper's Fig.
     7)."""
-    axis = fit.axis
+    dof = fit.dof
     figure, axes = new_figure(2, 1, 4.6, 4.6, sharex=True, height_ratios=(2.4, 1.0))
     top, bottom = axes[:, 0]
     moment, rate = np.array([turn.moment for turn in fit.turns]), seed.tails.rate
     grid = np.linspace(min(moment.min(), 0.0), max(moment.max(), 0.0), 401) * 1.03
     top.plot(
         moment,
-        axis.shown(rate),
+        dof.shown(rate),
         "o",
         mfc="none",
         mec=MEASURED,
@@ -100,7 +103,7 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
         look: dict[str, Any] = {"color": MODEL_COLOURS[number], "zorder": 4 if number == "2" else 3}
         top.plot(
             grid,
-            axis.shown(steady_rate(*seed.drag[number].acting(grid))),
+            dof.shown(steady_rate(*seed.drag[number].acting(grid))),
             ls=MODEL_LINES[number],
             label=f"model {number}",
             **look,
@@ -109,9 +112,9 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
         bottom.plot(
             moment + shift, seed.drag[number].residuals, "^os"[int(number) - 1], ms=2.6, mec="none", **look
         )
-    top.set_ylabel(axis.say("Steady yaw rate r [deg/s]"))
-    bottom.set_ylabel(axis.say(f"Residual [{fit.moment_unit}]"))
-    bottom.set_xlabel(axis.say(f"Yaw moment τ [{fit.moment_unit}]"))
+    top.set_ylabel(f"Steady {dof.words.rate} {dof.symbols.velocity} [{dof.units.shown}/s]")
+    bottom.set_ylabel(f"Residual [{fit.moment_unit}]")
+    bottom.set_xlabel(_full_force(fit))
     bottom.axhline(0.0, color="0.4", lw=0.6, zorder=1)
     legend(top, loc="upper left")
     return figure
@@ -120,12 +123,12 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
 @house_style
 def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     """Inertia of each run, mean at each moment, overall by both methods (the paper's Fig. 9)."""
-    axis = fit.axis
+    dof = fit.dof
     models = [number for number in ("1", "3") if number in seed.inertia]
     figure, axes = new_figure(1, len(models), PAGE_IN, 3.0)
     moment = np.array([turn.moment for turn in fit.turns])
     for ax, number in zip(axes[0], models):
-        table, ml = seed.inertia[number], fit.output_error[number].estimates["I_r"]
+        table, ml = seed.inertia[number], fit.output_error[number].estimates[dof.symbols.inertia]
         ax.plot(moment, table.per_run, "o", mfc="none", mec=MEASURED, mew=0.8, label="one run")
         means = sorted(table.per_moment.items())
         ax.plot(
@@ -134,7 +137,7 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
             ms=4,
             color=COLOURS["vermilion"],
             mec="none",
-            label=axis.say("mean at one moment"),
+            label=f"mean at one {dof.words.force}",
         )
         ends = moment.min() * 1.05, moment.max() * 1.05
         for estimate, colour, name in (
@@ -147,9 +150,10 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
         spread = np.array([*table.per_run, *ml.ci95])
         low, high = np.percentile(spread, [2, 98])
         ax.set_ylim(min(0.0, low), max(1.1 * high, high + 0.35 * np.ptp([low, high])))
-        ax.set_title(axis.say(f"model {number}"))
-        ax.set_xlabel(axis.say(f"Yaw moment τ [{fit.moment_unit}]"))
-    axes[0, 0].set_ylabel(axis.say(f"Yaw inertia $I_r$ [{axis.unit_of('I_r', fit.moment_unit)}]"))
+        ax.set_title(f"model {number}")
+        ax.set_xlabel(_full_force(fit))
+    unit = dof.unit_of("inertia", fit.moment_unit)
+    axes[0, 0].set_ylabel(f"{dof.words.full_inertia.capitalize()} ${dof.symbols.inertia_math}$ [{unit}]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
@@ -157,11 +161,11 @@ def inertia_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
 @house_style
 def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     """Heading against time times the root of the moment: one curve for all runs if model 3 holds."""
-    axis = fit.axis
+    dof, own = fit.dof, fit.dof.symbols
     figure, axes = new_figure(2, 1, 4.6, 4.6, sharex=True, height_ratios=(2.4, 1.0))
     top, bottom = axes[:, 0]
     model = fit.output_error["3"]
-    k_rr, inertia = model.estimates["k_rr"].value, model.estimates["I_r"].value
+    k_rr, inertia = model.estimates[own.quadratic].value, model.estimates[own.inertia].value
     scale, colours = _moment_scale(data.moment)
     late = model.offset.value * data.interval
     longest = 0.0
@@ -172,32 +176,34 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
         turned = np.sign(acting) * data.heading[i][used] * share
         curve = response(scaled, 1.0, inertia, 0.0, k_rr)[0]
         look: dict[str, Any] = {"color": colours(abs(moment)), "ms": 2.0, "mec": "none"}
-        top.plot(scaled, axis.shown(turned), "o", **look)
-        bottom.plot(scaled, axis.shown(turned - curve), "o", **look)
+        top.plot(scaled, dof.shown(turned), "o", **look)
+        bottom.plot(scaled, dof.shown(turned - curve), "o", **look)
         longest = max(longest, float(scaled.max(initial=0.0)))
     grid = np.linspace(0.0, longest, 400)
-    name = r"$(I_r/k_{r|r|})\,\ln\cosh\,(s\,k_{r|r|}^{1/2}/I_r)$"
+    heavy, drag = own.inertia_math, own.quadratic_math
+    name = rf"$({heavy}/{drag})\,\ln\cosh\,(s\,{drag}^{{1/2}}/{heavy})$"
     top.plot(
         grid,
-        axis.shown(response(grid, 1.0, inertia, 0.0, k_rr)[0]),
+        dof.shown(response(grid, 1.0, inertia, 0.0, k_rr)[0]),
         color=COLOURS["vermilion"],
         lw=1.4,
         label=name,
     )
     bottom.axhline(0.0, color=COLOURS["vermilion"], lw=1.0)
-    top.set_ylabel(axis.say("Heading turned sgn(τ)(ψ − ψ₀) [deg]"))
-    bottom.set_ylabel(axis.say("Off the curve [deg]"))
-    bottom.set_xlabel(axis.say(f"Scaled time s = t √|τ| [s ({fit.moment_unit})$^{{1/2}}$]"))
+    x, force, unit = own.position_print, own.force_print, dof.units.shown
+    top.set_ylabel(f"{dof.words.position.capitalize()} {dof.words.moved} sgn({force})({x} − {x}₀) [{unit}]")
+    bottom.set_ylabel(f"Off the curve [{unit}]")
+    bottom.set_xlabel(f"Scaled time s = t √|{force}| [s ({fit.moment_unit})$^{{1/2}}$]")
     legend(top, loc="upper left")
-    figure.colorbar(scale, ax=axes, label=axis.say(f"Size of the moment |τ| [{fit.moment_unit}]"), pad=0.01)
-    return said(figure, axis)
+    figure.colorbar(scale, ax=axes, label=_size_of_force(fit), pad=0.01)
+    return figure
 
 
 @house_style
 def whole_runs_figure(fit: YawFit) -> Figure:
     """Measured heading of each whole run, and the preferred model's with the disturbance that the fit allows
     it."""
-    axis = fit.axis
+    dof = fit.dof
     count = len(fit.runs)
     shown = list(range(count))[:24]
     columns = min(3, len(shown))
@@ -206,11 +212,11 @@ def whole_runs_figure(fit: YawFit) -> Figure:
     number = fit.preference.number
     for ax, i in zip(axes.flat, shown):
         run = fit.runs[i]
-        time, fitted = run.time - run.time[0], fit.preferred.mixed.fitted[i][: len(run)]
-        ax.plot(time, axis.shown(run.heading), color=MEASURED, lw=2.0, label="measured")
+        time, fitted = run.time - run.time[0], fit.preferred.mixed.reading(dof.position)[i][: len(run)]
+        ax.plot(time, dof.shown(run.position), color=MEASURED, lw=2.0, label="measured")
         ax.plot(
             time,
-            axis.shown(fitted),
+            dof.shown(fitted),
             color=MODEL_COLOURS[number],
             ls=MODEL_LINES[number],
             lw=1.0,
@@ -220,21 +226,32 @@ def whole_runs_figure(fit: YawFit) -> Figure:
     for ax in axes.flat[len(shown) :]:
         ax.set_axis_off()
     for ax in axes[-1]:
-        ax.set_xlabel(axis.say("Time in the run [s]"))
+        ax.set_xlabel("Time in the run [s]")
     for ax in axes[:, 0]:
-        ax.set_ylabel(axis.say("Heading ψ [deg]"))
+        ax.set_ylabel(f"{dof.words.position.capitalize()} {dof.symbols.position_print} [{dof.units.shown}]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     return figure
 
 
+def _full_force(fit: YawFit) -> str:
+    """What the vehicle is driven by, for an axis."""
+    return f"{fit.dof.words.full_force.capitalize()} {fit.dof.symbols.force_print} [{fit.moment_unit}]"
+
+
+def _size_of_force(fit: YawFit) -> str:
+    """The same without its sign, for a colour bar."""
+    return f"Size of the {fit.dof.words.force} |{fit.dof.symbols.force_print}| [{fit.moment_unit}]"
+
+
 def _acting(model: OutputErrorFit, moment: float) -> tuple[float, float]:
     """What a run moves by, and its drag as a share of the middle of both ways: 1 where they do not differ."""
-    estimates = model.estimates
-    if "b" in estimates:
-        moment += estimates["b"].value
-    if "e" not in estimates:
+    estimates, own = model.estimates, model.model.dof.symbols
+    if own.constant in estimates:
+        moment += estimates[own.constant].value
+    if own.difference not in estimates:
         return moment, 1.0
-    return moment, 1.0 + float(np.sign(moment)) * estimates["e"].value / estimates["k_rr"].value
+    half = estimates[own.difference].value / estimates[own.quadratic].value
+    return moment, 1.0 + float(np.sign(moment)) * half
 
 
 def _moment_scale(moment: Any) -> tuple[Any, Any]:

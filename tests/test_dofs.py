@@ -4,14 +4,14 @@ import pickle
 
 import pytest
 
-from automarine_cli.axes import AXES, HEAVE, SURGE, YAW, Axis
+from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
 
 TRANSLATIONS = (SURGE, HEAVE)
 
 
-@pytest.mark.parametrize("axis", AXES.values(), ids=str)
-def test_an_axis_is_one_object_in_every_process(axis: Axis) -> None:
-    assert pickle.loads(pickle.dumps(axis)) is axis
+@pytest.mark.parametrize("dof", DOFS.values(), ids=list(DOFS))
+def test_an_axis_is_one_object_in_every_process(dof: Dof) -> None:
+    assert pickle.loads(pickle.dumps(dof)) is dof
 
 
 def test_yaw_says_what_it_says() -> None:
@@ -41,27 +41,28 @@ def test_equations_and_labels_have_the_letters_of_the_motion() -> None:
     )
 
 
-@pytest.mark.parametrize("axis", TRANSLATIONS, ids=str)
-def test_names_of_files_and_effects_are_left_alone(axis: Axis) -> None:
+@pytest.mark.parametrize("dof", TRANSLATIONS, ids=("surge", "heave"))
+def test_names_of_files_and_effects_are_left_alone(dof: Dof) -> None:
     for name in ("bias-moment", "heading-moment", "logs/port/yaw.csv", "port_run", "thruster-map"):
-        assert axis.say(name) == name
+        assert dof.say(name) == name
 
 
-@pytest.mark.parametrize("axis", TRANSLATIONS, ids=str)
-def test_keys_come_back(axis: Axis) -> None:
+@pytest.mark.parametrize("dof", TRANSLATIONS, ids=("surge", "heave"))
+def test_keys_come_back(dof: Dof) -> None:
     content = {
         "models": {"3": {"I_r": 1.0, "k_rr": {"value": 2.0}}},
         "moment_unit": "N",
         "heading_noise_deg": 1.0,
     }
-    named = axis.named(content)
+    named = dof.named(content)
     assert {"moment_unit", "heading_noise_deg", "I_r"}.isdisjoint({*named, *named["models"]["3"]})
-    assert axis.plain(named) == content
+    assert dof.plain(named) == content
 
 
-@pytest.mark.parametrize("axis", TRANSLATIONS, ids=str)
-def test_units_are_those_of_a_force_over_speeds(axis: Axis) -> None:
-    assert [axis.unit_of(name, "N") for name in ("I_r", "k_r", "k_rr", "theta_c")] == [
+@pytest.mark.parametrize("dof", TRANSLATIONS, ids=("surge", "heave"))
+def test_units_are_those_of_a_force_over_speeds(dof: Dof) -> None:
+    assert [dof.unit_of(name, "N") for name in ("inertia", "linear", "quadratic", "ratio")] == [
         "kg", "N s/m", "N s²/m²", "m",
     ]  # fmt: skip
-    assert axis.unit_in("{moment} s²", "nu") == "nu s²/m²"
+    assert [dof.unit_of(name, "N") for name in (dof.symbols.inertia, dof.symbols.cubic)] == ["kg", "N s³/m³"]
+    assert dof.unit_in("{force} s²{/x2}", "nu") == "nu s²/m²" and dof.unit_in("{x}/s", "nu") == "m/s"

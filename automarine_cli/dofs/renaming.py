@@ -1,4 +1,28 @@
-"""What a translation calls what yaw calls otherwise: keys of result files, and words."""
+"""Yaw's words and keys as another motion has them; on its way out: texts are to be filled from the record instead."""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+
+def word_pattern(text: str) -> str:
+    """A pattern of the text as a whole word, and no part of a name of a file or of an effect (`bias-moment`)."""
+    if not text.isascii():  # Greek letters and degree signs stand as they like
+        return re.escape(text)
+    before = r"(?<![\w/-])" if text[0].isalpha() else ""
+    after = r"(?![\w|/]|[.-]\w)" if text[-1].isalnum() else ""
+    return before + re.escape(text) + after
+
+
+def renamed(content: Any, keys: Mapping[str, str]) -> Any:
+    """Plain data with some keys called otherwise, however deep they are."""
+    if not keys:
+        return content
+    if isinstance(content, dict):
+        return {keys.get(key, key): renamed(value, keys) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return type(content)(renamed(value, keys) for value in content)
+    return content
 
 
 def keys_of(symbol: str, letter: str, mass: str, position: str) -> dict[str, str]:
@@ -32,6 +56,8 @@ def keys_of(symbol: str, letter: str, mass: str, position: str) -> dict[str, str
         "quantisation_deg": "quantisation_m",
         "glitch_deg": "glitch_m",
         "rate_noise_deg_s": "speed_noise_m_s",
+        "rate_bias_deg_s": "speed_bias_m_s",
+        "rate_bias_rad_s": "speed_bias_m_s",
         "rate_deg_s": "speed_cm_s",
         "start_rate_deg_s": "start_speed_cm_s",
         "steady_rate_deg_s": "steady_speed_cm_s",
@@ -48,14 +74,14 @@ def keys_of(symbol: str, letter: str, mass: str, position: str) -> dict[str, str
 
 
 def words_of(
-    axis: str, symbol: str, letter: str, mass: str, position: str, ways: tuple[str, str]
+    dof: str, symbol: str, letter: str, mass: str, position: str, ways: tuple[str, str]
 ) -> dict[str, str]:
     """Words about yaw and what is said of a translation; `position` is what the log holds."""
     ahead, astern = ways
     place = "z" if position == "depth" else "x"
     lower = {
-        "yaw rate": f"{axis} speed",
-        "yaw-rate": f"{axis}-speed",
+        "yaw rate": f"{dof} speed",
+        "yaw-rate": f"{dof}-speed",
         "steady rate": "steady speed",
         "to starboard": ahead,
         "to port": astern,
@@ -64,9 +90,9 @@ def words_of(
         "to one side": "one way",
         "starboard": ahead,
         "port": astern,
-        "yaw": axis,
-        "yaw moment": f"{axis} force",
-        "yaw moments": f"{axis} forces",
+        "yaw": dof,
+        "yaw moment": f"{dof} force",
+        "yaw moments": f"{dof} forces",
         "yaw inertia": "mass with added mass",
         "moment": "force",
         "moments": "forces",
@@ -110,8 +136,8 @@ def words_of(
         "psi_start": f"{place}_start",
         "I_r/k_r|r|": f"{mass}/{symbol}_{letter}|{letter}|",
         "I_r/k_{r|r|}": f"{mass}/{symbol}_{{{letter}|{letter}|}}",
-        "yaw rate r": f"{axis} speed {letter}",
-        "Steady yaw rate r": f"Steady {axis} speed {letter}",
+        "yaw rate r": f"{dof} speed {letter}",
+        "Steady yaw rate r": f"Steady {dof} speed {letter}",
         "τ": symbol,
         "ψ": place,
         "ψ₀": f"{place}₀",

@@ -1,0 +1,336 @@
+"""What a degree of freedom is: symbols, words, units, limits, and the log columns that hold it.
+
+One record a degree of freedom (SNAME 1950; Fossen 2021): everything else in automarine is written once, as sentences,
+keys and labels that are filled from the record. No text is changed after it was written.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import inf, pi
+from typing import Any
+
+from automarine_cli.dofs.renaming import renamed, word_pattern
+
+
+@dataclass(frozen=True)
+class Symbols:
+    """Letters. Plain ones name parameters and keys; those of `_print` are for text, `_math` for figures and LaTeX.
+
+    `position`, `velocity`, `force` are the states and what drives them; `inertia`, `linear`, `quadratic`, `cubic` the
+    parameters of the equation of motion, `constant` and `difference` a force that always acts and half the difference
+    of drag between the two ways; `water` is the water's velocity.
+    """
+
+    position: str
+    position_print: str
+    position_math: str
+    velocity: str
+    force: str
+    force_print: str
+    force_math: str
+    inertia: str
+    inertia_math: str
+    linear: str
+    linear_math: str
+    quadratic: str
+    quadratic_print: str
+    quadratic_math: str
+    cubic: str
+    constant: str = "constant_force"
+    difference: str = "half_difference"
+    water: str = "w"
+
+
+@dataclass(frozen=True)
+class Words:
+    """What people call the states, the parameters and the tests of one motion; English, lower case, singular.
+
+    Where a field has a blank in it, it stands as it is: `both_ways` is "to both sides" or "both ways".
+    """
+
+    position: str  # what the log holds: heading, distance, depth
+    sensor: str  # what measures it
+    rate: str  # its velocity in full: yaw rate, surge speed
+    speed: str  # the same in short: rate, speed
+    force: str  # what drives: moment, force
+    full_force: str  # yaw moment, surge force
+    inertia: str
+    an_inertia: str
+    full_inertia: str
+    inertial_length: str  # inertia over quadratic drag: inertial turn angle, inertial distance
+    travelled: str  # turned angle, distance covered
+    step: str  # what is kept of a step: half-turn, step
+    reach: str  # how far a step is followed: half a turn, the way allowed
+    whole_way: str  # a whole revolution and more, the whole way
+    back_again: str  # an unwinding turn, back again
+    move: str
+    moves: str
+    moved: str
+    moving: str
+    unit: str  # of positions as people read them: degree, cm
+    units: str
+    units_of_way: str  # degrees of turn, cm of way
+    spring: str  # what a tether is: torsional spring, spring
+    stiffness: str
+    ways: tuple[str, str]  # positive first: starboard, port
+    to_ways: tuple[str, str]  # to starboard, to port
+    both_ways: str
+    each_way: str
+    one_way: str
+    other_way: str  # of positions that count against the convention: counter-clockwise, the other way
+    gone_key: str  # of how far it went: turned, covered
+    the_other: str  # than one_way: to the other, the other
+    way: str  # one of the two: side, direction
+    rate_sensor: str  # what measures the velocity: gyro, speed sensor
+    way_key: str  # of how far a step is to go, as a key begins: turn, travel
+    range_key: str  # the key of how far a run went in all: turns, covered_m
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units of positions: of all arithmetic (`base`), of the logs (`log`), and as people read them (`shown`).
+
+    A position in the base unit times `per_base` is one in that of the logs, times `shown_per_base` one as people read
+    it. `key` and `log_key` end the keys of result files (`rmse_deg`, `distance_zero_m`); `mark` is the unit right
+    after a number in text ("°", " cm"); `forces` are the units in which the force may be logged.
+    """
+
+    base: str
+    log: str
+    per_base: float
+    shown: str
+    shown_per_base: float
+    mark: str
+    forces: tuple[str, ...]
+
+    @property
+    def key(self) -> str:
+        """The shown unit as the end of a key."""
+        return self.shown
+
+    @property
+    def rate_key(self) -> str:
+        """The shown unit of a velocity as the end of a key."""
+        return f"{self.shown}_s"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Sizes that this motion has in vehicles that tests are made with, all in base units [rad or m] and seconds.
+
+    `trim` is how far a step is followed unless asked otherwise, `least` what it has to cover before its end, `still`
+    what counts as not having moved, `start` what counts as its beginning; `plausible` are ratios of inertia to
+    quadratic drag. `spike`, `end_spike` and `jump` are the least sizes of readings that no vehicle makes (a smaller one
+    is left to the noise), beside what the log's own noise and speed allow; three steps of `large_step` from sample to
+    sample stay below half of what wraps. `acceleration` is what none reaches, `far` and `fast` what none gets to;
+    `position_sd` and `velocity_sd` are standard deviations, wide ones, of the start of a run, `bias_sd` that
+    of what a velocity sensor adds. `long` is how far a long run goes.
+    """
+
+    trim: float
+    least: float
+    still: float
+    start: float
+    plausible: tuple[float, float]
+    spike: float
+    end_spike: float
+    large_step: float
+    jump: float
+    acceleration: float
+    far: float
+    fast: float
+    position_sd: float
+    velocity_sd: float
+    bias_sd: float
+    long: float
+
+
+@dataclass(frozen=True, eq=False)
+class Dof:
+    """One degree of freedom: a position, and the moment or force that drives it. One object, the same in every process.
+
+    `number` is its place among the six, from 0: surge, sway, heave, roll, pitch, yaw, forces X, Y, Z, K, M, N.
+    `position`, `velocity` and `command` are canonical quantities of the logs, `thrusters` the commands of which a map
+    makes moment or force, each counting by `sides`; `levered` where that takes a lever arm. `turn` is after how much
+    the position wraps [rad or m], infinite where it does not. `has_constant`: a constant force is part of every
+    model; `windowed`: steps are followed inside a window of positions (`depths`), not for a length (`within`);
+    `directional`: drag may differ between the two ways, the positive one first. `columns` are the names under which
+    logs hold its quantities, by quantity, as (column, unit). `nicknames` is how people call them, for suggestions only;
+    `plain_names` are those that mean nothing else. `mounts` says which thruster each of `thrusters` is; `horizontal`
+    that it is a motion in the plane of the water, of which the velocities are known to tests of all motions.
+    """
+
+    name: str
+    number: int
+    position: str
+    velocity: str
+    command: str
+    thrusters: tuple[str, ...]
+    sides: tuple[float, ...]
+    symbols: Symbols
+    words: Words
+    units: Units
+    limits: Limits
+    turn: float = inf
+    levered: bool = False
+    has_constant: bool = False
+    windowed: bool = False
+    directional: bool = False
+    columns: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
+    nicknames: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    keys: Mapping[str, str] = field(default_factory=dict)
+    renamed_words: Mapping[str, str] = field(default_factory=dict)
+    plain_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    mounts: tuple[str, ...] = ()
+    horizontal: bool = True
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _dof_of, (self.name,)
+
+    @property
+    def wraps(self) -> bool:
+        """Whether the position comes back to itself: a rotation."""
+        return self.turn < inf
+
+    @property
+    def channels(self) -> tuple[str, str]:
+        """The quantities that sensors may give of this motion: position and velocity."""
+        return self.position, self.velocity
+
+    def column(self, quantity: str, unit: str) -> str:
+        """The name under which logs hold a quantity of this motion in a unit."""
+        return next(name for name, own in self.columns[quantity] if own == unit)
+
+    def shown(self, position: Any) -> Any:
+        """A position or velocity in the unit in which people see it."""
+        return position * self.units.shown_per_base
+
+    def logged(self, position: Any) -> Any:
+        """A position or velocity in the unit in which logs hold it."""
+        return position * self.units.per_base
+
+    def inner(self, logged: Any) -> Any:
+        """A position or velocity as logs hold it in the unit of all arithmetic."""
+        return logged * (pi / 180) if self.wraps else logged
+
+    @property
+    def parameters(self) -> Mapping[str, str]:
+        """Names of the parameters of the equation of motion, by what they are."""
+        own = self.symbols
+        return {
+            "inertia": own.inertia, "linear": own.linear, "quadratic": own.quadratic, "cubic": own.cubic,
+            "constant": own.constant, "difference": own.difference,
+        }  # fmt: skip
+
+    def parameter(self, role: str) -> str:
+        """The qualified name of a parameter of the equation of motion, such as "yaw.k_rr" for "quadratic"."""
+        return f"{self.name}.{self.parameters[role]}"
+
+    @property
+    def ratio_key(self) -> str:
+        """Key of inertia over quadratic drag in result files."""
+        return f"{self.words.inertial_length.replace(' ', '_')}_{self.units.base}"
+
+    @property
+    def velocity_key(self) -> str:
+        """Key of a velocity in base units in result files."""
+        return f"{self.velocity}_{self.units.base}_s"
+
+    @property
+    def steps_key(self) -> str:
+        """What files of all steps are called: half_turns, steps."""
+        return f"{self.words.step}s".replace("-", "_")
+
+    @cached_property
+    def vocabulary(self) -> Mapping[str, str]:
+        """Every word and symbol by name, for templates such as "-{quadratic} |{v}| {v}": the fields of `Words`, the
+        parameters but the inertia by what they are, `x`, `v`, `f` and `water` for position, velocity, force and the
+        water's velocity, and the units."""
+        words = {k: v for k, v in vars(self.words).items() if isinstance(v, str)}
+        plural = {f"{name}s": f"{words[name]}s" for name in ("force", "position", "speed")}
+        there, back = self.words.ways
+        to, fro = self.words.to_ways
+        own, units = self.symbols, self.units
+        return {
+            **self.parameters, **words, **plural, "motion": self.name,
+            "x": own.position, "v": own.velocity, "f": own.force, "water": own.water,
+            "positive": there, "negative": back, "to_positive": to, "to_negative": fro,
+            "base_unit": units.base, "log_unit": units.log, "shown_unit": units.shown,
+        }  # fmt: skip
+
+    def fill(self, template: str) -> str:
+        """A text of the library, such as an effect's sentence, with its fields filled from the `vocabulary`."""
+        return template.format_map(self.vocabulary)
+
+    def unit_of(self, parameter: str, force_unit: str = "nu") -> str:
+        """Unit of "inertia", "linear", "quadratic", "cubic", "constant", "difference" or "ratio" (inertia over
+        quadratic drag) for a force in `force_unit`; also by the parameter's name."""
+        role = {name: role for role, name in self.parameters.items()}.get(parameter, parameter)
+        if role == "ratio":
+            return self.units.base
+        if role == "inertia" and force_unit == "N":
+            return "kg"
+        return self.unit_in(_UNITS[role], force_unit)
+
+    def unit_in(self, template: str, force_unit: str) -> str:
+        """A unit such as "{force} s²{/x2}": `{force}` stands for the force's unit, `{x}` for the base unit of
+        positions, `{/x}`, `{/x2}`, `{/x3}` for "per metre" (nothing for angles)."""
+        per = [""] * 3 if self.wraps else [f"/{self.units.base}{power}" for power in ("", "²", "³")]
+        return template.format_map(
+            {"force": force_unit, "x": self.units.base, "/x": per[0], "/x2": per[1], "/x3": per[2]}
+        )
+
+    def say(self, text: str) -> str:
+        """A sentence about yaw in the words of this motion."""
+        return self._said.sub(lambda found: self._own[found[0]], text) if self.renamed_words else text
+
+    def equation(self, text: str) -> str:
+        """An equation of yaw in the letters of this motion."""
+        if not self.renamed_words:
+            return text
+        named = re.sub(r"\b(?:k_r+|I_r|psi)\b", lambda found: self.say(found[0]), text)
+        return re.sub(r"(?<![a-zA-Z_])r(?![a-zA-Z_])", self.renamed_words["k_r"][-1], self.say(named))
+
+    def key(self, name: str) -> str:
+        """A key of yaw's result files as this motion has it."""
+        return self.keys.get(name, name)
+
+    def named(self, content: Any) -> Any:
+        """Content of a result file under this motion's keys."""
+        return renamed(content, self.keys)
+
+    def plain(self, content: Any) -> Any:
+        """Content of this motion's file under yaw's keys."""
+        return renamed(content, {own: key for key, own in reversed(list(self.keys.items()))})
+
+    def misnamed(self, content: Any) -> str:
+        """A key of yaw in this motion's file, however deep, that it calls otherwise; none: nothing."""
+        if isinstance(content, Mapping):
+            wrong = next((str(key) for key in content if self.keys.get(key, key) != key), "")
+            return wrong or next(filter(None, map(self.misnamed, content.values())), "")
+        if isinstance(content, list | tuple):
+            return next(filter(None, map(self.misnamed, content)), "")
+        return ""
+
+    @cached_property
+    def _own(self) -> dict[str, str]:
+        return {**self.keys, **self.renamed_words}
+
+    @cached_property
+    def _said(self) -> re.Pattern[str]:
+        longest = sorted(self._own, key=len, reverse=True)
+        return re.compile("|".join(word_pattern(one) for one in longest))
+
+
+_UNITS = {
+    "inertia": "{force} s²{/x}", "linear": "{force} s{/x}", "quadratic": "{force} s²{/x2}",
+    "cubic": "{force} s³{/x3}", "constant": "{force}", "difference": "{force} s²{/x2}",
+}  # fmt: skip
+
+
+def _dof_of(name: str) -> Dof:
+    from automarine_cli.dofs import DOFS
+
+    return DOFS[name]

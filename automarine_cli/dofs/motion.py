@@ -1,0 +1,41 @@
+"""Motions: the degrees of freedom that are simulated together.
+
+One degree of freedom is a motion of its own, positions then being the integrals of velocities. The planar motion moves
+in a plane: velocities are those ahead, to starboard and in yaw, in axes that turn with the vehicle, positions those
+north and east, and the heading (Fossen 2021, chapter 2).
+"""
+
+from dataclasses import dataclass
+
+from automarine_cli.dofs.dof import Dof
+from automarine_cli.dofs.surge import SURGE
+from automarine_cli.dofs.sway import SWAY
+from automarine_cli.dofs.yaw import YAW
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Degrees of freedom that move together, in the order of the last axis of all states; `positions` are the
+    quantities of their positions."""
+
+    name: str
+    dofs: tuple[Dof, ...]
+    positions: tuple[str, ...]
+
+    @property
+    def turns(self) -> bool:
+        """Whether velocities are measured in axes that turn with the vehicle."""
+        return len(self.dofs) > 1
+
+    def index(self, dof: Dof) -> int:
+        """Place of a degree of freedom."""
+        return self.dofs.index(dof)
+
+
+def alone(dof: Dof) -> Motion:
+    """The motion of one degree of freedom."""
+    return Motion(dof.name, (dof,), (dof.position,))
+
+
+PLANAR = Motion("planar", (SURGE, SWAY, YAW), ("north", "east", YAW.position))
+"""Motion in the plane of the water."""

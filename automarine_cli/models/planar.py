@@ -1,0 +1,254 @@
+"""`PlanarModel`: surge, sway and yaw together, as one inertia matrix, terms of drag and a current.
+
+    M nu' + C(nu_r) nu_r = tau - drag(nu_r),    nu = (u, v, r),    nu_r = nu - R(psi)' (current north, east, 0)
+
+M holds the rigid body and the added mass, both symmetric; C follows from M. In a constant current without rotation the
+equations hold for velocities through the water as they do for those over ground in still water, so that M serves both.
+Sources: SNAME (1950), Technical and Research Bulletin 1-5 (names of forces and derivatives); Fossen (2021), Handbook of
+Marine Craft Hydrodynamics and Motion Control, second edition, chapters 3 (rigid body), 6 (manoeuvring models) and
+10 (current). Signs are those of this tool: every drag counts as positive where it resists, every added mass where it
+adds, so that m_v = m - Y_v', m_vr = m x_g - Y_r' and Y_r stands for what Fossen writes -Y_r.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import astuple, dataclass, fields, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from automarine_cli import effects
+from automarine_cli.dofs import Dof
+from automarine_cli.dofs.motion import PLANAR, Motion
+from automarine_cli.effects import Effect, Place, State
+from automarine_cli.errors import ModelError
+from automarine_cli.models.vehicle import Bound
+from automarine_cli.models.yaw_model import Term
+
+Floats = NDArray[np.float64]
+
+PLACES = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+"""Where the entries of `Inertia`, in its order, stand in the matrix."""
+
+FORCES, VELOCITIES = "XYN", "uvr"
+_DERIVATIVE = re.compile(rf"([{FORCES}])_([{VELOCITIES}]{{1,2}})")
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """Inertia of surge, sway and yaw, of the rigid body, of the water, or of both: a symmetric matrix about the origin
+    of the vehicle's axes.
+
+    `m_u`, `m_v` [kg], `I_r` [kg m²]; `m_vr` and `m_ur` [kg m] couple sway and surge with yaw, `m_uv` [kg] surge with
+    sway. A vehicle alike on both sides has no `m_ur` and no `m_uv`, one alike fore and aft no `m_vr`.
+    """
+
+    m_u: float
+    m_v: float
+    I_r: float
+    m_vr: float = 0.0
+    m_ur: float = 0.0
+    m_uv: float = 0.0
+
+    @classmethod
+    def rigid(cls, mass: float, inertia: float, x_g: float = 0.0, y_g: float = 0.0) -> "Inertia":
+        """Of a body of `mass` [kg] with `inertia` [kg m²] about its centre of gravity, which lies `x_g` ahead of the
+        origin and `y_g` to starboard of it [m]; Fossen (2021), chapter 3."""
+        turning = inertia + mass * (x_g**2 + y_g**2)
+        return cls(mass, mass, turning, m_vr=mass * x_g, m_ur=-mass * y_g)
+
+    def __add__(self, other: "Inertia") -> "Inertia":
+        return Inertia(*(a + b for a, b in zip(astuple(self), astuple(other))))
+
+    @property
+    def matrix(self) -> Floats:
+        """(3, 3)."""
+        return _matrices(np.array([astuple(self)]))[0]
+
+
+@dataclass(frozen=True)
+class CrossDrag(Effect):
+    """Resistance to one degree of freedom by the flow along others: -c b or -c |a| b, such as Y_r r or N_vr |v| r.
+
+    `along` is the place of b in the motion, `size` that of a. No effect of the library: one motion alone knows no
+    other's flow.
+    """
+
+    along: int
+    size: int | None = None
+
+    name = "cross-drag"
+    place = Place.MOMENT
+    states: ClassVar[tuple[str, ...]] = ()
+    source = "Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, chapter 6"
+
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
+        (size,) = values
+        if self.size is not None:
+            size = size * np.abs(state.flow[self.size])
+        return -size * state.flow[self.along]
+
+
+@dataclass(frozen=True)
+class PlanarModel:
+    """The planar motion of one vehicle, in newtons and newton metres.
+
+    `surge`, `sway` and `yaw` are effects of the library that act on one degree of freedom. `cross` are derivatives by
+    the velocities of others, as `Term("Y_r", (2.0,))`: linear ones (Y_r, N_v) and quadratic ones, of which the first
+    letter stands for a size (N_vr |v| r, Y_rr |r| r). `water` is the water's velocity north and east [m/s], None where
+    it is still. The parameter vector theta holds the six of the inertia, then the values of `surge`, `sway`, `yaw` and
+    `cross`, then the current. Raises ModelError for a derivative that is none.
+    """
+
+    inertia: Inertia
+    surge: tuple[Term, ...] = ()
+    sway: tuple[Term, ...] = ()
+    yaw: tuple[Term, ...] = ()
+    cross: tuple[Term, ...] = ()
+    water: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        for term in self.cross:
+            _derivative(term.name)
+
+    @classmethod
+    def from_rigid_and_added(
+        cls,
+        mass: float,
+        inertia: float,
+        added: Inertia,
+        *,
+        x_g: float = 0.0,
+        y_g: float = 0.0,
+        surge: Sequence[Term] = (),
+        sway: Sequence[Term] = (),
+        yaw: Sequence[Term] = (),
+        cross: Sequence[Term] = (),
+        water: tuple[float, float] | None = None,
+    ) -> "PlanarModel":
+        """From mass and inertia as in `Inertia.rigid` and what the water adds to them: m_u = -X_u', m_v = -Y_v',
+        I_r = -N_r', m_vr = -Y_r' = -N_v'.
+
+        Raises ModelError where the two together are no inertia: kinetic energy must be above zero in every motion.
+        """
+        both = Inertia.rigid(mass, inertia, x_g, y_g) + added
+        matrix = both.matrix
+        if not np.isfinite(matrix).all() or np.linalg.eigvalsh(matrix)[0] <= 0:
+            entries = ", ".join(f"{name} = {value:g}" for name, value in zip(_entries(), astuple(both)))
+            raise ModelError(
+                f"rigid and added inertia together are {entries}; expected a matrix that is positive definite "
+                "(m_u, m_v and I_r above zero, and couplings that are small beside them); check the signs of the added "
+                "masses, which count as positive where they add"
+            )
+        return cls(both, tuple(surge), tuple(sway), tuple(yaw), tuple(cross), water)
+
+    @property
+    def motion(self) -> Motion:
+        """Surge, sway and yaw."""
+        return PLANAR
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Qualified names of the entries of theta: "surge.m_u", "planar.m_vr", "yaw.k_rr", "sway.Y_r",
+        "yaw.input-delay.T", "current.north"."""
+        names = [dof.parameter("inertia") for dof in PLANAR.dofs]
+        names += [f"{PLANAR.name}.{name}" for name in _entries()[len(names) :]]
+        names += [name for dof, terms in self._alone() for term in terms for name in _names(dof, term)]
+        names += [f"{PLANAR.dofs[_derivative(term.name)[0]].name}.{term.name}" for term in self.cross]
+        return (*names, *(("current.north", "current.east") if self.water is not None else ()))
+
+    @property
+    def theta(self) -> Floats:
+        """Parameter vector, (p,)."""
+        return np.array([*astuple(self.inertia), *self._values(), *(self.water or ())])
+
+    def with_theta(self, theta: ArrayLike) -> "PlanarModel":
+        """The same terms with other values. Raises ModelError unless there is one for each parameter."""
+        values = [float(value) for value in np.asarray(theta)]
+        if len(values) != len(self.theta):
+            raise ModelError(
+                f"{len(values)} values given for the {len(self.theta)} parameters {self.parameter_names}; "
+                "give one for each"
+            )
+        rest = iter(values)
+
+        def anew(terms: tuple[Term, ...]) -> tuple[Term, ...]:
+            return tuple(replace(term, values=tuple(next(rest) for _ in term.values)) for term in terms)
+
+        return PlanarModel(
+            Inertia(*(next(rest) for _ in PLACES)),
+            anew(self.surge),
+            anew(self.sway),
+            anew(self.yaw),
+            anew(self.cross),
+            None if self.water is None else (next(rest), next(rest)),
+        )
+
+    def inertia_matrix(self, theta: Floats) -> Floats:
+        """Inertia for theta (P, p), (P, 3, 3)."""
+        return _matrices(theta)
+
+    def forces(self, theta: Floats) -> list[Bound]:
+        """Each term's effect with its columns of theta (P, p) as arrays of shape (P, 1)."""
+        column, found = len(PLACES), []
+        for place, effect, term in self._effects():
+            count = len(term.values)
+            found.append(Bound(place, effect, tuple(theta[:, column + i, None] for i in range(count))))
+            column += count
+        return found
+
+    def current(self, theta: Floats) -> Floats | None:
+        """Velocity of the water north and east [m/s], (2, P, 1); None for still water."""
+        return None if self.water is None else theta[:, -2:].T[..., None]
+
+    def _alone(self) -> Iterator[tuple[Dof, tuple[Term, ...]]]:
+        """The terms of the library by degree of freedom."""
+        yield from zip(PLANAR.dofs, (self.surge, self.sway, self.yaw))
+
+    def _effects(self) -> Iterator[tuple[int, Effect, Term]]:
+        """Every term with its effect and the place of what it acts on, in the order of theta."""
+        for place, (_, terms) in enumerate(self._alone()):
+            yield from ((place, effects.get(term.name), term) for term in terms)
+        for term in self.cross:
+            place, drag = _derivative(term.name)
+            yield place, drag, term
+
+    def _values(self) -> Iterator[float]:
+        for _, _, term in self._effects():
+            yield from term.values
+
+
+def _entries() -> tuple[str, ...]:
+    """Names of the entries of an inertia."""
+    return tuple(field.name for field in fields(Inertia))
+
+
+def _matrices(theta: Floats) -> Floats:
+    """Symmetric matrices (P, 3, 3) of the first six columns of theta (P, p)."""
+    matrices = np.empty((len(theta), 3, 3))
+    for column, (i, j) in enumerate(PLACES):
+        matrices[:, i, j] = matrices[:, j, i] = theta[:, column]
+    return matrices
+
+
+def _names(dof: Dof, term: Term) -> Iterator[str]:
+    """Qualified names of the parameters of an effect on one degree of freedom; by the letter of their role, if any."""
+    effect = effects.get(term.name)
+    if effect.role:
+        yield dof.parameter(effect.role)
+    else:
+        yield from (f"{dof.name}.{term.name}.{name}" for name in effect.names_in(dof))
+
+
+def _derivative(name: str) -> tuple[int, CrossDrag]:
+    """What a derivative such as N_v or N_vr acts on, and the drag that it is. Raises ModelError."""
+    found = _DERIVATIVE.fullmatch(name)
+    place = FORCES.index(found[1]) if found else 0
+    if found is None or set(found[2]) == {VELOCITIES[place]}:
+        raise ModelError(
+            f"cross drag {name!r}: expected X, Y or N by the velocities of other degrees of freedom, such as Y_r, N_v, "
+            "N_vr or Y_rr; drag by a degree of freedom's own velocity is one of its terms, such as quadratic-drag"
+        )
+    *size, along = (VELOCITIES.index(letter) for letter in found[2])
+    return place, CrossDrag(along, size[0] if size else None)

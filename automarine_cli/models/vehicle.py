@@ -1,0 +1,47 @@
+"""What every model of a vehicle is to the simulator: a motion, an inertia matrix and terms; it knows no more of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.dofs.motion import Motion
+from automarine_cli.effects import Effect
+
+Floats = NDArray[np.float64]
+
+
+class Vehicle(Protocol):
+    """What the simulator needs of a model: its motion, its parameters, inertia, terms, and the water's own velocity."""
+
+    @property
+    def motion(self) -> Motion:
+        """The degrees of freedom that move together."""
+
+    @property
+    def theta(self) -> Floats:
+        """Parameter vector, (p,)."""
+
+    def inertia_matrix(self, theta: Floats) -> Floats:
+        """Rigid and added inertia for theta (P, p): (P, D, D)."""
+
+    def forces(self, theta: Floats) -> Sequence["Bound"]:
+        """Each effect with the degree of freedom on which it acts."""
+
+    def current(self, theta: Floats) -> Floats | None:
+        """Velocity of the water north and east [m/s], (2, P, 1), constant and without swirl; None for still water."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """An effect that acts on the degree of freedom in place `dof`, with its parameters, each (P, 1)."""
+
+    dof: int
+    effect: Effect
+    values: tuple[Floats, ...]
+
+    def wide(self) -> tuple[Floats, ...]:
+        """The values for arrays of (P, R, M)."""
+        return tuple(value[..., None] for value in self.values)

@@ -1,0 +1,154 @@
+"""Planar motion of known truth, written without the package: momentum in earth axes, and a published craft.
+
+`solved` integrates any vehicle by its momentum, linear in earth axes and angular about its own origin, in which no
+Coriolis force appears; `otter_rates` writes the Otter's equations with Coriolis matrices and velocities over ground.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from automarine_cli.dofs import YAW
+from automarine_cli.runs.run import Run
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Craft:
+    """A vehicle as numbers: inertia and damping matrices (3, 3) by linear, by |own| and by |v|, |r|; current (2,)."""
+
+    inertia: Floats
+    linear: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    by_own: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    by_sway: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    by_rate: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    current: Floats = field(default_factory=lambda: np.zeros(2))
+
+    def drag(self, flow: Floats) -> Floats:
+        """Resistance (3,) to velocities through the water (3,)."""
+        size = np.abs(flow)
+        quadratic = self.by_own * size + self.by_sway * size[1] + self.by_rate * size[2]
+        return (self.linear + quadratic) @ flow
+
+    def in_current(self, current: tuple[float, float] | None) -> "Craft":
+        """The same vehicle in a current north and east [m/s]; None for still water."""
+        return replace(self, current=np.array(current or (0.0, 0.0)))
+
+    def mirrored(self) -> "Craft":
+        """Port and starboard exchanged."""
+        sides = np.outer([1, -1, -1], [1, -1, -1])
+        changed = {
+            name: sides * getattr(self, name)
+            for name in ("inertia", "linear", "by_own", "by_sway", "by_rate")
+        }
+        return replace(self, **changed, current=self.current * (1, -1))
+
+
+def turned(heading: float) -> Floats:
+    """Body axes to earth axes, (2, 2)."""
+    return np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+
+
+def solved(
+    craft: Craft, run: Run, position: Sequence[float], velocity: Sequence[float]
+) -> tuple[Floats, Floats]:
+    """Positions (north, east, heading) and velocities over ground in body axes, both (N, 3), at the samples of a run
+    whose commands change halfway between two samples."""
+    heading = position[2]
+    flow = np.array(velocity) - [*(turned(heading).T @ craft.current), 0.0]
+    momentum = craft.inertia @ flow
+    start = [*position, *(turned(heading) @ momentum[:2]), momentum[2]]
+
+    def rates(_: float, state: Floats, force: Floats) -> Floats:
+        axes = turned(state[2])
+        along = axes.T @ state[3:5]
+        u, v, r = np.linalg.solve(craft.inertia, [*along, state[5]])
+        x, y, n = force - craft.drag(np.array([u, v, r]))
+        lever = u * along[1] - v * along[0]  # the origin moves, and takes its angular momentum along
+        return np.array([*(axes @ [u, v] + craft.current), r, *(axes @ [x, y]), n - lever])
+
+    states = integrated(rates, run, start)
+    axes = np.array([turned(one) for one in states[:, 2]])
+    along = np.einsum("nji,nj->ni", axes, states[:, 3:5])
+    flow = np.linalg.solve(craft.inertia, np.column_stack([along, states[:, 5]])[..., None])[..., 0]
+    return states[:, :3], flow + np.column_stack(
+        [np.einsum("nji,j->ni", axes, craft.current), 0 * flow[:, 2]]
+    )
+
+
+def integrated(rates: Callable[[float, Floats, Floats], Floats], run: Run, start: Sequence[float]) -> Floats:
+    """States (N, S) at the samples of a run, from change to change of its commands by scipy's most exact solver."""
+    assert run.moment is not None
+    force = np.column_stack([run.extras["force_X"], run.extras["force_Y"], run.moment])
+    changes = 1 + np.flatnonzero(np.any(force[1:] != force[:-1], axis=1))
+    edges = [run.time[0], *(run.time[changes - 1] + run.time[changes]) / 2, run.time[-1]]
+    states, state = np.empty((len(run), len(start))), np.array(start, dtype=float)
+    for begin, end, held in zip(edges[:-1], edges[1:], force[[0, *changes]]):
+        here = (run.time >= begin) & (run.time <= end)
+        times = np.union1d(run.time[here], end)
+        found = solve_ivp(rates, (begin, end), state, "DOP853", times, args=(held,), rtol=1e-11, atol=1e-12)
+        states[here], state = found.y[:, : here.sum()].T, found.y[:, -1]
+    return states
+
+
+def planar_run(time: Floats, x: Floats, y: Floats, moment: Floats, name: str = "run") -> Run:
+    """A run with commands (N,) [N, N, N m] and no measurement."""
+    force = {"force_X": np.array(x, dtype=float), "force_Y": np.array(y, dtype=float)}
+    held = np.array(moment, dtype=float)
+    return Run(name, f"{name}.csv", time, np.zeros(len(time)), held, "N m", force, dof=YAW)
+
+
+def driven(seed: int = 0, length: float = 12.0, period: float = 0.1) -> Run:
+    """A run with commands that change every two seconds or so, at random."""
+    rng, time = np.random.default_rng(seed), 50.0 + period * np.arange(round(length / period) + 1)
+    held = np.searchsorted(np.cumsum(rng.uniform(1.0, 3.0, 20)), time - time[0])
+    x, y, n = (size * rng.uniform(-1, 1, 21)[held] for size in (30.0, 15.0, 8.0))
+    return planar_run(time, x, y, n, f"driven_{seed}")
+
+
+class Otter:
+    """The Otter USV in surge, sway and yaw with its published numbers: Fossen (2021), chapters 3 and 6, and the MSS and
+    Python Vehicle Simulator (otter), payload 25 kg; no strips of cross flow, speeds of propellers in rad/s."""
+
+    hull, payload, length = 55.0, 25.0, 2.0
+    mass = hull + payload
+    x_g = hull * 0.2 / mass  # hull's centre of gravity 0.2 m ahead, payload amidships
+    inertia_z = hull * (0.25 * length) ** 2 + hull * x_g**2
+    added = (0.1 * hull, 1.5 * hull, 1.7 * inertia_z)  # -X_u', -Y_v', -N_r'
+    arm, k_ahead, k_astern = 0.395, 0.02216 / 2, 0.01289 / 2
+    X_u = -24.4 * 9.81 / (6 * 0.5144)
+    Y_v = -(mass + added[1]) / 1.0  # time constants of one second
+    N_r = -(inertia_z + mass * x_g**2 + added[2]) / 1.0
+
+    @classmethod
+    def thrust(cls, speed: Floats) -> Floats:
+        """Force [N] of a propeller."""
+        return np.where(speed > 0, cls.k_ahead, cls.k_astern) * speed * np.abs(speed)
+
+    @classmethod
+    def rates(cls, current: Floats) -> Callable[[float, Floats, Floats], Floats]:
+        """Rates of (north, east, heading, u, v, r) under (X, Y, N) as the simulators write them: M nu_r' =
+        tau + tau_damp - (C_RB + C_A) nu_r, nu' = nu_r' + nu_c'."""
+        m, x_g = cls.mass, cls.x_g
+        rigid = np.array([[m, 0, 0], [0, m, m * x_g], [0, m * x_g, cls.inertia_z + m * x_g**2]])
+        inverse = np.linalg.inv(rigid + np.diag(cls.added))
+        speed, course = np.hypot(*current), np.arctan2(current[1], current[0])
+
+        def right_hand_side(_: float, state: Floats, tau: Floats) -> Floats:
+            psi, u, v, r = state[2:]
+            u_c, v_c = speed * np.cos(course - psi), speed * np.sin(course - psi)
+            flow = np.array([u - u_c, v - v_c, r])
+            a1, a2 = -cls.added[0] * flow[0], -cls.added[1] * flow[1]
+            c_rigid = np.array([[0, -m * r, -m * x_g * r], [m * r, 0, 0], [m * x_g * r, 0, 0]])
+            c_added = np.array([[0, 0, a2], [0, 0, -a1], [-a2, a1, 0]])
+            damped = np.array([cls.X_u, cls.Y_v, cls.N_r * (1 + 10 * abs(r))]) * flow
+            through = inverse @ (tau + damped - (c_rigid + c_added) @ flow)
+            water = np.array([r * v_c, -r * u_c, 0.0])  # how the current's part in body axes changes
+            north, east = turned(psi) @ [u, v]
+            return np.array([north, east, r, *(through + water)])
+
+        return right_hand_side

@@ -1,0 +1,138 @@
+"""Effects of which every run has coefficients of its own, through the whole command to its last file."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from automarine_cli import effects
+from automarine_cli.cli import automarine
+from automarine_cli.diagnosis import search
+from automarine_cli.dofs import YAW
+from automarine_cli.pipeline.manifest import read_manifest
+from automarine_cli.pipeline.recipe import toml_text
+from automarine_cli.workflows.diagnose import FILES
+from automarine_cli.workflows.fit_yaw import fit_yaw
+from automarine_cli.workflows.simulate import simulate
+
+STRONG = 3.0
+"""Times the usual start of an effect's size: it shows at once."""
+VARYING = [name for name in effects.names() if effects.get(name).per_run and effects.get(name).acts_in(YAW)]
+MIRROR = "[columns]\nheading_deg = { from = 'heading_deg', sign = -1 }\ntau = { from = 'tau', sign = -1 }\n"
+
+
+def hidden(name: str) -> dict[str, object]:
+    """The effect in a specification: large, and another in every run."""
+    values = {
+        p.name: 1.0 if p.choices else STRONG * p.start if "{moment}" in p.unit else p.start
+        for p in effects.get(name).parameters
+    }
+    return {"name": name, **values}
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Ten long steps in which `effect` is hidden, and in `folder` their fit and their diagnosis."""
+
+    effect: str
+    folder: Path
+
+    @property
+    def logs(self) -> list[Path]:
+        """The logs, in name order."""
+        return sorted((self.folder / "logs").rglob("*.csv"))
+
+
+def diagnosed(out: Path, *arguments: object) -> dict[str, Any]:
+    """The result of the command line's `diagnose`, which left every file and drew every figure."""
+    done = CliRunner().invoke(automarine, ["diagnose", *map(str, arguments), "-o", str(out)])
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert {path.name for path in out.iterdir()} == {*FILES, "manifest.json"}
+    assert "warnings" not in json.loads((out / "manifest.json").read_text())
+    assert {entry.file for entry in read_manifest(out / "manifest.json").outputs} == set(FILES)
+    found: dict[str, Any] = json.loads((out / "diagnosis.json").read_text())
+    return found
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_candidates() -> Iterator[None]:
+    """What varies, and two that do not: judging the whole library is the matter of other tests."""
+    every = search.candidates
+    among = {*VARYING, "dead-band", "bias-moment"}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(search, "candidates", lambda *of: [name for name in every(*of) if name in among])
+        yield
+
+
+@pytest.fixture(scope="module", params=VARYING)
+def campaign(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, few_candidates: None
+) -> Campaign:
+    """The campaign, simulated, fitted as whole runs and diagnosed."""
+    folder = tmp_path_factory.mktemp(request.param)
+    steps = {"kind": "step", "moments": {"from": -1.0, "to": 1.0, "step": 0.2}, "duration_s": 12.0}
+    specification = {
+        "schema": "automarine/simulation/1",
+        "seed": 3,
+        "vehicle": {"I_r": 1.018, "k_rr": 1.257, "moment_unit": "nu"},
+        "logger": {"rate_hz": 5, "noise_deg": 0.5},
+        "scatter": {"gain": 0.02, "start_heading_deg": "random"},
+        "campaign": {"rest_before_s": 1.0, "rest_after_s": 0.0},
+        "runs": [steps],
+        "effects": [hidden(request.param)],
+    }
+    (folder / "made.toml").write_text(toml_text(specification))
+    (folder / "mirror.toml").write_text(MIRROR)
+    simulate(folder / "made.toml", out=folder / "logs")
+    fit_yaw([folder / "logs"], fit_to="whole-runs", out=folder / "yaw")
+    diagnosed(folder / "diagnosis", folder / "logs", "--model", folder / "yaw" / "yaw_model.json")
+    return Campaign(request.param, folder)
+
+
+def test_the_library_holds_such_an_effect() -> None:
+    assert VARYING
+
+
+def test_it_is_named_and_its_share_is_its_own(campaign: Campaign) -> None:
+    """What the runs have of their own of it counts as the effect's, not as scatter between runs."""
+    out = campaign.folder / "diagnosis"
+    found = json.loads((out / "diagnosis.json").read_text())
+    assert found["verdict"] == "named" and [one["name"] for one in found["effects"]] == [campaign.effect]
+    assert len(found["held_out"]) == len(campaign.logs) // 4
+    rows = (out / "diagnosis.md").read_text().split("**Budget of the gap**")[1].split("\n\n")[1].splitlines()
+    shares = dict(row.strip("| ").split(" | ") for row in rows[2:])
+    assert float(shares[campaign.effect]) > 30.0
+
+
+def test_with_runs_held_out_by_name(campaign: Campaign, tmp_path: Path) -> None:
+    apart = campaign.logs[::4]
+    options = [word for log in apart for word in ("--hold-out", log)]
+    fitted = [log for log in campaign.logs if log not in apart]
+    model = campaign.folder / "yaw" / "yaw_model.json"
+    found = diagnosed(tmp_path / "out", *fitted, "--model", model, *options)
+    assert found["verdict"] == "named" and [one["name"] for one in found["effects"]] == [campaign.effect]
+    assert len(found["held_out"]) == len(apart)
+
+
+def test_mirrored_it_is_the_same(campaign: Campaign, tmp_path: Path) -> None:
+    there = json.loads((campaign.folder / "diagnosis" / "diagnosis.json").read_text())
+    model, mirror = campaign.folder / "yaw" / "yaw_model.json", campaign.folder / "mirror.toml"
+    back = diagnosed(tmp_path / "out", campaign.folder / "logs", "--model", model, "--columns", mirror)
+    one, other = there["effects"][0], back["effects"][0]
+    assert back["verdict"] == "named" and other["name"] == one["name"] == campaign.effect
+    for name, estimate in one["parameters"].items():
+        assert abs(other["parameters"][name]["value"]) == pytest.approx(abs(estimate["value"]), rel=1e-4)
+    assert back["gap"]["fitted_runs"] == pytest.approx(there["gap"]["fitted_runs"], rel=1e-4)
+
+
+def test_a_model_that_has_it_is_diagnosed_again(campaign: Campaign, tmp_path: Path) -> None:
+    """The extended model is the base of the next diagnosis: now the base, too, lets something vary."""
+    model = campaign.folder / "diagnosis" / "extended_model.json"
+    assert (
+        diagnosed(tmp_path / "out", campaign.folder / "logs", "--model", model)["verdict"]
+        == "nothing-missing"
+    )
