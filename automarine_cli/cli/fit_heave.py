@@ -16,7 +16,7 @@ from automarine_cli.cli.fit_yaw import told
 @options.fit_options
 def fit_heave(
     logs: tuple[str, ...], columns: Path | None, thrusters: Path | None, depths: tuple[float, float] | None,
-    fit_to: str, tail: float | None,
+    fit_to: str, tail: float | None, channels: str,
     out: Path | None, overwrite: bool, strict: bool, jobs: int, as_json: bool,
 ) -> object:  # fmt: skip
     """Identify the heave model from step runs: depth against force, drag, mass, and the vehicle's buoyancy.
@@ -33,7 +33,7 @@ def fit_heave(
     from automarine_cli.workflows import fit_yaw as workflow
 
     result = workflow.fit_heave(
-        logs, columns=columns, thrusters=thrusters, depths=depths, fit_to=fit_to, tail=tail, out=out,
-        overwrite=overwrite, strict=strict, jobs=jobs, progress=options.terminal_progress(),
+        logs, columns=columns, thrusters=thrusters, depths=depths, fit_to=fit_to, tail=tail, channels=channels,
+        out=out, overwrite=overwrite, strict=strict, jobs=jobs, progress=options.terminal_progress(),
     )  # fmt: skip
     return told(result, out, as_json)

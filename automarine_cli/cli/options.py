@@ -12,6 +12,7 @@ from automarine_cli.cli.echo import echo_result, echo_set_aside, terminal_progre
 __all__ = [
     "FILE",
     "arm_option",
+    "channels_option",
     "cluster_option",
     "columns_option",
     "echo_result",
@@ -163,6 +164,13 @@ arm_option = click.option(
 """`arm`: metres or None."""
 
 
+channels_option = click.option(
+    "--channels", default="auto", show_default=True, metavar="WHICH",
+    help="Sensors that count: auto (those that agree with the position), position, all, or names with commas.",
+)  # fmt: skip
+"""`channels`: text, understood by `runs.channels.wanted_channels`."""
+
+
 def fit_options(function: Function) -> Function:
     """What the fits of translations share; their `--fit-to` speaks of steps."""
     steps = click.option(
@@ -170,7 +178,7 @@ def fit_options(function: Function) -> Function:
         help="What of the runs is fitted; auto takes steps where there are enough.",
     )  # fmt: skip
     every = (
-        logs_argument, columns_option, thrusters_option, steps, tail_option("METRES"), out_option,
+        logs_argument, columns_option, thrusters_option, steps, tail_option("METRES"), channels_option, out_option,
         overwrite_option, strict_option, jobs_option, json_option, verbosity,
     )  # fmt: skip
     for one in reversed(every):

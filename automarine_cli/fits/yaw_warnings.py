@@ -83,7 +83,7 @@ def fit_warnings(
     dof = fit.model.dof
     words, mark, base = dof.words, dof.units.mark, dof.units.base
     found = [*_one_run_that_decides(fit, names_of_runs), *_wild_gains(fit, names_of_runs)]
-    if position_noise and fit.noise > UNEXPLAINED * position_noise:
+    if position_noise and fit.noise and fit.noise > UNEXPLAINED * position_noise:
         found.append(
             f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}{mark} of the {words.position}s unexplained, "
             f"which scatter by {dof.shown(position_noise):.2g}{mark} about smooth curves: something acts that it "

@@ -21,6 +21,7 @@ from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import yaw_report
 from automarine_cli.report.figures.files import refuse_unknown, write_figures
+from automarine_cli.runs.channels import AUTO, asked_channels, wanted_channels
 from automarine_cli.runs.half_turn import UNTRIMMED, Trim
 from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run
@@ -39,6 +40,7 @@ def fit_yaw(
     fit_to: str = "auto",
     tail: float | None = None,
     known: Known = NOTHING_KNOWN,
+    channels: str = AUTO,
     out: Path | None = None,
     figure_formats: tuple[str, ...] = ("png",),
     overwrite: bool = False,
@@ -50,14 +52,15 @@ def fit_yaw(
     `figure_formats` (png, svg, pdf).
 
     `thrusters` and `arm` [m] turn thruster commands into moments; `fit_to` and `known` as in
-    `fits.identify.identify`. `tail` is the turned angle [degrees] from which on the paper's method takes a half-turn
-    for steady; None: where drag and inertia are expected to be off least.
+    `fits.identify.identify`, `channels` as in `runs.channels.choose_channels`. `tail` is the turned angle [degrees]
+    from which on the paper's method takes a half-turn for steady; None: where drag and inertia are expected to be off
+    least.
 
     Raises LogError, RunError, FitError, SettingError or OutputError.
     """
     return _fit(
-        YAW, UNTRIMMED, {"arm": arm}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, tail=tail,
-        known=known, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs,
+        YAW, UNTRIMMED, {"arm": arm}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, tail=tail, known=known,
+        channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs,
         progress=progress,
     )  # fmt: skip
 
@@ -66,7 +69,7 @@ def fit_surge(
     logs: Sequence[str | Path], *, columns: Path | ColumnMap | None = None, thrusters: Path | ThrusterMap | None = None,
     within: float | None = None, fit_to: str = "auto", tail: float | None = None, known: Known = NOTHING_KNOWN,
     out: Path | None = None, figure_formats: tuple[str, ...] = ("png",), overwrite: bool = False,
-    strict: bool = False, jobs: int = 1, progress: Progress = silent,
+    strict: bool = False, jobs: int = 1, progress: Progress = silent, channels: str = AUTO,
 ) -> YawFit:  # fmt: skip
     """Identify the surge model of a vehicle: distance against force, as `fit_yaw` does heading against moment.
 
@@ -78,8 +81,8 @@ def fit_surge(
         raise SettingError(f"within is {within:g}; expected metres above 0")
     return _fit(
         SURGE, Trim(within), {"within": within}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to,
-        tail=tail, known=known, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs,
-        progress=progress,
+        tail=tail, known=known, channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite,
+        strict=strict, jobs=jobs, progress=progress,
     )  # fmt: skip
 
 
@@ -87,7 +90,7 @@ def fit_heave(
     logs: Sequence[str | Path], *, columns: Path | ColumnMap | None = None, thrusters: Path | ThrusterMap | None = None,
     depths: tuple[float, float] | None = None, fit_to: str = "auto", tail: float | None = None,
     known: Known = NOTHING_KNOWN, out: Path | None = None, figure_formats: tuple[str, ...] = ("png",),
-    overwrite: bool = False, strict: bool = False, jobs: int = 1, progress: Progress = silent,
+    overwrite: bool = False, strict: bool = False, jobs: int = 1, progress: Progress = silent, channels: str = AUTO,
 ) -> YawFit:  # fmt: skip
     """Identify the heave model of a vehicle: depth against force, its buoyancy with it, as `fit_yaw` does heading.
 
@@ -100,8 +103,8 @@ def fit_heave(
     trim = UNTRIMMED if depths is None else Trim(None, *depths)
     return _fit(
         HEAVE, trim, {"depths": depths}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, tail=tail,
-        known=known, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs,
-        progress=progress,
+        known=known, channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict,
+        jobs=jobs, progress=progress,
     )  # fmt: skip
 
 
@@ -116,6 +119,7 @@ def _fit(
     fit_to: str,
     tail: float | None,
     known: Known,
+    channels: str,
     out: Path | None,
     figure_formats: tuple[str, ...],
     overwrite: bool,
@@ -128,6 +132,7 @@ def _fit(
     if tail is not None and fit_to == FIT_TO[2]:
         raise SettingError("tail is given, but whole runs have no tails; leave it out, or fit to steps")
     refuse_unknown(figure_formats)
+    wanted_channels(channels, dof)
     column_map = given_columns(columns)
     arm, kind = own.get("arm"), FIT_TO[1] if fit_to == STEPS else fit_to
     drive = moment_maker(thrusters, arm if isinstance(arm, int | float) else None, column_map, dof)
@@ -146,7 +151,7 @@ def _fit(
         with told_beside(campaign.set_aside):
             try:
                 fit = identify_turns(
-                    dof, campaign.turns, campaign.not_turned, whole, kind, known, each, start
+                    dof, campaign.turns, campaign.not_turned, whole, kind, known, each, channels, start
                 )
             except NotFinite:
                 raise FitError(not_finite(dof.words.position, dof.words.force)) from None
@@ -168,6 +173,7 @@ def _fit(
         "known": known,
         "figure_formats": figure_formats,
         "strict": strict,
+        **asked_channels(channels),
     }
     command = f"fit-{dof.name}"
     with result_folder(
