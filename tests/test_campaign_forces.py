@@ -49,6 +49,7 @@ def test_heave_has_steps_and_a_report_of_its_own(tmp_path: Path) -> None:
     assert {one.step: one.did for one in again.news}["validate-heave"] == "kept"
     report = report_files(out)["report.md"]
     for said in (
+        "# Heave identification",
         "## Heave model",
         "In heave, model 3",
         "Buoyancy: a constant force of 2",

@@ -139,8 +139,8 @@ def test_normalised_forces_make_normalised_results(tmp_path: Path) -> None:
         and "unit of the command" in fit.buoyancy.says
     )
     estimates = fit.output_error["3"].estimates
-    assert estimates["I_r"].unit == "nu s²/m" and estimates["k_rr"].unit == "nu s²/m²"
-    low, high = estimates["b"].ci95
+    assert estimates["m_w"].unit == "nu s²/m" and estimates["Z_ww"].unit == "nu s²/m²"
+    low, high = estimates["constant_force"].ci95
     assert low < -0.1 < high and high - low < 0.03
 
 

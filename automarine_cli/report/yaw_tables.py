@@ -92,10 +92,15 @@ def _signs(dof: Dof) -> tuple[str, ...]:
         else ""
     )
     v, quadratic = own.velocity, own.quadratic_print
-    return (
+    signs = (
         f"{first.capitalize()} is positive. {own.linear} and {quadratic} are positive where drag brakes, as in "
         f"{force} = {own.inertia} d{v}/dt + {own.linear} {v} + {quadratic} |{v}| {v}; Fossen's derivatives of these "
-        f"names are their negatives. {own.inertia} is {dof.words.full_inertia}{constant}.",
+        f"names are their negatives. {own.inertia} is {dof.words.full_inertia}{constant}."
+    )
+    if not dof.directional:
+        return (signs,)
+    return (
+        signs,
         f"The drag of one way is {own.linear} in model 1, else {quadratic}. Where {first} and {second} do not differ "
         "(p above 0.05) they are fitted as one; where they do, the value above is their mean.",
     )

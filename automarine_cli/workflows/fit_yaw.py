@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from automarine_cli.dofs import HEAVE, SURGE, YAW, Dof
-from automarine_cli.errors import FitError, SettingError
+from automarine_cli.errors import SettingError
 from automarine_cli.fits.identify import NOTHING_KNOWN, identify_turns
-from automarine_cli.fits.linear_mixed import NotFinite, not_finite
+from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.step_response import Known
 from automarine_cli.fits.tails import asked_tail
@@ -148,13 +148,10 @@ def _fit(
         return ordered_map(function, models, jobs, progress=progress, stage="fitting models")
 
     def work() -> YawFit:
-        with told_beside(campaign.set_aside):
-            try:
-                fit = identify_turns(
-                    dof, campaign.turns, campaign.not_turned, whole, kind, known, each, channels, start
-                )
-            except NotFinite:
-                raise FitError(not_finite(dof.words.position, dof.words.force)) from None
+        with told_beside(campaign.set_aside), in_words_of(dof):
+            fit = identify_turns(
+                dof, campaign.turns, campaign.not_turned, whole, kind, known, each, channels, start
+            )
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside))
         if strict and fit.set_aside:
             raise refused_by_strict(fit.set_aside[0])

@@ -259,10 +259,9 @@ def _comparison_rows(result: ResultComparison) -> Iterator[Row]:
 
 def _plan_lines(result: Plan) -> Iterator[str]:
     yield from plan_tables.total_sentences(result.campaign)
+    dof = result.campaign.fitting.model.dof
     yield "Predicted, of the new runs alone:"
-    yield from _aligned(
-        {plan_tables.SYMBOLS.get(name, name): one for name, one in result.campaign.alone.items()}
-    )
+    yield from _aligned({plan_tables.in_print(name, dof): one for name, one in result.campaign.alone.items()})
 
 
 def _plan_rows(result: Plan) -> Iterator[Row]:
