@@ -17,6 +17,7 @@ from automarine_cli.cli import options
 @options.columns_option
 @options.thrusters_option
 @options.arm_option
+@options.channels_option
 @options.out_option
 @options.overwrite_option
 @options.strict_option
@@ -27,7 +28,7 @@ from automarine_cli.cli import options
 @options.verbosity
 def diagnose(
     logs: tuple[str, ...], model: Path, hold_out: tuple[str, ...], columns: Path | None, thrusters: Path | None,
-    arm: float | None, out: Path | None, overwrite: bool, strict: bool, seed: int, jobs: int,
+    arm: float | None, channels: str, out: Path | None, overwrite: bool, strict: bool, seed: int, jobs: int,
     cluster: str | None, as_json: bool,
 ) -> object:  # fmt: skip
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
@@ -44,7 +45,7 @@ def diagnose(
     from automarine_cli.workflows.diagnose import FILES, diagnose_any, terminal
 
     result = diagnose_any(
-        logs, model=model, hold_out=hold_out, columns=columns, thrusters=thrusters, arm=arm, out=out,
+        logs, model=model, hold_out=hold_out, columns=columns, thrusters=thrusters, arm=arm, channels=channels, out=out,
         overwrite=overwrite, strict=strict, seed=seed, jobs=jobs, cluster=cluster,
         progress=options.terminal_progress(),
     )  # fmt: skip

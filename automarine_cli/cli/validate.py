@@ -24,6 +24,7 @@ def _of_force(model: Path) -> bool:
 @options.columns_option
 @options.thrusters_option
 @options.arm_option
+@options.channels_option
 @click.option(
     "--figures/--no-figures", default=True, show_default=True, help="Draw a figure of every run into DIR."
 )
@@ -40,6 +41,7 @@ def validate(
     columns: Path | None,
     thrusters: Path | None,
     arm: float | None,
+    channels: str,
     figures: bool,
     out: Path | None,
     overwrite: bool,
@@ -70,6 +72,7 @@ def validate(
         columns=columns,
         thrusters=thrusters,
         arm=arm,
+        channels=channels,
         out=out,
         figures=figures,
         overwrite=overwrite,

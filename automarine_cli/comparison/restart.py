@@ -16,6 +16,7 @@ from automarine_cli.comparison.residuals import FreeRun
 from automarine_cli.comparison.rollouts import groups, roll
 from automarine_cli.comparison.starts import State, aligned, rest_state
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.runs.bias import unbiased_velocity
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import segments
@@ -111,11 +112,33 @@ def _smoothed(run: Run, i: int, changes: Sequence[int], reach: float) -> State:
     middle = 0.5 * (run.time[i] + run.time[i + 1]) if bend else run.time[i]
     t, at = run.time[low:high] - middle, run.time[i] - middle
     after = [np.minimum(t, 0.0) ** 2, np.maximum(t, 0.0) ** 2] if bend else [t**2]
+    rated = _rated(run, i, low, high, t, at, bend)
+    if rated is not None:
+        return rated
     powers = np.stack([np.ones_like(t), t, *after], axis=1)[:, : max(1, len(t) - 1)]
     found = np.zeros(4)
     found[: powers.shape[1]] = np.linalg.lstsq(powers, run.position[low:high], rcond=None)[0]
     position, rate = found[0] + found[1] * at + found[2] * at**2, found[1] + 2 * found[2] * at
     return State(float(position), float(rate), f"smoothed: parabola over {high - low} samples")
+
+
+def _rated(run: Run, i: int, low: int, high: int, t: Floats, at: float, bend: bool) -> State | None:
+    """The same with a velocity sensor, `t` times of the samples low:high and `at` that of `i`: the mean of the
+    positions carried to `i` by the velocities, and a line through these that may bend; None where readings are
+    missing."""
+    read = unbiased_velocity(run)
+    if read is None or high - low < FEWEST or not np.isfinite(read[low:high]).all():
+        return None
+    velocity, time = read[low:high], run.time[low:high]
+    way = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
+    position = float(np.mean(run.position[low:high] - way + way[i - low]))
+    lines = [np.minimum(t, 0.0), np.maximum(t, 0.0)] if bend and high > i + 2 and i > low else [t]
+    powers = np.stack([np.ones_like(t), *lines], axis=1)
+    start, *slopes = np.linalg.lstsq(powers, velocity, rcond=None)[0]
+    return State(
+        position, float(start + slopes[0] * at),
+        f"smoothed: {run.dof.position} carried by the {run.dof.words.rate} over {high - low} samples",
+    )  # fmt: skip
 
 
 def _reach(run: Run) -> float:

@@ -10,6 +10,7 @@ from scipy.signal import savgol_coeffs
 from automarine_cli.comparison.residuals import FreeRun
 from automarine_cli.comparison.starts import State
 from automarine_cli.dofs import Dof
+from automarine_cli.runs.bias import unbiased_velocity
 from automarine_cli.runs.clean import GAP_IN_PERIODS
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
@@ -98,13 +99,13 @@ def rate_source(run: Run) -> str:
 def rate_error(free: FreeRun) -> Floats:
     """Measured less simulated rate, in the unit that people see, as many values as there are.
 
-    With a rate in the log at the samples that have one; otherwise both positions are treated alike, put on an
-    even grid and differentiated by Savitzky and Golay's parabola, never across a gap.
+    With a rate in the log, less its bias, at the samples that have one; otherwise both positions are treated alike,
+    put on an even grid and differentiated by Savitzky and Golay's parabola, never across a gap.
     """
     run, dof = free.run, free.run.dof
-    if dof.velocity in run.extras:
-        error = run.extras[dof.velocity] - free.rate
-        return np.asarray(dof.shown(error[~np.isnan(run.extras[dof.velocity])]))
+    read = unbiased_velocity(run)
+    if read is not None:
+        return np.asarray(dof.shown((read - free.rate)[~np.isnan(read)]))
     period, width = run.sample_period, rate_window(run)
     weights = savgol_coeffs(width, 2, deriv=1, delta=period)
     edges = np.flatnonzero(np.diff(run.time) > GAP_IN_PERIODS * period) + 1

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.comparison.rollouts import has_sensor, roll, step_of
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.runs.bias import unbiased_velocity, velocity_noise
 from automarine_cli.runs.noise import position_noise, slope
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import segments
@@ -22,6 +23,7 @@ SLOW = 0.02  # of the run's pace: drift that counts as standing still
 NUDGE = 1e-4  # rad and rad/s, or m and m/s, for derivatives
 ROUNDS = 4
 RUNAWAY = 1e6  # no slope of a position that a vehicle could have
+MOST_WEIGHT = 100.0  # of a reading of a velocity [s]
 LEAST_GAIN = 0.1  # of what a sensor shows of a small move
 
 
@@ -100,14 +102,19 @@ def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[
     measured, seen = np.zeros((len(runs), width)), np.zeros((len(runs), width))
     for row, mask, run in zip(measured, seen, begins):
         row[: len(run)], mask[: len(run)] = run.position, 1.0
-    found = guess
+    found, rated = guess, _rated(begins, runs, width)
     for _ in range(ROUNDS):
         position = found[0] + NUDGE * np.array([[0.0], [1.0], [-1.0], [0.0], [0.0]])
         rate = found[1] + NUDGE * np.array([[0.0], [0.0], [0.0], [1.0], [-1.0]])
-        shown = roll(model, begins, position, rate, switch_offset, step).position
+        states = roll(model, begins, position, rate, switch_offset, step)
+        shown, read, there = states.position, measured, seen
+        if rated is not None:
+            shown = np.concatenate([shown, rated[1] * states.velocity], axis=2)
+            read = np.concatenate([measured, rated[1] * rated[0]], axis=1)
+            there = np.concatenate([seen, (rated[1] > 0).astype(float)], axis=1)
         with np.errstate(invalid="ignore"):  # a model that runs away within a second keeps the line
-            left = np.where(seen > 0, measured - shown[0], 0.0)
-            slopes = np.where(seen > 0, (shown[1::2] - shown[2::2]) / (2 * NUDGE), 0.0)
+            left = np.where(there > 0, read - shown[0], 0.0)
+            slopes = np.where(there > 0, (shown[1::2] - shown[2::2]) / (2 * NUDGE), 0.0)
         good = np.all(np.abs(slopes) < RUNAWAY, axis=(0, 2)) & np.all(np.abs(left) < RUNAWAY, axis=1)
         slopes, left = np.where(good[:, None], slopes, 0.0), np.where(good[:, None], left, 0.0)
         square = np.einsum("irn,jrn->rij", slopes, slopes) + 1e-12 * np.eye(2)
@@ -118,6 +125,24 @@ def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[
         State(float(x), float(r), f"fitted: {both} that follow the first {len(run)} samples best")
         for x, r, run in zip(*found, begins)
     ]
+
+
+def _rated(begins: Sequence[Run], runs: Sequence[Run], width: int) -> tuple[Floats, Floats] | None:
+    """What velocity sensors read at the starts, less their bias, and the weight of each reading, both (R, width): how
+    many times the position's noise is the sensor's; None where no run has one."""
+    if all(run.dof.velocity not in run.extras for run in begins):
+        return None
+    values, weights = np.zeros((2, len(begins), width))
+    for value, weight, begin, run in zip(values, weights, begins, runs):
+        read = unbiased_velocity(run)
+        if read is None:
+            continue
+        read = read[: len(begin)]
+        good = np.isfinite(read)
+        value[: len(begin)] = np.where(good, read, 0.0)
+        ratio = max(position_noise(run.time, run.position), 1e-9) / max(velocity_noise(run), 1e-9)
+        weight[: len(begin)] = np.where(good, min(ratio, MOST_WEIGHT), 0.0)
+    return values, weights
 
 
 def _window(run: Run) -> int:

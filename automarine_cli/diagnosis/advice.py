@@ -73,7 +73,7 @@ def separations(study: Study, final: Trial, rival: Trial) -> dict[str, float]:
     own = len(study.base.theta)
     spread, turn = np.linalg.eigh(final.fit.covariance[:own, :own])
     by_base = by_phi[:, :, :own] @ (turn * np.sqrt(np.maximum(spread, 0.0)))
-    noises = np.array([max(study.floor, 1e-4), *final.fit.noises[1:]])
+    noises = np.array([max(study.sensor_floor, 1e-4), *final.fit.noises[1:]])
     variances = np.append(np.log(noises), final.fit.variances[len(noises) :])
     precision = problem.precision(noises)
     by_own = by_run * problem.effects.deviation(variances)[:, None, :]
@@ -115,7 +115,11 @@ def extra_runs(study: Study) -> dict[str, Run]:
             key: np.full(len(t), float(np.mean([np.mean(r.extras[key]) for r in study.runs])))
             for key in study.signals
         }
-        return Run(name, "extra", t + at, psi, np.asarray(command(t), dtype=float), unit, extras, dof=dof)
+        if dof.velocity in (study.channels or ()):
+            extras[dof.velocity] = np.zeros(len(t))
+        tau = np.asarray(command(t), dtype=float)
+        summed = not study.position_counts
+        return Run(name, "extra", t + at, psi, tau, unit, extras, dof=dof, summed_up=summed)
 
     def step(tau: float, end: float, after: float = 0.0) -> Command:
         return lambda t: np.where(t < REST, 0.0, np.where(t < REST + end, tau, after))

@@ -14,6 +14,7 @@ from automarine_cli.diagnosis.trials import Found
 from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.errors import RunError
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.run import Run
 
 FEWEST_RUNS = 4
@@ -32,6 +33,7 @@ class Diagnosis:
     held_out: Study | None
     held_out_gap: Gap | None
     detectable: dict[str, float]
+    channels: ChannelChoice = NOTHING_TO_CHOOSE
 
 
 def split_off(runs: Sequence[Run], seed: int) -> tuple[list[Run], list[Run]]:
@@ -57,9 +59,15 @@ def diagnose_runs(
     hold_out: Sequence[Run] | None = None,
     seed: int = 0,
     each: Map | None = None,
+    channels: str = AUTO,
 ) -> Diagnosis:
-    """Diagnose `base` on `runs`; `hold_out` None draws a quarter of the runs. Raises RunError for too few runs."""
+    """Diagnose `base` on `runs`; `hold_out` None draws a quarter of the runs, `channels` says which sensors count
+    (`runs.channels.choose_channels`). Raises RunError for too few runs."""
     runs = [run for run in runs if len(run) >= 20]
+    every = [*runs, *(hold_out or ())]
+    chosen = choose_channels(every, base.dof, channels, late_position=True)
+    runs = [chosen.cleaned(run) for run in runs]
+    hold_out = None if hold_out is None else [chosen.cleaned(run) for run in hold_out]
     fitted, kept = split_off(runs, seed) if hold_out is None else (list(runs), list(hold_out))
     if len(fitted) < FEWEST_RUNS:
         plural = " is" if len(fitted) == 1 else "s are"
@@ -67,10 +75,11 @@ def diagnose_runs(
             f"{len(fitted)} run{plural} too few to tell a missing effect from chance; give at least {FEWEST_RUNS}"
         )
     each = each or (lambda function, work, stage: [function(item) for item in work])
-    study = study_of(fitted, base)
+    study = study_of(fitted, base, channels=chosen.names)
     found = search(study, seed, each)
     study = found.study
-    held_out = Study(tuple(kept), base, study.disturbed, study.signals) if kept else None
+    signals, sensors = study.signals, study.channels
+    held_out = Study(tuple(kept), base, study.disturbed, signals, channels=sensors) if kept else None
     held_out_gap = None if held_out is None else gap(held_out, found.base, found.final)
     word = judge.verdict_of(study, found, held_out_gap)
     named = judge.named_effects(study, found, split_by(study, found)) if word == "named" else ()
@@ -83,4 +92,5 @@ def diagnose_runs(
         held_out=held_out,
         held_out_gap=held_out_gap,
         detectable=judge.detectable(study, found),
+        channels=chosen,
     )

@@ -78,7 +78,14 @@ def candidates(study: Study, model: YawModel) -> list[str]:
         name for name in effects.names()
         if name not in present and effects.get(name).acts_in(model.dof)
         and set(effects.get(name).needs) <= set(study.signals)
+        and (study.position_counts or not _of_positions(name))
     ]  # fmt: skip
+
+
+def _of_positions(name: str) -> bool:
+    """Whether an effect rests on where the vehicle is, or on the sensor of that: velocities alone show neither."""
+    effect = effects.get(name)
+    return effect.place is effects.Place.SENSOR or effect.placed
 
 
 def fitted_parameters(name: str, values: Sequence[float] | Floats | None = None) -> int:

@@ -37,6 +37,7 @@ class Study:
     and not for a pool, where what it would absorb is what is looked for. There the thrust's own scatter cannot be told
     from it and is left out. `independent` is the share of the samples that count as independent: neighbours in open
     water stray together, and evidence is worth that share of what white noise would make it.
+    `channels` are the sensors that count, None for the position alone; gaps are looked at in the position either way.
     """
 
     runs: tuple[Run, ...]
@@ -44,12 +45,14 @@ class Study:
     disturbed: bool
     signals: tuple[str, ...]
     independent: float = 1.0
+    channels: tuple[str, ...] | None = None
 
     @cached_property
     def batch(self) -> Batch:
         """All runs on one layout."""
         largest = max(float(np.abs(run.command).max()) for run in self.runs)
-        return make_batch(self.runs, min(0.1, step_for(self.base, largest)), self.signals)
+        step = min(0.1, step_for(self.base, largest))
+        return make_batch(self.runs, step, self.signals, channels=self.channels)
 
     @cached_property
     def time(self) -> Floats:
@@ -100,18 +103,43 @@ class Study:
         return float(np.median([run.time[-1] - run.time[0] for run in self.runs])) / 3.0
 
     @cached_property
+    def position_counts(self) -> bool:
+        """Whether positions are evidence, and do not stand in for a sensor that the logs lack."""
+        return self.batch.channels[0].counts
+
+    @cached_property
+    def sensor_floor(self) -> float:
+        """Noise of the first sensor that counts, measured apart from any model, root mean square over runs."""
+        noise, weight = [], []
+        channel = next(one for one in self.batch.channels if one.counts)
+        for run, values, seen in zip(self.runs, channel.values, channel.seen):
+            if seen.any():
+                noise.append(position_noise(run.time[seen[: len(run)]], values[seen]))
+                weight.append(int(seen.sum()))
+        return float(np.sqrt(np.average(np.array(noise) ** 2, weights=weight))) if noise else 0.0
+
+    @cached_property
     def floor(self) -> float:
-        """Noise of the heading measured apart from any model, root mean square over runs [rad]."""
-        noise = np.array([position_noise(run.time, run.position) for run in self.runs])
-        weight = np.array([len(run) for run in self.runs])
-        return float(np.sqrt(np.average(noise**2, weights=weight)))
+        """What noise leaves of the positions, root mean square over runs [rad]: their own, or, where they are the sum
+        of velocities, that of the sum."""
+        if self.position_counts:
+            return self.sensor_floor
+        length = np.mean([len(run) * run.sample_period**2 for run in self.runs])
+        return float(self.sensor_floor * np.sqrt(length / 6.0))
 
     def positions(self, readings: Floats) -> Floats:
         """The positions (..., R, N) out of all channels' readings."""
         return readings[..., : self.batch.seen.shape[1]]
 
     def residual(self, fitted: Floats) -> Floats:
-        """Measured less fitted positions (R, N), zero in the padding, of readings `fitted` of all channels."""
+        """Measured less fitted positions (R, N), zero in the padding, of readings `fitted` of all channels; where
+        there are velocities only, the sum of what is left of these."""
+        if not self.position_counts:
+            channel, width = self.batch.channels[1], self.batch.seen.shape[1]
+            left = np.where(channel.seen, channel.values - fitted[..., width : 2 * width], 0.0)
+            steps = 0.5 * (left[:, 1:] + left[:, :-1]) * np.diff(self.time, axis=1)
+            summed = np.cumsum(steps, axis=1)
+            return np.where(self.batch.seen, np.concatenate([0.0 * left[:, :1], summed], axis=1), 0.0)
         return np.where(self.batch.seen, self.batch.position - self.positions(fitted), 0.0)
 
     def problem(self, model: YawModel) -> Problem:
@@ -164,7 +192,7 @@ class Study:
         factors = np.array([begin.get(name, 0.02) for name in problem.effects.factor_names])
         if near is None:
             return fit_mixed(
-                problem, start, noise=max(2 * self.floor, 1e-4), factors=factors, iterations=ITERATIONS,
+                problem, start, noise=max(2 * self.sensor_floor, 1e-4), factors=factors, iterations=ITERATIONS,
                 settled=SETTLED,
             )  # fmt: skip
         run_effects = near.effects.carried(near.run_effects, problem.effects)
@@ -209,14 +237,19 @@ def without_scatter(fit: MixedFit) -> Floats:
     return fit.effects.only(fit.run_effects, [name for name in fit.effects.names if name not in scatter])
 
 
-def study_of(runs: Sequence[Run], base: YawModel, disturbed: bool | None = None) -> Study:
+def study_of(
+    runs: Sequence[Run],
+    base: YawModel,
+    disturbed: bool | None = None,
+    channels: tuple[str, ...] | None = None,
+) -> Study:
     """A study of `runs`; open water is recognised by commands that change at nearly every sample."""
     if disturbed is None:
         changes = [int(np.sum(np.diff(run.command) != 0)) for run in runs]
         disturbed = bool(np.median(changes) > MOST_SWITCHES)
     have = set.intersection(*(set(run.extras) for run in runs))
     needed = {name for effect in effects.names() for name in effects.get(effect).needs}
-    return Study(tuple(runs), base, disturbed, tuple(sorted(needed & have)))
+    return Study(tuple(runs), base, disturbed, tuple(sorted(needed & have)), channels=channels)
 
 
 def run_effects_given(

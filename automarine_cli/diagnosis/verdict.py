@@ -70,16 +70,18 @@ def verdict_of(study: Study, found: Found, held_out: Gap | None = None) -> str:
     """
     if held_out is not None and held_out.after > ASTRAY * held_out.before:
         return "unexplained"
-    excess = [max((trial.fit.noise / study.floor) ** 2 - 1.0, 0.0) for trial in (found.base, found.final)]
+    excess = [
+        max((trial.fit.noise / study.sensor_floor) ** 2 - 1.0, 0.0) for trial in (found.base, found.final)
+    ]
     margin = max(WELL_ABOVE, 3.0 * FLOOR_ERROR / float(np.sqrt(study.batch.seen.sum())))
-    loud = found.final.fit.noise > (1.0 + margin) * study.floor and not study.disturbed
+    loud = found.final.fit.noise > (1.0 + margin) * study.sensor_floor and not study.disturbed
     if (
         loud
         and hangs_together(study, found.final)
         and (
             not found.final.added
             or excess[1] > LEFT_OVER * excess[0]
-            or found.final.fit.noise > STANDS * study.floor
+            or found.final.fit.noise > STANDS * study.sensor_floor
         )
     ):
         return "unexplained"

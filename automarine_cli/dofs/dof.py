@@ -239,9 +239,14 @@ class Dof:
         return f"{self.velocity}_{self.units.base}_s"
 
     @property
+    def step_key(self) -> str:
+        """What is kept of a step as a key: half_turn, step."""
+        return self.words.step.replace("-", "_")
+
+    @property
     def steps_key(self) -> str:
         """What files of all steps are called: half_turns, steps."""
-        return f"{self.words.step}s".replace("-", "_")
+        return f"{self.step_key}s"
 
     @cached_property
     def vocabulary(self) -> Mapping[str, str]:

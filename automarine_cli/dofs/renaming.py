@@ -61,6 +61,7 @@ def keys_of(symbol: str, letter: str, mass: str, position: str) -> dict[str, str
         "rate_deg_s": "speed_cm_s",
         "start_rate_deg_s": "start_speed_cm_s",
         "steady_rate_deg_s": "steady_speed_cm_s",
+        "steady_rate_stderr_deg_s": "steady_speed_stderr_cm_s",
         "velocity_error_deg": "velocity_error_cm",
         **{
             f"{score}_deg{more}": f"{score}_cm{more}"

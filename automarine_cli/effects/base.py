@@ -12,7 +12,8 @@ Recipe: one file in this folder, one subclass of `Effect` with
    which the effect is off, so that the model with the effect switched off is exactly the model without it;
 3. one of the methods: `deliver` for actuators, `moment` for moments, `read` for sensors; and `states` with
    `derivatives` where the effect carries a state of its own (water that turns); `steered = True` where the moment
-   depends on the heading, `power` where it is drag; `acts_in` where it needs a motion of some kind.
+   depends on the heading, `placed = True` where it does on the very heading and not on the turn since the start,
+   `power` where it is drag; `acts_in` where it needs a motion of some kind.
 
 Texts are templates over the vocabulary of a degree of freedom (`Dof.vocabulary`), such as "-{quadratic} |{v}| {v}" or
 "A constant {force} acts on the vehicle."; `card` fills them. An effect that acts in one motion only may say it plainly.
@@ -172,6 +173,7 @@ class Effect:
     states: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
     steered: ClassVar[bool] = False
+    placed: ClassVar[bool] = False
     """Whether the moment depends on the heading; without such an effect the simulator sums the heading at the end."""
 
     per_run: ClassVar[int] = 0

@@ -26,6 +26,7 @@ class HeadingMoment(Effect):
     source = "Fossen (2011), Handbook of Marine Craft Hydrodynamics, section 8 (current and weathervaning)"
     parity = MIXED
     steered = True
+    placed = True
 
     def acts_in(self, dof: Dof) -> bool:
         return dof.wraps

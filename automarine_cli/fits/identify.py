@@ -16,6 +16,7 @@ from automarine_cli.fits.ways import by_way
 from automarine_cli.fits.yaw_cautions import design_cautions, fit_cautions, seed_cautions
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.fits.yaw_warnings import fit_warnings, step_warnings, told
+from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, choose_channels
 from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, half_turns
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import find_steps, released
@@ -42,18 +43,22 @@ def identify(
     known: Known = NOTHING_KNOWN,
     each: Map | None = None,
     trim: Trim = UNTRIMMED,
+    channels: str = AUTO,
+    tail: float | None = None,
 ) -> YawFit:
     """Fit the three models to `runs`, whose steps are followed as far as `trim` says.
 
     `fit_to` is "half-turns", "whole-runs", or "auto": half-turns if at least three at two sizes of moment
     serve and they are half of the runs or more, else whole runs. `known` is what need not be estimated;
-    `each` maps a function over the models (to use processes). Raises RunError where too few runs are left,
+    `each` maps a function over the models (to use processes), `channels` says which sensors count
+    (`runs.channels.choose_channels`), `tail` [rad or m] where the tails of the paper's method start, None: where they
+    are best. Raises RunError where too few runs are left,
     FitError where the data cannot carry a fit.
     """
     if not runs:
         raise RunError("there are no runs to fit; give at least one")
     turns, set_aside = half_turns(runs, trim)
-    return identify_turns(runs[0].dof, turns, set_aside, lambda: runs, fit_to, known, each)
+    return identify_turns(runs[0].dof, turns, set_aside, lambda: runs, fit_to, known, each, channels, tail)
 
 
 def identify_turns(
@@ -64,6 +69,8 @@ def identify_turns(
     fit_to: str = "auto",
     known: Known = NOTHING_KNOWN,
     each: Map | None = None,
+    channels: str = AUTO,
+    tail: float | None = None,
 ) -> YawFit:
     """As `identify`, of a motion's half-turns and the runs without one; `whole` gives the runs, if they are needed."""
     each = each or (lambda function, models: [function(model) for model in models])
@@ -77,8 +84,13 @@ def identify_turns(
             f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         )
     if fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs):
-        return _fit_steps(turns, set_aside, known, each)
-    return _fit_whole(tuple(whole()), turns, fit_to, each)
+        return _fit_steps(turns, set_aside, known, each, channels, tail)
+    if tail is not None:
+        raise RunError(
+            f"{_counted(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
+            "none; leave the tail out, or give more runs from rest at one command"
+        )
+    return _fit_whole(tuple(whole()), turns, fit_to, each, channels)
 
 
 def _counted(number: int, noun: str) -> str:
@@ -94,10 +106,17 @@ def _reasons(set_aside: Sequence[SetAside]) -> str:
 
 
 def _fit_steps(
-    turns: tuple[HalfTurn, ...], set_aside: tuple[SetAside, ...], known: Known, each: Map
+    turns: tuple[HalfTurn, ...],
+    set_aside: tuple[SetAside, ...],
+    known: Known,
+    each: Map,
+    channels: str,
+    tail: float | None,
 ) -> YawFit:
     unit, dof = turns[0].step.run.moment_unit, turns[0].step.run.dof
-    data = half_turn_data(turns)
+    chosen = choose_channels([turn.step.run for turn in turns], dof, channels)
+    turns = tuple(turn.of(chosen.cleaned(turn.step.run)) for turn in turns)
+    data = half_turn_data(turns, chosen.names)
     zero = np.zeros(len(turns))
     few = data.some(MANY_RUNS // 2)
     rough = fit_velocity_error(few, zero[: len(few.names)], moment_unit=unit, models=("1", "3"))
@@ -110,8 +129,8 @@ def _fit_steps(
     )  # fmt: skip
     fits = dict(zip("123", each(ask, ("1", "2", "3"))))
     preference = prefer(fits)
-    seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit)
-    noise = float(np.median([turn.noise for turn in turns]))
+    seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit, tail=tail)
+    noise = float(np.median([turn.noise for turn in turns if not turn.step.run.summed_up] or [0.0]))
     cautions = (
         *design_cautions([turn.moment for turn in turns], unit, dof, of_steps=True),
         *seed_cautions(seed, fits[preference.number].gain_scatter.value, dof),
@@ -122,7 +141,9 @@ def _fit_steps(
         *fit_warnings(fits, preference, data.names, noise),
         *told(cautions, preference),
     )
-    return YawFit(unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, cautions, dof)
+    return YawFit(
+        unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, cautions, dof, chosen
+    )
 
 
 def _inertia_to_begin_with(rough: VelocityErrorFit) -> float:
@@ -152,10 +173,13 @@ def _fit_model(
     return by_way(fit, data.dof, both)
 
 
-def _fit_whole(runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, each: Map) -> YawFit:
+def _fit_whole(
+    runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, each: Map, channels: str
+) -> YawFit:
     serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in runs]
     kept, stuck = without_stuck([run for run, good in zip(runs, serves) if good])
-    moving = tuple(kept)
+    chosen = choose_channels(kept, kept[0].dof, channels) if kept else NOTHING_TO_CHOOSE
+    moving = tuple(chosen.cleaned(run) for run in kept)
     short = tuple(
         SetAside(run.source, run.name, _too_little(run)) for run, good in zip(runs, serves) if not good
     )
@@ -167,7 +191,8 @@ def _fit_whole(runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, ea
         )
     dof = moving[0].dof
     at_rest = np.array([starts_at_rest(run) for run in moving])
-    fits = dict(zip("123", each(partial(_fit_whole_model, runs=moving, at_rest=at_rest), ("1", "2", "3"))))
+    ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names)
+    fits = dict(zip("123", each(ask, ("1", "2", "3"))))
     words = dof.words
     why = (
         f"The whole runs were fitted by output error, as asked (--fit-to whole-runs); steady {words.speed}s and "
@@ -180,7 +205,7 @@ def _fit_whole(runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, ea
     unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
     cautions = (*design_cautions(levels.tolist(), unit, dof, of_steps=False), *fit_cautions(fits))
     warnings = (*fit_warnings(fits, preference, [run.name for run in moving]), *told(cautions, preference))
-    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, dof)
+    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, dof, chosen)
 
 
 def _too_little(run: Run) -> str:
@@ -190,12 +215,14 @@ def _too_little(run: Run) -> str:
     return f"no {words.force} acts in this run; it shows the noise, but neither drag nor {words.inertia}"
 
 
-def _fit_whole_model(number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_]) -> OutputErrorFit:
+def _fit_whole_model(
+    number: str, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None
+) -> OutputErrorFit:
     """Fit, and fit again with finer steps where the model turns out to be faster than the first ones."""
     largest = max(float(np.abs(run.command).max()) for run in runs)
     both = _both_ways(runs)
     for step in STEPS:
-        batch = make_batch(runs, step)
+        batch = make_batch(runs, step, channels=channels)
         fit = by_way(partial(fit_whole_runs, batch, number, at_rest), batch.dof, both)
         if step_for(fit.model, largest) >= 0.5 * step:
             return fit

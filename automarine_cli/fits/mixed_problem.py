@@ -48,7 +48,8 @@ def slots_of(channels: Sequence[Channel]) -> tuple[Slot, ...]:
     found, at = [], 0
     for channel in channels:
         width = channel.values.shape[1]
-        noise = float(np.median([series_noise(v[s]) for v, s in zip(channel.values, channel.seen)]))
+        read = [series_noise(v[s]) for v, s in zip(channel.values, channel.seen) if s.any()]
+        noise = float(np.median(read)) if read else 0.0
         found.append(Slot(channel.quantity, slice(at, at + width), max(noise, LEAST_NOISE), channel.counts))
         at += width
     return tuple(found)

@@ -39,9 +39,9 @@ class OutputErrorFit:
     """One model fitted to headings by maximum likelihood.
 
     `estimates` by parameter name, `inertial_turn_angle` I/k_rr [rad] (models 2 and 3), `offset` of the command's
-    instant [sample intervals], `gain_scatter` run to run (relative), `noise` [rad], `covariance` (p, p) of phi
-    (logarithms of positive parameters) with the run as the unit, `start` (p,) the theta that the search began with;
-    `ways` the drag of each way where that was asked.
+    instant [sample intervals], `gain_scatter` run to run (relative), `noise` of the positions [rad] (None where they do
+    not count), `covariance` (p, p) of phi (logarithms of positive parameters) with the run as the unit, `start` (p,)
+    the theta that the search began with; `ways` the drag of each way where that was asked.
     """
 
     number: str
@@ -50,7 +50,7 @@ class OutputErrorFit:
     inertial_turn_angle: Estimate | None
     offset: Estimate
     gain_scatter: Estimate
-    noise: float
+    noise: float | None
     mixed: MixedFit
     covariance: Floats
     start: Floats
@@ -212,7 +212,16 @@ def _outcome(
         offset = _in_interval(offset)
     model = YawModel.base(number, mixed.theta[0], mixed.of_model[1:], moment_unit, dof)
     return OutputErrorFit(
-        number, model, estimates, turn, offset, scatter, mixed.noise, mixed, covariance, start
+        number,
+        model,
+        estimates,
+        turn,
+        offset,
+        scatter,
+        mixed.noise_of.get(dof.position),
+        mixed,
+        covariance,
+        start,
     )
 
 

@@ -33,7 +33,8 @@ class StepData:
     `time` (R, N) [s] since the middle of the interval in which the command switched, `heading` (R, N) [rad]
     less the start heading's first guess, `seen` (R, N), `moment` (R,), `interval` (R,) [s] width of the
     interval of the switch. `velocity` (R, N) is what a velocity sensor read where `velocity_seen`, None where it is
-    not used; with `position_counts` false the position stands in for a sensor that the logs lack.
+    not used; of the runs whose position does not count (`position_counts` (R,), None: of none) it stands in for a
+    sensor that their logs lack.
     """
 
     names: tuple[str, ...]
@@ -45,13 +46,16 @@ class StepData:
     dof: Dof
     velocity: Floats | None = None
     velocity_seen: NDArray[np.bool_] | None = None
-    position_counts: bool = True
+    position_counts: NDArray[np.bool_] | None = None
     _nodes: dict[int, tuple[Nodes, ...] | None] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def channels(self) -> tuple[Channel, ...]:
         """What was measured: the position, and the velocity where it is used."""
-        found = [Channel(self.dof.position, 0, False, self.heading, self.seen, self.position_counts)]
+        counts, seen = self.position_counts is None or bool(self.position_counts.any()), self.seen
+        if self.position_counts is not None and counts:
+            seen = seen & self.position_counts[:, None]
+        found = [Channel(self.dof.position, 0, False, self.heading, seen, counts)]
         if self.velocity is not None and self.velocity_seen is not None:
             found.append(Channel(self.dof.velocity, 0, True, self.velocity, self.velocity_seen))
         return tuple(found)
@@ -79,6 +83,7 @@ class StepData:
             interval=self.interval[drawn],
             velocity=None if self.velocity is None else self.velocity[drawn],
             velocity_seen=None if self.velocity_seen is None else self.velocity_seen[drawn],
+            position_counts=None if self.position_counts is None else self.position_counts[drawn],
             _nodes={},
         )
 
@@ -122,11 +127,12 @@ def half_turn_data(turns: Sequence[HalfTurn], channels: Sequence[str] | None = N
         return data
     read = np.full(data.seen.shape, np.nan)
     read[data.seen] = np.concatenate(velocities)
+    counts = np.array([dof.position in channels and not turn.step.run.summed_up for turn in turns])
     return replace(
         data,
         velocity=np.nan_to_num(read),
         velocity_seen=np.isfinite(read),
-        position_counts=dof.position in channels,
+        position_counts=None if counts.all() else counts,
     )
 
 

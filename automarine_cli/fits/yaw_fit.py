@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
+from automarine_cli.fits.channel_noise import channels_json
 from automarine_cli.fits.drag import nested_test
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import (
@@ -20,6 +21,7 @@ from automarine_cli.fits.velocity_error import VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import Caution
 from automarine_cli.models.store import schema_of
 from automarine_cli.pipeline.shown import Shown
+from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice
 from automarine_cli.runs.half_turn import HalfTurn
 from automarine_cli.runs.run import Run, SetAside, readings
 
@@ -35,7 +37,8 @@ class YawFit(Shown):
 
     `turns` and `data` are the half-turns used (empty and None for whole runs), `runs` the whole runs (or
     empty), `output_error` and `seed_method` the two estimators by model, `why_no_seed_method` a sentence
-    where there is none; `cautions` are on single parameters, of which those that matter are `warnings` as well.
+    where there is none; `cautions` are on single parameters, of which those that matter are `warnings` as well;
+    `channels` are the sensors that count.
     """
 
     moment_unit: str
@@ -50,6 +53,7 @@ class YawFit(Shown):
     warnings: tuple[str, ...]
     cautions: tuple[Caution, ...]
     dof: Dof
+    channels: ChannelChoice = NOTHING_TO_CHOOSE
 
     @property
     def preferred(self) -> OutputErrorFit:
@@ -89,7 +93,10 @@ class YawFit(Shown):
             "effects": [],
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
-            f"{dof.words.position}_noise_{dof.units.key}": float(dof.shown(fit.noise)),
+            f"{dof.words.position}_noise_{dof.units.key}": None
+            if fit.noise is None
+            else float(dof.shown(fit.noise)),
+            **channels_json(self.channels, fit.mixed, dof),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
             "warnings": list(self.warnings),
             "runs": {
@@ -120,7 +127,9 @@ class YawFit(Shown):
             "log_density_of_left_out_runs": float(fit.mixed.predictive.sum()),
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
-            f"{dof.words.position}_noise_{dof.units.key}": float(dof.shown(fit.noise)),
+            f"{dof.words.position}_noise_{dof.units.key}": None
+            if fit.noise is None
+            else float(dof.shown(fit.noise)),
             "covariance": covariance_json(
                 list(fit.estimates), fit.mixed.theta, fit.mixed.positive, fit.covariance
             ),
@@ -150,7 +159,10 @@ class YawFit(Shown):
             f"{dof.symbols.inertia}_mean_at_{dof.words.force}": {
                 f"{level:g}": mean for level, mean in (table.per_moment if table else {}).items()
             },
+            "dilution_taken_off": dict(drag.dilution),
             f"tail_from_{dof.units.key}": float(dof.shown(seed.tail_from)),
+            "tail_because": seed.tail_because(dof),
+            "tail_expected": seed.expected.to_json(dof),
         }
         return content
 

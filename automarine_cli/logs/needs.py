@@ -37,14 +37,21 @@ def require(table: LogTable, quantities: Sequence[str]) -> None:
 
 
 def require_motion(table: LogTable) -> None:
-    """Refuse a table that is no log of its motion: time, position, and a moment or force or every thruster command."""
+    """Refuse a table that is no log of its motion: time, position (or velocity, which can be summed up), and a moment
+    or force or every thruster command."""
     dof = table.dof
+    measured = dof.velocity if is_velocity_only(table) else dof.position
     if dof.command in table.columns or driven(dof, table.columns.keys()):
-        require(table, ("time", dof.position))
+        require(table, ("time", measured))
     elif any(quantity in table.columns for quantity in dof.thrusters):
-        require(table, ("time", dof.position, *dof.thrusters))
+        require(table, ("time", measured, *dof.thrusters))
     else:
-        require(table, ("time", dof.position, dof.command))
+        require(table, ("time", measured, dof.command))
+
+
+def is_velocity_only(table: LogTable) -> bool:
+    """Whether the table holds the velocity of its motion but not the position."""
+    return table.dof.position not in table.columns and table.dof.velocity in table.columns
 
 
 def require_thruster(table: LogTable) -> None:
@@ -55,7 +62,7 @@ def require_thruster(table: LogTable) -> None:
 def is_thruster_test(table: LogTable) -> bool:
     """Whether the table is, or seems meant as, a thruster test rather than a log of a motion."""
     position = table.dof.position
-    if position in table.columns:
+    if position in table.columns or is_velocity_only(table):
         return False
     return "force" in table.columns or (
         _guess(table, "force") is not None and _guess(table, position) is None

@@ -101,7 +101,7 @@ def _file_keys(dof: Dof) -> tuple[str, ...]:
     return (
         "schema", "models", "preferred", f"{dof.words.force}_unit", "switch_offset", "effects",
         "fitted_to", "preferred_because", dof.ratio_key, "gain_scatter",
-        f"{dof.words.position}_noise_{dof.units.key}", "valid_range", "warnings", "runs", "parent", "notes",
+        f"{dof.words.position}_noise_{dof.units.key}", "valid_range", "warnings", "runs", "parent", "notes", "channels",
         *(() if dof.wraps else ("motion", "buoyancy")),
     )  # fmt: skip
 

@@ -7,6 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from automarine_cli.dofs import Dof
+from automarine_cli.fits.channel_noise import fit_sentences
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.run_effects import GAIN, START_VELOCITY, SWITCHES
 from automarine_cli.fits.step_response import instant
@@ -24,7 +25,7 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
     `short`, for the terminal, leaves that to the warnings, and leaves out the means at each moment.
     """
     notes = (
-        (yaw_tables.tail_note(fit.seed_method, fit.dof),)
+        (fit.seed_method.tail_because(fit.dof),)
         if fit.seed_method is not None
         else (f"{fit.why_no_seed_method}.",)
     )
@@ -49,17 +50,25 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
         )
     scatter, (low, high) = preferred.gain_scatter.value, preferred.gain_scatter.ci95
     late, (first, last) = preferred.offset.value, preferred.offset.ci95
-    noise = f"{words.position} noise {dof.shown(preferred.noise):.2f}{dof.units.mark}"
     lines.append(
-        f"Thrust scatters from run to run by {100 * scatter:.1f} % [{100 * low:.1f}, {100 * high:.1f}]; {noise}. "
+        f"Thrust scatters from run to run by {100 * scatter:.1f} % [{100 * low:.1f}, {100 * high:.1f}]; {_noise(fit)}. "
         f"{words.force.capitalize()}s switch {late:+.2f} sample intervals [{first:+.2f}, {last:+.2f}] from the middle "
         "between the first sample that shows them and the one before."
     )
+    lines += fit_sentences(fit.channels, preferred.mixed, dof)
     if preferred.ways is not None:
         lines.append(_by_way(preferred.ways, dof))
     if fit.buoyancy is not None:
         lines.append(fit.buoyancy.says)
     return (*lines, *(f"Warning: {warning}" for warning in fit.warnings))
+
+
+def _noise(fit: YawFit) -> str:
+    """The noise of the sensor that the fit rests on first."""
+    words, units, noise = fit.dof.words, fit.dof.units, fit.preferred.noise
+    if noise is not None:
+        return f"{words.position} noise {fit.dof.shown(noise):.2f}{units.mark}"
+    return f"{words.rate} noise {fit.dof.shown(fit.preferred.mixed.noise):.3g}{units.mark}/s"
 
 
 def _by_way(ways: Ways, dof: Dof) -> str:
@@ -138,6 +147,7 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
             "switch_to_s": turn.switch_to,
             "tail_samples": int(seed.tails.used[i].sum()),
             f"steady_{words.speed}_{shown_rate}": float(dof.shown(seed.tails.rate[i])),
+            f"steady_{words.speed}_stderr_{shown_rate}": float(dof.shown(np.sqrt(seed.variance[i]))),
             f"velocity_error_{shown}": float(dof.shown(seed.tails.error[i])),
         }
         row |= {

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
+from automarine_cli.logs.needs import is_velocity_only
 from automarine_cli.runs.jumps import find_jumps
 from automarine_cli.runs.noise import median
 from automarine_cli.runs.plain import plain_position
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.sense import beyond, clock_trouble, command_trouble, position_trouble, stuck
+from automarine_cli.runs.summed import summed_position
 from automarine_cli.runs.unwrap import find_glitches, unwrap, wrapped
 
 Floats = NDArray[np.float64]
@@ -35,22 +37,25 @@ def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tupl
     Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
     """
     columns = {key: values[chosen] for key, values in {**table.extras, **table.columns}.items()}
-    dof = table.dof
+    dof, summed = table.dof, is_velocity_only(table)
+    measured = dof.velocity if summed else dof.position
     rows, counts = table.rows[chosen], dict.fromkeys(COUNTS, 0)
     counts["rows"] = len(rows)
     commands = (dof.command,) if dof.command in table.columns else dof.thrusters
-    position = plain_position(columns["time"], columns[dof.position], [columns[key] for key in commands], dof)
+    inputs = [columns[key] for key in commands]
+    position = None if summed else plain_position(columns["time"], columns[dof.position], inputs, dof)
     if position is not None:
         return (_run(table, {**columns, dof.position: position}, name, counts),)
     missing = np.isnan(columns["time"])
-    for key in (dof.position, *commands):
+    for key in (measured, *commands):
         missing |= np.isnan(columns[key])
     counts["missing"] = int(np.count_nonzero(missing))
     if counts["missing"]:
         columns, rows = _only(columns, ~missing), rows[~missing]
         if not len(rows):
+            what = measured.replace("_", " ")
             raise NotUsable(
-                f"no row has time, {dof.position} and command ({counts['missing']} rows lack one); check the columns"
+                f"no row has time, {what} and command ({counts['missing']} rows lack one); check the columns"
             )
     fresh = _rising(columns["time"], rows, table.source, name)
     if len(rows) > 1 and not fresh[1:].any():
@@ -58,9 +63,12 @@ def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tupl
     counts["duplicates"] = len(fresh) - int(np.count_nonzero(fresh))
     columns = _only(columns, fresh)
     _refuse(clock_trouble(columns["time"]))
-    _refuse(position_trouble(columns["time"], columns[dof.position], dof))
+    if not summed:
+        _refuse(position_trouble(columns["time"], columns[dof.position], dof))
     for key in commands:
         _refuse(command_trouble(columns[key], dof.words.force if key == dof.command else "thruster command"))
+    if summed:
+        return _bridged(_summed_up(_run(table, columns, name, counts)))
     glitch = find_glitches(columns["time"], columns[dof.position], dof) | beyond(columns[dof.position], dof)
     counts["glitches"] = int(np.count_nonzero(glitch))
     if counts["glitches"]:
@@ -79,7 +87,7 @@ def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapp
         name=name,
         source=table.source,
         time=columns["time"],
-        position=columns[dof.position],
+        position=columns.get(dof.position, np.zeros(len(columns["time"]))),
         moment=columns.get(dof.command),
         moment_unit=table.moment_unit or "",
         extras=extras,
@@ -87,6 +95,17 @@ def _run(table: LogTable, columns: Mapping[str, Floats], name: str, counts: Mapp
         notes=table.notes + _coarse_clock(counts),
         reading=table.notes,
         dof=dof,
+    )
+
+
+def _summed_up(run: Run) -> Run:
+    """The run with the sum of its velocities for a position, of which it is told that no sensor gave it."""
+    dof = run.dof
+    velocity = run.extras[dof.velocity]
+    position = summed_position(run.time, velocity, _any_command(run), dof)
+    note = f"no {dof.words.position} in the log: the {dof.words.rate} is summed up to trim by and to look at"
+    return replace(
+        run, position=position, summed_up=True, notes=(*run.notes, note), reading=(*run.reading, note)
     )
 
 

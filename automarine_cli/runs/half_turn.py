@@ -98,6 +98,10 @@ class HalfTurn:
         """Name of the run."""
         return self.step.run.name
 
+    def of(self, run: Run) -> "HalfTurn":
+        """The same of another version of the run, with the same samples."""
+        return self if run is self.step.run else replace(self, step=replace(self.step, run=run))
+
 
 def half_turn(run: Run, step: Step, trim: Trim = UNTRIMMED) -> HalfTurn:
     """Trim a step to |psi - psi0| <= pi and judge it. Trimming what was trimmed changes nothing."""
@@ -167,8 +171,7 @@ class Trimmed:
         """The same under the name of `run`."""
         if run is self.run:
             return self
-        turn = None if self.turn is None else replace(self.turn, step=replace(self.turn.step, run=run))
-        return Trimmed(run, turn, self.why)
+        return Trimmed(run, None if self.turn is None else self.turn.of(run), self.why)
 
 
 def trimmed(run: Run, trim: Trim = UNTRIMMED) -> Trimmed:

@@ -37,7 +37,8 @@ class Run:
     `extras` holds every other numeric column (`yaw_rate` [rad/s], `n_port`, `n_stbd`, `voltage` [V], `surge`,
     `sway` [m/s], ...). `counts` says what cleaning did (name -> number), `notes` what a person should know.
     `reading` are those of the notes that tell how the log was read, such as signs that were turned and how old held
-    values are.
+    values are. Where `summed_up` the log has no position: it is that of the velocity, added up to trim runs by and to
+    look at, and no evidence.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Run:
     counts: Mapping[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     reading: tuple[str, ...] = ()
+    summed_up: bool = False
     dof: Dof = field(kw_only=True)
 
     def __post_init__(self) -> None:

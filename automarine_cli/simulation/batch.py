@@ -202,11 +202,13 @@ def _channels(
             first = d == 0 and quantity == position
             asked = quantity == position if wanted is None else quantity in wanted
             columns = [run.channel(quantity) for run in runs]
-            if not (first or asked) or all(column is None for column in columns):
+            if not (first or asked) or (wanted is None and all(column is None for column in columns)):
                 continue
             values = [np.full(len(run), np.nan) if c is None else c for run, c in zip(runs, columns)]
             seen = _padded([np.isfinite(column) for column in values], samples)
             filled = _padded([np.nan_to_num(column) for column in values], samples)
+            if asked and quantity == position:
+                seen &= np.array([[not run.summed_up] for run in runs])
             yield Channel(quantity, d, quantity == dof.velocity, filled, seen, counts=asked)
 
 

@@ -112,7 +112,8 @@ def _fit(campaign: Campaign, out: Path, motion: str) -> Plan | str:
     asked = campaign.settings(motion)
     own = {key: getattr(asked, key) for key in ("within", "depths") if hasattr(asked, key)}
     fit: Callable[..., object] = vars(fits)[f"fit_{motion}"]
-    return Plan(fit, logs, {**_common(campaign), **drive, **own, "fit_to": asked.fit_to})
+    settings = {**_common(campaign), **drive, **own, "fit_to": asked.fit_to, "tail": asked.tail}
+    return Plan(fit, logs, settings)
 
 
 def _judge(campaign: Campaign, out: Path, motion: str, work: Callable[..., object]) -> Plan | str:

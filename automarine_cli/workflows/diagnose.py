@@ -14,7 +14,9 @@ from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.verdict import NamedEffect, base_estimates, gap_json, parameter_estimates
 from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import SettingError
+from automarine_cli.fits.channel_noise import channels_json, fit_sentences
 from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models, schema_of
@@ -26,6 +28,7 @@ from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report import diagnosis_report, diagnosis_tables, thruster_diagnosis
 from automarine_cli.report.figures.files import refuse_unknown
 from automarine_cli.report.tables import Table
+from automarine_cli.runs.channels import AUTO, asked_channels, wanted_channels
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.runs.stuck import without_stuck
@@ -74,6 +77,7 @@ class YawDiagnosis(Shown):
             },
             "smallest_visible": {k: v for k, v in self.diagnosis.detectable.items() if np.isfinite(v)},
             "open_water": self.diagnosis.study.disturbed,
+            **channels_json(self.diagnosis.channels, found.final.fit, dof),
             "held_out": []
             if self.diagnosis.held_out is None
             else [r.name for r in self.diagnosis.held_out.runs],
@@ -93,6 +97,7 @@ class YawDiagnosis(Shown):
                 f"Not excluded is {rival.name} (weight {rival.confidence:.0%}): {rival.split_by}"
                 for rival in effect.rivals
             ]
+        lines += fit_sentences(self.diagnosis.channels, self.diagnosis.found.final.fit, self.stored.dof)
         return [*lines, *diagnosis_tables.tables(self.diagnosis)]
 
     def extended_model(self) -> dict[str, Any]:
@@ -139,7 +144,9 @@ def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha2
             }
             for name in added
         ],
-        f"{dof.words.position}_noise_{dof.units.key}": float(dof.shown(trial.fit.noise)),
+        f"{dof.words.position}_noise_{dof.units.key}": float(dof.shown(trial.fit.noise))
+        if study.position_counts
+        else None,
         "parent": {"file": stored.source, "sha256": parent_sha256},
     }
 
@@ -171,15 +178,18 @@ def diagnose(
     jobs: int = 1,
     cluster: str | None = None,
     progress: Progress = silent,
+    channels: str = AUTO,
 ) -> YawDiagnosis:
     """Diagnose the preferred model of the file `model` on yaw logs, on `jobs` processes or a Dask `cluster`.
 
-    `hold_out` logs are never fitted; without any a quarter of the runs, drawn with `seed`, is held out. Writes the
+    `hold_out` logs are never fitted; without any a quarter of the runs, drawn with `seed`, is held out. `channels` says
+    which sensors count (`runs.channels.choose_channels`). Writes the
     results if `out` is given, figures in the
     `figure_formats` (png, svg, pdf). Raises LogError, RunError, ModelError, FitError, SettingError or OutputError.
     """
     refuse_unknown(figure_formats)
     stored = load_yaw_models(model)
+    wanted_channels(channels, stored.dof)
     names = given_columns(columns)
     runs, aside, files = _runs(logs, names, thrusters, arm, strict, jobs, progress, stored)
     kept, more_aside, more = (
@@ -193,9 +203,10 @@ def diagnose(
         base = stored.models[stored.preferred]
         with (
             told_beside((*aside, *more_aside)),
+            in_words_of(stored.dof),
             lasting_map(jobs, cluster=cluster, progress=progress) as each,
         ):
-            found = diagnose_runs(runs, base, hold_out=kept, seed=seed, each=each)
+            found = diagnose_runs(runs, base, hold_out=kept, seed=seed, each=each, channels=channels)
         where = find_where(found.study, found.found.base, seed)
         return YawDiagnosis(found, where, stored, parent, (*aside, *more_aside))
 
@@ -212,6 +223,7 @@ def diagnose(
         "arm": arm,
         "figure_formats": figure_formats,
         "strict": strict,
+        **asked_channels(channels),
     }
     with result_folder(
         out, command="diagnose", options=options, inputs=inputs, seed=seed, overwrite=overwrite
@@ -230,6 +242,7 @@ def diagnose_any(
     thrusters: Path | None = None,
     arm: float | None = None,
     cluster: str | None = None,
+    channels: str = AUTO,
     **settings: Any,
 ) -> "YawDiagnosis | ThrusterDiagnosis":
     """`diagnose` for a yaw model, `diagnose_thrusters` for a thruster map (here, it is quick), by the schema of the
@@ -240,8 +253,14 @@ def diagnose_any(
             raise SettingError(
                 f"{model.name} is a thruster map: --thrusters and --arm belong to a yaw model; leave them out"
             )
+        if channels != AUTO:
+            raise SettingError(
+                f"{model.name} is a thruster map: --channels belongs to a motion; leave it out"
+            )
         return diagnose_thrusters(logs, model=model, **settings)
-    return diagnose(logs, model=model, thrusters=thrusters, arm=arm, cluster=cluster, **settings)
+    return diagnose(
+        logs, model=model, thrusters=thrusters, arm=arm, cluster=cluster, channels=channels, **settings
+    )
 
 
 def terminal(result: "YawDiagnosis | ThrusterDiagnosis") -> list[Table | str]:

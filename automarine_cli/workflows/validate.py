@@ -14,6 +14,7 @@ from automarine_cli.comparison.scores import SCORES, RunScore, rate_source, scor
 from automarine_cli.comparison.validation import Comparison, Scored, compare
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.errors import AutomarineError, ModelError, RunError
+from automarine_cli.fits.channel_noise import channel_sentences, channels_of, measured_noises
 from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.pipeline.attempts import Attempt
@@ -26,6 +27,14 @@ from automarine_cli.report.figures.files import Files, drawn, refuse_unknown, wr
 from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.report.validation_tables import overall_table, run_table, score_table
+from automarine_cli.runs.channels import (
+    AUTO,
+    NOTHING_TO_CHOOSE,
+    ChannelChoice,
+    asked_channels,
+    choose_channels,
+    wanted_channels,
+)
 from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
 from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.workflows.moments import moment_maker
@@ -47,6 +56,7 @@ class Validation(Shown):
     stored: StoredModels
     comparison: Comparison
     set_aside: tuple[SetAside, ...]
+    channels: ChannelChoice = NOTHING_TO_CHOOSE
 
     def to_json(self) -> dict[str, Any]:
         """The result: schema automarine/validation/1."""
@@ -62,6 +72,7 @@ class Validation(Shown):
             "effects": list(self.stored.effects),
             f"{dof.words.force}_unit": self.stored.moment_unit,
             "switch_offset": self.stored.switch_offset,
+            **channels_of(self.channels, measured_noises(found.runs, dof)),
             "scores": {score_key(name, dof): dof.fill(meaning) for name, meaning in MEANING.items()},
             "logs": {run.name: self._log_json(i) for i, run in enumerate(found.runs)},
             "runs": {
@@ -71,8 +82,17 @@ class Validation(Shown):
             },
         }
 
-    def tables(self) -> tuple[Table, ...]:
-        """Models over all runs, then run by run."""
+    def tables(self) -> tuple[Table | str, ...]:
+        """Models over all runs, then run by run; sensors where there was a choice."""
+        return *self.score_tables(), *self.sensors()
+
+    def sensors(self) -> list[str]:
+        """Which sensors count, and why others do not."""
+        dof = self.stored.dof
+        return channel_sentences(self.channels, measured_noises(self.comparison.runs, dof), dof)
+
+    def score_tables(self) -> tuple[Table, ...]:
+        """The tables alone."""
         return overall_table(self.comparison), run_table(self.comparison)
 
     def _model_json(self, scored: Scored) -> dict[str, Any]:
@@ -127,17 +147,20 @@ def validate(
     seed: int = 0,
     jobs: int = 1,
     progress: Progress = silent,
+    channels: str = AUTO,
 ) -> Validation:
     """Simulate every run with every model of the file `model` and score what it says against what was measured.
 
     `thrusters` and `arm` [m] make the moment of thruster commands (`arm` may stand as `arm_m` among the column
-    map's defaults); `seed` is that of the bootstrap over runs.
+    map's defaults); `seed` is that of the bootstrap over runs, `channels` says which sensors are believed
+    (`runs.channels.choose_channels`).
     Writes the results if `out` is given, one figure a run in each of the `figure_formats` (png, svg, pdf) unless
     `figures` is false. Raises LogError, RunError,
     ModelError, SettingError, OutputError.
     """
     refuse_unknown(figure_formats)
     stored = load_yaw_models(model)
+    wanted_channels(channels, stored.dof)
     names = given_columns(columns)
     drive = moment_maker(thrusters, arm, names, stored.dof)
     campaign = load_runs(logs, names, dof=stored.dof, strict=strict, progress=progress, jobs=jobs)
@@ -148,8 +171,10 @@ def validate(
         raise none_left(len(campaign.inputs), (*campaign.set_aside, *aside))
     _same_unit(runs, stored)
     left_out = (*campaign.set_aside, *aside)
+    chosen = choose_channels(runs, stored.dof, channels, late_position=True)
+    runs = [chosen.believed(run) for run in runs]
     if out is None:
-        return Validation(stored, compare(stored, runs, seed, progress), left_out)
+        return Validation(stored, compare(stored, runs, seed, progress), left_out, chosen)
     options = {
         "model": model,
         "columns": columns,
@@ -158,13 +183,14 @@ def validate(
         "figures": figures,
         "figure_formats": figure_formats,
         "strict": strict,
+        **asked_channels(channels),
     }
     inputs = [Input(file.name, file.path) for file in campaign.inputs]
     inputs += given_as(model=model, columns=columns, dbc=names.database, thrusters=thrusters)
     with result_folder(
         out, command="validate", options=options, inputs=inputs, seed=seed, overwrite=overwrite
     ) as folder:
-        result = Validation(stored, compare(stored, runs, seed, progress), left_out)
+        result = Validation(stored, compare(stored, runs, seed, progress), left_out, chosen)
         _write(folder, result, figure_formats if figures else (), jobs, progress)
     return result
 
@@ -220,8 +246,11 @@ def _write(
     found = result.comparison
     folder.write_json("validation.json", result.to_json())
     folder.write("validation.csv", score_table(found).to_csv())
-    folder.write("validation.md", "\n".join(table.to_markdown() for table in result.tables()))
-    folder.write("validation.tex", "\n".join(table.to_latex() for table in result.tables()))
+    tables, sensors = result.score_tables(), result.sensors()
+    folder.write(
+        "validation.md", "\n".join([*(one.to_markdown() for one in tables), *sensors, *[""] * bool(sensors)])
+    )
+    folder.write("validation.tex", "\n".join(table.to_latex() for table in tables))
     if not formats:
         return
     free = [

@@ -8,6 +8,7 @@ from automarine_cli.comparison.scores import SCORES, score_key
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
+from automarine_cli.fits.channel_noise import noise_words
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.thruster_result import ThrusterFit
 from automarine_cli.fits.yaw_fit import YawFit
@@ -91,8 +92,7 @@ def _yaw_lines(fit: YawFit) -> Iterator[str]:
     if fit.inertial_turn_angle is not None:
         found[f"{own.inertia}/{own.quadratic_print}"] = fit.inertial_turn_angle
     yield from _aligned(found)
-    noise = f"{dof.words.position} noise {dof.shown(fit.preferred.noise):.2f} {dof.units.shown}"
-    yield f"  {noise}; {_counted(len(fit.warnings), 'warning')}"
+    yield f"  {noise_words(fit.preferred.mixed, dof)}; {_counted(len(fit.warnings), 'warning')}"
 
 
 def _yaw_rows(fit: YawFit) -> Iterator[Row]:
@@ -259,10 +259,9 @@ def _comparison_rows(result: ResultComparison) -> Iterator[Row]:
 
 def _plan_lines(result: Plan) -> Iterator[str]:
     yield from plan_tables.total_sentences(result.campaign)
+    dof = result.campaign.fitting.model.dof
     yield "Predicted, of the new runs alone:"
-    yield from _aligned(
-        {plan_tables.SYMBOLS.get(name, name): one for name, one in result.campaign.alone.items()}
-    )
+    yield from _aligned({plan_tables.in_print(name, dof): one for name, one in result.campaign.alone.items()})
 
 
 def _plan_rows(result: Plan) -> Iterator[Row]:

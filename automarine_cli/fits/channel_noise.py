@@ -1,0 +1,96 @@
+"""Which sensors a result rests on, and how noisy each was."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from automarine_cli.dofs import Dof
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.mixed_problem import MixedFit
+from automarine_cli.runs.channels import ChannelChoice
+from automarine_cli.runs.noise import position_noise
+from automarine_cli.runs.run import Run
+
+ROBUST = 1.65
+"""Error of a standard deviation told by a median, over that of the usual one."""
+
+
+def channel_noises(fit: MixedFit, dof: Dof) -> dict[str, Estimate]:
+    """Noise of each channel that counts, in the units in which people see it.
+
+    The relative error is that of the standard deviation of so many white residuals.
+    """
+    found = {}
+    for (name, noise), gram in zip(fit.noise_of.items(), fit.gram.channels):
+        count = max(float(gram.count.sum()) - len(fit.theta), 1.0)
+        unit = dof.units.shown + "/s" * (name == dof.velocity)
+        found[name] = Estimate.from_log(float(dof.shown(noise)), 1.0 / np.sqrt(2.0 * count), count, unit)
+    return found
+
+
+def channels_json(choice: ChannelChoice, fit: MixedFit, dof: Dof) -> dict[str, object]:
+    """`{"channels": [{"quantity", "used", "noise" or "why"}]}` for a result; {} where only positions are logged."""
+    return channels_of(choice, channel_noises(fit, dof) if choice.verdicts else {})
+
+
+def measured_noises(runs: Sequence[Run], dof: Dof) -> dict[str, Estimate]:
+    """Noise of each sensor measured apart from any model, pooled over the runs that have it."""
+    found = {}
+    for name in dof.channels:
+        squares, count = 0.0, 0
+        for run in runs:
+            read = run.channel(name)
+            if read is None or (name == dof.position and run.summed_up):
+                continue
+            good = np.isfinite(read)
+            squares += float(good.sum()) * position_noise(run.time[good], read[good]) ** 2
+            count += int(good.sum())
+        if count:
+            unit = dof.units.shown + "/s" * (name == dof.velocity)
+            error = ROBUST / np.sqrt(2.0 * count)
+            found[name] = Estimate.from_log(float(dof.shown(np.sqrt(squares / count))), error, count, unit)
+    return found
+
+
+def channels_of(choice: ChannelChoice, noises: Mapping[str, Estimate]) -> dict[str, object]:
+    """The same with noises that were measured in another way."""
+    if not choice.verdicts:
+        return {}
+    entries = []
+    for one in choice.verdicts:
+        entry: dict[str, object] = {"quantity": one.quantity, "used": one.used}
+        if one.used and one.quantity in noises:
+            entry["noise"] = noises[one.quantity].to_json()
+        entries.append(entry | ({"why": one.why} if one.why else {}))
+    return {"channels": entries}
+
+
+def noise_words(fit: MixedFit, dof: Dof) -> str:
+    """The noises of a fit in a line, such as "heading noise 1.00 deg"."""
+    names = {dof.position: dof.words.position, dof.velocity: dof.words.rate}
+    noises = channel_noises(fit, dof).items()
+    return ", ".join(f"{names[name]} noise {one.value:.2f} {one.unit}" for name, one in noises)
+
+
+def fit_sentences(choice: ChannelChoice, fit: MixedFit, dof: Dof) -> list[str]:
+    """`channel_sentences` with the noises of a fit."""
+    return channel_sentences(choice, channel_noises(fit, dof), dof)
+
+
+def channel_sentences(choice: ChannelChoice, noises: Mapping[str, Estimate], dof: Dof) -> list[str]:
+    """One line on the sensors that count, and one on each that does not; none where only positions are logged."""
+    if not choice.verdicts:
+        return []
+    words = {dof.position: dof.words.position, dof.velocity: dof.words.rate}
+    used = [
+        f"{words[one.quantity]} (noise {noises[one.quantity].value:.3g} {noises[one.quantity].unit})"
+        if one.quantity in noises
+        else words[one.quantity]
+        for one in choice.verdicts
+        if one.used
+    ]
+    lines = [f"Sensors that count: {' and '.join(used)}."]
+    for one in choice.verdicts:
+        if one.why:
+            lines.append(one.why if one.used else f"The {words[one.quantity]} does not count. {one.why}")
+    return lines
