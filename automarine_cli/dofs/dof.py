@@ -251,15 +251,15 @@ class Dof:
     @cached_property
     def vocabulary(self) -> Mapping[str, str]:
         """Every word and symbol by name, for templates such as "-{quadratic} |{v}| {v}": the fields of `Words`, the
-        parameters but the inertia by what they are, `x`, `v`, `f` and `water` for position, velocity, force and the
-        water's velocity, and the units."""
+        parameters by what they are (the inertia's is `inertia_symbol`), `x`, `v`, `f` and `water` for position,
+        velocity, force and the water's velocity, and the units."""
         words = {k: v for k, v in vars(self.words).items() if isinstance(v, str)}
         plural = {f"{name}s": f"{words[name]}s" for name in ("force", "position", "speed")}
         there, back = self.words.ways
         to, fro = self.words.to_ways
         own, units = self.symbols, self.units
         return {
-            **self.parameters, **words, **plural, "motion": self.name,
+            **self.parameters, **words, **plural, "motion": self.name, "inertia_symbol": own.inertia,
             "x": own.position, "v": own.velocity, "f": own.force, "water": own.water,
             "positive": there, "negative": back, "to_positive": to, "to_negative": fro,
             "base_unit": units.base, "log_unit": units.log, "shown_unit": units.shown,

@@ -72,7 +72,7 @@ class Setting:
         if self.bias:
             specification = specification.with_effect("bias-moment", b=self.bias)
         if self.recorded:
-            specification = replace(specification, scatter=replace(specification.scatter, moment=0.0))
+            specification = replace(specification, scatter=replace(specification.scatter, force=0.0))
         return specification
 
 
@@ -93,7 +93,7 @@ def run_trial(item: tuple[Specification, Setting, int]) -> dict[str, float]:
     data = half_turn_data(turns)
     fit = fit_velocity_error(data, np.zeros(len(turns)))
     # the same tails, where the scatter is in the record against moments that were written down wrong
-    moment = _misread(data.moment, specification.scatter.moment, seed) if setting.recorded else data.moment
+    moment = _misread(data.moment, specification.scatter.force, seed) if setting.recorded else data.moment
     drags = {number: fit_drag(moment, fit.tails.rate, number, "nu", YAW) for number in fit.drag}
     inertia = {
         number: inertia_from_velocity_error(fit.tails.error, moment, *drags[number].drag)
