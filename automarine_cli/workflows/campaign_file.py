@@ -6,13 +6,14 @@ from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from automarine_cli.dofs import TRANSLATIONS, YAW, Dof
+from automarine_cli.dofs import DOFS, TRANSLATIONS, YAW, Dof
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs
 from automarine_cli.logs.columns import database
 from automarine_cli.pipeline.plain_data import everything, in_words
 from automarine_cli.pipeline.recipe import from_mapping, read_mapping
 from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.runs.channels import AUTO, wanted_channels
 
 SCHEMA = "automarine/campaign/1"
 OPEN = "?"  # a value that a person still has to give
@@ -58,10 +59,11 @@ class Thrusters:
 
 @dataclass(frozen=True)
 class Yaw:
-    """Where the moment comes from, and what of the runs is fitted."""
+    """Where the moment comes from, what of the runs is fitted, and which sensors count (`runs.channels`)."""
 
     moment: Literal["logged", "thrusters"] = "logged"
     fit_to: Literal["auto", "half-turns", "whole-runs"] = "auto"
+    channels: str = AUTO
 
     @property
     def logged(self) -> bool:
@@ -71,13 +73,14 @@ class Yaw:
 
 @dataclass(frozen=True)
 class Force:
-    """Logs of a translation, where their force comes from, and what of the runs is fitted."""
+    """Logs of a translation, where their force comes from, what of the runs is fitted, and which sensors count."""
 
     steps: tuple[str, ...] = ()
     manoeuvres: tuple[str, ...] = ()
     validation: tuple[str, ...] = ()
     force: Literal["logged", "thrusters"] = "logged"
     fit_to: Literal["auto", "steps", "whole-runs"] = "auto"
+    channels: str = AUTO
 
     @property
     def logged(self) -> bool:
@@ -119,6 +122,8 @@ class Settings:
             raise SettingError(f"schema is {self.schema!r}; expected {SCHEMA!r}")
         if self.seed < 0:
             raise SettingError(f"seed is {self.seed}; expected 0 or more")
+        for motion, one in {YAW.name: self.yaw, **self.forces}.items():
+            wanted_channels(one.channels, DOFS[motion], f"{motion}.channels")
         of_forces = [one.steps or one.manoeuvres for one in self.forces.values()]
         if not any((self.logs.thrusters, self.logs.steps, self.logs.manoeuvres, *of_forces)):
             raise SettingError("logs: no logs are named; give thrusters, steps or manoeuvres")
