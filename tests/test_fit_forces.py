@@ -9,7 +9,7 @@ import pytest
 from conftest import SAMPLE_RUNS
 
 from automarine_cli.dofs import HEAVE, SURGE
-from automarine_cli.errors import SettingError
+from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.identify import identify, starts_at_rest
 from automarine_cli.fits.yaw_fit import YawFit
@@ -199,6 +199,18 @@ def test_options_that_make_no_sense_are_refused() -> None:
         fit_heave(LOGS["heave"], depths=(3.0, 1.0))
     with pytest.raises(SettingError, match="metres above 0"):
         fit_surge(LOGS["surge"], within=0.0)
+
+
+def test_a_tail_that_is_asked_for_is_metres_from_the_start() -> None:
+    fit = fit_surge(LOGS["surge"], within=3.0, tail=1.5)
+    entry = fit.to_json()["models"]["3"]["velocity_error"]  # type: ignore[index]
+    assert entry["tail_from_cm"] == pytest.approx(150.0)
+    assert entry["tail_because"].startswith("Tails start at 150 cm, as asked; errors to be expected there: ")
+    assert set(entry["tail_expected"]) == {"m_u", "drag", "dilution"}
+    with pytest.raises(
+        FitError, match=r"the tails are to start at 290 cm, but X_\S+ ends at 2\d\d cm; let them"
+    ):
+        fit_surge(LOGS["surge"], within=3.0, tail=2.9)
 
 
 def test_results_show_themselves_in_the_words_of_their_motion(surge: tuple[YawFit, Path]) -> None:

@@ -17,7 +17,7 @@ from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import FitError, ModelError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.identify import identify
-from automarine_cli.fits.linear_mixed import not_finite
+from automarine_cli.fits.linear_mixed import NotFinite, in_words_of, not_finite
 from automarine_cli.fits.output_error import prefer
 from automarine_cli.fits.step_response import step_data
 from automarine_cli.fits.velocity_error import fit_velocity_error
@@ -166,6 +166,14 @@ def test_cautions_and_templates_speak_of_the_motion(dof: Dof) -> None:
     assert len(said) > 15
     for sentence in said:
         assert "{" not in sentence and not strange_to(dof, sentence.replace("in one direction", "")), sentence
+
+
+@EVERY_MOTION
+def test_simulations_that_run_away_are_refused_in_the_words_of_the_motion(dof: Dof) -> None:
+    with pytest.raises(FitError) as refusal, in_words_of(dof):
+        raise NotFinite(not_finite("position", "command"))
+    assert str(refusal.value) == not_finite(dof.words.position, dof.words.force)
+    assert f"simulated {dof.words.position}s run out of all bounds" in str(refusal.value)
 
 
 @EVERY_MOTION

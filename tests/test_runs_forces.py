@@ -139,8 +139,8 @@ def test_normalised_forces_make_normalised_results(tmp_path: Path) -> None:
         and "unit of the command" in fit.buoyancy.says
     )
     estimates = fit.output_error["3"].estimates
-    assert estimates["I_r"].unit == "nu s²/m" and estimates["k_rr"].unit == "nu s²/m²"
-    low, high = estimates["b"].ci95
+    assert estimates["m_w"].unit == "nu s²/m" and estimates["Z_ww"].unit == "nu s²/m²"
+    low, high = estimates["constant_force"].ci95
     assert low < -0.1 < high and high - low < 0.03
 
 
@@ -178,10 +178,11 @@ def test_a_logger_of_metres_does_to_them_what_one_of_degrees_does(tmp_path: Path
 
 
 @pytest.mark.parametrize(("change", "why"), [
-    ({"motion": "sway"}, "vehicle.motion: found \"sway\", expected yaw or surge or heave"),
+    ({"motion": "roll"}, "vehicle.motion: found \"roll\", expected yaw or surge or heave or sway"),
     ({"m_w": -1.0}, "m_w is -1; expected more than 0"),
     ({"half_difference": 60.0}, "half_difference is not below Z_ww"),
-    ({"k_rr": 1.0}, "unknown key 'k_rr'; in heave it is 'Z_ww'"), ({"motion": "surge"}, "unknown key"),
+    ({"k_rr": 1.0}, "unknown key 'k_rr'; in heave it is 'Z_ww'"),
+    ({"motion": "surge"}, "unknown key 'm_w'; in surge it is 'm_u'"),
 ])  # fmt: skip
 def test_specifications_are_refused_in_the_words_of_their_motion(change: dict[str, object], why: str) -> None:
     runs = [{"kind": "step", "forces": [12.0], "travel_m": 2.5}]

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from automarine_cli.dofs import TRANSLATIONS, YAW, Dof
+from automarine_cli.dofs import SURGE, TRANSLATIONS, YAW, Dof
 from automarine_cli.errors import LogError, SettingError
+from automarine_cli.fits.tails import asked_tail
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs
 from automarine_cli.logs.columns import database
 from automarine_cli.pipeline.plain_data import everything, in_words
@@ -58,10 +59,15 @@ class Thrusters:
 
 @dataclass(frozen=True)
 class Yaw:
-    """Where the moment comes from, and what of the runs is fitted."""
+    """Where the moment comes from, what of the runs is fitted, and from which turned angle [degrees] on a half-turn is
+    taken for steady."""
 
     moment: Literal["logged", "thrusters"] = "logged"
     fit_to: Literal["auto", "half-turns", "whole-runs"] = "auto"
+    tail: float | None = None
+
+    def __post_init__(self) -> None:
+        asked_tail(self.tail, YAW)
 
     @property
     def logged(self) -> bool:
@@ -71,13 +77,18 @@ class Yaw:
 
 @dataclass(frozen=True)
 class Force:
-    """Logs of a translation, where their force comes from, and what of the runs is fitted."""
+    """Logs of a translation, where their force comes from, what of the runs is fitted, and from which distance [m] on a
+    step is taken for steady."""
 
     steps: tuple[str, ...] = ()
     manoeuvres: tuple[str, ...] = ()
     validation: tuple[str, ...] = ()
     force: Literal["logged", "thrusters"] = "logged"
     fit_to: Literal["auto", "steps", "whole-runs"] = "auto"
+    tail: float | None = None
+
+    def __post_init__(self) -> None:
+        asked_tail(self.tail, SURGE)
 
     @property
     def logged(self) -> bool:
