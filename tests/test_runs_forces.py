@@ -21,6 +21,7 @@ from automarine_cli.runs.unwrap import find_glitches, unwrap
 from automarine_cli.simulation.campaign import make_runs
 from automarine_cli.simulation.specification import specification_from
 from automarine_cli.workflows.check import check
+from automarine_cli.workflows.fit_yaw import FITS
 from automarine_cli.workflows.moments import moment_maker
 from automarine_cli.workflows.simulate import simulate
 
