@@ -32,7 +32,7 @@ def fit_heave(
     """
     from automarine_cli.workflows import fit_yaw as workflow
 
-    result = workflow.fit_heave(
+    result = workflow.FITS["heave"](
         logs, columns=columns, thrusters=thrusters, depths=depths, fit_to=fit_to, tail=tail, channels=channels,
         out=out, overwrite=overwrite, strict=strict, jobs=jobs, progress=options.terminal_progress(),
     )  # fmt: skip

@@ -31,7 +31,7 @@ def fit_surge(
     """
     from automarine_cli.workflows import fit_yaw as workflow
 
-    result = workflow.fit_surge(
+    result = workflow.FITS["surge"](
         logs, columns=columns, thrusters=thrusters, within=within, fit_to=fit_to, tail=tail, channels=channels,
         out=out, overwrite=overwrite, strict=strict, jobs=jobs, progress=options.terminal_progress(),
     )  # fmt: skip

@@ -68,6 +68,17 @@ class StepData:
             self._nodes[count] = tuple(whole) if len(whole) == len(made) else None
         return self._nodes[count]
 
+    def rated(
+        self, velocities: Sequence[Floats], position_counts: NDArray[np.bool_] | None = None
+    ) -> "StepData":
+        """The same with what a velocity sensor read in each run, NaN where it did not."""
+        read = np.full(self.seen.shape, np.nan)
+        read[self.seen] = np.concatenate(velocities)
+        return replace(
+            self, velocity=np.nan_to_num(read), velocity_seen=np.isfinite(read), position_counts=position_counts,
+            _nodes={},
+        )  # fmt: skip
+
     def some(self, count: int) -> "StepData":
         """So many of the half-turns, drawn evenly whatever their order; all if there are no more."""
         if len(self.names) <= count:
@@ -125,15 +136,8 @@ def half_turn_data(turns: Sequence[HalfTurn], channels: Sequence[str] | None = N
     data = step_data(names, times, headings, moments, intervals, dof)
     if channels is None or dof.velocity not in channels:
         return data
-    read = np.full(data.seen.shape, np.nan)
-    read[data.seen] = np.concatenate(velocities)
     counts = np.array([dof.position in channels and not turn.step.run.summed_up for turn in turns])
-    return replace(
-        data,
-        velocity=np.nan_to_num(read),
-        velocity_seen=np.isfinite(read),
-        position_counts=None if counts.all() else counts,
-    )
+    return data.rated(velocities, None if counts.all() else counts)
 
 
 def step_data(

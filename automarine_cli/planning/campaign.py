@@ -124,6 +124,7 @@ def fitting_of(known: Known, limits: Limits) -> Fitting:
     """How the campaign will be fitted: by `diagnose` where the model holds effects, else by `fit-yaw`."""
     base = Fitting(known.model, "whole-runs", 1.0, 0.0).base
     noise = limits.logger.noise_deg or known.noise_deg or NOISE_DEG
+    rate_noise = limits.logger.rate_noise_deg_s or known.rate_noise_deg_s
     given = limits.logger.gain_scatter
     scatter = known.scatter if given is None else given
     names = (*(term.name for term in known.model.terms), *(doubt.rival for doubt in known.doubts))
@@ -137,6 +138,7 @@ def fitting_of(known: Known, limits: Limits) -> Fitting:
         limits.runs.rest_before_s,
         limits.battery.volts if electric else None,
         base,
+        None if rate_noise is None else float(np.deg2rad(rate_noise)),
     )
 
 

@@ -44,7 +44,8 @@ class Fitting:
 
     `noise` of the heading [rad], `scatter` of the thrust from run to run, `rate` [Hz] of the logger, `rest` [s] before
     each run, `voltage` [V] of the supply where the logs have that column. `frame` is the drag about which runs are laid
-    out, by default the model's own: given, it is the same for models that are tried one after the other.
+    out, by default the model's own: given, it is the same for models that are tried one after the other. `rate_noise`
+    [per s] is that of a velocity sensor, None where the logs have none.
     """
 
     model: YawModel
@@ -55,6 +56,12 @@ class Fitting:
     rest: float = 3.0
     voltage: float | None = None
     frame: YawModel | None = None
+    rate_noise: float | None = None
+
+    @property
+    def channels(self) -> tuple[str, ...] | None:
+        """The sensors that count, None for the position alone."""
+        return None if self.rate_noise is None else self.model.dof.channels
 
     @cached_property
     def base(self) -> YawModel:
@@ -78,7 +85,15 @@ class Fitting:
         """The candidates as runs."""
         unit, dof = self.model.moment_unit, self.model.dof
         return [
-            as_run(one, dof, rate=self.rate, rest=self.rest, unit=unit, voltage=self.voltage)
+            as_run(
+                one,
+                dof,
+                rate=self.rate,
+                rest=self.rest,
+                unit=unit,
+                voltage=self.voltage,
+                channels=self.channels,
+            )
             for one in candidates
         ]
 
@@ -90,33 +105,33 @@ class Fitting:
             return self._study(candidates).problem(self.model)
         runs = self.runs(candidates)
         largest = max(float(np.abs(run.command).max()) for run in runs)
-        batch = make_batch(runs, min(0.1, step_for(self.model, largest)))
+        batch = make_batch(runs, min(0.1, step_for(self.model, largest)), channels=self.channels)
         return whole_run_problem(self.model, batch, np.array([starts_at_rest(run) for run in runs]))
 
     def _study(self, candidates: Sequence[Candidate]) -> Study:
         drag = (self.base.inertia, self.base.terms, self.base.moment_unit, self.base.dof)
-        return _study(tuple(candidates), drag, self.rate, self.rest, self.voltage)
+        return _study(tuple(candidates), drag, self.rate, self.rest, self.voltage, self.channels)
 
     def _half_turns(self, candidates: Sequence[Candidate]) -> Problem:
         """As `fit-yaw` trims them: from the rest to the first half-turn, less three standard deviations."""
         drag = self.model.drag()
         names, moments, intervals = list[str](), list[float](), list[float]()
-        times, headings = list[Floats](), list[Floats]()
+        times, headings, velocities = list[Floats](), list[Floats](), list[Floats]()
         for run, one in zip(self.runs(candidates), candidates):
             first = int(np.argmax(run.command != 0))
             time = np.asarray((np.arange(len(run)) - first + 0.5) / self.rate)
-            heading, _ = response(time, one.commands[0][0], self.model.inertia, *drag)
+            heading, velocity = response(time, one.commands[0][0], self.model.inertia, *drag)
             kept = (np.abs(heading) <= np.pi - MARGIN_IN_SIGMA * self.noise) & (
                 np.arange(len(run)) >= first - MOST_REST
             )
             names.append(one.label)
             times.append(time[kept])
             headings.append(heading[kept])
+            velocities.append(velocity[kept])
             moments.append(one.commands[0][0])
             intervals.append(1.0 / self.rate)
-        return step_problem(
-            step_data(names, times, headings, moments, intervals, self.model.dof), self.number
-        )
+        data = step_data(names, times, headings, moments, intervals, self.model.dof)
+        return step_problem(data if self.rate_noise is None else data.rated(velocities), self.number)
 
     @cached_property
     def on_log(self) -> tuple[bool, ...]:
@@ -136,7 +151,8 @@ class Fitting:
             amplitude = next(term.values[0] for term in self.model.terms if term.name == name)
             largest = float(own.of(own.scale, name).max())
             factors[name] = max(amplitude / (np.sqrt(2.0) * largest), QUIET)
-        return np.log([self.noise, *(factors.get(name, QUIET) for name in own.factor_names)])
+        noises = [self.noise] if self.rate_noise is None else [self.noise, self.rate_noise]
+        return np.log([*noises, *(factors.get(name, QUIET) for name in own.factor_names)])
 
 
 @lru_cache(maxsize=64)
@@ -146,11 +162,13 @@ def _study(
     rate: float,
     rest: float,
     voltage: float | None,
+    channels: tuple[str, ...] | None,
 ) -> Study:
     """The candidates as a diagnosis would have them; kept, since many models are tried on the same runs."""
     base, signals = YawModel(*drag), () if voltage is None else ("voltage",)
     unit = base.moment_unit
     runs = tuple(
-        as_run(one, base.dof, rate=rate, rest=rest, unit=unit, voltage=voltage) for one in candidates
+        as_run(one, base.dof, rate=rate, rest=rest, unit=unit, voltage=voltage, channels=channels)
+        for one in candidates
     )
-    return Study(runs, base, False, signals)
+    return Study(runs, base, False, signals, channels=channels)

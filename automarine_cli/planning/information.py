@@ -90,8 +90,10 @@ def excursions(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
     found = np.zeros(len(candidates))
     for places in alike(candidates).values():
         problem = fitting.problem([candidates[i] for i in places])
-        headings = problem.readings(fitting.phi(problem), np.zeros_like(problem.effects.scale))
-        found[places] = np.where(problem.seen, np.abs(headings - headings[:, :1]), 0.0).max(axis=1)
+        readings = problem.readings(fitting.phi(problem), np.zeros_like(problem.effects.scale))
+        position = fitting.model.dof.position
+        headings, seen = problem.of(readings, position), problem.of(problem.seen, position)
+        found[places] = np.where(seen, np.abs(headings - headings[:, :1]), 0.0).max(axis=1)
     return found
 
 

@@ -42,7 +42,8 @@ class Doubt:
 @dataclass(frozen=True)
 class Known:
     """The model with all that is believed to act, its estimates by label, the logs' noise [degrees] and scatter (None
-    where the file does not say), how many runs were fitted, and the doubts that are open."""
+    where the file does not say), how many runs were fitted, the doubts that are open, and the noise of a gyro that the
+    fit rests on."""
 
     stored: StoredModels
     model: YawModel
@@ -52,6 +53,7 @@ class Known:
     used: int
     doubts: tuple[Doubt, ...] = ()
     notes: tuple[str, ...] = ()
+    rate_noise_deg_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -112,8 +114,18 @@ def read_known(model: Path, diagnosis: Path | None) -> Known:
                 "from the model without it"
             )
     return Known(
-        stored, chosen, now, _size(noise), _size(spread), used if isinstance(used, int) else 0, doubts, notes
-    )
+        stored, chosen, now, _size(noise), _size(spread), used if isinstance(used, int) else 0, doubts, notes,
+        _noise_of(data.get("channels"), stored.dof.velocity),
+    )  # fmt: skip
+
+
+def _noise_of(channels: object, quantity: str) -> float | None:
+    """The noise of a sensor that a file says it rests on."""
+    for one in channels if isinstance(channels, list) else ():
+        if isinstance(one, Mapping) and one.get("quantity") == quantity and one.get("used") is True:
+            noise = _estimate(one.get("noise"))
+            return None if noise is None else _size(noise.value)
+    return None
 
 
 def _lacking(effect: str) -> list[str]:

@@ -47,6 +47,7 @@ fit = "whole-runs"           # what the runs will be fitted to: "whole-runs" or 
 [logger]
 rate_hz = 10
 # noise_deg = 1.0            # of the heading; otherwise as the model's fit found it, or 1
+# rate_noise_deg_s = 0.3     # of a gyro, where the vehicle logs one; otherwise as the model's fit found it, or no gyro
 # gain_scatter = 0.03        # of the thrust from run to run; otherwise as the model's fit found it, or 0.03
 
 [battery]
@@ -133,11 +134,12 @@ class Logger:
 
     rate_hz: float = 10.0
     noise_deg: float | None = None
+    rate_noise_deg_s: float | None = None
     gain_scatter: float | None = None
 
     def __post_init__(self) -> None:
         between(self, 0.5, 1000.0, "rate_hz")
-        positive(self, "noise_deg")
+        positive(self, "noise_deg", "rate_noise_deg_s")
         at_least_zero(self, "gain_scatter")
 
 

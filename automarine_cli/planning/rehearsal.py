@@ -20,6 +20,8 @@ def specification(campaign: Campaign, seed: int) -> tuple[dict[str, Any], str]:
     can = [term for term in added if not effects.get(term.name).needs]
     left = [term.name for term in added if term not in can]
     rate = fitting.rate
+    read = fitting.rate_noise
+    gyro = {} if read is None else {"rate_noise_deg_s": round(float(np.rad2deg(read)), 6)}
     return {
         "schema": SCHEMA,
         "seed": seed,
@@ -31,7 +33,7 @@ def specification(campaign: Campaign, seed: int) -> tuple[dict[str, Any], str]:
             {"name": term.name} | dict(zip(effects.get(term.name).names_in(dof), term.values))
             for term in can
         ],
-        "logger": {"rate_hz": rate, "noise_deg": round(float(np.rad2deg(fitting.noise)), 6)},
+        "logger": {"rate_hz": rate, "noise_deg": round(float(np.rad2deg(fitting.noise)), 6)} | gyro,
         "scatter": {
             "gain": fitting.scatter,
             "start_heading_deg": [slot.candidate.start_heading for slot in campaign.slots],

@@ -69,11 +69,13 @@ def _assumptions(campaign: Campaign, source: str, rehearsal: str) -> Sequence[st
     fitting = campaign.fitting
     effects = [term.name for term in fitting.model.terms[len(fitting.base.terms) :]]
     held = f" with {', '.join(effects)}" if effects else ""
+    read = fitting.rate_noise
+    gyro = "" if read is None else f"and yaw rate noise {np.rad2deg(read):.3g} degrees/s "
     lines = [
         f"The model{held} is taken to be right: runs are chosen for what it says, and a campaign of few kinds "
         "shows little of "
         "what it lacks. After a surprise, run `automarine diagnose` and plan again with `--diagnosis`.",
-        f"Heading noise {np.rad2deg(fitting.noise):.3g} degrees at {fitting.rate:g} Hz, thrust scatter "
+        f"Heading noise {np.rad2deg(fitting.noise):.3g} degrees {gyro}at {fitting.rate:g} Hz, thrust scatter "
         f"{100 * fitting.scatter:.3g} % "
         "from run to run; start heading, gain of the run and the instant of every change are fitted for each run.",
         source,

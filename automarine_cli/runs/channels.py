@@ -66,8 +66,9 @@ class ChannelChoice:
 NOTHING_TO_CHOOSE = ChannelChoice()
 
 
-def wanted_channels(text: str, dof: Dof) -> tuple[str, ...] | None:
-    """The quantities that a setting names; None for "auto" and "all". Raises SettingError for what is none of them."""
+def wanted_channels(text: str, dof: Dof, key: str = "channels") -> tuple[str, ...] | None:
+    """The quantities that the setting `key` names; None for "auto" and "all". Raises SettingError for what is none of
+    them."""
     if text in (AUTO, ALL):
         return None
     if text == POSITION:
@@ -76,7 +77,7 @@ def wanted_channels(text: str, dof: Dof) -> tuple[str, ...] | None:
     unknown = [name for name in names if name not in dof.channels]
     if unknown or not names:
         raise SettingError(
-            f"channels is {text!r}; expected {AUTO}, {POSITION}, {ALL}, or some of {', '.join(dof.channels)} with "
+            f"{key} is {text!r}; expected {AUTO}, {POSITION}, {ALL}, or some of {', '.join(dof.channels)} with "
             "commas between"
         )
     return names

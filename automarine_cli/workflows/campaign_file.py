@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from automarine_cli.dofs import SURGE, TRANSLATIONS, YAW, Dof
+from automarine_cli.dofs import DOFS, SURGE, TRANSLATIONS, YAW, Dof
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.fits.tails import asked_tail
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs
@@ -14,6 +14,7 @@ from automarine_cli.logs.columns import database
 from automarine_cli.pipeline.plain_data import everything, in_words
 from automarine_cli.pipeline.recipe import from_mapping, read_mapping
 from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.runs.channels import AUTO, wanted_channels
 
 SCHEMA = "automarine/campaign/1"
 OPEN = "?"  # a value that a person still has to give
@@ -59,12 +60,13 @@ class Thrusters:
 
 @dataclass(frozen=True)
 class Yaw:
-    """Where the moment comes from, what of the runs is fitted, and from which turned angle [degrees] on a half-turn is
-    taken for steady."""
+    """Where the moment comes from, what of the runs is fitted, from which turned angle [degrees] on a half-turn is
+    taken for steady, and which sensors count (`runs.channels`)."""
 
     moment: Literal["logged", "thrusters"] = "logged"
     fit_to: Literal["auto", "half-turns", "whole-runs"] = "auto"
     tail: float | None = None
+    channels: str = AUTO
 
     def __post_init__(self) -> None:
         asked_tail(self.tail, YAW)
@@ -77,8 +79,8 @@ class Yaw:
 
 @dataclass(frozen=True)
 class Force:
-    """Logs of a translation, where their force comes from, what of the runs is fitted, and from which distance [m] on a
-    step is taken for steady."""
+    """Logs of a translation, where their force comes from, what of the runs is fitted, from which distance [m] on a
+    step is taken for steady, and which sensors count."""
 
     steps: tuple[str, ...] = ()
     manoeuvres: tuple[str, ...] = ()
@@ -86,6 +88,7 @@ class Force:
     force: Literal["logged", "thrusters"] = "logged"
     fit_to: Literal["auto", "steps", "whole-runs"] = "auto"
     tail: float | None = None
+    channels: str = AUTO
 
     def __post_init__(self) -> None:
         asked_tail(self.tail, SURGE)
@@ -130,6 +133,9 @@ class Settings:
             raise SettingError(f"schema is {self.schema!r}; expected {SCHEMA!r}")
         if self.seed < 0:
             raise SettingError(f"seed is {self.seed}; expected 0 or more")
+        sections: dict[str, Yaw | Force] = {YAW.name: self.yaw, **self.forces}
+        for motion, one in sections.items():
+            wanted_channels(one.channels, DOFS[motion], f"{motion}.channels")
         of_forces = [one.steps or one.manoeuvres for one in self.forces.values()]
         if not any((self.logs.thrusters, self.logs.steps, self.logs.manoeuvres, *of_forces)):
             raise SettingError("logs: no logs are named; give thrusters, steps or manoeuvres")

@@ -11,12 +11,13 @@ from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.logs import ColumnMap, LogFile
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.reuse import manifest_of, why_made_again
+from automarine_cli.runs.channels import asked_channels
 from automarine_cli.runs.load import has_bytes
-from automarine_cli.workflows import fit_yaw as fits
 from automarine_cli.workflows.campaign_file import Campaign
 from automarine_cli.workflows.check import check
 from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
+from automarine_cli.workflows.fit_yaw import FITS
 from automarine_cli.workflows.validate import validate
 
 FIGURES = ("png", "svg")  # for a person, and for the report
@@ -111,9 +112,8 @@ def _fit(campaign: Campaign, out: Path, motion: str) -> Plan | str:
         return f"its {DOFS[motion].words.force}s need the thruster map, and fit-thrusters gave none"
     asked = campaign.settings(motion)
     own = {key: getattr(asked, key) for key in ("within", "depths") if hasattr(asked, key)}
-    fit: Callable[..., object] = vars(fits)[f"fit_{motion}"]
-    settings = {**_common(campaign), **drive, **own, "fit_to": asked.fit_to, "tail": asked.tail}
-    return Plan(fit, logs, settings)
+    own |= {"fit_to": asked.fit_to, "tail": asked.tail, **asked_channels(asked.channels)}
+    return Plan(FITS[motion], logs, {**_common(campaign), **drive, **own})
 
 
 def _judge(campaign: Campaign, out: Path, motion: str, work: Callable[..., object]) -> Plan | str:
@@ -126,6 +126,7 @@ def _judge(campaign: Campaign, out: Path, motion: str, work: Callable[..., objec
     if not model.is_file() or drive is None:
         return f"it needs the {motion} model, and fit-{motion} gave none"
     more: dict[str, object] = {"hold_out": held} if held and work is diagnose else {}
+    more |= asked_channels(campaign.settings(motion).channels)
     return Plan(
         work, logs, {**_common(campaign), **drive, "model": model, "seed": campaign.asked.seed, **more}
     )

@@ -1,11 +1,11 @@
 """`fit-yaw`: step runs -> drag (Table 1), inertia (Table 2), yaw model, figures; whole runs where there are
-no steps. `fit-surge` and `fit-heave` do the same for position against force."""
+no steps. The fits of translations do the same for position against force."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from automarine_cli.dofs import HEAVE, SURGE, YAW, Dof
+from automarine_cli.dofs import TRANSLATIONS, YAW, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.fits.identify import NOTHING_KNOWN, identify_turns
 from automarine_cli.fits.linear_mixed import in_words_of
@@ -28,7 +28,7 @@ from automarine_cli.runs.run import Run
 from automarine_cli.workflows.moments import moment_maker
 
 FIT_TO = ("auto", "half-turns", "whole-runs")
-STEPS = "steps"  # what surge and heave have in place of half-turns
+STEPS = "steps"  # what translations have in place of half-turns
 
 
 def fit_yaw(
@@ -65,47 +65,94 @@ def fit_yaw(
     )  # fmt: skip
 
 
-def fit_surge(
-    logs: Sequence[str | Path], *, columns: Path | ColumnMap | None = None, thrusters: Path | ThrusterMap | None = None,
-    within: float | None = None, fit_to: str = "auto", tail: float | None = None, known: Known = NOTHING_KNOWN,
-    out: Path | None = None, figure_formats: tuple[str, ...] = ("png",), overwrite: bool = False,
-    strict: bool = False, jobs: int = 1, progress: Progress = silent, channels: str = AUTO,
-) -> YawFit:  # fmt: skip
-    """Identify the surge model of a vehicle: distance against force, as `fit_yaw` does heading against moment.
+def _followed(dof: Dof) -> Callable[..., YawFit]:
+    """The fit of a translation whose steps are followed for a length."""
 
-    Steps and whole runs are followed for `within` [m] of their start, before the wall is felt; None: to their end;
-    `tail` as in `fit_yaw`, but the distance [m] covered.
-    Thruster commands become forces through the map `thrusters`. Raises as `fit_yaw`.
-    """
-    if within is not None and not within > 0:
-        raise SettingError(f"within is {within:g}; expected metres above 0")
-    return _fit(
-        SURGE, Trim(within), {"within": within}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to,
-        tail=tail, known=known, channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite,
-        strict=strict, jobs=jobs, progress=progress,
-    )  # fmt: skip
+    def fit(
+        logs: Sequence[str | Path],
+        *,
+        columns: Path | ColumnMap | None = None,
+        thrusters: Path | ThrusterMap | None = None,
+        within: float | None = None,
+        fit_to: str = "auto",
+        tail: float | None = None,
+        known: Known = NOTHING_KNOWN,
+        channels: str = AUTO,
+        out: Path | None = None,
+        figure_formats: tuple[str, ...] = ("png",),
+        overwrite: bool = False,
+        strict: bool = False,
+        jobs: int = 1,
+        progress: Progress = silent,
+    ) -> YawFit:
+        """Identify the {motion} model of a vehicle: {position} against force, as `fit_yaw` does heading against moment.
+
+        Steps and whole runs are followed for `within` [m] of their start, before the wall is felt; None: to their end;
+        `tail` as in `fit_yaw`, but the distance [m] covered.
+        Thruster commands become forces through the map `thrusters`. Raises as `fit_yaw`.
+        """
+        if within is not None and not within > 0:
+            raise SettingError(f"within is {within:g}; expected metres above 0")
+        return _fit(
+            dof, Trim(within), {"within": within}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to,
+            tail=tail, known=known, channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite,
+            strict=strict, jobs=jobs, progress=progress,
+        )  # fmt: skip
+
+    return _named(fit, dof)
 
 
-def fit_heave(
-    logs: Sequence[str | Path], *, columns: Path | ColumnMap | None = None, thrusters: Path | ThrusterMap | None = None,
-    depths: tuple[float, float] | None = None, fit_to: str = "auto", tail: float | None = None,
-    known: Known = NOTHING_KNOWN, out: Path | None = None, figure_formats: tuple[str, ...] = ("png",),
-    overwrite: bool = False, strict: bool = False, jobs: int = 1, progress: Progress = silent, channels: str = AUTO,
-) -> YawFit:  # fmt: skip
-    """Identify the heave model of a vehicle: depth against force, its buoyancy with it, as `fit_yaw` does heading.
+def _windowed(dof: Dof) -> Callable[..., YawFit]:
+    """The fit of a translation whose steps are followed inside a window of positions."""
 
-    Steps and whole runs are followed while the depth [m] is in the window `depths`, clear of surface and bottom; None:
-    to their end; `tail` as in `fit_yaw`, but the distance [m] covered.
-    Thruster commands become forces through the map `thrusters`. Raises as `fit_yaw`.
-    """
-    if depths is not None and not depths[0] < depths[1]:
-        raise SettingError(f"depths are {depths[0]:g} and {depths[1]:g}; expected the smaller one first")
-    trim = UNTRIMMED if depths is None else Trim(None, *depths)
-    return _fit(
-        HEAVE, trim, {"depths": depths}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, tail=tail,
-        known=known, channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict,
-        jobs=jobs, progress=progress,
-    )  # fmt: skip
+    def fit(
+        logs: Sequence[str | Path],
+        *,
+        columns: Path | ColumnMap | None = None,
+        thrusters: Path | ThrusterMap | None = None,
+        depths: tuple[float, float] | None = None,
+        fit_to: str = "auto",
+        tail: float | None = None,
+        known: Known = NOTHING_KNOWN,
+        channels: str = AUTO,
+        out: Path | None = None,
+        figure_formats: tuple[str, ...] = ("png",),
+        overwrite: bool = False,
+        strict: bool = False,
+        jobs: int = 1,
+        progress: Progress = silent,
+    ) -> YawFit:
+        """Identify the {motion} model of a vehicle: {position} against force, its buoyancy with it, as `fit_yaw` does
+        heading.
+
+        Steps and whole runs are followed while the {position} [m] is in the window `depths`, clear of surface and
+        bottom; None: to their end; `tail` as in `fit_yaw`, but the distance [m] covered.
+        Thruster commands become forces through the map `thrusters`. Raises as `fit_yaw`.
+        """
+        if depths is not None and not depths[0] < depths[1]:
+            raise SettingError(f"depths are {depths[0]:g} and {depths[1]:g}; expected the smaller one first")
+        trim = UNTRIMMED if depths is None else Trim(None, *depths)
+        return _fit(
+            dof, trim, {"depths": depths}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, tail=tail,
+            known=known, channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict,
+            jobs=jobs, progress=progress,
+        )  # fmt: skip
+
+    return _named(fit, dof)
+
+
+def _named(fit: Callable[..., YawFit], dof: Dof) -> Callable[..., YawFit]:
+    """The fit under its motion's name."""
+    fit.__name__ = fit.__qualname__ = f"fit_{dof.name}"
+    fit.__doc__ = dof.fill(fit.__doc__ or "")
+    return fit
+
+
+FITS: Mapping[str, Callable[..., YawFit]] = {
+    YAW.name: fit_yaw,
+    **{name: (_windowed if dof.windowed else _followed)(dof) for name, dof in TRANSLATIONS.items()},
+}
+"""What fits each motion, by its name."""
 
 
 def _fit(

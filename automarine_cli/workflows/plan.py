@@ -53,6 +53,7 @@ class Plan(Shown):
             "fit_command": plan_page.fit_command(made, self.model),
             "planned_for": list(made.wanted) or list(made.alone),
             "heading_noise_rad": made.fitting.noise,
+            **({} if made.fitting.rate_noise is None else {"rate_noise_rad_s": made.fitting.rate_noise}),
             "gain_scatter": made.fitting.scatter,
             "limits": to_mapping(limits),
             "totals": {
