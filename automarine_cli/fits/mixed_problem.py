@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +96,7 @@ class Problem:
             return self.samples
         return np.stack([self.seen[:, slot.part].sum(axis=1) for slot in self.counted], axis=1)
 
-    def of(self, readings: Floats, channel: str) -> Floats:
+    def of(self, readings: NDArray[Any], channel: str) -> NDArray[Any]:
         """The readings (..., n) of one channel out of all, (..., N)."""
         return readings[..., next(slot.part for slot in self.slots if slot.name == channel)]
 

@@ -91,7 +91,8 @@ def excursions(fitting: Fitting, candidates: Sequence[Candidate]) -> Floats:
     for places in alike(candidates).values():
         problem = fitting.problem([candidates[i] for i in places])
         readings = problem.readings(fitting.phi(problem), np.zeros_like(problem.effects.scale))
-        headings, seen = (problem.of(one, fitting.model.dof.position) for one in (readings, problem.seen))
+        position = fitting.model.dof.position
+        headings, seen = problem.of(readings, position), problem.of(problem.seen, position)
         found[places] = np.where(seen, np.abs(headings - headings[:, :1]), 0.0).max(axis=1)
     return found
 

@@ -122,8 +122,9 @@ class Settings:
             raise SettingError(f"schema is {self.schema!r}; expected {SCHEMA!r}")
         if self.seed < 0:
             raise SettingError(f"seed is {self.seed}; expected 0 or more")
-        for motion, one in {YAW.name: self.yaw, **self.forces}.items():
-            wanted_channels(one.channels, DOFS[motion], f"{motion}.channels")
+        asked = {YAW.name: self.yaw.channels, **{name: one.channels for name, one in self.forces.items()}}
+        for motion, channels in asked.items():
+            wanted_channels(channels, DOFS[motion], f"{motion}.channels")
         of_forces = [one.steps or one.manoeuvres for one in self.forces.values()]
         if not any((self.logs.thrusters, self.logs.steps, self.logs.manoeuvres, *of_forces)):
             raise SettingError("logs: no logs are named; give thrusters, steps or manoeuvres")

@@ -1,9 +1,9 @@
 """`make bench`: accuracy against the Cramer-Rao bound, coverage of intervals, speed. Prints tables and writes
 out/bench.json.
 
-Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [thrusters] [effects] [planning] [startup] [simulator]
-[fit]
-       [many] [diagnose] [reading] [memory] [broken] [cluster] [--jobs N] [--campaigns N] [--repeats N] [--full]
+Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [thrusters] [effects] [planning] [sensors] [startup]
+       [simulator] [fit] [many] [diagnose] [reading] [memory] [broken] [cluster] [--jobs N] [--campaigns N]
+       [--repeats N] [--full]
 """
 
 import os
@@ -24,12 +24,15 @@ from growth import diagnose, many
 from interval_coverage import coverage
 from planning import planning
 from reading import broken, memory, reading
+from sensors import sensors
 from speed import Result, fit, simulator, startup
 
 from automarine_cli.cli.echo import terminal_progress
 from automarine_cli.pipeline.progress import Progress
 
-CAMPAIGNS = {"efficiency": 200, "coverage": 300, "thrusters": 300, "effects": 40, "planning": 50}
+CAMPAIGNS = {
+    "efficiency": 200, "coverage": 300, "thrusters": 300, "effects": 40, "planning": 50, "sensors": 200,
+}  # fmt: skip
 SECTIONS = (
     *CAMPAIGNS,
     "startup",
@@ -49,9 +52,8 @@ def run_section(
 ) -> Result:
     """Tables and plain results of one section."""
     if name in CAMPAIGNS:
-        measure = dict(zip(CAMPAIGNS, (efficiency, coverage, thruster_coverage, effect_coverage, planning)))[
-            name
-        ]
+        every = (efficiency, coverage, thruster_coverage, effect_coverage, planning, sensors)
+        measure = dict(zip(CAMPAIGNS, every))[name]
         return measure(campaigns or CAMPAIGNS[name], jobs, progress)
     if name == "reading":
         return reading(repeats, full, progress)
@@ -76,7 +78,7 @@ def main() -> None:
     parser.add_argument(
         "--campaigns",
         type=int,
-        help="simulated campaigns a case, instead of 200, 300, 40 (effects) or 50 (planning)",
+        help="simulated campaigns a case, instead of 200, 300, 40 (effects), 50 (planning) or 200 (sensors)",
     )
     parser.add_argument("--repeats", type=int, default=5, help="of which the median counts (default: 5)")
     parser.add_argument(
