@@ -6,6 +6,8 @@ Nothing heavy is imported before one of them is asked for.
 
 from typing import TYPE_CHECKING
 
+from automarine_cli.dofs import DOFS
+
 if TYPE_CHECKING:
     from automarine_cli import effects
     from automarine_cli.workflows.api import (
@@ -13,10 +15,7 @@ if TYPE_CHECKING:
         compare,
         diagnose,
         export,
-        fit_heave,
-        fit_surge,
         fit_thrusters,
-        fit_yaw,
         plan,
         simulate,
         slice_log,
@@ -24,9 +23,10 @@ if TYPE_CHECKING:
     )
 
 __version__ = "0.1.0"
+_FITS = tuple(f"fit_{name}" for name in DOFS)
 __all__ = [
-    "__version__", "check", "compare", "diagnose", "effects", "export", "fit_heave", "fit_surge", "fit_thrusters",
-    "fit_yaw", "plan", "simulate", "slice_log", "validate",
+    "__version__", "check", "compare", "diagnose", "effects", "export", "fit_thrusters", "plan", "simulate",
+    "slice_log", "validate", *_FITS,
 ]  # fmt: skip
 
 
@@ -37,7 +37,8 @@ def __getattr__(name: str) -> object:
     if name == "effects":
         return import_module(f"{__name__}.effects")
     if name in __all__:
-        found = getattr(import_module(f"{__name__}.workflows.api"), name)
+        api = import_module(f"{__name__}.workflows.api")
+        found = api.FITS[name] if name in _FITS else getattr(api, name)
         globals()[name] = found
         return found
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -48,7 +48,7 @@ PLAIN = frozenset(
     re.findall(
         r"\w+",
         "a an and the to of with half one other way ways side sides both each more whole again back up "
-        "speed sensor step steps spring stiffness move moves moved moving",
+        "speed sensor direction directions step steps spring stiffness move moves moved moving",
     )
 )
 """Words of a motion's record that are as good in any other."""

@@ -1,5 +1,6 @@
 """`run` takes surge and heave as further sections of a campaign file."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -19,6 +20,7 @@ title = "Up and down"
 steps = ["{SAMPLE_RUNS / "heave"}"]
 validation = ["{SAMPLE_RUNS / "heave_validation"}"]
 depths = [0, 3.6]
+tail = 1.1
 """
 
 
@@ -41,10 +43,13 @@ def test_heave_has_steps_and_a_report_of_its_own(tmp_path: Path) -> None:
         made.says["fit-heave"].startswith("model 3: Z_w|w| 45")
         and "cm free run" in made.says["validate-heave"]
     )
+    options = json.loads((out / "heave" / "manifest.json").read_text())["options"]
+    assert options["tail"] == 1.1 and options["depths"] == [0, 3.6]
     again = run_campaign(file, out=out, until="validate-heave")
     assert {one.step: one.did for one in again.news}["validate-heave"] == "kept"
     report = report_files(out)["report.md"]
     for said in (
+        "# Heave identification",
         "## Heave model",
         "In heave, model 3",
         "Buoyancy: a constant force of 2",
@@ -78,9 +83,19 @@ def test_a_campaign_of_yaw_alone_has_no_other_steps() -> None:
     assert set(read_campaign(SAMPLE_RUNS / "forces.toml").forces) == {"surge", "heave"}
 
 
+def test_the_tail_of_yaw_is_in_degrees(tmp_path: Path) -> None:
+    file = tmp_path / "campaign.toml"
+    text = f'schema = "automarine/campaign/1"\n[logs]\nsteps = ["{SAMPLE_RUNS / "steps"}"]\n[yaw]\ntail = '
+    file.write_text(f"{text}90.0\n")
+    assert read_campaign(file).asked.yaw.tail == 90.0
+    file.write_text(f"{text}170.0\n")
+    with pytest.raises(SettingError, match="tail is 170; expected 15 to 165 degrees"):
+        read_campaign(file)
+
+
 @pytest.mark.parametrize(("line", "why"), [
     ("within = 3.0", "within"), ("depths = [1.0]", "depths"), ('force = "guessed"', "force"),
-    ('steps = ["no"]', "heave.steps"),
+    ('steps = ["no"]', "heave.steps"), ("tail = -1.0", "tail is -1; expected metres above 0"),
 ])  # fmt: skip
 def test_what_makes_no_sense_is_refused_with_its_key(tmp_path: Path, line: str, why: str) -> None:
     file = tmp_path / "campaign.toml"

@@ -75,7 +75,11 @@ def test_effects_are_looked_for_where_they_may_act(motion: str) -> None:
 )
 def test_the_truth_validates_down_to_the_scatter_of_the_thrust(dof, letters, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     vehicle = read_specification(SAMPLE_RUNS / f"{dof.name}.toml").vehicle
-    entry = {letters[0]: vehicle.I_r, letters[1]: vehicle.k_rr, "half_difference": vehicle.half_difference}
+    entry = {
+        letters[0]: vehicle.inertia,
+        letters[1]: vehicle.quadratic,
+        "half_difference": vehicle.difference,
+    }
     entry |= {"constant_force": vehicle.constant_force} if dof is HEAVE else {}
     model = {
         "schema": f"automarine/{dof.name}-model/1", "motion": dof.name, "force_unit": "N", "models": {"3": entry},
@@ -89,7 +93,7 @@ def test_the_truth_validates_down_to_the_scatter_of_the_thrust(dof, letters, tmp
     score = content["models"]["3"]
     assert content["motion"] == dof.name and 0.8 < content["noise_floor_cm"] < 1.2
     assert score["rmse_cm"] < 15 and score["restarted_rmse_cm"] < 7 and score["fit_percent"] > 90
-    wrong = {**entry, letters[1]: 2 * vehicle.k_rr}
+    wrong = {**entry, letters[1]: 2 * vehicle.quadratic}
     path.write_text(json.dumps({**model, "models": {"3": wrong}}))
     worse = validate([SAMPLE_RUNS / f"{dof.name}_validation"], model=path).to_json()["models"]["3"]
     assert worse["rmse_cm"] > 3 * score["rmse_cm"]

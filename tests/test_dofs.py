@@ -1,68 +1,70 @@
-"""What each motion calls things, and the keys of its files."""
+"""The records of the degrees of freedom: complete, distinct, and the one place from which texts are filled."""
 
 import pickle
+from dataclasses import fields
 
 import pytest
 
-from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
+from automarine_cli.dofs import DOFS, HEAVE, SURGE, SWAY, TRANSLATIONS, YAW, Dof
+from automarine_cli.dofs.motion import PLANAR, alone
 
-TRANSLATIONS = (SURGE, HEAVE)
 
-
-@pytest.mark.parametrize("dof", DOFS.values(), ids=list(DOFS))
-def test_an_axis_is_one_object_in_every_process(dof: Dof) -> None:
+@pytest.mark.parametrize("dof", DOFS.values(), ids=str)
+def test_a_record_is_one_object_in_every_process(dof: Dof) -> None:
     assert pickle.loads(pickle.dumps(dof)) is dof
 
 
-def test_yaw_says_what_it_says() -> None:
-    assert YAW.say("The heading turns 3 degrees; k_r|r|, I_r [nu s²]") == (
-        "The heading turns 3 degrees; k_r|r|, I_r [nu s²]"
-    )
-    assert YAW.named({"I_r": 1, "k_rr": {"moment_unit": "nu"}}) == {"I_r": 1, "k_rr": {"moment_unit": "nu"}}
+@pytest.mark.parametrize("dof", DOFS.values(), ids=str)
+def test_every_word_and_symbol_is_there(dof: Dof) -> None:
+    for record in (dof.symbols, dof.words, dof.units):
+        for field in fields(record):
+            assert getattr(record, field.name), (dof.name, field.name)
+    for field in fields(dof.limits):
+        value = getattr(dof.limits, field.name)
+        assert all(one > 0 for one in (value if isinstance(value, tuple) else (value,))), field.name
 
 
-def test_surge_and_heave_speak_of_force_and_metres() -> None:
-    said = "Inertial turn angle I_r/k_r|r|: 0.8 rad, whatever the moment's unit; heading noise 1.00°."
-    assert (
-        SURGE.say(said)
-        == "Inertial distance m_u/X_u|u|: 0.8 m, whatever the force's unit; distance noise 1.00 cm."
-    )
-    assert HEAVE.say("turned to port by $I_r$ and $k_{r|r|}$") == "moved up by $m_w$ and $Z_{w|w|}$"
+def test_no_two_motions_share_a_symbol_of_a_parameter() -> None:
+    every = [
+        name
+        for dof in DOFS.values()
+        for name in (dof.symbols.inertia, dof.symbols.linear, dof.symbols.quadratic)
+    ]
+    assert len(set(every)) == len(every) == 3 * len(DOFS)
 
 
-def test_equations_and_labels_have_the_letters_of_the_motion() -> None:
-    assert SURGE.equation("-k_rr |r| r") == "-X_uu |u| u" and HEAVE.equation("-e r²") == "-e r²".replace(
-        "r", "w"
-    )
-    assert YAW.equation("-k_rr |r| r") == "-k_rr |r| r"
-    assert (
-        HEAVE.say(r"Size of the moment |τ|, $s\sqrt{k_{r|r|}}/I_r)$")
-        == r"Size of the force |Z|, $s\sqrt{Z_{w|w|}}/m_w)$"
-    )
+def test_templates_are_filled_in_the_words_of_the_motion() -> None:
+    template = "The {position} {moves} {to_positive}; -{quadratic} |{v}| {v}, {forces} [{shown_unit}]"
+    assert YAW.fill(template) == "The heading turns to starboard; -k_rr |r| r, moments [deg]"
+    assert SURGE.fill(template) == "The distance moves ahead; -X_uu |u| u, forces [cm]"
+    assert SWAY.fill(template) == "The distance moves to starboard; -Y_vv |v| v, forces [cm]"
+    assert HEAVE.fill(template) == "The depth moves down; -Z_ww |w| w, forces [cm]"
+    with pytest.raises(KeyError):
+        YAW.fill("{no_such_word}")
 
 
-@pytest.mark.parametrize("dof", TRANSLATIONS, ids=("surge", "heave"))
-def test_names_of_files_and_effects_are_left_alone(dof: Dof) -> None:
-    for name in ("bias-moment", "heading-moment", "logs/port/yaw.csv", "port_run", "thruster-map"):
-        assert dof.say(name) == name
+@pytest.mark.parametrize(
+    ("role", "yaw", "surge", "newtons"),
+    [
+        ("inertia", "nu s²", "nu s²/m", "kg"),
+        ("linear", "nu s", "nu s/m", "N s/m"),
+        ("quadratic", "nu s²", "nu s²/m²", "N s²/m²"),
+        ("cubic", "nu s³", "nu s³/m³", "N s³/m³"),
+        ("constant", "nu", "nu", "N"),
+        ("ratio", "rad", "m", "m"),
+    ],
+)
+def test_units_of_parameters(role: str, yaw: str, surge: str, newtons: str) -> None:
+    assert (YAW.unit_of(role), SURGE.unit_of(role), SURGE.unit_of(role, "N")) == (yaw, surge, newtons)
+    assert HEAVE.unit_of(role) == SWAY.unit_of(role) == surge
 
 
-@pytest.mark.parametrize("dof", TRANSLATIONS, ids=("surge", "heave"))
-def test_keys_come_back(dof: Dof) -> None:
-    content = {
-        "models": {"3": {"I_r": 1.0, "k_rr": {"value": 2.0}}},
-        "moment_unit": "N",
-        "heading_noise_deg": 1.0,
-    }
-    named = dof.named(content)
-    assert {"moment_unit", "heading_noise_deg", "I_r"}.isdisjoint({*named, *named["models"]["3"]})
-    assert dof.plain(named) == content
+def test_positions_in_the_units_of_people_and_of_logs() -> None:
+    assert YAW.shown(YAW.inner(90.0)) == pytest.approx(90.0) == YAW.logged(YAW.inner(90.0))
+    for dof in TRANSLATIONS.values():
+        assert dof.shown(dof.inner(0.5)) == 50.0 and dof.logged(dof.inner(0.5)) == 0.5
 
 
-@pytest.mark.parametrize("dof", TRANSLATIONS, ids=("surge", "heave"))
-def test_units_are_those_of_a_force_over_speeds(dof: Dof) -> None:
-    assert [dof.unit_of(name, "N") for name in ("inertia", "linear", "quadratic", "ratio")] == [
-        "kg", "N s/m", "N s²/m²", "m",
-    ]  # fmt: skip
-    assert [dof.unit_of(name, "N") for name in (dof.symbols.inertia, dof.symbols.cubic)] == ["kg", "N s³/m³"]
-    assert dof.unit_in("{force} s²{/x2}", "nu") == "nu s²/m²" and dof.unit_in("{x}/s", "nu") == "m/s"
+def test_the_plane_is_surge_sway_and_yaw() -> None:
+    assert PLANAR.dofs == (SURGE, SWAY, YAW) and PLANAR.turns
+    assert all(not alone(dof).turns and alone(dof).dofs == (dof,) for dof in DOFS.values())

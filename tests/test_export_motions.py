@@ -6,24 +6,28 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from effect_contract import strange_to
 from export_readers import constants_of, number_in, yaml_of
 
 from automarine_cli import exports as targets
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import FORCES, Origin, Settings, Written, YawSubject
+from automarine_cli.exports.base import FORCES, FRAMES, THRUSTER_MAP, Origin, Settings, Written, YawSubject
 from automarine_cli.exports.frames import in_enu
 from automarine_cli.exports.prepare import in_unit, refuse_inertia, refuse_motion, split
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.workflows.export import export
 
 MASS, OWN, LINEAR, QUADRATIC, SKEW = 16.0, 9.5, 4.2, 21.0, 1.5
-PLACES = {"surge": 0, "heave": 2, "yaw": 5}
+PLACES = {"surge": 0, "sway": 1, "heave": 2, "yaw": 5}
+ADDED = {"linear-drag-asymmetry": [0.5], "thruster-lag": [0.2], "sensor-lag": [0.3], "thrust-loss": [0.1],
+         "periodic-disturbance": [0.4, 0.2, 6.0], "water-swirl": [0.1, 5.0], "coulomb-drag": [0.3]}  # fmt: skip
 
 
 def subject(motion: str, target: str, form: str, **change: Any) -> YawSubject:
@@ -51,11 +55,38 @@ def letters(motion: str) -> tuple[str, str]:
 
 def test_every_motion_has_a_place_of_its_own() -> None:
     assert {name: dof.number for name, dof in DOFS.items()} == PLACES
-    assert [letters(name) for name in PLACES] == [("X", "u"), ("Z", "w"), ("N", "r")]
+    assert [letters(name) for name in PLACES] == [("X", "u"), ("Y", "v"), ("Z", "w"), ("N", "r")]
+
+
+@pytest.mark.parametrize("motion", [name for name in PLACES if name != "yaw"])
+def test_files_have_no_word_of_another_motion(motion: str) -> None:
+    dof = DOFS[motion]
+    model = subject(motion, "python", "simulate").model
+    for name, values in ADDED.items():
+        model = model.with_effect(name, values)
+    for name in targets.names():
+        target = targets.get(name)
+        if target.takes == THRUSTER_MAP or motion not in target.motions:
+            continue
+        for form, frame in product(target.forms, target.frames):
+            kept, left_out = split(target, model, Settings())
+            own = replace(model, terms=kept)
+            made = written(motion, name, form, model=own, frame=frame, left_out=left_out, data={})
+            told = made.text if name in ("python", "card") else "\n".join([*made.notes, *comments(made.text)])
+            for text in FRAMES.values():
+                told = told.replace(text, "")
+            strange = strange_to(dof, told) - {"tau"}  # any generalised force
+            assert not strange, (name, form, frame, strange)
+
+
+def comments(text: str) -> list[str]:
+    """What a file of numbers says of itself."""
+    return re.findall(r"^(?:[#%] |  (?=[A-Z][a-z ]+:)).*$", text, flags=re.MULTILINE)
 
 
 @pytest.mark.parametrize(("motion", "linear", "absolute", "dot", "fluid"), [
-    ("surge", "xU", "xUabsU", "xDotU", "xx"), ("heave", "zW", "zWabsW", "zDotW", "zz"),
+    ("surge", "xU", "xUabsU", "xDotU", "xx"), ("sway", "yV", "yVabsV", "yDotV", "yy"),
+    ("heave", "zW", "zWabsW", "zDotW", "zz"),
 ])  # fmt: skip
 def test_gazebo_calls_them_by_their_letters(
     motion: str, linear: str, absolute: str, dot: str, fluid: str
@@ -74,7 +105,7 @@ def test_gazebo_calls_them_by_their_letters(
     assert "speed m/s, mass kg" in text and "No axis but " + motion in text
 
 
-@pytest.mark.parametrize("motion", ["surge", "heave"])
+@pytest.mark.parametrize("motion", ["surge", "sway", "heave"])
 def test_vectors_have_them_in_their_place(motion: str) -> None:
     place = PLACES[motion]
     model = ET.fromstring(written(motion, "uuv", "urdf").text).find(".//hydrodynamic_model")
@@ -97,7 +128,9 @@ def test_vectors_have_them_in_their_place(motion: str) -> None:
         assert found[place] == value and np.count_nonzero(found) == 1
 
 
-@pytest.mark.parametrize(("motion", "force", "letter"), [("surge", "X", "u"), ("heave", "Z", "w")])
+@pytest.mark.parametrize(
+    ("motion", "force", "letter"), [("surge", "X", "u"), ("sway", "Y", "v"), ("heave", "Z", "w")]
+)
 def test_derivatives_have_the_motions_letters(motion: str, force: str, letter: str) -> None:
     model = subject(motion, "mss", "python").model.with_effect("drag-asymmetry", [SKEW])
     text = written(motion, "mss", "python", model=model).text
@@ -109,14 +142,15 @@ def test_derivatives_have_the_motions_letters(motion: str, force: str, letter: s
     assert equation in text and "N s/m, linear damping" in text and "hydrodynamic force" in text
 
 
-def test_heave_turns_over_in_enu_and_surge_does_not() -> None:
-    model = subject("heave", "mss", "python").model.with_effect("bias-moment", [2.0])
-    assert in_enu(model).terms[-1].values == (-2.0,)
+def test_sway_and_heave_turn_over_in_enu_and_surge_does_not() -> None:
+    for motion in ("sway", "heave"):
+        model = subject(motion, "mss", "python").model.with_effect("bias-moment", [2.0])
+        assert in_enu(model).terms[-1].values == (-2.0,)
     ahead = replace(model, dof=DOFS["surge"])
     assert in_enu(ahead) == ahead
 
 
-@pytest.mark.parametrize("motion", ["surge", "heave"])
+@pytest.mark.parametrize("motion", ["surge", "sway", "heave"])
 def test_a_card_speaks_of_the_motion(motion: str) -> None:
     text = written(motion, "card", "markdown", data={}).text
     assert text.startswith(f"# Model of {motion}: `model.json`") and "- Unit of force: N" in text
@@ -129,7 +163,9 @@ def test_a_card_speaks_of_the_motion(motion: str) -> None:
     assert "yaw" not in text and "inertia" not in text and "rate" not in text
 
 
-@pytest.mark.parametrize(("motion", "position", "rate"), [("surge", "x", "u"), ("heave", "z", "w")])
+@pytest.mark.parametrize(
+    ("motion", "position", "rate"), [("surge", "x", "u"), ("sway", "y", "v"), ("heave", "z", "w")]
+)
 def test_python_has_the_motions_letters_and_moves_it(
     tmp_path: Path, motion: str, position: str, rate: str
 ) -> None:

@@ -93,8 +93,10 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         specification.write_text(json.dumps(force_steps(motion)))
         api.simulate(specification, out=place / "forces" / motion)
     api.fit_thrusters(place / "pool/thrusters", thrusters_per_test=2, out=place / "thrusters")
-    api.fit_yaw(place / "pool/steps", out=place / "yaw")
-    api.fit_yaw([place / "pool/driving", place / "pool/steps"], fit_to="whole-runs", out=place / "driven")
+    api.FITS["fit_yaw"](place / "pool/steps", out=place / "yaw")
+    api.FITS["fit_yaw"](
+        [place / "pool/driving", place / "pool/steps"], fit_to="whole-runs", out=place / "driven"
+    )
     return place
 
 
@@ -288,9 +290,9 @@ def test_what_an_exception_says_stands_on_one_line() -> None:
 
 CALLS: Sequence[Callable[[], object]] = (
     lambda: api.fit_thrusters("nowhere", figure_formats=("gif",)),
-    lambda: api.fit_yaw("nowhere", figure_formats=("png", "gif")),
-    lambda: api.fit_surge("nowhere", figure_formats=("gif",)),
-    lambda: api.fit_heave("nowhere", figure_formats=("gif",)),
+    lambda: api.FITS["fit_yaw"]("nowhere", figure_formats=("png", "gif")),
+    lambda: api.FITS["fit_surge"]("nowhere", figure_formats=("gif",)),
+    lambda: api.FITS["fit_heave"]("nowhere", figure_formats=("gif",)),
     lambda: api.validate("nowhere", model="none.json", figure_formats=("gif",)),
     lambda: api.diagnose("nowhere", model="none.json", figure_formats=("gif",)),
     lambda: api.diagnose("nowhere", model="thrusters/thrusters.json", figure_formats=("gif",)),

@@ -9,7 +9,7 @@ import pytest
 from conftest import SAMPLE_RUNS
 
 from automarine_cli.dofs import HEAVE, SURGE
-from automarine_cli.errors import SettingError
+from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.identify import identify, starts_at_rest
 from automarine_cli.fits.yaw_fit import YawFit
@@ -20,7 +20,7 @@ from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import simulate
-from automarine_cli.workflows.fit_yaw import fit_heave, fit_surge
+from automarine_cli.workflows.fit_yaw import FITS
 
 SURGE_TRUTH = {"m_u": 17.0, "X_uu": 24.0, "half_difference": -3.0}
 HEAVE_TRUTH = {"m_w": 26.0, "Z_ww": 45.0, "constant_force": -2.0, "half_difference": 6.0}
@@ -30,13 +30,13 @@ LOGS = {"surge": [SAMPLE_RUNS / "surge"], "heave": [SAMPLE_RUNS / "heave"]}
 @pytest.fixture(scope="module")
 def surge(tmp_path_factory: pytest.TempPathFactory) -> tuple[YawFit, Path]:
     out = tmp_path_factory.mktemp("surge") / "fit"
-    return fit_surge(LOGS["surge"], within=3.0, out=out), out
+    return FITS["surge"](LOGS["surge"], within=3.0, out=out), out
 
 
 @pytest.fixture(scope="module")
 def heave(tmp_path_factory: pytest.TempPathFactory) -> tuple[YawFit, Path]:
     out = tmp_path_factory.mktemp("heave") / "fit"
-    return fit_heave(LOGS["heave"], depths=(0.0, 3.6), out=out), out
+    return FITS["heave"](LOGS["heave"], depths=(0.0, 3.6), out=out), out
 
 
 def holds(estimate: Estimate, truth: float, precise: float = 0.05) -> bool:
@@ -196,9 +196,21 @@ def test_a_depth_window_ends_a_step_where_it_ends() -> None:
 
 def test_options_that_make_no_sense_are_refused() -> None:
     with pytest.raises(SettingError, match="smaller one first"):
-        fit_heave(LOGS["heave"], depths=(3.0, 1.0))
+        FITS["heave"](LOGS["heave"], depths=(3.0, 1.0))
     with pytest.raises(SettingError, match="metres above 0"):
-        fit_surge(LOGS["surge"], within=0.0)
+        FITS["surge"](LOGS["surge"], within=0.0)
+
+
+def test_a_tail_that_is_asked_for_is_metres_from_the_start() -> None:
+    fit = FITS["surge"](LOGS["surge"], within=3.0, tail=1.5)
+    entry = fit.to_json()["models"]["3"]["velocity_error"]  # type: ignore[index]
+    assert entry["tail_from_cm"] == pytest.approx(150.0)
+    assert entry["tail_because"].startswith("Tails start at 150 cm, as asked; errors to be expected there: ")
+    assert set(entry["tail_expected"]) == {"m_u", "drag", "dilution"}
+    with pytest.raises(
+        FitError, match=r"the tails are to start at 290 cm, but X_\S+ ends at 2\d\d cm; let them"
+    ):
+        FITS["surge"](LOGS["surge"], within=3.0, tail=2.9)
 
 
 def test_results_show_themselves_in_the_words_of_their_motion(surge: tuple[YawFit, Path]) -> None:

@@ -111,17 +111,74 @@ def test_the_truth_is_within_four_standard_errors(results: tuple[Path, Result]) 
     assert abs(angle["value"] - INERTIA / K_RR) < 4 * angle["stderr"]
 
 
-def test_sse_is_that_of_the_points_in_runs_parquet(results: tuple[Path, Result]) -> None:
+def test_table_1_is_that_of_the_points_in_runs_parquet(results: tuple[Path, Result]) -> None:
+    """Plain least squares of the points, and without what the noise of the rates adds to the sum of fourth powers."""
     out, model = results[0], model_of(results[0])
     table = pq.read_table(out / "runs.parquet").to_pydict()
     rate, moment = np.radians(table["steady_rate_deg_s"]), np.array(table["moment"])
-    k_rr = np.sum(moment * rate * np.abs(rate)) / np.sum(rate**4)
-    assert model["models"]["3"]["velocity_error"]["k_rr"]["value"] == pytest.approx(k_rr, rel=1e-9)
+    found = model["models"]["3"]["velocity_error"]
+    plain = np.sum(moment * rate * np.abs(rate)) / np.sum(rate**4)
+    assert found["k_rr"]["value"] - found["dilution_taken_off"]["k_rr"] == pytest.approx(plain, rel=1e-9)
     assert model["models"]["3"]["sse"] == pytest.approx(
-        np.sum((moment - k_rr * rate * np.abs(rate)) ** 2), rel=1e-9
+        np.sum((moment - plain * rate * np.abs(rate)) ** 2), rel=1e-9
     )
+    noise = np.radians(table["steady_rate_stderr_deg_s"]) ** 2
+    squares = np.sum(moment * np.sign(rate) * (rate**2 - noise))
+    k_rr = squares / np.sum(rate**4 - 6 * noise * rate**2 + 3 * noise**2)
+    assert found["k_rr"]["value"] == pytest.approx(k_rr, rel=1e-9)
     eps = np.radians(np.abs(table["velocity_error_deg"]))
     assert table["I_r_model_3"] == pytest.approx(eps * k_rr / np.log(2), rel=1e-9)
+
+
+def test_it_is_said_where_the_tails_start_and_what_is_expected_there(results: tuple[Path, Result]) -> None:
+    out, model = results[0], model_of(results[0])
+    found = model["models"]["3"]["velocity_error"]
+    start, expected = found["tail_from_deg"], found["tail_expected"]
+    assert 30 <= round(start) <= 165 and start == pytest.approx(5 * round(start / 5))
+    assert set(expected) == {"I_r", "drag", "dilution"} and expected["dilution"] < 0
+    for one in (expected["I_r"], expected["drag"]):
+        assert 0 < one["noise"] <= one["error"] < 0.05
+    assert found["tail_because"].startswith(
+        f"Tails start at {start:.0f} deg, where the errors to be expected are smallest: "
+        f"{100 * expected['drag']['error']:.2g} % in drag (noise "
+    )
+    for name in ("table1.md", "table2.md"):
+        assert found["tail_because"] in (out / name).read_text()
+
+
+def test_a_tail_that_is_asked_for_is_taken_and_kept_for_the_same_again(
+    run: Command, logs: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    assert run("fit-yaw", logs, "--tail", "100", "-o", out).exit_code == 0
+    entry = model_of(out)["models"]["3"]["velocity_error"]
+    assert entry["tail_from_deg"] == pytest.approx(100.0)
+    assert entry["tail_because"].startswith("Tails start at 100 deg, as asked; errors to be expected there: ")
+    assert json.loads((out / "manifest.json").read_text())["options"]["tail"] == 100.0
+    again = run("run", "--from", out / "manifest.json", "--inputs", logs, "-o", tmp_path / "again")
+    assert again.exit_code == 0, again.output
+    assert (tmp_path / "again" / "yaw_model.json").read_bytes() == (out / "yaw_model.json").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--tail", "180"), "tail is 180; expected 15 to 165 degrees"),
+        (
+            ("--tail", "90", "--fit-to", "whole-runs"),
+            "tail is given, but whole runs have no tails; leave it out",
+        ),
+    ],
+)
+def test_a_tail_that_cannot_be_is_refused(
+    run: Command, logs: Path, options: tuple[str, ...], sentence: str
+) -> None:
+    one_sentence(run("fit-yaw", logs, *options), sentence)
+
+
+def test_a_tail_of_runs_that_have_none_is_refused(run: Command, tmp_path: Path) -> None:
+    folder = write_logs([moving_run(seed, length=18.0)[0] for seed in range(2)], tmp_path / "logs")
+    one_sentence(run("fit-yaw", folder, "--tail", "90"), "too few for Table 1, and whole runs have none")
 
 
 def test_a_row_a_run_says_what_was_kept(results: tuple[Path, Result]) -> None:

@@ -14,7 +14,7 @@ from tolerances import assert_close
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
 from automarine_cli.fits import drag
-from automarine_cli.fits.drag import DragFit, identity_gap, nested_test
+from automarine_cli.fits.drag import DragFit, identity_gap, nested_test, without_noise
 
 Floats = NDArray[np.float64]
 
@@ -23,9 +23,11 @@ COLUMNS = {"1": ("k_r",), "2": ("k_rr", "k_r"), "3": ("k_rr",), "3+c": ("k_rr", 
 PRINTED = {"k3": 1.257, "k2": 1.259, "k_r": 0.02753}  # its Table 1
 
 
-def fit_drag(moment: Floats, rate: Floats, model: str, unit: str = "nu") -> DragFit:
+def fit_drag(
+    moment: Floats, rate: Floats, model: str, unit: str = "nu", variance: Floats | float = 0.0
+) -> DragFit:
     """A reading of Table 1 of yaw."""
-    return drag.fit_drag(moment, rate, model, unit, YAW)
+    return drag.fit_drag(moment, rate, model, unit, YAW, variance=variance)
 
 
 def regressors(rate: Floats, model: str) -> Floats:
@@ -136,6 +138,47 @@ def test_identity_of_models_2_and_3_holds_for_any_data(seed: int, count: int) ->
     (_, k3), (k_r, k2) = fit_drag(moment, rate, "3").drag, fit_drag(moment, rate, "2").drag
     scale = abs(k2) + abs(k_r) * np.sum(np.abs(rate) ** 3) / np.sum(rate**4)
     assert abs(identity_gap(rate, k3, k2, k_r)) <= 1e-10 * scale
+
+
+@given(st.integers(0, 10_000), st.floats(0.001, 0.1))
+def test_the_identity_holds_as_well_where_noise_was_taken_off(seed: int, noise: float) -> None:
+    rng = np.random.default_rng(seed)
+    rate = points()[1] + noise * rng.standard_normal(len(GRID))
+    two = fit_drag(GRID, rate, "2", variance=noise**2)
+    (_, k3), (k_r, k2) = fit_drag(GRID, rate, "3", variance=two.variance).drag, two.drag
+    assert abs(identity_gap(rate, k3, k2, k_r, two.variance)) <= 1e-9 * (abs(k2) + abs(k_r))
+
+
+def test_powers_without_noise_have_the_means_of_the_powers() -> None:
+    """By Gauss-Hermite quadrature over the noise, which is exact for polynomials."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(8)
+    for r, sd in ((0.9, 0.02), (0.3, 0.05), (0.5, 0.1)):
+        found = weights @ without_noise(r + sd * nodes, sd**2) / weights.sum()
+        assert_close(found, [r**p for p in range(5)], "closed form")
+
+
+@pytest.mark.parametrize("model", COLUMNS)
+def test_dilution_is_taken_off(model: str) -> None:
+    """500 campaigns with noise in the rates: the mean comes out right, and plain least squares do not."""
+    rate = GRID if model == "1" else points(k_r=0.0)[1]
+    rng, sd = np.random.default_rng(2), 0.06
+    fits = [
+        fit_drag(GRID, rate + sd * rng.standard_normal(len(GRID)), model, variance=sd**2) for _ in range(500)
+    ]
+    name = "k_rr" if model in ("3", "3+c") else "k_r"
+    true = {"1": 1.0, "2": 0.0}.get(model, 1.2)
+    values = np.array([fit.estimates[name].value for fit in fits])
+    plain = values - [fit.dilution[name] for fit in fits]
+    error = values.std(ddof=1) / np.sqrt(len(fits))
+    # what is left is of second order: a quotient of sums that are right on the mean is not
+    assert abs(values.mean() - true) < 0.25 * abs(plain.mean() - true) > 1.5 * error
+
+
+def test_noise_that_is_most_of_the_rates_is_taken_off_in_part_only() -> None:
+    rate = points()[1]
+    fit = fit_drag(GRID, rate, "2", variance=0.25)
+    assert np.all((fit.variance > 0) & (fit.variance < 0.25))
+    assert all(np.isfinite([one.value, one.stderr]).all() for one in fit.estimates.values())
 
 
 def test_the_printed_pair_breaks_the_identity() -> None:

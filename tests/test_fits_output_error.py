@@ -331,7 +331,7 @@ def said(fit: YawFit, *parts: str) -> bool:
 
 
 def test_a_sound_campaign_is_warned_of_nothing() -> None:
-    assert chosen(PAPER, 0).warnings == ()
+    assert chosen(PAPER, 2).warnings == ()
 
 
 def test_whole_runs_that_turn_against_their_moment_are_refused() -> None:

@@ -1,23 +1,25 @@
 """The paper's method: tails, velocity errors, equations 7 and 9, and where a tail may start."""
 
+import re
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import pytest
 from made_campaigns import ODD_MOMENTS, PAPER, Vehicle, both_ways, campaign, time_to_turn
+from made_runs import mirrored
 from numpy.typing import NDArray
 from tolerances import assert_close
 
-from automarine_cli.dofs import YAW
-from automarine_cli.errors import FitError
-from automarine_cli.fits.estimate import Estimate
+from automarine_cli.dofs import HEAVE, SURGE, YAW, Dof
+from automarine_cli.errors import FitError, SettingError
 from automarine_cli.fits.identify import identify
-from automarine_cli.fits.step_response import StepData, step_data
-from automarine_cli.fits.velocity_error import (
-    BIAS_LIMIT,
-    VelocityErrorFit,
-    fit_velocity_error,
-    tail_lines,
-)
+from automarine_cli.fits.step_response import StepData, half_turn_data, step_data
+from automarine_cli.fits.tail_choice import BIAS_LIMIT
+from automarine_cli.fits.tails import asked_tail, tail_lines
+from automarine_cli.fits.velocity_error import VelocityErrorFit, fit_velocity_error
 from automarine_cli.models.closed_form import inertia_from_velocity_error, response
+from automarine_cli.runs.half_turn import half_turns
 
 Floats = NDArray[np.float64]
 
@@ -60,24 +62,133 @@ def test_tail_lines_have_the_bias_that_theory_gives(
     assert 100 * (with_own[0] / PAPER.inertia - 1) == pytest.approx(own, abs=digits)
 
 
-def test_without_noise_inertia_and_drag_are_off_by_the_bias_that_is_said() -> None:
+def test_without_noise_the_bias_that_is_known_is_all_there_is_and_is_taken_off() -> None:
     fit = fitted(noise_free())
-    assert fit.steady and max(map(abs, fit.bias)) < BIAS_LIMIT == 0.005
-    inertia = fit.inertia["3"].overall.value / PAPER.inertia - 1
-    drag = fit.drag["3"].drag[1] / PAPER.k_rr - 1
-    assert [inertia, drag] == pytest.approx(
-        fit.bias, abs=2e-4
-    )  # the reference itself is off by half a percent
-    assert -0.005 < inertia < -0.003  # as early as the limit allows, not later
-    assert 100 < np.degrees(fit.tail_from) < 130
+    assert fit.steady and BIAS_LIMIT == 0.005
+    assert fit.inertia["3"].overall.value == pytest.approx(PAPER.inertia, rel=1e-6)
+    assert fit.drag["3"].drag[1] == pytest.approx(PAPER.k_rr, rel=1e-6)
+    data = noise_free()
+    raw = tail_lines(data.time, data.heading, np.zeros(len(data.moment)), fit.tails.used, YAW)
+    drag = np.sum(data.moment * raw.rate * np.abs(raw.rate)) / np.sum(raw.rate**4)
+    inertia = inertia_from_velocity_error(raw.error, data.moment, 0.0, drag).mean()
+    assert [inertia / PAPER.inertia - 1, drag / PAPER.k_rr - 1] == pytest.approx(fit.bias, abs=1e-6)
+    assert np.degrees(fit.tail_from) == pytest.approx(165.0)  # without noise the latest is the best
 
 
 def test_without_noise_and_with_linear_drag_the_same_holds() -> None:
     vehicle = Vehicle(1.0, 1.5, 0.0)
     fit = fitted(noise_free(vehicle, sizes=(0.5, 0.8, 1.1)))
-    found = [fit.inertia["1"].overall.value - 1, fit.drag["1"].drag[0] / 1.5 - 1]
-    assert found == pytest.approx(fit.bias, abs=1e-4)
-    assert fit.steady == (max(map(abs, fit.bias)) <= BIAS_LIMIT)
+    assert fit.inertia["1"].overall.value == pytest.approx(1.0, rel=1e-6)
+    assert fit.drag["1"].drag[0] == pytest.approx(1.5, rel=1e-6)
+    assert max(map(abs, fit.bias)) > 1e-4
+
+
+@pytest.mark.parametrize("tail", [30.0, 60.0, 95.0, 150.0])
+def test_a_tail_that_is_asked_for_has_its_own_bias_which_is_taken_off(tail: float) -> None:
+    data = noise_free()
+    fit = fit_velocity_error(data, np.zeros(len(data.moment)), tail=np.radians(tail))
+    assert fit.given and np.degrees(fit.tail_from) == pytest.approx(tail)
+    assert fit.tail_because(YAW).startswith(
+        f"Tails start at {tail:.0f} deg, as asked; errors to be expected there: "
+    )
+    assert fit.bias[0] < -0.002 and abs(fit.bias[0]) > abs(fit.bias[1]) > 2e-4
+    assert fit.inertia["3"].overall.value == pytest.approx(PAPER.inertia, rel=1e-3)
+    assert fit.drag["3"].drag[1] == pytest.approx(PAPER.k_rr, rel=1e-3)
+
+
+def test_a_tail_beyond_the_end_of_a_run_is_refused_with_its_name() -> None:
+    data = noise_free()
+    with pytest.raises(
+        FitError, match=r"tails are to start at 190 deg, but 0\.\d ends at 180 deg; let them start"
+    ):
+        fit_velocity_error(data, np.zeros(len(data.moment)), tail=np.radians(190.0))
+
+
+@pytest.mark.parametrize(
+    ("tail", "dof", "sentence"),
+    [
+        (180.0, YAW, "tail is 180; expected 15 to 165 degrees"),
+        (-20.0, YAW, "tail is -20; expected 15 to 165 degrees"),
+        (np.nan, YAW, "tail is nan; expected 15 to 165 degrees"),
+        (0.0, SURGE, "tail is 0; expected metres above 0"),
+        (np.inf, HEAVE, "tail is inf; expected metres above 0"),
+    ],
+)
+def test_a_tail_that_cannot_be_is_refused(tail: float, dof: Dof, sentence: str) -> None:
+    with pytest.raises(SettingError, match=re.escape(sentence)):
+        asked_tail(tail, dof)
+    assert asked_tail(None, dof) is None
+
+
+def test_asked_tails_are_degrees_or_metres() -> None:
+    assert asked_tail(90.0, YAW) == pytest.approx(np.pi / 2, rel=1e-15)
+    assert asked_tail(1.5, SURGE) == 1.5
+
+
+def test_noise_moves_the_tail_forward_and_steady_turns_move_it_back() -> None:
+    """More noise asks for longer tails, a smaller inertial turn angle for less waiting."""
+    starts = [np.degrees(noisy(0, noise_deg).tail_from) for noise_deg in (0.05, 0.3, 1.0, 3.0)]
+    assert starts == sorted(starts, reverse=True) and starts[0] - starts[-1] > 30
+    assert np.degrees(noisy(0, 1.0, Vehicle(0.5, 0.0, 1.257)).tail_from) < starts[2]
+
+
+def test_the_error_that_is_expected_is_that_of_campaigns() -> None:
+    fits = [noisy(seed, 1.0) for seed in range(60)]
+    found = np.array([(fit.inertia["3"].overall.value, fit.drag["3"].drag[1]) for fit in fits])
+    sd = found.std(axis=0, ddof=1) / (PAPER.inertia, PAPER.k_rr)
+    told = np.mean([fit.expected.noise for fit in fits], axis=0)
+    # the switch is known here, and expected to lie anywhere in its interval: that is of the inertia alone
+    assert told[1] == pytest.approx(sd[1], rel=0.3) and sd[0] < told[0] < 3 * sd[0]
+
+
+def test_rates_that_scatter_make_no_linear_drag_and_no_smaller_one() -> None:
+    """20 campaigns of 48 runs at 5 %: plain least squares find a linear drag beyond its own uncertainty."""
+    plain, corrected, factor = [], [], []
+    for seed in range(20):
+        fit = paper_method(2 * both_ways([0.1 * i for i in range(1, 13)]), seed=seed, gain_scatter=0.05)
+        two = fit.drag["2"]
+        corrected.append(two.drag[0])
+        plain.append(two.drag[0] - two.dilution["k_r"])
+        factor.append(fit.drag["3"].drag[1] / PAPER.k_rr - 1)
+    error = np.std(corrected, ddof=1) / np.sqrt(len(corrected))
+    assert abs(np.mean(corrected)) < 2.5 * error and np.mean(plain) > 3 * error
+    assert abs(np.mean(factor)) < 0.004
+
+
+def test_ten_campaigns_of_72_runs_come_out_right() -> None:
+    """1 degree, 10 Hz, 3 % scatter: model 3 within 2 % (inertia 5 %), and the interval of k_r of model 2 holds zero."""
+    moments = 3 * both_ways([0.1 * i for i in range(1, 13)])
+    vehicle, held = Vehicle(1.018, 0.0, 1.240), 0
+    for seed in range(10):
+        fit = paper_method(moments, seed=seed, vehicle=vehicle, gain_scatter=0.03)
+        assert abs(fit.drag["3"].drag[1] / vehicle.k_rr - 1) < 0.02
+        assert abs(fit.inertia["3"].overall.value / vehicle.inertia - 1) < 0.05
+        low, high = fit.drag["2"].estimates["k_r"].ci95
+        held += low <= 0 <= high
+        assert abs(fit.drag["2"].drag[0]) < 0.08
+    assert held >= 9
+
+
+def test_mirrored_campaigns_with_noise_give_the_same_tables() -> None:
+    runs = campaign(2 * both_ways((0.2, 0.5, 0.9)), seed=4, gain_scatter=0.03)
+    turned = [mirrored(run) for run in runs]
+    one, other = (
+        fit_velocity_error(data, np.zeros(len(runs)))
+        for data in (half_turn_data(half_turns(each)[0]) for each in (runs, turned))
+    )
+    assert one.tail_from == other.tail_from
+    for number in ("1", "2", "3"):
+        for name, estimate in one.drag[number].estimates.items():
+            assert_close(other.drag[number].estimates[name].value, estimate.value, "closed form")
+            assert_close(other.drag[number].estimates[name].ci95, estimate.ci95, "closed form")
+        assert_close(other.inertia[number].per_run, one.inertia[number].per_run, "closed form")
+        assert_close(other.inertia[number].overall.ci95, one.inertia[number].overall.ci95, "closed form")
+
+
+def paper_method(moments: Sequence[float], **how: Any) -> VelocityErrorFit:
+    """The paper's method on a campaign as it would be logged."""
+    data = half_turn_data(half_turns(campaign(moments, **how))[0])
+    return fit_velocity_error(data, np.zeros(len(data.moment)))
 
 
 def test_velocity_error_of_model_3_does_not_depend_on_the_moment() -> None:
@@ -125,9 +236,11 @@ def test_model_2_finds_its_truth_when_both_drags_act() -> None:
 def test_moving_the_instant_of_the_steps_moves_each_intercept_by_rate_times_shift() -> None:
     data = noise_free()
     fit = fitted(data)
-    later = tail_lines(data.time - 0.03, data.heading, np.zeros(len(data.moment)), fit.tails.used, YAW)
-    assert_close(later.rate, fit.tails.rate, "closed form")
-    assert_close(later.error - fit.tails.error, 0.03 * fit.tails.rate, "closed form")
+    zero = np.zeros(len(data.moment))
+    lines = tail_lines(data.time, data.heading, zero, fit.tails.used, YAW)
+    later = tail_lines(data.time - 0.03, data.heading, zero, fit.tails.used, YAW)
+    assert_close(later.rate, lines.rate, "closed form")
+    assert_close(later.error - lines.error, 0.03 * lines.rate, "closed form")
     quarter = fitted(data, offset=0.25)  # of intervals of 0.1 s
     moved = quarter.tails.error - fit.tails.error
     assert moved == pytest.approx(0.025 * fit.tails.rate, abs=1e-3)  # the tail may start elsewhere now
@@ -138,11 +251,11 @@ def test_mirrored_turns_give_the_same_inertia() -> None:
     other = step_data(
         data.names, list(data.time), list(-data.heading), list(-data.moment), list(data.interval), YAW
     )
-    there, mirrored = fitted(data), fitted(other)
-    assert there.tail_from == mirrored.tail_from and there.bias == pytest.approx(mirrored.bias, rel=1e-12)
+    there, back = fitted(data), fitted(other)
+    assert there.tail_from == back.tail_from and there.bias == pytest.approx(back.bias, rel=1e-12)
     for number in ("1", "2", "3"):
-        assert_close(mirrored.inertia[number].per_run, there.inertia[number].per_run, "closed form")
-        assert mirrored.inertia[number].per_moment.keys() == {-m for m in there.inertia[number].per_moment}
+        assert_close(back.inertia[number].per_run, there.inertia[number].per_run, "closed form")
+        assert back.inertia[number].per_moment.keys() == {-m for m in there.inertia[number].per_moment}
 
 
 def test_table_2_is_the_mean_of_its_runs_and_of_each_moment() -> None:
@@ -163,15 +276,17 @@ def test_standard_error_of_the_inertia_is_its_spread_over_campaigns() -> None:
         values.append(table.value)
         errors.append(table.stderr)
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(np.std(values, ddof=1), rel=0.3)
-    assert (
-        abs(np.mean(values) / PAPER.inertia - 1) < 0.015
-    )  # half a percent of tail bias, the rest from noise
+    assert abs(np.mean(values) / PAPER.inertia - 1) < 0.003  # the rest of it is chance
 
 
 def identify_seed(seed: int) -> VelocityErrorFit:
+    return noisy(seed, 1.0)
+
+
+def noisy(seed: int, noise_deg: float, vehicle: Vehicle = PAPER) -> VelocityErrorFit:
     """The paper's method alone on one campaign with noise; instants of the steps known."""
-    data, rng = noise_free(samples=60), np.random.default_rng(seed)
-    noisy = data.heading + data.seen * np.radians(1.0) * rng.standard_normal(data.heading.shape)
+    data, rng = noise_free(vehicle, samples=60), np.random.default_rng(seed)
+    noisy = data.heading + data.seen * np.radians(noise_deg) * rng.standard_normal(data.heading.shape)
     return fit_velocity_error(
         step_data(data.names, list(data.time), list(noisy), list(data.moment), list(data.interval), YAW),
         np.zeros(len(data.moment)),
@@ -183,9 +298,14 @@ def test_half_a_turn_is_not_enough_for_a_heavy_vehicle_and_that_is_said() -> Non
     heavy = Vehicle(1.65, 0.0, 1.0)
     fit = fitted(noise_free(heavy))
     assert not fit.steady and max(map(abs, fit.bias)) > BIAS_LIMIT
-    assert abs(fit.inertia["3"].overall.value / 1.65 - 1) > BIAS_LIMIT
+    assert fit.inertia["3"].overall.value == pytest.approx(
+        1.65, rel=1e-4
+    )  # all the same: the rest was taken off
     found = identify(campaign(vehicle=heavy, noise_deg=0.3, seed=1))
-    assert any("Half a turn is not enough to get steady" in warning for warning in found.warnings)
+    (warning,) = (one for one in found.warnings if one.startswith("Half a turn is not enough to get steady"))
+    assert re.search(
+        r"every tail is off by more than 0\.5 % by itself, that from \d+ deg on by \d\.\d %", warning
+    )
     likely = found.output_error["3"].estimates["I_r"]  # which needs no tail
     assert abs(likely.value - 1.65) < 4 * likely.stderr
 
@@ -215,13 +335,3 @@ def test_tails_of_too_few_samples_are_refused() -> None:
         FitError, match=r"only 2 samples in the steady tail .* 3 are needed; log the heading faster"
     ):
         tail_lines(time, time, np.zeros(1), used, YAW)
-
-
-@pytest.mark.parametrize("value", [2.0, -2.0])
-@pytest.mark.parametrize("bias", [0.05, -0.05])
-def test_an_interval_holds_a_known_bias_on_the_side_it_comes_from(value: float, bias: float) -> None:
-    """What should have been read is value/(1 + bias)."""
-    plain = Estimate(value, 0.01, (value - 0.02, value + 0.02), "nu")
-    low, high = plain.holding_bias(bias).ci95
-    assert low <= value * (1.0 - bias) <= high
-    assert (low == plain.ci95[0]) == (value * bias < 0) and (high == plain.ci95[1]) == (value * bias > 0)

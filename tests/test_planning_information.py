@@ -138,9 +138,9 @@ def test_predicted_intervals_are_those_that_a_fit_reports(fit: str) -> None:
 
 def reported(runs: Sequence[Candidate], fit: str, seed: int) -> list[float]:
     """Squared relative standard errors of I_r, k_rr and their ratio from one simulated campaign."""
-    groups = tuple(SequenceRuns(name=one.label, commands=one.commands) for one in runs)
+    groups = tuple(SequenceRuns(name=one.label, commands=one.commands, dof=YAW) for one in runs)
     made = Specification(
-        Vehicle(INERTIA, DRAG), logger=Logger(noise_deg=1.0), scatter=Scatter(gain=SCATTER),
+        Vehicle(INERTIA, DRAG, dof=YAW), Logger(noise=1.0, dof=YAW), Scatter(gain=SCATTER, dof=YAW),
         campaign=Schedule(rest_before_s=3.0), runs=groups,
     )  # fmt: skip
     found = identify(make_runs(made, seed), fit).output_error["3"]

@@ -104,7 +104,9 @@ def test_commands_through_our_own_bollard_map_agree(nominal: YawFit, tmp_path: P
     """The map fitted to the raw bollard series of two thrusters gives inertia and drag within a quarter."""
     thrusters = fit_thrusters([BOLLARD], columns=column_map(tmp_path, TWO_TOGETHER)).map
     columns = read_column_map(column_map(tmp_path, COMMANDS))
-    runs = with_moments(load_runs([str(LAKE / "run_*.csv")], columns, dof=YAW).runs, thrusters, ARM, columns)
+    runs = with_moments(
+        load_runs([str(LAKE / "run_*.csv")], columns, dof=YAW).runs, thrusters, ARM, columns, YAW
+    )
     assert {run.moment_unit for run in runs} == {"N m"}
     fit = fit_whole_runs(make_batch(runs, 0.1), "1", np.zeros(len(runs), dtype=bool))
     for name, estimate in fit.estimates.items():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import SAMPLE_RUNS
 
-from automarine_cli.dofs import HEAVE, SURGE, YAW
+from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW
 from automarine_cli.errors import LogError, RunError, SettingError
 from automarine_cli.fits.identify import identify
 from automarine_cli.logs import ColumnMap, LogFile, read_log
@@ -21,7 +21,7 @@ from automarine_cli.runs.unwrap import find_glitches, unwrap
 from automarine_cli.simulation.campaign import make_runs
 from automarine_cli.simulation.specification import specification_from
 from automarine_cli.workflows.check import check
-from automarine_cli.workflows.fit_yaw import fit_heave, fit_surge
+from automarine_cli.workflows.fit_yaw import FITS
 from automarine_cli.workflows.moments import moment_maker
 from automarine_cli.workflows.simulate import simulate
 
@@ -139,8 +139,8 @@ def test_normalised_forces_make_normalised_results(tmp_path: Path) -> None:
         and "unit of the command" in fit.buoyancy.says
     )
     estimates = fit.output_error["3"].estimates
-    assert estimates["I_r"].unit == "nu s²/m" and estimates["k_rr"].unit == "nu s²/m²"
-    low, high = estimates["b"].ci95
+    assert estimates["m_w"].unit == "nu s²/m" and estimates["Z_ww"].unit == "nu s²/m²"
+    low, high = estimates["constant_force"].ci95
     assert low < -0.1 < high and high - low < 0.03
 
 
@@ -152,11 +152,10 @@ def test_check_tells_each_motion_in_a_table_of_its_own() -> None:
     assert "motion" not in content["yaw_runs"][0] and "covered_m" in content["surge_runs"][0]  # type: ignore[index]
 
 
-@pytest.mark.parametrize("fit", [fit_surge, fit_heave])
-def test_logs_of_another_motion_are_refused_with_what_is_lacking(fit: object) -> None:
-    name = "surge" if fit is fit_surge else "heave"
-    with pytest.raises(LogError, match=f"no {'distance' if name == 'surge' else 'depth'} and {name} force"):
-        fit([SAMPLE_RUNS / "steps" / "tau_+0.1_a.csv", SAMPLE_RUNS / "steps"])  # type: ignore[operator]
+@pytest.mark.parametrize("name", ["surge", "heave", "sway"])
+def test_logs_of_another_motion_are_refused_with_what_is_lacking(name: str) -> None:
+    with pytest.raises(LogError, match=f"no {DOFS[name].position} and {name} force"):
+        FITS[name]([SAMPLE_RUNS / "steps" / "tau_+0.1_a.csv", SAMPLE_RUNS / "steps"])
 
 
 def test_a_logger_of_metres_does_to_them_what_one_of_degrees_does(tmp_path: Path) -> None:
@@ -178,10 +177,11 @@ def test_a_logger_of_metres_does_to_them_what_one_of_degrees_does(tmp_path: Path
 
 
 @pytest.mark.parametrize(("change", "why"), [
-    ({"motion": "sway"}, "vehicle.motion: found \"sway\", expected yaw or surge or heave"),
+    ({"motion": "roll"}, "vehicle.motion: found \"roll\", expected yaw or surge or heave or sway"),
     ({"m_w": -1.0}, "m_w is -1; expected more than 0"),
     ({"half_difference": 60.0}, "half_difference is not below Z_ww"),
-    ({"k_rr": 1.0}, "unknown key 'k_rr'; in heave it is 'Z_ww'"), ({"motion": "surge"}, "unknown key"),
+    ({"k_rr": 1.0}, "unknown key 'k_rr'; in heave it is 'Z_ww'"),
+    ({"motion": "surge"}, "unknown key 'm_w'; in surge it is 'm_u'"),
 ])  # fmt: skip
 def test_specifications_are_refused_in_the_words_of_their_motion(change: dict[str, object], why: str) -> None:
     runs = [{"kind": "step", "forces": [12.0], "travel_m": 2.5}]

@@ -23,7 +23,7 @@ from automarine_cli.workflows.simulate import simulate
 def test_noise_is_white_and_as_large_as_asked() -> None:
     settings = {"scatter": {"start_heading_deg": 180.0}, "runs": [{"kind": "rest", "duration_s": 600}]}
     (made,) = make_campaign(pool_specification(noise_deg=1.5, **settings), 2)
-    off = made.log.heading_deg - 180.0
+    off = made.log.position - 180.0
     assert off.std() == pytest.approx(1.5, rel=4 / np.sqrt(2 * len(off)))
     assert abs(np.corrcoef(off[1:], off[:-1])[0, 1]) < 4 / np.sqrt(len(off))
 
@@ -34,14 +34,14 @@ def test_noise_is_white_and_as_large_as_asked() -> None:
 def test_quantised_and_wrapped(wrap: str, low: float, high: float) -> None:
     logger = {"quantisation_deg": 0.5, "wrap": wrap}
     for made in make_campaign(pool_specification(moments=[1.0, -1.0], logger=logger), 3):
-        degrees = made.log.heading_deg
+        degrees = made.log.position
         np.testing.assert_array_equal(degrees, np.round(degrees * 2) / 2)
         assert degrees.min() >= low
         assert degrees.max() < high
     whole = pool_specification(moments=[1.0, -1.0], logger={"wrap": wrap})
     unwrapped = pool_specification(moments=[1.0, -1.0], logger={"wrap": "none"})
     for one, other in zip(make_campaign(whole, 3), make_campaign(unwrapped, 3)):
-        turns = (one.log.heading_deg - other.log.heading_deg) / 360
+        turns = (one.log.position - other.log.position) / 360
         np.testing.assert_allclose(turns, np.round(turns), atol=1e-5)
 
 
@@ -56,7 +56,7 @@ def test_lost_samples_glitches_and_jitter_are_counted() -> None:
     glitches = 0
     for made, clean in zip(found, quiet):
         kept = np.isin(clean.log.time_s, made.log.time_s)
-        off = (made.log.heading_deg - clean.log.heading_deg[kept] + 180) % 360 - 180
+        off = (made.log.position - clean.log.position[kept] + 180) % 360 - 180
         assert set(np.round(np.abs(off), 2)) <= {0.0, 120.0}  # losses change no other number
         assert np.count_nonzero(np.abs(off) > 1) == made.log.glitches
         glitches += made.log.glitches

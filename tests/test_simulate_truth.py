@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from tank import INERTIA, K_RR, pool_campaign, pool_specification
 
 from automarine_cli import effects
+from automarine_cli.dofs import YAW
 from automarine_cli.models.closed_form import response
 from automarine_cli.simulation import campaign as room
 from automarine_cli.simulation.campaign import SimulatedRun, make_campaign, make_runs
@@ -48,20 +49,20 @@ def exactly(specification: Specification, made: SimulatedRun) -> Floats:
     if held or (switches and switches[0] < begin):
         begin = switches[0]
     edges = [begin, *(s for s in switches if s > begin), time[-1] + 1e-3]
-    state, heading = np.array([drawn.start_heading, 0.0]), np.full(len(time), drawn.start_heading)
+    state, heading = np.array([drawn.start, 0.0]), np.full(len(time), drawn.start)
     for first, last in pairwise(edges):
         moment = ([0.0, *made.plan.moments])[int(np.searchsorted(switches, first, side="right"))]
 
         def slope(_: float, y: Floats, total: float = moment * drawn.gain + bias) -> list[float]:
-            drag = vehicle.k_rr * abs(y[1]) * y[1] + vehicle.k_r * y[1]
-            return [y[1], (total - drag) / vehicle.I_r]
+            drag = vehicle.quadratic * abs(y[1]) * y[1] + vehicle.linear * y[1]
+            return [y[1], (total - drag) / vehicle.inertia]
 
         inside = (time >= first) & (time < last)
         found = solve_ivp(
             slope, (first, last), state, "DOP853", [*time[inside], last], rtol=1e-10, atol=1e-11
         )
         heading[inside], state = found.y[0, :-1], found.y[:, -1]
-    return heading + drawn.heading_zero
+    return heading + drawn.zero
 
 
 @pytest.mark.parametrize("held", [False, True])
@@ -77,7 +78,7 @@ def test_every_kind_is_what_solve_ivp_makes_of_its_truth(held: bool) -> None:
         effects=[{"name": "bias-moment", "b": 0.02}],
     )
     for made in make_campaign(specification, SEED):
-        off = np.deg2rad(made.log.heading_deg) - exactly(specification, made)
+        off = np.deg2rad(made.log.position) - exactly(specification, made)
         assert np.abs(off).max() <= INTEGRATED, made.plan.name
 
 
@@ -87,9 +88,9 @@ def test_steps_are_the_closed_form_to_the_last_digit() -> None:
         time = made.log.time_s - made.plan.start
         on = time < made.drawn.switches[1]
         moment = made.plan.moments[0] * made.drawn.gain
-        begin = made.drawn.start_heading
+        begin = made.drawn.start
         truth, _ = response(time - made.drawn.switches[0], moment, INERTIA, 0.0, K_RR, begin)
-        assert np.abs(np.deg2rad(made.log.heading_deg) - truth)[on].max() <= HALF_DIGIT + 1e-7
+        assert np.abs(np.deg2rad(made.log.position) - truth)[on].max() <= HALF_DIGIT + 1e-7
 
 
 def test_log_may_begin_with_the_moment_already_on() -> None:
@@ -99,13 +100,13 @@ def test_log_may_begin_with_the_moment_already_on() -> None:
     for made in make_campaign(specification, SEED):
         assert made.log.moment[0] == made.plan.moments[0]
         assert -0.1 < made.drawn.switches[0] <= 0.0
-        assert np.abs(np.deg2rad(made.log.heading_deg) - exactly(specification, made)).max() <= INTEGRATED
+        assert np.abs(np.deg2rad(made.log.position) - exactly(specification, made)).max() <= INTEGRATED
 
 
 def test_a_turn_lasts_as_long_as_the_base_vehicle_needs() -> None:
     for drag in ((1.018, 0.0, 1.257), (1.018, 0.5, 0.0), (0.5, 0.1, 2.0)):
         for moment in (0.1, -1.2):
-            time = time_to_turn(3.5, moment, Resistance(*drag))
+            time = time_to_turn(3.5, moment, Resistance(*drag, YAW))
             assert abs(response(time, moment, *drag)[0]) == pytest.approx(3.5, abs=1e-9)
 
 
@@ -124,7 +125,7 @@ def test_mirrored_campaign_is_the_mirror_image(monkeypatch: pytest.MonkeyPatch) 
     for one, other in zip(there, back):
         np.testing.assert_array_equal(one.log.time_s, other.log.time_s)
         np.testing.assert_array_equal(one.log.moment, -other.log.moment)
-        np.testing.assert_array_equal(one.log.heading_deg, -other.log.heading_deg)
+        np.testing.assert_array_equal(one.log.position, -other.log.position)
 
 
 def test_switch_is_anywhere_in_the_interval_before_it_shows() -> None:
@@ -148,11 +149,11 @@ def test_scatter_is_as_asked() -> None:
     for values, expected in (
         ([made.drawn.log_gain for made in found], 0.05),
         ([made.drawn.added_moment for made in found], 0.1),
-        ([np.rad2deg(made.drawn.heading_zero) for made in found], 2.0),
+        ([np.rad2deg(made.drawn.zero) for made in found], 2.0),
     ):
         assert np.std(values) == pytest.approx(expected, rel=four_sigma)
         assert abs(np.mean(values)) < 4 * expected / np.sqrt(len(found))
-    headings = np.array([made.drawn.start_heading for made in found])
+    headings = np.array([made.drawn.start for made in found])
     assert np.all((headings >= 0) & (headings < 2 * np.pi))
     assert headings.std() == pytest.approx(2 * np.pi / np.sqrt(12), rel=0.1)
 
@@ -174,7 +175,7 @@ def test_one_run_does_not_change_another() -> None:
     by_name = {made.plan.name: made for made in many}
     for made in few:
         same = by_name[made.plan.name]
-        np.testing.assert_array_equal(made.log.heading_deg, same.log.heading_deg)
+        np.testing.assert_array_equal(made.log.position, same.log.position)
         np.testing.assert_array_equal(made.drawn.switches, same.drawn.switches)
 
 
@@ -188,7 +189,7 @@ def test_one_clock_over_all_runs_and_random_order() -> None:
 def test_start_headings_are_taken_in_turn() -> None:
     specification = pool_specification(moments=[0.5, -0.5], scatter={"start_heading_deg": [0, 120, 240]})
     made = sorted(make_campaign(specification, 1), key=lambda one: one.plan.turn)
-    np.testing.assert_allclose([np.rad2deg(one.drawn.start_heading) for one in made], [0, 120, 240, 0])
+    np.testing.assert_allclose([np.rad2deg(one.drawn.start) for one in made], [0, 120, 240, 0])
 
 
 def test_jobs_change_nothing_and_seeds_do() -> None:
@@ -196,8 +197,8 @@ def test_jobs_change_nothing_and_seeds_do() -> None:
     first, parallel, other = (make_campaign(specification, 1), make_campaign(specification, 1, jobs=2),
                               make_campaign(specification, 2))  # fmt: skip
     for one, two, three in zip(first, parallel, other):
-        np.testing.assert_array_equal(one.log.heading_deg, two.log.heading_deg)
-        assert not np.array_equal(one.log.heading_deg[:30], three.log.heading_deg[:30])
+        np.testing.assert_array_equal(one.log.position, two.log.position)
+        assert not np.array_equal(one.log.position[:30], three.log.position[:30])
 
 
 def test_runs_made_in_memory_are_clean() -> None:
@@ -232,11 +233,11 @@ def test_rates_have_a_bias_a_run_that_the_truth_tells(motion: str, tmp_path: Pat
     told = np.array([one[f"{key}_bias_{base}"] for one in out.to_json()["made"]])  # type: ignore[attr-defined]
     told = np.rad2deg(told) if motion == "yaw" else told
     assert np.std(told) == pytest.approx(0.5, rel=0.2) and abs(np.mean(told)) < 0.15
-    off = [one.log.rate_deg_s - other.log.rate_deg_s for one, other in zip(out.runs, true)]  # type: ignore[operator]
+    off = [one.log.rate - other.log.rate for one, other in zip(out.runs, true)]  # type: ignore[operator]
     assert [np.mean(one) for one in off] == pytest.approx(told, abs=5 * 0.3 / np.sqrt(130))
     assert np.std(off - told[:, None]) == pytest.approx(0.3, rel=0.03)
     for one, other in zip(out.runs, true):
-        np.testing.assert_array_equal(one.log.heading_deg, other.log.heading_deg)
+        np.testing.assert_array_equal(one.log.position, other.log.position)
     column = "yaw_rate_deg_s" if motion == "yaw" else "surge_m_s"
     (first, *_) = sorted((tmp_path / "sensed" / "runs").iterdir())
     assert first.read_text().splitlines()[1].split(",")[-1] == column
@@ -245,9 +246,9 @@ def test_rates_have_a_bias_a_run_that_the_truth_tells(motion: str, tmp_path: Pat
 @pytest.mark.parametrize("name", [name for name in effects.names() if not effects.get(name).needs])
 def test_any_effect_of_the_library_acts(name: str) -> None:
     settings = {"moments": [0.3, -1.1], "noise_deg": 0.0, "repeats": 1, "logger": {"wrap": "none"}}
-    values = {parameter.name: parameter.start for parameter in effects.get(name).parameters}
+    values = {parameter.name_in(YAW): parameter.start for parameter in effects.get(name).parameters}
     plain = make_campaign(pool_specification(**settings), 1)
     hidden = make_campaign(pool_specification(effects=[{"name": name} | values], **settings), 1)
-    apart = [np.abs(one.log.heading_deg - other.log.heading_deg).max() for one, other in zip(plain, hidden)]
+    apart = [np.abs(one.log.position - other.log.position).max() for one, other in zip(plain, hidden)]
     assert np.all(np.isfinite(apart))
     assert 0.01 < max(apart) < 360.0

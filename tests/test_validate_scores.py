@@ -13,7 +13,7 @@ from tolerances import assert_close
 from automarine_cli import effects
 from automarine_cli.comparison import rollouts, scores
 from automarine_cli.comparison.residuals import FreeRun, free_runs
-from automarine_cli.comparison.restart import AT_CHANGES, AT_TIMES, NEVER, find_restarts, restarted_errors
+from automarine_cli.comparison.restart import find_restarts, restarted_errors
 from automarine_cli.comparison.scores import SCORES, fit_percent, rate_error, rate_source
 from automarine_cli.comparison.starts import rest_state, start_states
 from automarine_cli.comparison.validation import Comparison, compare
@@ -55,11 +55,11 @@ def test_the_true_model_on_clean_runs(stored: StoredModels) -> None:
     found = compare(stored, runs)
     assert found.best == "3" and found.floor < 1e-3
     for one in found.models["3"].scores:
-        assert one.value("rmse_deg") < 2e-3 and one.value("max_abs_deg") < 5e-3
-        assert one.value("rate_rmse_deg_s") < 2e-3 and one.value("fit_percent") > 99.99
-        assert one.value("restarted_rmse_deg") < 0.2  # a parabola is not quite how a rate begins to change
+        assert one.value("rmse") < 2e-3 and one.value("max_abs") < 5e-3
+        assert one.value("rate_rmse") < 2e-3 and one.value("fit_percent") > 99.99
+        assert one.value("restarted_rmse") < 0.2  # a parabola is not quite how a rate begins to change
     for number in ("1", "2"):
-        for name in ("rmse_deg", "max_abs_deg", "rate_rmse_deg_s", "restarted_rmse_deg"):
+        for name in ("rmse", "max_abs", "rate_rmse", "restarted_rmse"):
             assert min(values(found, number, name)) > 2 * max(values(found, "3", name))  # type: ignore[type-var]
 
 
@@ -67,12 +67,12 @@ def test_the_true_model_on_clean_runs(stored: StoredModels) -> None:
 def test_noisy_runs_score_their_noise(stored: StoredModels, noise_deg: float) -> None:
     found = compare(stored, noisy(6, noise_deg))
     overall = found.models["3"].overall
-    assert overall["rmse_deg"].value == pytest.approx(noise_deg, rel=0.1)
+    assert overall["rmse"].value == pytest.approx(noise_deg, rel=0.1)
     assert found.floor == pytest.approx(noise_deg, rel=0.12)
-    assert overall["rmse_deg"].ci95[0] < noise_deg * 1.05 and overall["rmse_deg"].ci95[1] > noise_deg * 0.95
+    assert overall["rmse"].ci95[0] < noise_deg * 1.05 and overall["rmse"].ci95[1] > noise_deg * 0.95
     # white noise through Savitzky and Golay's slope over 11 samples of 0.1 s
-    assert overall["rate_rmse_deg_s"].value == pytest.approx(noise_deg * 10 / np.sqrt(110), rel=0.15)
-    assert overall["restarted_rmse_deg"].value < 3 * noise_deg
+    assert overall["rate_rmse"].value == pytest.approx(noise_deg * 10 / np.sqrt(110), rel=0.15)
+    assert overall["restarted_rmse"].value < 3 * noise_deg
 
 
 def test_the_wrong_model_is_worse_and_best_says_so(stored: StoredModels) -> None:
@@ -118,7 +118,9 @@ def test_mirrored_runs_score_the_same(stored: StoredModels) -> None:
         for one, other in zip(there.models[number].free, back.models[number].free):
             assert_close(other.error, -one.error, "closed form")
             assert_close(
-                [other.start.heading, other.start.rate], [-one.start.heading, -one.start.rate], "closed form"
+                [other.start.position, other.start.rate],
+                [-one.start.position, -one.start.rate],
+                "closed form",
             )
         for name in SCORES:
             assert_close(values(back, number, name), values(there, number, name), "closed form")  # type: ignore[arg-type]
@@ -157,7 +159,7 @@ def test_start_at_rest() -> None:
         and state.rate == 0
         and state.how.startswith("from rest: mean heading of 20 samples")
     )
-    assert state.heading == pytest.approx(0.4, abs=4 * np.deg2rad(1) / np.sqrt(20))
+    assert state.position == pytest.approx(0.4, abs=4 * np.deg2rad(1) / np.sqrt(20))
     coasting = sequence_run((0.0, 0.5), rest=0, rate0=0.5, noise_deg=1.0)
     assert rest_state(coasting) is None
     assert rest_state(sequence_run(rest=0)) is None
@@ -166,12 +168,12 @@ def test_start_at_rest() -> None:
 @pytest.mark.parametrize("rate0", [-0.7, 0.0, 0.5])
 def test_start_in_motion_is_fitted_over_the_first_second(rate0: float) -> None:
     (state,) = start_states(TRUE, [sequence_run(rest=0, rate0=rate0)])
-    assert (state.heading, state.rate) == (pytest.approx(0.4, abs=1e-4), pytest.approx(rate0, abs=1e-3))
+    assert (state.position, state.rate) == (pytest.approx(0.4, abs=1e-4), pytest.approx(rate0, abs=1e-3))
     assert state.how == "fitted: heading and rate that follow the first 11 samples best"
     errors = []
     for seed in range(30):
         (state,) = start_states(TRUE, [sequence_run(rest=0, rate0=rate0, noise_deg=1.0, seed=seed)])
-        errors.append(np.rad2deg([state.heading - 0.4, state.rate - rate0]))
+        errors.append(np.rad2deg([state.position - 0.4, state.rate - rate0]))
     spread, bias = np.std(errors, axis=0), np.mean(errors, axis=0)
     # A line through 11 points a tenth of a second apart: 0.54 deg at its end, 0.95 deg/s; what drag takes away
     # within the second is harder to see.
@@ -182,20 +184,20 @@ def test_where_runs_are_restarted() -> None:
     run = sequence_run()
     restarts = find_restarts(run)
     before_changes = [int(i) for i in np.flatnonzero(np.diff(run.command))]
-    assert restarts.at == (0, *before_changes, len(run) - 1) and restarts.rule == AT_CHANGES
+    assert restarts.at == (0, *before_changes, len(run) - 1) and restarts.rule == "at each change of moment"
     assert restarts.horizon == pytest.approx(4.0)
     (free,) = free_runs(TRUE, [run])
     for i, state in zip(restarts.at[1:-1], restarts.states):
-        assert state.heading == pytest.approx(free.heading[i], abs=np.deg2rad(0.05))
+        assert state.position == pytest.approx(free.position[i], abs=np.deg2rad(0.05))
         assert state.rate == pytest.approx(free.rate[i], abs=np.deg2rad(0.5))
     driven = find_restarts(replace(run, moment=np.sin(np.arange(len(run)))))
     assert (
-        driven.rule == AT_TIMES
+        driven.rule == "every 15 s, because the moment changes all the time"
         and driven.at == (0, 150, len(run) - 1)
         and driven.horizon == pytest.approx(13)
     )
     still = find_restarts(replace(run, moment=np.full(len(run), 0.3)))
-    assert still.rule == NEVER and still.at == (0, len(run) - 1)
+    assert still.rule == "never: the moment does not change after the start" and still.at == (0, len(run) - 1)
 
 
 def test_restarts_of_a_wild_command_stay_a_second_apart() -> None:
@@ -252,7 +254,7 @@ def test_intervals_want_three_runs_and_hold_the_value(stored: StoredModels) -> N
     two, five = compare(stored, noisy(2)), compare(stored, noisy(5))
     assert all(one.ci95 is None for one in two.models["3"].overall.values())
     for name, one in five.models["1"].overall.items():
-        if name == "max_abs_deg":
+        if name == "max_abs":
             assert one.ci95 is None
         else:
             assert one.ci95[0] < one.value < one.ci95[1]  # type: ignore[index, operator]
@@ -279,7 +281,7 @@ def test_uneven_clock_with_a_gap_scores_like_the_whole_run(stored: StoredModels)
     thin = replace(run, time=run.time[kept], position=run.position[kept], moment=run.command[kept])
     assert np.diff(thin.time).max() > 2.5
     found = compare(stored, [thin])
-    assert values(found, "3", "rmse_deg")[0] == pytest.approx(0.5, rel=0.5)
+    assert values(found, "3", "rmse")[0] == pytest.approx(0.5, rel=0.5)
     assert found.best == "3"
 
 
@@ -304,7 +306,7 @@ def test_start_and_restart_state_are_what_the_models_compass_shows(monkeypatch: 
         shown = replace(run, position=1.3 * run.position + 0.2)
         (free,) = free_runs(model, [shown])
         assert np.rad2deg(np.abs(free.error).max()) < 0.02
-        assert free.start.heading == pytest.approx(0.4, abs=1e-3)
+        assert free.start.position == pytest.approx(0.4, abs=1e-3)
         (again,) = restarted_errors(model, [free], [find_restarts(shown)])
         restarts = [i + 1 for i in find_restarts(shown).at[1:-1]]
         assert np.rad2deg(np.abs(again[restarts]).max()) < 0.1
@@ -316,8 +318,8 @@ def test_every_effect_of_the_library_can_be_validated(stored: StoredModels) -> N
     for name in effects.names():
         model = TRUE.with_effect(name, [parameter.start for parameter in effects.get(name).parameters])
         (score,) = compare(replace(stored, models={"3": model}), [run]).models["3"].scores
-        assert not score.diverged and score.value("rmse_deg") < 90, name  # type: ignore[operator]
-        assert score.value("restarted_rmse_deg") < 90, name  # type: ignore[operator]
+        assert not score.diverged and score.value("rmse") < 90, name  # type: ignore[operator]
+        assert score.value("restarted_rmse") < 90, name  # type: ignore[operator]
 
 
 def test_noise_floor_is_pooled_by_samples() -> None:

@@ -16,7 +16,8 @@ from automarine_cli.cli.fit_yaw import told
 @options.fit_options
 def fit_heave(
     logs: tuple[str, ...], columns: Path | None, thrusters: Path | None, depths: tuple[float, float] | None,
-    fit_to: str, channels: str, out: Path | None, overwrite: bool, strict: bool, jobs: int, as_json: bool,
+    fit_to: str, tail: float | None, channels: str,
+    out: Path | None, overwrite: bool, strict: bool, jobs: int, as_json: bool,
 ) -> object:  # fmt: skip
     """Identify the heave model from step runs: depth against force, drag, mass, and the vehicle's buoyancy.
 
@@ -27,11 +28,12 @@ def fit_heave(
     \b
     Example:
       automarine fit-heave sample_runs/heave --depths 0.2 3 -o out/heave
+      automarine fit-heave sample_runs/heave --depths 0.2 3 --tail 1.2
     """
     from automarine_cli.workflows import fit_yaw as workflow
 
-    result = workflow.fit_heave(
-        logs, columns=columns, thrusters=thrusters, depths=depths, fit_to=fit_to, channels=channels,
+    result = workflow.FITS["heave"](
+        logs, columns=columns, thrusters=thrusters, depths=depths, fit_to=fit_to, tail=tail, channels=channels,
         out=out, overwrite=overwrite, strict=strict, jobs=jobs, progress=options.terminal_progress(),
     )  # fmt: skip
     return told(result, out, as_json)

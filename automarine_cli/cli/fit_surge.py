@@ -16,7 +16,7 @@ from automarine_cli.cli.fit_yaw import told
 @options.fit_options
 def fit_surge(
     logs: tuple[str, ...], columns: Path | None, thrusters: Path | None, within: float | None, fit_to: str,
-    channels: str, out: Path | None, overwrite: bool, strict: bool, jobs: int, as_json: bool,
+    tail: float | None, channels: str, out: Path | None, overwrite: bool, strict: bool, jobs: int, as_json: bool,
 ) -> object:  # fmt: skip
     """Identify the surge model from step runs: distance against force, drag (Table 1) and mass (Table 2).
 
@@ -27,11 +27,12 @@ def fit_surge(
     \b
     Example:
       automarine fit-surge sample_runs/surge --within 3 -o out/surge
+      automarine fit-surge sample_runs/surge --within 3 --tail 1.5
     """
     from automarine_cli.workflows import fit_yaw as workflow
 
-    result = workflow.fit_surge(
-        logs, columns=columns, thrusters=thrusters, within=within, fit_to=fit_to, channels=channels,
+    result = workflow.FITS["surge"](
+        logs, columns=columns, thrusters=thrusters, within=within, fit_to=fit_to, tail=tail, channels=channels,
         out=out, overwrite=overwrite, strict=strict, jobs=jobs, progress=options.terminal_progress(),
     )  # fmt: skip
     return told(result, out, as_json)

@@ -24,6 +24,7 @@ def files_of(half_turns: bool, motion: str = "yaw") -> tuple[str, ...]:
 @options.thrusters_option
 @options.arm_option
 @options.fit_to_option
+@options.tail_option("DEGREES")
 @options.channels_option
 @options.out_option
 @options.overwrite_option
@@ -33,7 +34,7 @@ def files_of(half_turns: bool, motion: str = "yaw") -> tuple[str, ...]:
 @options.verbosity
 def fit_yaw(
     logs: tuple[str, ...], columns: Path | None, thrusters: Path | None, arm: float | None, fit_to: str,
-    channels: str, out: Path | None, overwrite: bool, strict: bool, jobs: int, as_json: bool,
+    tail: float | None, channels: str, out: Path | None, overwrite: bool, strict: bool, jobs: int, as_json: bool,
 ) -> object:  # fmt: skip
     """Identify the yaw model from step runs: drag (Table 1) and inertia (Table 2).
 
@@ -43,11 +44,12 @@ def fit_yaw(
     \b
     Example:
       automarine fit-yaw sample_runs/steps -o out/fit-yaw
+      automarine fit-yaw sample_runs/steps --tail 90
     """
     from automarine_cli.workflows import fit_yaw as workflow
 
     result = workflow.fit_yaw(
-        logs, columns=columns, thrusters=thrusters, arm=arm, fit_to=fit_to, channels=channels, out=out,
+        logs, columns=columns, thrusters=thrusters, arm=arm, fit_to=fit_to, tail=tail, channels=channels, out=out,
         overwrite=overwrite, strict=strict, jobs=jobs, progress=options.terminal_progress(),
     )  # fmt: skip
     return told(result, out, as_json)

@@ -28,6 +28,7 @@ __all__ = [
     "overwrite_option",
     "seed_option",
     "strict_option",
+    "tail_option",
     "terminal_progress",
     "thrusters_option",
     "verbosity",
@@ -119,6 +120,16 @@ fit_to_option = click.option(
 )  # fmt: skip
 """`fit_to`: one of three words."""
 
+
+def tail_option(unit: str) -> Callable[[Function], Function]:
+    """`tail`: a number in the `unit` that is shown, or None."""
+    return click.option(
+        "--tail", type=float, callback=_finite, metavar=unit,
+        help="Where the tails of the paper's method start; without it where drag and inertia are expected to be off "
+        "least.",
+    )  # fmt: skip
+
+
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else."
 )
@@ -167,8 +178,8 @@ def fit_options(function: Function) -> Function:
         help="What of the runs is fitted; auto takes steps where there are enough.",
     )  # fmt: skip
     every = (
-        logs_argument, columns_option, thrusters_option, steps, channels_option, out_option, overwrite_option,
-        strict_option, jobs_option, json_option, verbosity,
+        logs_argument, columns_option, thrusters_option, steps, tail_option("METRES"), channels_option, out_option,
+        overwrite_option, strict_option, jobs_option, json_option, verbosity,
     )  # fmt: skip
     for one in reversed(every):
         function = one(function)

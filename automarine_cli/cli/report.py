@@ -9,11 +9,11 @@ from automarine_cli.cli import options
 
 @click.command("report", short_help="One page of all that a campaign's steps found.")
 @click.argument("folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path))
-@click.option("--title", default="Yaw identification", show_default=True, help="Heading of the page.")
+@click.option("--title", show_default="such as Yaw identification", help="Heading of the page.")
 @options.overwrite_option
 @options.json_option
 @options.verbosity
-def report(folder: Path, title: str, overwrite: bool, as_json: bool) -> object:
+def report(folder: Path, title: str | None, overwrite: bool, as_json: bool) -> object:
     """Write report.html and report.md into DIR from the results in its folders check, thrusters, yaw, validation
     and diagnosis; what is not there is left out. The page is one file that needs no network.
 

@@ -16,24 +16,24 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FreeRun:
-    """One run simulated from its start to its end: headings as the compass shows them [rad] and true yaw rates
-    [rad/s] at the samples, (N,); not finite from where the model runs away.
+    """One run simulated from its start to its end: positions as the sensor shows them [rad or m] and true rates
+    [rad/s or m/s] at the samples, (N,); not finite from where the model runs away.
     """
 
     run: Run
-    heading: Floats
+    position: Floats
     rate: Floats
     start: State
 
     @property
     def error(self) -> Floats:
-        """Measured less simulated heading [rad], (N,)."""
-        return self.run.position - self.heading
+        """Measured less simulated position [rad or m], (N,)."""
+        return self.run.position - self.position
 
     @property
     def diverged(self) -> bool:
-        """Whether the simulated heading became infinite or no number."""
-        return not bool(np.all(np.isfinite(self.heading)))
+        """Whether the simulated position became infinite or no number."""
+        return not bool(np.all(np.isfinite(self.position)))
 
 
 def free_runs(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.0) -> Iterator[FreeRun]:
@@ -45,7 +45,7 @@ def free_runs(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.0) 
     for group in groups(runs, [len(run) for run in runs]):
         some = runs[group]
         states = start_states(model, some, switch_offset)
-        headings, rates = (np.array([getattr(s, name) for s in states]) for name in ("heading", "rate"))
-        shown = roll(model, some, headings, rates, switch_offset)
+        positions, rates = (np.array([getattr(s, name) for s in states]) for name in ("position", "rate"))
+        shown = roll(model, some, positions, rates, switch_offset)
         for i, (run, state) in enumerate(zip(some, states)):
             yield FreeRun(run, shown.position[0, i, : len(run)], shown.velocity[0, i, : len(run)], state)

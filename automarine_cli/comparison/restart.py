@@ -1,7 +1,7 @@
-"""Restarted simulation: the state is set anew from the measured heading wherever the moment changes.
+"""Restarted simulation: the state is set anew from the measured position wherever the moment or force changes.
 
-Heading integrates every error, so that one per cent of gain is several degrees after a minute of free running;
-restarted, the error says how well the model follows each change of moment by itself. Water and thrusters that
+Position integrates every error, so that one per cent of gain is several degrees after a minute of free running;
+restarted, the error says how well the model follows each change of command by itself. Water and thrusters that
 carry a state of their own begin afresh at a restart.
 """
 
@@ -26,12 +26,12 @@ Floats = NDArray[np.float64]
 FEWEST = 4  # samples to either side over which a state is smoothed
 LONGEST = 1.5  # s to either side
 SHORTEST = 1.0  # s between restarts
-EVERY = 15.0  # s between restarts where the moment changes all the time
+EVERY = 15.0  # s between restarts where the command changes all the time
 ALL_THE_TIME = 0.2  # changes a sample
 
-AT_CHANGES = "at each change of moment"
-AT_TIMES = f"every {EVERY:g} s, because the moment changes all the time"
-NEVER = "never: the moment does not change after the start"
+AT_CHANGES = "at each change of {force}"
+AT_TIMES = f"every {EVERY:g} s, because the {{force}} changes all the time"
+NEVER = "never: the {force} does not change after the start"
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Restarts:
 
 
 def find_restarts(run: Run) -> Restarts:
-    """Restart at the last sample before each change of moment, or every 15 s where it changes all the time."""
+    """Restart at the last sample before each change of command, or every 15 s where it changes all the time."""
     changes = [first for first, _, _ in segments(run.command)[1:]]
     driven = len(changes) > ALL_THE_TIME * len(run)
     if driven:
@@ -67,20 +67,21 @@ def find_restarts(run: Run) -> Restarts:
     reach = _reach(run)
     rest = rest_state(run)
     states = tuple(
-        State(rest.heading, 0.0, "the rest with which the run begins")
+        State(rest.position, 0.0, "the rest with which the run begins")
         if rest is not None and changes[0] == i + 1
         else _smoothed(run, i, [] if driven else changes, reach)
         for i in at[1:]
     )
     at.append(len(run) - 1)
     horizon = float(np.median(np.diff(run.time[at])))
-    return Restarts(tuple(at), AT_TIMES if driven else AT_CHANGES if states else NEVER, horizon, states)
+    rule = run.dof.fill(AT_TIMES if driven else AT_CHANGES if states else NEVER)
+    return Restarts(tuple(at), rule, horizon, states)
 
 
 def restarted_errors(
     model: YawModel, free: Sequence[FreeRun], restarts: Sequence[Restarts], switch_offset: float = 0.0
 ) -> Iterator[Floats]:
-    """Measured less restarted heading [rad], (N,), run by run; 0 at the first sample of all.
+    """Measured less restarted position [rad or m], (N,), run by run; 0 at the first sample of all.
 
     The first piece of each run is that of the free run; all others are simulated many at a time.
     """
@@ -91,17 +92,17 @@ def restarted_errors(
     for group in groups(pieces, [len(run) for run in runs]):
         some = runs[group]
         begin = aligned(model, some, states[group])
-        headings, rates = (np.array([getattr(s, name) for s in begin]) for name in ("heading", "rate"))
-        shown = roll(model, some, headings, rates, switch_offset).position[0]
-        for (i, first, last), run, heading in zip(pieces[group], some, shown):
-            errors[i][first + 1 : last + 1] = (run.position - heading[: len(run)])[1:]
+        positions, rates = (np.array([getattr(s, name) for s in begin]) for name in ("position", "rate"))
+        shown = roll(model, some, positions, rates, switch_offset).position[0]
+        for (i, first, last), run, position in zip(pieces[group], some, shown):
+            errors[i][first + 1 : last + 1] = (run.position - position[: len(run)])[1:]
     yield from errors
 
 
 def _smoothed(run: Run, i: int, changes: Sequence[int], reach: float) -> State:
-    """Heading and rate at sample `i` from a parabola over `reach` [s] to either side, fewer samples: a line.
+    """Position and rate at sample `i` from a parabola over `reach` [s] to either side, fewer samples: a line.
 
-    Where the moment changes right after `i`, the parabola bends differently before and after the middle of that
+    Where the command changes right after `i`, the parabola bends differently before and after the middle of that
     interval; it never reaches across another change.
     """
     bend = i + 1 in changes
@@ -117,8 +118,8 @@ def _smoothed(run: Run, i: int, changes: Sequence[int], reach: float) -> State:
     powers = np.stack([np.ones_like(t), t, *after], axis=1)[:, : max(1, len(t) - 1)]
     found = np.zeros(4)
     found[: powers.shape[1]] = np.linalg.lstsq(powers, run.position[low:high], rcond=None)[0]
-    heading, rate = found[0] + found[1] * at + found[2] * at**2, found[1] + 2 * found[2] * at
-    return State(float(heading), float(rate), f"smoothed: parabola over {high - low} samples")
+    position, rate = found[0] + found[1] * at + found[2] * at**2, found[1] + 2 * found[2] * at
+    return State(float(position), float(rate), f"smoothed: parabola over {high - low} samples")
 
 
 def _rated(run: Run, i: int, low: int, high: int, t: Floats, at: float, bend: bool) -> State | None:
@@ -141,10 +142,11 @@ def _rated(run: Run, i: int, low: int, high: int, t: Floats, at: float, bend: bo
 
 
 def _reach(run: Run) -> float:
-    """Seconds to either side over which the heading is smoothed: where its noise and the parabola's bias balance.
+    """Seconds to either side over which the position is smoothed: where its noise and the parabola's bias balance.
 
     The variance of a slope falls with the cube of the reach, the square of the bias grows with its fourth power,
-    so that the best reach goes with the noise to the power 2/7, and is about a second for a degree at 10 Hz.
+    so that the best reach goes with the noise to the power 2/7, and is about a second for a degree, or a centimetre,
+    at 10 Hz.
     """
-    noise = np.rad2deg(position_noise(run.time, run.position)) * np.sqrt(run.sample_period / 0.1)
+    noise = run.dof.shown(position_noise(run.time, run.position)) * np.sqrt(run.sample_period / 0.1)
     return float(np.clip(noise ** (2 / 7), FEWEST * run.sample_period, LONGEST)) * (1 + 1e-9)

@@ -15,7 +15,7 @@ from automarine_cli.simulation.rollout import Start, Trajectory, simulate, step_
 Floats = NDArray[np.float64]
 Item = TypeVar("Item")
 
-SETTLED = np.deg2rad(0.01)  # halving the step must not move a heading further than this
+SETTLED = 0.01  # of the unit that people see: halving the step must not move a position further than this
 MOST_HALVINGS = 4
 UNSTEADY = 0.05  # s, the step of a model without a steady rate
 MOST_STEPS = 50_000  # beyond which a step is halved no more; long runs have four times their samples
@@ -28,47 +28,47 @@ def needed_signals(model: YawModel) -> tuple[str, ...]:
 
 
 def has_sensor(model: YawModel) -> bool:
-    """Whether what the compass shows differs from the true heading under this model."""
+    """Whether what the sensor shows differs from the true position under this model."""
     return any(effects.get(term.name).place is effects.Place.SENSOR for term in model.terms)
 
 
 def step_of(model: YawModel, runs: Sequence[Run]) -> float:
-    """Step [s] to begin with: fit for the drag under the largest moment."""
+    """Step [s] to begin with: fit for the drag under the largest command."""
     step = step_for(model, max(float(np.abs(run.command).max()) for run in runs))
-    return step if np.isfinite(step) else UNSTEADY  # drag that never balances the moment
+    return step if np.isfinite(step) else UNSTEADY  # drag that never balances it
 
 
 def roll(
     model: YawModel,
     runs: Sequence[Run],
-    heading: ArrayLike,
+    position: ArrayLike,
     rate: ArrayLike,
     switch_offset: float = 0.0,
     step: float | None = None,
 ) -> Trajectory:
-    """Simulate `runs` from `heading` [rad] and `rate` [rad/s] at their first samples, (P, R) or (R,).
+    """Simulate `runs` from `position` [rad or m] and `rate` [rad/s or m/s] at their first samples, (P, R) or (R,).
 
     `switch_offset` is the share of a sample interval by which commands act later than mid-interval. With `step`
-    [s] that step is used as it is; without it the step is halved until headings settle to 0.01 degrees, four
+    [s] that step is used as it is; without it the step is halved until positions settle to 0.01 degrees or cm, four
     times at most. Returns
-    headings and rates (P, R, N), padded; not finite where the model runs away. Raises RunError as `make_batch`.
+    positions and rates (P, R, N), padded; not finite where the model runs away. Raises RunError as `make_batch`.
     """
     if step is not None:
-        return _once(model, runs, heading, rate, switch_offset, step)
+        return _once(model, runs, position, rate, switch_offset, step)
     step = step_of(model, runs)
-    best = _once(model, runs, heading, rate, switch_offset, step)
+    best = _once(model, runs, position, rate, switch_offset, step)
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)
     most = max(MOST_STEPS, 4 * max(len(run) for run in runs))
     for _ in range(MOST_HALVINGS):
         step /= 2
         if longest / step > most:
             break
-        finer = _once(model, runs, heading, rate, switch_offset, step)
+        finer = _once(model, runs, position, rate, switch_offset, step)
         both = np.isfinite(finer.position) & np.isfinite(best.position)
         moved = np.abs(np.where(both, finer.position, 0.0) - np.where(both, best.position, 0.0)).max()
         same_fate = bool(np.all(np.isfinite(finer.position) == np.isfinite(best.position)))
         best = finer
-        if same_fate and moved <= SETTLED:
+        if same_fate and model.dof.shown(moved) <= SETTLED:
             break
     return best
 
@@ -76,16 +76,16 @@ def roll(
 def _once(
     model: YawModel,
     runs: Sequence[Run],
-    heading: ArrayLike,
+    position: ArrayLike,
     rate: ArrayLike,
     switch_offset: float,
     step: float,
 ) -> Trajectory:
     batch = make_batch(runs, step, needed_signals(model))
     delay = switch_offset * batch.interval[None] if switch_offset else None
-    heading, rate = np.atleast_2d(heading), np.atleast_2d(rate)
+    position, rate = np.atleast_2d(position), np.atleast_2d(rate)
     with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away is told of, not warned about
-        return simulate(model, batch, start=Start(heading, rate, switch_delay=delay))
+        return simulate(model, batch, start=Start(position, rate, switch_delay=delay))
 
 
 def groups(items: Sequence[Item], sizes: Sequence[int]) -> Iterator[slice]:

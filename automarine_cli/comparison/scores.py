@@ -9,6 +9,7 @@ from scipy.signal import savgol_coeffs
 
 from automarine_cli.comparison.residuals import FreeRun
 from automarine_cli.comparison.starts import State
+from automarine_cli.dofs import Dof
 from automarine_cli.runs.bias import unbiased_velocity
 from automarine_cli.runs.clean import GAP_IN_PERIODS
 from automarine_cli.runs.noise import position_noise
@@ -16,22 +17,30 @@ from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
 
-SMOOTHED = 1.0  # s over which a heading is smoothed for its rate
+SMOOTHED = 1.0  # s over which a position is smoothed for its rate
 FEWEST_RUNS = 3  # for an interval over runs
 DRAWS = 2000  # bootstrap resamples
 
-SCORES = ("rmse_deg", "max_abs_deg", "fit_percent", "restarted_rmse_deg", "rate_rmse_deg_s")
-"""Names of the scores, as in the contract."""
+SCORES = ("rmse", "max_abs", "fit_percent", "restarted_rmse", "rate_rmse")
+"""The scores; `score_key` says what they are called in files."""
 
-SUMMED = ("rmse_deg", "restarted_rmse_deg", "rate_rmse_deg_s")
+SUMMED = ("rmse", "restarted_rmse", "rate_rmse")
 """Those that are roots of mean squares."""
+
+
+def score_key(score: str, dof: Dof) -> str:
+    """The key of a score in result files, with its unit."""
+    units = dof.units
+    if score == "rate_rmse":
+        return f"{dof.words.speed}_rmse_{units.rate_key}"
+    return score if score == "fit_percent" else f"{score}_{units.key}"
 
 
 @dataclass(frozen=True)
 class RunScore:
-    """One run under one model: sums of squares [deg², (deg/s)²] with their numbers of samples.
+    """One run under one model: sums of squares, in the unit that people see, with their numbers of samples.
 
-    `spread` is the sum of squares of the measured heading about its mean, `worst` the largest error [deg]. All
+    `spread` is the sum of squares of the measured position about its mean, `worst` the largest error. All
     are 0 where the simulation `diverged`; a count of 0 says that the run has no such score.
     """
 
@@ -46,21 +55,21 @@ class RunScore:
         """The score of that name (see SCORES), None where there is none."""
         if self.diverged:
             return None
-        if name == "max_abs_deg":
+        if name == "max_abs":
             return self.worst
         if name == "fit_percent":
-            return fit_percent(self.squares["rmse_deg"], self.spread)
+            return fit_percent(self.squares["rmse"], self.spread)
         count = self.counts[name]
         return float(np.sqrt(self.squares[name] / count)) if count else None
 
 
 def fit_percent(square: float, spread: float) -> float | None:
-    """100 (1 - |error|/|measured - mean|) from sums of squares; None for a heading that never changed."""
+    """100 (1 - |error|/|measured - mean|) from sums of squares; None for a position that never changed."""
     return float(100.0 * (1.0 - np.sqrt(square / spread))) if spread > 0 else None
 
 
 def score(free: FreeRun, restarted: Floats) -> RunScore:
-    """Score a free run and its restarted errors (N,) [rad]; no restarted score where a restart runs away."""
+    """Score a free run and its restarted errors (N,) [rad or m]; no restarted score where a restart runs away."""
     if free.diverged:
         nothing = dict.fromkeys(SUMMED, 0)
         return RunScore(free.start, True, 0.0, nothing, nothing, 0.0)
@@ -81,16 +90,16 @@ def score(free: FreeRun, restarted: Floats) -> RunScore:
 
 
 def rate_source(run: Run) -> str:
-    """Where the measured yaw rate of a run comes from, in words."""
+    """Where the measured rate of a run comes from, in words."""
     if run.dof.velocity in run.extras:
-        return run.dof.say("yaw rate in the log")
+        return f"{run.dof.words.rate} in the log"
     return f"slope of the {run.dof.position} smoothed over {rate_window(run) * run.sample_period:.3g} s"
 
 
 def rate_error(free: FreeRun) -> Floats:
-    """Measured less simulated yaw rate [deg/s], as many values as there are.
+    """Measured less simulated rate, in the unit that people see, as many values as there are.
 
-    With a yaw rate in the log, less its bias, at the samples that have one; otherwise both headings are treated alike,
+    With a rate in the log, less its bias, at the samples that have one; otherwise both positions are treated alike,
     put on an even grid and differentiated by Savitzky and Golay's parabola, never across a gap.
     """
     run, dof = free.run, free.run.dof
@@ -109,17 +118,17 @@ def rate_error(free: FreeRun) -> Floats:
 
 
 def rate_window(run: Run) -> int:
-    """Samples, an odd number, over which a heading is smoothed for its rate: about a second, 5 at least."""
+    """Samples, an odd number, over which a position is smoothed for its rate: about a second, 5 at least."""
     return max(5, 2 * round(SMOOTHED / run.sample_period / 2) + 1)
 
 
 def noise_floor(run: Run) -> float:
-    """White noise of the heading [deg], measured apart from any model."""
+    """White noise of the position, in the unit that people see, measured apart from any model."""
     return float(run.dof.shown(position_noise(run.time, run.position)))
 
 
 def pooled_floor(runs: Sequence[Run]) -> float:
-    """Noise floor of all runs together [deg], weighted as a pooled rmse is."""
+    """Noise floor of all runs together, weighted as a pooled rmse is."""
     sizes = np.array([len(run) for run in runs])
     floors = np.array([noise_floor(run) for run in runs])
     return float(np.sqrt(sizes @ floors**2 / sizes.sum()))
@@ -146,12 +155,12 @@ def overall(scores: Sequence[RunScore], drawn: NDArray[np.int64]) -> dict[str, O
     """
     if any(one.diverged for one in scores):
         return {name: Overall(None) for name in SCORES}
-    found = {"max_abs_deg": Overall(max(one.worst for one in scores))}
+    found = {"max_abs": Overall(max(one.worst for one in scores))}
     for name in SUMMED:
         squares = np.array([one.squares[name] for one in scores])
         counts = np.array([one.counts[name] for one in scores], dtype=float)
         found[name] = _ratio(squares, counts, drawn)
-    squares = np.array([one.squares["rmse_deg"] for one in scores])
+    squares = np.array([one.squares["rmse"] for one in scores])
     shares = _ratio(squares, np.array([one.spread for one in scores]), drawn)
     found["fit_percent"] = Overall(
         None if shares.value is None else 100.0 * (1.0 - shares.value),
@@ -161,11 +170,11 @@ def overall(scores: Sequence[RunScore], drawn: NDArray[np.int64]) -> dict[str, O
 
 
 def lead(better: Sequence[RunScore], worse: Sequence[RunScore], drawn: NDArray[np.int64]) -> Overall:
-    """By how much the pooled free-run rmse [deg] of one model is below another's, over the same resamples."""
-    counts = np.array([one.counts["rmse_deg"] for one in better], dtype=float)
+    """By how much the pooled free-run rmse of one model is below another's, over the same resamples."""
+    counts = np.array([one.counts["rmse"] for one in better], dtype=float)
     roots = []
     for scores in (worse, better):
-        squares = np.array([one.squares["rmse_deg"] for one in scores])
+        squares = np.array([one.squares["rmse"] for one in scores])
         roots.append((np.sqrt(squares.sum() / counts.sum()), np.sqrt(drawn @ squares / (drawn @ counts))))
     (first, many_first), (second, many_second) = roots
     return Overall(float(first - second), _interval(many_first - many_second, len(better)))

@@ -20,45 +20,47 @@ FEWEST = 5  # samples of such a fit, for slow loggers
 SURE = 4.0  # standard errors
 ENOUGH_REST = 10  # samples
 SLOW = 0.02  # of the run's pace: drift that counts as standing still
-NUDGE = 1e-4  # rad and rad/s, for derivatives
+NUDGE = 1e-4  # rad and rad/s, or m and m/s, for derivatives
 ROUNDS = 4
-RUNAWAY = 1e6  # no slope of a heading that a vehicle could have
+RUNAWAY = 1e6  # no slope of a position that a vehicle could have
 MOST_WEIGHT = 100.0  # of a reading of a velocity [s]
-LEAST_GAIN = 0.1  # of what a compass shows of a small turn
+LEAST_GAIN = 0.1  # of what a sensor shows of a small move
 
 
 @dataclass(frozen=True)
 class State:
-    """Heading [rad] and yaw rate [rad/s] at the first sample, and a sentence on how they were found."""
+    """Position [rad or m] and rate [rad/s or m/s] at the first sample, and a sentence on how they were found."""
 
-    heading: float
+    position: float
     rate: float
     how: str
 
 
 def rest_state(run: Run) -> State | None:
-    """Heading of the rest with which the run begins, rate 0; None where it does not begin at rest.
+    """Position of the rest with which the run begins, rate 0; None where it does not begin at rest.
 
-    Rest is zero moment over two samples or more, without a slope in the heading beyond its noise.
+    Rest is no command over two samples or more, without a slope in the position beyond its noise.
     """
     first, stop, moment = segments(run.command)[0]
     count = stop - first
     if moment != 0 or count < 2:
         return None
-    time, heading = run.time[:stop], run.position[:stop]
-    rate, error = slope(time, heading)
+    time, position = run.time[:stop], run.position[:stop]
+    rate, error = slope(time, position)
     doubt = SURE * error * position_noise(run.time, run.position)
     pace = _pace(run)
     if abs(rate) > doubt + SLOW * pace or (count < ENOUGH_REST and doubt > 0.25 * pace):
         return None
-    return State(float(heading.mean()), 0.0, f"from rest: mean heading of {count} samples, rate 0")
+    words = run.dof.words
+    how = f"from rest: mean {words.position} of {count} samples, {words.speed} 0"
+    return State(float(position.mean()), 0.0, how)
 
 
 def start_states(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.0) -> list[State]:
     """The start of each run under `model`.
 
-    A run that does not begin at rest starts with the heading and rate from which the model follows the first
-    second (at least 5 samples) of the measured heading best, by least squares.
+    A run that does not begin at rest starts with the position and rate from which the model follows the first
+    second (at least 5 samples) of the measured position best, by least squares.
     """
     states = [rest_state(run) for run in runs]
     moving = [i for i, state in enumerate(states) if state is None]
@@ -74,23 +76,23 @@ def start_states(model: YawModel, runs: Sequence[Run], switch_offset: float = 0.
 
 
 def aligned(model: YawModel, runs: Sequence[Run], states: Sequence[State]) -> list[State]:
-    """True states at which the model's compass shows the headings and rates of `states` at the first sample."""
+    """True states at which the model's sensor shows the positions and rates of `states` at the first sample."""
     if not runs or not has_sensor(model):
         return list(states)
-    shown = np.array([state.heading for state in states])
-    heading, gain = shown.copy(), np.ones(len(runs))
+    shown = np.array([state.position for state in states])
+    position, gain = shown.copy(), np.ones(len(runs))
     begin = [run.cut(0, 2) for run in runs]
     for _ in range(2 * ROUNDS):
-        tried = heading + NUDGE * np.array([[0.0], [1.0], [-1.0]])
+        tried = position + NUDGE * np.array([[0.0], [1.0], [-1.0]])
         read = roll(model, begin, tried, 0.0 * tried, step=np.inf).position[:, :, 0]
         gain = (read[1] - read[2]) / (2 * NUDGE)
         gain = np.where(np.isfinite(gain) & (np.abs(gain) > LEAST_GAIN), gain, 1.0)
-        heading = heading + np.nan_to_num((shown - read[0]) / gain, posinf=0.0, neginf=0.0)
-    return [State(float(h), s.rate / float(g), s.how) for h, g, s in zip(heading, gain, states)]
+        position = position + np.nan_to_num((shown - read[0]) / gain, posinf=0.0, neginf=0.0)
+    return [State(float(x), s.rate / float(g), s.how) for x, g, s in zip(position, gain, states)]
 
 
 def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[State]:
-    """Gauss-Newton on start heading and rate, all runs at once, from a line through the same samples."""
+    """Gauss-Newton on start position and rate, all runs at once, from a line through the same samples."""
     begins = [run.cut(0, _window(run)) for run in runs]
     step = step_of(model, runs) / 2
     rates = np.array([slope(run.time, run.position)[0] for run in begins])
@@ -102,9 +104,9 @@ def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[
         row[: len(run)], mask[: len(run)] = run.position, 1.0
     found, rated = guess, _rated(begins, runs, width)
     for _ in range(ROUNDS):
-        heading = found[0] + NUDGE * np.array([[0.0], [1.0], [-1.0], [0.0], [0.0]])
+        position = found[0] + NUDGE * np.array([[0.0], [1.0], [-1.0], [0.0], [0.0]])
         rate = found[1] + NUDGE * np.array([[0.0], [0.0], [0.0], [1.0], [-1.0]])
-        states = roll(model, begins, heading, rate, switch_offset, step)
+        states = roll(model, begins, position, rate, switch_offset, step)
         shown, read, there = states.position, measured, seen
         if rated is not None:
             shown = np.concatenate([shown, rated[1] * states.velocity], axis=2)
@@ -117,9 +119,11 @@ def _fitted(model: YawModel, runs: Sequence[Run], switch_offset: float) -> list[
         slopes, left = np.where(good[:, None], slopes, 0.0), np.where(good[:, None], left, 0.0)
         square = np.einsum("irn,jrn->rij", slopes, slopes) + 1e-12 * np.eye(2)
         found = found + np.linalg.solve(square, np.einsum("irn,rn->ri", slopes, left)[..., None])[..., 0].T
+    words = model.dof.words
+    both = f"{words.position} and {words.speed}"
     return [
-        State(float(h), float(r), f"fitted: heading and rate that follow the first {len(run)} samples best")
-        for h, r, run in zip(*found, begins)
+        State(float(x), float(r), f"fitted: {both} that follow the first {len(run)} samples best")
+        for x, r, run in zip(*found, begins)
     ]
 
 
@@ -148,6 +152,6 @@ def _window(run: Run) -> int:
 
 
 def _pace(run: Run) -> float:
-    """How fast the run turns where it turns fast [rad/s]: 90th percentile of what one second turns."""
+    """How fast the run moves where it moves fast [rad/s or m/s]: 90th percentile of the way of one second."""
     later = np.interp(run.time + 1.0, run.time, run.position)
     return float(np.percentile(np.abs(later - run.position), 90))

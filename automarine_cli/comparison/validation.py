@@ -16,6 +16,7 @@ from automarine_cli.comparison.scores import (
     resamples,
     score,
 )
+from automarine_cli.dofs import Dof
 from automarine_cli.models.store import StoredModels
 from automarine_cli.pipeline.progress import Progress, counted, silent
 from automarine_cli.runs.run import Run
@@ -31,15 +32,16 @@ class Scored:
 
     @property
     def diverged(self) -> tuple[str, ...]:
-        """Names of the runs in which the simulated heading ran away."""
+        """Names of the runs in which the simulation ran away."""
         return tuple(one.run.name for one in self.free if one.diverged)
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """What was measured against what each model says, R runs; `floors` [deg] are theirs, `floor` that of all.
+    """What was measured against what each model says, R runs; `floors` are their noise, `floor` that of all, in the
+    unit that people see.
 
-    `best` is the number of the model with the smallest free-run heading error over all runs, None where every
+    `best` is the number of the model with the smallest free-run error of position over all runs, None where every
     model diverged; `because` is the sentence that says so. `afresh` are the effects with a state of their own,
     which a restart cannot know.
     """
@@ -69,7 +71,7 @@ def compare(
         scores = tuple(score(one, errors) for one, errors in zip(free, again))
         models[number] = Scored(tuple(free), scores, overall(scores, drawn))
     sizes = {number: len(model.theta) for number, model in stored.models.items()}
-    values = {number: one.overall["rmse_deg"].value for number, one in models.items()}
+    values = {number: one.overall["rmse"].value for number, one in models.items()}
     ranked = sorted((value, sizes[number], number) for number, value in values.items() if value is not None)
     best = ranked[0][2] if ranked else None
     leads = {
@@ -78,18 +80,18 @@ def compare(
         if best is not None
     }
     floors = tuple(noise_floor(run) for run in runs)
-    because = runs[0].dof.say(_because(best, leads, models))
+    because = _because(best, leads, models, runs[0].dof)
     afresh = tuple(name for name in stored.effects if effects.get(name).states)
     return Comparison(tuple(runs), tuple(restarts), models, floors, pooled_floor(runs), best, because, afresh)
 
 
-def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str, Scored]) -> str:
+def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str, Scored], dof: Dof) -> str:
     """One sentence: which model follows the runs best, and whether its lead could be chance."""
     if best is None:
         return "No model follows these runs: every simulation runs away."
     parts = []
     for number, gap in leads.items():
-        part = f"{_digits(gap.value)} deg below model {number}"
+        part = f"{_digits(gap.value)} {dof.units.shown} below model {number}"
         if gap.ci95 is not None:
             sure = "" if gap.ci95[0] > 0 else ", which may be chance"
             part += f" (95 % interval {_digits(gap.ci95[0])} to {_digits(gap.ci95[1])} over runs{sure})"
@@ -103,10 +105,10 @@ def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str
     tail = f": {'; '.join(told)}" if told else ""
     if len(models) == 1:
         return f"Model {best} is the only one{tail}."
-    return f"Model {best} has the smallest free-run heading error over all runs{tail}."
+    return f"Model {best} has the smallest free-run {dof.position} error over all runs{tail}."
 
 
 def _digits(gap: float | None) -> str:
-    """Degrees in a sentence: two digits, all before the point where there are more."""
+    """A number in a sentence: two digits, all before the point where there are more."""
     value = 0.0 if gap is None else gap
     return f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}"

@@ -40,7 +40,8 @@ class Row:
 
 @dataclass(frozen=True)
 class Variable:
-    """The gap in the bins of one variable; `p_value` is corrected for the number of variables."""
+    """The gap in the bins of one variable; `p_value` is corrected for the number of variables, and `logged`
+    is whether it is called as the logs call it."""
 
     name: str
     unit: str
@@ -50,6 +51,7 @@ class Variable:
     rows: tuple[Row, ...]
     p_value: float
     stands_out: NDArray[np.bool_]
+    logged: bool = False
 
     @property
     def telling(self) -> Row:
@@ -134,7 +136,15 @@ def _tested(
     p_value = min(float(row.p.min()) for row in found)
     nothing = np.zeros(len(middle), dtype=bool)
     variable = Variable(
-        column.name, column.unit, column.of_the_run, cut, middle, tuple(found), p_value, nothing
+        column.name,
+        column.unit,
+        column.of_the_run,
+        cut,
+        middle,
+        tuple(found),
+        p_value,
+        nothing,
+        column.logged,
     )
     return variable, chance
 

@@ -96,8 +96,9 @@ def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
     first_step, moment = first_steps(study)
     drag = slice(1, len(study.base.theta))
     weight = np.where(problem.positive[drag], 1.0, base.fit.theta[drag])  # all drag terms by the same factor
-    if study.base.dof.has_constant:
-        weight[study.base.index(study.base.dof.parameter("constant")) - drag.start] = 0.0
+    constant = study.base.dof.parameter("constant")
+    if constant in study.base.parameter_names:
+        weight[study.base.index(constant) - drag.start] = 0.0
     run_effects, variances = problem.effects.with_scale(gain=0.0), base.fit.variances
     inside = problem.seen & np.concatenate([first_step] * len(problem.slots), axis=1)
     within = replace(problem, seen=inside)

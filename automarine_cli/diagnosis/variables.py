@@ -1,6 +1,6 @@
 """What the gap between simulation and measurement is looked at against: motion, command, clock, logged columns."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -22,11 +22,13 @@ VELOCITIES = {one.velocity: one.units for one in DOFS.values()}
 
 @dataclass(frozen=True)
 class Column:
-    """One variable: values (R, N) with NaN where it means nothing, or (R,) for a property of the whole run."""
+    """One variable: values (R, N) with NaN where it means nothing, or (R,) for a property of the whole run; `logged`
+    ones are columns of the logs, called as these call them."""
 
     name: str
     unit: str
     values: Floats
+    logged: bool = False
 
     @property
     def of_the_run(self) -> bool:
@@ -64,10 +66,9 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
             row[: len(run)] = run.extras[name]
         units = VELOCITIES.get(name)
         scale, unit = (1.0, UNITS.get(name, "")) if units is None else (units.per_base, f"{units.log}/s")
-        found.append(_of_run_or_sample(name.replace("_", "-"), unit, scale * values))
-    columns_ = [
-        Column(c.name, c.unit, c.values if c.of_the_run else np.where(seen, c.values, np.nan)) for c in found
-    ]
+        column = _of_run_or_sample(name, unit, scale * values)
+        found.append(replace(column, name=_hyphened(dof.words.rate) if name == dof.velocity else name))
+    columns_ = [c if c.of_the_run else replace(c, values=np.where(seen, c.values, np.nan)) for c in found]
     kept: dict[tuple[str, bool], Column] = {}
     for column in columns_:
         if np.isfinite(column.values).any() and np.nanmax(column.values) > np.nanmin(column.values):
@@ -152,9 +153,9 @@ def _since_change(moment: Floats, time: Floats) -> Floats:
 def _of_run_or_sample(name: str, unit: str, values: Floats) -> Column:
     with_data = np.isfinite(values).any(axis=1)
     if not with_data.all():
-        return Column(name, unit, values)
+        return Column(name, unit, values, logged=True)
     whole = float(np.nanstd(values))
     within = float(np.sqrt(np.nanmean((values - np.nanmean(values, axis=1, keepdims=True)) ** 2)))
     if within < OF_THE_RUN * whole or within < 1e-12:
-        return Column(name, unit, np.asarray(np.nanmean(values, axis=1)))
-    return Column(name, unit, values)
+        return Column(name, unit, np.asarray(np.nanmean(values, axis=1)), logged=True)
+    return Column(name, unit, values, logged=True)

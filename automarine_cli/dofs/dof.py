@@ -4,14 +4,11 @@ One record a degree of freedom (SNAME 1950; Fossen 2021): everything else in aut
 keys and labels that are filled from the record. No text is changed after it was written.
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf, pi
 from typing import Any
-
-from automarine_cli.dofs.renaming import renamed, word_pattern
 
 
 @dataclass(frozen=True)
@@ -180,8 +177,6 @@ class Dof:
     directional: bool = False
     columns: Mapping[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
     nicknames: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    keys: Mapping[str, str] = field(default_factory=dict)
-    renamed_words: Mapping[str, str] = field(default_factory=dict)
     plain_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     mounts: tuple[str, ...] = ()
     horizontal: bool = True
@@ -239,22 +234,27 @@ class Dof:
         return f"{self.velocity}_{self.units.base}_s"
 
     @property
+    def step_key(self) -> str:
+        """What is kept of a step as a key: half_turn, step."""
+        return self.words.step.replace("-", "_")
+
+    @property
     def steps_key(self) -> str:
         """What files of all steps are called: half_turns, steps."""
-        return f"{self.words.step}s".replace("-", "_")
+        return f"{self.step_key}s"
 
     @cached_property
     def vocabulary(self) -> Mapping[str, str]:
         """Every word and symbol by name, for templates such as "-{quadratic} |{v}| {v}": the fields of `Words`, the
-        parameters but the inertia by what they are, `x`, `v`, `f` and `water` for position, velocity, force and the
-        water's velocity, and the units."""
+        parameters by what they are (the inertia's is `inertia_symbol`), `x`, `v`, `f` and `water` for position,
+        velocity, force and the water's velocity, and the units."""
         words = {k: v for k, v in vars(self.words).items() if isinstance(v, str)}
         plural = {f"{name}s": f"{words[name]}s" for name in ("force", "position", "speed")}
         there, back = self.words.ways
         to, fro = self.words.to_ways
         own, units = self.symbols, self.units
         return {
-            **self.parameters, **words, **plural, "motion": self.name,
+            **self.parameters, **words, **plural, "motion": self.name, "inertia_symbol": own.inertia,
             "x": own.position, "v": own.velocity, "f": own.force, "water": own.water,
             "positive": there, "negative": back, "to_positive": to, "to_negative": fro,
             "base_unit": units.base, "log_unit": units.log, "shown_unit": units.shown,
@@ -281,47 +281,6 @@ class Dof:
         return template.format_map(
             {"force": force_unit, "x": self.units.base, "/x": per[0], "/x2": per[1], "/x3": per[2]}
         )
-
-    def say(self, text: str) -> str:
-        """A sentence about yaw in the words of this motion."""
-        return self._said.sub(lambda found: self._own[found[0]], text) if self.renamed_words else text
-
-    def equation(self, text: str) -> str:
-        """An equation of yaw in the letters of this motion."""
-        if not self.renamed_words:
-            return text
-        named = re.sub(r"\b(?:k_r+|I_r|psi)\b", lambda found: self.say(found[0]), text)
-        return re.sub(r"(?<![a-zA-Z_])r(?![a-zA-Z_])", self.renamed_words["k_r"][-1], self.say(named))
-
-    def key(self, name: str) -> str:
-        """A key of yaw's result files as this motion has it."""
-        return self.keys.get(name, name)
-
-    def named(self, content: Any) -> Any:
-        """Content of a result file under this motion's keys."""
-        return renamed(content, self.keys)
-
-    def plain(self, content: Any) -> Any:
-        """Content of this motion's file under yaw's keys."""
-        return renamed(content, {own: key for key, own in reversed(list(self.keys.items()))})
-
-    def misnamed(self, content: Any) -> str:
-        """A key of yaw in this motion's file, however deep, that it calls otherwise; none: nothing."""
-        if isinstance(content, Mapping):
-            wrong = next((str(key) for key in content if self.keys.get(key, key) != key), "")
-            return wrong or next(filter(None, map(self.misnamed, content.values())), "")
-        if isinstance(content, list | tuple):
-            return next(filter(None, map(self.misnamed, content)), "")
-        return ""
-
-    @cached_property
-    def _own(self) -> dict[str, str]:
-        return {**self.keys, **self.renamed_words}
-
-    @cached_property
-    def _said(self) -> re.Pattern[str]:
-        longest = sorted(self._own, key=len, reverse=True)
-        return re.compile("|".join(word_pattern(one) for one in longest))
 
 
 _UNITS = {

@@ -1,7 +1,6 @@
 """Heave: depth, positive down, against force Z; weight less buoyancy always acts."""
 
 from automarine_cli.dofs.dof import Dof
-from automarine_cli.dofs.renaming import keys_of, words_of
 from automarine_cli.dofs.translation import LIMITS, METRES, symbols, words
 
 HEAVE = Dof(
@@ -29,8 +28,6 @@ HEAVE = Dof(
         "force_Z": ("force_z", "heave_force", "thrust_z", "fz", "tau_z", "z_force"),
         "n_vert": ("n_vert", "vertical", "vert", "vert_cmd", "cmd_vert", "n_vertical"),
     },
-    keys=keys_of("Z", "w", "m_w", "depth"),
-    renamed_words=words_of("heave", "Z", "w", "m_w", "depth", ("down", "up")),
     mounts=("vertical",),
     horizontal=False,
 )

@@ -1,7 +1,6 @@
 """Surge: distance ahead against force X."""
 
 from automarine_cli.dofs.dof import Dof
-from automarine_cli.dofs.renaming import keys_of, words_of
 from automarine_cli.dofs.translation import LIMITS, METRES, symbols, words
 
 SURGE = Dof(
@@ -26,7 +25,5 @@ SURGE = Dof(
         "distance": ("distance", "dist", "x", "position", "range", "travel", "surge_position", "pos_x"),
         "force_X": ("force_x", "surge_force", "thrust_x", "fx", "tau_x", "x_force"),
     },
-    keys=keys_of("X", "u", "m_u", "distance"),
-    renamed_words=words_of("surge", "X", "u", "m_u", "distance", ("ahead", "astern")),
     mounts=("port", "starboard"),
 )

@@ -1,6 +1,6 @@
 """A number with its uncertainty: what every fit returns and every result file holds."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -42,12 +42,6 @@ class Estimate:
             (float(value * np.exp(-half)), float(value * np.exp(half))),
             unit,
         )
-
-    def holding_bias(self, relative: float) -> "Estimate":
-        """The same with the interval drawn out to where a known bias of `relative` of the value may come from."""
-        aside = -relative * self.value
-        low, high = self.ci95
-        return replace(self, ci95=(low + min(aside, 0.0), high + max(aside, 0.0)))
 
     def to_json(self) -> dict[str, object]:
         """The contract's form."""

@@ -44,19 +44,21 @@ def identify(
     each: Map | None = None,
     trim: Trim = UNTRIMMED,
     channels: str = AUTO,
+    tail: float | None = None,
 ) -> YawFit:
     """Fit the three models to `runs`, whose steps are followed as far as `trim` says.
 
     `fit_to` is "half-turns", "whole-runs", or "auto": half-turns if at least three at two sizes of moment
     serve and they are half of the runs or more, else whole runs. `known` is what need not be estimated;
     `each` maps a function over the models (to use processes), `channels` says which sensors count
-    (`runs.channels.choose_channels`). Raises RunError where too few runs are left,
+    (`runs.channels.choose_channels`), `tail` [rad or m] where the tails of the paper's method start, None: where they
+    are best. Raises RunError where too few runs are left,
     FitError where the data cannot carry a fit.
     """
     if not runs:
         raise RunError("there are no runs to fit; give at least one")
     turns, set_aside = half_turns(runs, trim)
-    return identify_turns(runs[0].dof, turns, set_aside, lambda: runs, fit_to, known, each, channels)
+    return identify_turns(runs[0].dof, turns, set_aside, lambda: runs, fit_to, known, each, channels, tail)
 
 
 def identify_turns(
@@ -68,6 +70,7 @@ def identify_turns(
     known: Known = NOTHING_KNOWN,
     each: Map | None = None,
     channels: str = AUTO,
+    tail: float | None = None,
 ) -> YawFit:
     """As `identify`, of a motion's half-turns and the runs without one; `whole` gives the runs, if they are needed."""
     each = each or (lambda function, models: [function(model) for model in models])
@@ -81,7 +84,12 @@ def identify_turns(
             f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         )
     if fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs):
-        return _fit_steps(turns, set_aside, known, each, channels)
+        return _fit_steps(turns, set_aside, known, each, channels, tail)
+    if tail is not None:
+        raise RunError(
+            f"{_counted(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
+            "none; leave the tail out, or give more runs from rest at one command"
+        )
     return _fit_whole(tuple(whole()), turns, fit_to, each, channels)
 
 
@@ -98,7 +106,12 @@ def _reasons(set_aside: Sequence[SetAside]) -> str:
 
 
 def _fit_steps(
-    turns: tuple[HalfTurn, ...], set_aside: tuple[SetAside, ...], known: Known, each: Map, channels: str
+    turns: tuple[HalfTurn, ...],
+    set_aside: tuple[SetAside, ...],
+    known: Known,
+    each: Map,
+    channels: str,
+    tail: float | None,
 ) -> YawFit:
     unit, dof = turns[0].step.run.moment_unit, turns[0].step.run.dof
     chosen = choose_channels([turn.step.run for turn in turns], dof, channels)
@@ -116,7 +129,7 @@ def _fit_steps(
     )  # fmt: skip
     fits = dict(zip("123", each(ask, ("1", "2", "3"))))
     preference = prefer(fits)
-    seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit)
+    seed = fit_velocity_error(data, zero, fits[preference.number].offset.value, unit, tail=tail)
     noise = float(np.median([turn.noise for turn in turns if not turn.step.run.summed_up] or [0.0]))
     cautions = (
         *design_cautions([turn.moment for turn in turns], unit, dof, of_steps=True),

@@ -11,12 +11,15 @@ channel c count (s_1/s_c)² times.
 Shapes: runs R, parameters p, run effects q, channels C. Variances are the logarithms of C noises and of the factors.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.fits.gram import Gram, Grams
 from automarine_cli.fits.run_effects import RunEffects
@@ -34,7 +37,7 @@ FLAT = 1e-4
 
 
 class NotFinite(FitError):
-    """Simulations run out of all bounds. Who knows the motion says so in its words, see `not_finite`."""
+    """Simulations run out of all bounds. Who knows the motion says so in its words, see `in_words_of`."""
 
 
 def not_finite(position: str, force: str) -> str:
@@ -43,6 +46,15 @@ def not_finite(position: str, force: str) -> str:
         f"no motion of a vehicle fits these runs: simulated {position}s run out of all bounds; look at the logs with "
         f"`automarine check` for gaps, a wrong clock, or wrong units or signs of {position} and {force} (--columns)"
     )
+
+
+@contextmanager
+def in_words_of(dof: Dof) -> Iterator[None]:
+    """What is refused inside as not finite is refused in the words of a motion."""
+    try:
+        yield
+    except NotFinite:
+        raise FitError(not_finite(dof.words.position, dof.words.force)) from None
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ CORRELATED = 0.95
 """Correlation of two estimates from which on only a combination of them is known."""
 
 DILUTED = 0.04
-"""Scatter of the thrust from run to run from which on the least squares of Table 1 are biased by it."""
+"""Scatter of the thrust from run to run from which on it is said that Table 1 is corrected for it."""
 
 UNMOVED = 1e-9
 """Relative change from its start below which a parameter never moved."""
@@ -158,8 +158,8 @@ def seed_cautions(seed: VelocityErrorFit, gain_scatter: float, dof: Dof) -> list
                 "",
                 EVERY,
                 f"Thrust scatters by {100 * gain_scatter:.1f} % from run to run: least squares of the commanded "
-                f"{words.force} on the {words.speed} take it for drag that is too small, and their intervals do not "
-                "know; trust the maximum likelihood.",
+                f"{words.force} on the {words.speed} take it for drag that is too small. That was taken off, as if the "
+                "scatter were normal and of the thrust alone; the maximum likelihood needs no such correction.",
             )
         )
     for number, drag in sorted(seed.drag.items()):

@@ -159,7 +159,10 @@ class YawFit(Shown):
             f"{dof.symbols.inertia}_mean_at_{dof.words.force}": {
                 f"{level:g}": mean for level, mean in (table.per_moment if table else {}).items()
             },
+            "dilution_taken_off": dict(drag.dilution),
             f"tail_from_{dof.units.key}": float(dof.shown(seed.tail_from)),
+            "tail_because": seed.tail_because(dof),
+            "tail_expected": seed.expected.to_json(dof),
         }
         return content
 

@@ -8,7 +8,8 @@ from automarine_cli.dofs import Dof
 from automarine_cli.fits.drag import identity_gap
 from automarine_cli.fits.output_error import OutputErrorFit, Preference
 from automarine_cli.fits.run_effects import GAIN
-from automarine_cli.fits.velocity_error import BIAS_LIMIT, VelocityErrorFit
+from automarine_cli.fits.tail_choice import BIAS_LIMIT
+from automarine_cli.fits.velocity_error import VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import Caution
 from automarine_cli.runs.half_turn import HalfTurn
 
@@ -39,9 +40,9 @@ def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, dof: Dof) -
     found, words = [], dof.words
     if not seed.steady:
         found.append(
-            f"{words.reach.capitalize()} is not enough to get steady: the best tail, from "
-            f"{dof.shown(seed.tail_from):.0f}{dof.units.mark} on, still leaves a bias of "
-            f"{100 * max(map(abs, seed.bias)):.1f} %, more than {100 * BIAS_LIMIT:.1f} %; trust the maximum "
+            f"{words.reach.capitalize()} is not enough to get steady: every tail is off by more than "
+            f"{100 * BIAS_LIMIT:.1f} % by itself, that from {dof.shown(seed.tail_from):.0f} {dof.units.shown} on by "
+            f"{100 * max(map(abs, seed.bias)):.1f} %, which was taken off by a rough model; trust the maximum "
             "likelihood, which needs no tail."
         )
     unsteady = [turn.name for turn in turns if not turn.steady]
@@ -54,7 +55,7 @@ def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, dof: Dof) -
     )  # no constant force, no two ways
     if pooled and "2" in seed.drag and len(seed.drag["2"].estimates) == 2:
         rate, two = seed.tails.rate, seed.drag["2"].drag
-        gap = identity_gap(rate, seed.drag["3"].drag[1], two[1], two[0])
+        gap = identity_gap(rate, seed.drag["3"].drag[1], two[1], two[0], seed.drag["2"].variance)
         if abs(gap) > 1e-6 * abs(two[1]):
             v = dof.symbols.velocity
             found.append(

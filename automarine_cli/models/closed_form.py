@@ -58,7 +58,7 @@ def velocity_error(
     with np.errstate(divide="ignore", invalid="ignore"):
         delta = np.sqrt(b * b / 4 + a * c)
         gap = np.where(a > 0, a / (delta + b / 2) / (2 * delta), 0.0)
-    return np.sign(moment) * _log_ratio(c, gap)
+        return np.sign(moment) * _log_ratio(c, gap)
 
 
 def inertia_from_velocity_error(eps: ArrayLike, moment: ArrayLike, k_r: ArrayLike, k_rr: ArrayLike) -> Floats:

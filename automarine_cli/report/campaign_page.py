@@ -62,6 +62,18 @@ def document(steps: Steps, title: str, cautions: Sequence[str] = ()) -> str:
     return "\n\n".join(part.strip() for part in parts if part.strip()) + "\n"
 
 
+def usual_title(steps: Steps) -> str:
+    """The title of who gives none: the motions of which there is something."""
+    motions = [
+        dof.name
+        for dof in DOFS.values()
+        if any(
+            name in steps for name in (dof.name, folder_of(dof, "validation"), folder_of(dof, "diagnosis"))
+        )
+    ]
+    return f"{' and '.join(motions or [YAW.name])} identification".capitalize()
+
+
 def _of_motion(steps: Steps, dof: Dof) -> Iterator[tuple[str, list[str]]]:
     """The sections of one motion; those of yaw, which every campaign has, need no name."""
     within = "" if dof is YAW else f" in {dof.name}"

@@ -14,12 +14,13 @@ from automarine_cli.pipeline.plain_data import read_plain
 
 @dataclass(frozen=True)
 class Kind:
-    """What a step leaves: its result file, how that file's schema begins, what it is in words, of which motion."""
+    """What a step leaves: its result file, how that file's schema begins, what it is in words, of which motion
+    (a campaign's main one where it is of none)."""
 
     file: str
     schema: str
     words: str
-    dof: Dof = YAW
+    dof: Dof
 
 
 def folder_of(dof: Dof, step: str) -> str:
@@ -39,8 +40,8 @@ FORCES = tuple(dof for dof in DOFS.values() if dof is not YAW)
 """Motions that only some campaigns have."""
 
 RESULTS = {
-    "check": Kind("check.json", "automarine/check/", "a look at the logs"),
-    "thrusters": Kind("thrusters.json", "automarine/thruster-map/", "a thruster map"),
+    "check": Kind("check.json", "automarine/check/", "a look at the logs", YAW),
+    "thrusters": Kind("thrusters.json", "automarine/thruster-map/", "a thruster map", YAW),
     **dict(_of(YAW)),
 }
 """What each folder of every campaign holds."""

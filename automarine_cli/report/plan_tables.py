@@ -4,6 +4,7 @@ import csv
 import io
 from collections.abc import Sequence
 
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.planning.campaign import Campaign
 from automarine_cli.planning.commands import in_words
@@ -16,7 +17,16 @@ SHEET = (
 )  # fmt: skip
 CERTAIN = 1000.0
 LAST_KINDS = 3
-SYMBOLS = {"k_rr": "k_r|r|", "inertial turn angle": "I_r/k_r|r|"}
+
+
+def in_print(name: str, dof: Dof) -> str:
+    """A parameter as tables have it."""
+    own = dof.symbols
+    others = {
+        own.quadratic: own.quadratic_print,
+        dof.words.inertial_length: f"{own.inertia}/{own.quadratic_print}",
+    }
+    return others.get(name, name)
 
 
 def command_name(name: str) -> str:
@@ -72,7 +82,10 @@ def interval_table(campaign: Campaign) -> Table:
     if campaign.together:
         columns["with the earlier runs"] = campaign.together
     rows = [
-        (_label(name, one), *(_precision(found.get(name)) for found in columns.values()))
+        (
+            _label(name, one, campaign.fitting.model.dof),
+            *(_precision(found.get(name)) for found in columns.values()),
+        )
         for name, one in campaign.alone.items()
     ]
     notes = ("Value, predicted 95 % interval, and half its width in percent.",)
@@ -97,7 +110,7 @@ def split_table(campaign: Campaign) -> Table:
 
 def compared_table(campaign: Campaign) -> Table:
     """The plan, the paper's grid and one run more of each kind: minutes, motion, standard errors in percent."""
-    names = list(campaign.plan.percent)
+    names, dof = list(campaign.plan.percent), campaign.fitting.model.dof
     rows = [
         (
             label, number(curve.minutes[-1], 3), number(curve.motion[-1], 3),
@@ -112,7 +125,7 @@ def compared_table(campaign: Campaign) -> Table:
         "campaign",
         "min in the pool",
         "s of motion",
-        *(f"{SYMBOLS.get(name, name)} %" for name in names),
+        *(f"{in_print(name, dof)} %" for name in names),
     )
     earlier = " The earlier runs are counted in." if campaign.together else ""
     return Table(
@@ -130,8 +143,8 @@ def _evidence(one: Split) -> str:
     return f"over {CERTAIN:.0f}" if one.evidence > CERTAIN else f"{one.evidence:.1f}"
 
 
-def _label(name: str, one: Estimate) -> str:
-    shown = SYMBOLS.get(name, name)
+def _label(name: str, one: Estimate, dof: Dof) -> str:
+    shown = in_print(name, dof)
     return shown if one.unit in ("", "1") else f"{shown} [{one.unit}]"
 
 

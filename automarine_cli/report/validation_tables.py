@@ -2,17 +2,17 @@
 
 from collections.abc import Sequence
 
-from automarine_cli.comparison.scores import SCORES, Overall
+from automarine_cli.comparison.scores import SCORES, Overall, score_key
 from automarine_cli.comparison.validation import Comparison
 from automarine_cli.dofs import Dof
 from automarine_cli.report.tables import MISSING, Cell, Table, number
 
 HEADINGS = {
-    "rmse_deg": "rmse deg",
-    "max_abs_deg": "max deg",
+    "rmse": "rmse {shown_unit}",
+    "max_abs": "max {shown_unit}",
     "fit_percent": "fit %",
-    "restarted_rmse_deg": "restarted rmse deg",
-    "rate_rmse_deg_s": "rate rmse deg/s",
+    "restarted_rmse": "restarted rmse {shown_unit}",
+    "rate_rmse": "{speed} rmse {shown_unit}/s",
 }
 DIVERGED = "runs away"
 
@@ -25,24 +25,24 @@ def overall_table(comparison: Comparison) -> Table:
             rows.append((model, DIVERGED, *(MISSING for _ in SCORES[1:])))
         else:
             rows.append((model, *(_cell(name, scored.overall[name]) for name in SCORES)))
-    header = ("model", *(HEADINGS[name] for name in SCORES))
+    header = ("model", *(_dof(comparison).fill(HEADINGS[name]) for name in SCORES))
     count = len(comparison.runs)
     title = f"Validation over {count} run{'s' * (count != 1)}"
     notes = (comparison.because, *_notes(comparison))
     return Table(title, header, tuple(rows), notes=notes)
 
 
-def _axis(comparison: Comparison) -> Dof:
+def _dof(comparison: Comparison) -> Dof:
     return comparison.runs[0].dof
 
 
 def run_table(comparison: Comparison) -> Table:
-    """One line for each run: noise floor, then free-run and restarted heading rmse of each model."""
-    numbers = tuple(comparison.models)
+    """One line for each run: noise floor, then free-run and restarted rmse of each model."""
+    numbers, dof = tuple(comparison.models), _dof(comparison)
     header = (
         "run",
         "s",
-        "noise deg",
+        f"noise {dof.units.shown}",
         *(f"model {n}" for n in numbers),
         *(f"{n} restarted" for n in numbers),
         "horizon s",
@@ -51,19 +51,24 @@ def run_table(comparison: Comparison) -> Table:
     rows = []
     for i, run in enumerate(comparison.runs):
         scores = [comparison.models[n].scores[i] for n in numbers]
-        free = [DIVERGED if one.diverged else number(one.value("rmse_deg"), 3) for one in scores]
-        again = [number(one.value("restarted_rmse_deg"), 3) for one in scores]
+        free = [DIVERGED if one.diverged else number(one.value("rmse"), 3) for one in scores]
+        again = [number(one.value("restarted_rmse"), 3) for one in scores]
         start = scores[0].start.how.split(":")[0]
         length = number(float(run.time[-1] - run.time[0]), 3)
         floor, horizon = number(comparison.floors[i], 2), number(comparison.restarts[i].horizon, 3)
         rows.append((run.name, length, floor, *free, *again, horizon, start))
-    title = "Heading error of each run: rmse in degrees, free run and restarted"
+    title = (
+        f"{dof.position.capitalize()} error of each run: rmse in {dof.words.units}, free run and restarted"
+    )
     return Table(title, header, tuple(rows))
 
 
 def score_table(comparison: Comparison) -> Table:
     """Everything, one line for each run and model and one for each model over all runs: for programs."""
-    header = ("run", "model", *SCORES, "noise_floor_deg", "restarted_horizon_s", "restarted_at", "start")
+    dof = _dof(comparison)
+    keys = [score_key(name, dof) for name in SCORES]
+    floor = f"noise_floor_{dof.units.key}"
+    header = ("run", "model", *keys, floor, "restarted_horizon_s", "restarted_at", "start")
     rows: list[tuple[Cell, ...]] = []
     for i, run in enumerate(comparison.runs):
         restarts = comparison.restarts[i]
@@ -98,19 +103,20 @@ def _cell(name: str, score: Overall) -> str:
 def _notes(comparison: Comparison) -> list[str]:
     """What each score means: its horizon, its start state, and what no model can undercut."""
     starts = [one.start.how for one in next(iter(comparison.models.values())).free]
-    rest = sum(how.startswith("from rest") for how in starts)
+    rest, dof = sum(how.startswith("from rest") for how in starts), _dof(comparison)
     rules = dict.fromkeys(restarts.rule for restarts in comparison.restarts)
-    logged = sum(run.dof.velocity in run.extras for run in comparison.runs)
+    logged = sum(dof.velocity in run.extras for run in comparison.runs)
     rate = f"the log in {logged} runs, else " if logged else ""
     notes = [
         "Free run (rmse, max, fit): simulated from start to end of a run by its commands alone. "
-        + _starts(rest, len(starts)),
-        f"Restarted {_listed(list(rules))}; heading and rate smoothed there, "
+        + _starts(rest, len(starts), dof),
+        f"Restarted {_listed(list(rules))}; {dof.position} and {dof.words.speed} smoothed there, "
         "whose own error even a perfect model shows.",
-        f"Measured yaw rate from {rate}the smoothed heading."
+        f"Measured {dof.words.rate} from {rate}the smoothed {dof.position}."
         if logged < len(starts)
-        else "Measured yaw rate from the logs.",
-        f"Noise floor of the heading, measured apart from any model: {number(comparison.floor, 3)} deg.",
+        else f"Measured {dof.words.rate} from the logs.",
+        f"Noise floor of the {dof.position}, measured apart from any model: {number(comparison.floor, 3)} "
+        f"{dof.units.shown}.",
     ]
     if comparison.afresh:
         begins = "begin" if len(comparison.afresh) > 1 else "begins"
@@ -124,10 +130,10 @@ def _notes(comparison: Comparison) -> list[str]:
     return notes
 
 
-def _starts(rest: int, runs: int) -> str:
+def _starts(rest: int, runs: int, dof: Dof) -> str:
     """How the runs were started, in one sentence."""
-    still = "start from rest, at the mean heading of the rest"
-    moving = "with the heading and rate that follow their first second best"
+    still = f"start from rest, at the mean {dof.position} of the rest"
+    moving = f"with the {dof.position} and {dof.words.speed} that follow their first second best"
     if rest == runs:
         return f"All {still}."
     return f"All start {moving}." if rest == 0 else f"{rest} of {runs} {still}; the others {moving}."

@@ -25,7 +25,7 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
     `short`, for the terminal, leaves that to the warnings, and leaves out the means at each moment.
     """
     notes = (
-        (yaw_tables.tail_note(fit.seed_method, fit.dof),)
+        (fit.seed_method.tail_because(fit.dof),)
         if fit.seed_method is not None
         else (f"{fit.why_no_seed_method}.",)
     )
@@ -147,6 +147,7 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
             "switch_to_s": turn.switch_to,
             "tail_samples": int(seed.tails.used[i].sum()),
             f"steady_{words.speed}_{shown_rate}": float(dof.shown(seed.tails.rate[i])),
+            f"steady_{words.speed}_stderr_{shown_rate}": float(dof.shown(np.sqrt(seed.variance[i]))),
             f"velocity_error_{shown}": float(dof.shown(seed.tails.error[i])),
         }
         row |= {

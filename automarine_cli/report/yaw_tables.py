@@ -53,7 +53,8 @@ def drag_table(
     squared = f"({unit})²" if " " in unit else f"{unit}²"
     unit_note = (
         f"{dof.words.force.capitalize()} [{unit}], {quadratic} [{dof.unit_of('quadratic', unit)}], "
-        f"{linear} [{dof.unit_of('linear', unit)}], SSE [{squared}]; brackets are 95 % intervals."
+        f"{linear} [{dof.unit_of('linear', unit)}], SSE [{squared}] of the plain least squares; brackets are 95 % "
+        "intervals."
     )
     notes = (unit_note, *_signs(dof), *notes)
     return Table(f"Table 1. Identified {dof.name} models: drag", HEADER, tuple(rows), (3, 7), notes)
@@ -91,10 +92,15 @@ def _signs(dof: Dof) -> tuple[str, ...]:
         else ""
     )
     v, quadratic = own.velocity, own.quadratic_print
-    return (
+    signs = (
         f"{first.capitalize()} is positive. {own.linear} and {quadratic} are positive where drag brakes, as in "
         f"{force} = {own.inertia} d{v}/dt + {own.linear} {v} + {quadratic} |{v}| {v}; Fossen's derivatives of these "
-        f"names are their negatives. {own.inertia} is {dof.words.full_inertia}{constant}.",
+        f"names are their negatives. {own.inertia} is {dof.words.full_inertia}{constant}."
+    )
+    if not dof.directional:
+        return (signs,)
+    return (
+        signs,
         f"The drag of one way is {own.linear} in model 1, else {quadratic}. Where {first} and {second} do not differ "
         "(p above 0.05) they are fitted as one; where they do, the value above is their mean.",
     )
@@ -147,16 +153,6 @@ def caution_notes(cautions: Sequence[Caution]) -> tuple[tuple[str, ...], tuple[s
     return (
         tuple(one.sentence for one in cautions if set(DRAG) & set(one.parameters)),
         tuple(one.sentence for one in cautions if INERTIA in one.parameters),
-    )
-
-
-def tail_note(seed: VelocityErrorFit, dof: Dof) -> str:
-    """Where the tails start and what bias that leaves."""
-    inertia, drag = (100 * b for b in seed.bias)
-    of_way = dof.words.units_of_way.partition(" ")[2]
-    return (
-        f"Tails start at {dof.shown(seed.tail_from):.0f}{dof.units.mark} {of_way}, where the method's own bias is "
-        f"{inertia:+.2f} % in {dof.words.inertia} and {drag:+.2f} % in drag; the intervals hold it."
     )
 
 

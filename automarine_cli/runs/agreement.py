@@ -247,18 +247,19 @@ def _scale(moving: Sequence[Stretch], late: float) -> tuple[float, float, float]
     for one in moving:
         position, summed = _freed(one.time, one.position, _ahead(one, np.array([late]))[0])
         own, step = float(summed @ summed), one.velocity_noise * one.period
-        square = max(own - (step * len(one.time)) ** 2 / 15.0, 0.5 * own)
+        whole = float(position @ position)
+        square = max(own - (step * len(one.time)) ** 2 / 15.0, 0.5 * own, 1e-12 * whole)
         wander = np.cumsum(summed[::-1])[::-1]  # of a sum of noise, by the noise of each sample
         doubt = one.position_noise**2 * own + step**2 * float(wander @ wander)
-        products.append((float(summed @ position), square, float(position @ position), doubt))
-    across, square, whole, doubt = np.array(products).T
-    slopes, weights = across / square, whole / whole.sum()
-    correlation = _reached(across / np.sqrt(square * whole), weights)
+        products.append((float(summed @ position), square, whole, doubt))
+    across, squares, wholes, doubts = np.array(products).T
+    slopes, weights = across / squares, wholes / wholes.sum()
+    correlation = _reached(across / np.sqrt(squares * wholes), weights)
     scale = _weighted_median(slopes, weights)
     if len(slopes) < FEWEST_STRETCHES:
         return correlation, scale, np.inf
     spread = 1.4826 * _weighted_median(np.abs(slopes - scale), weights) * np.sqrt((weights**2).sum())
-    least = np.sqrt((weights**2 * doubt / square**2).sum())
+    least = np.sqrt((weights**2 * doubts / squares**2).sum())
     return correlation, scale, 1.2533 * float(max(spread, least))
 
 

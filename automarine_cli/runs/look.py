@@ -100,7 +100,7 @@ class RunSeen:
             f"{words.force}_unit": self.moment_unit,
             "levels": self.levels,
             "steps": [step.to_json(self.dof) for step in self.steps],
-            "half_turn": None if half_turn is None else half_turn.to_json(self.dof),
+            self.dof.step_key: None if half_turn is None else half_turn.to_json(self.dof),
             "why": self.why,
             "columns": self.columns,
             "notes": self.notes,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.dofs import YAW, Dof
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import LogTable
 from automarine_cli.models.yaw_model import YawModel
@@ -35,13 +35,13 @@ MOST_REDRAWS = 10_000
 
 @dataclass(frozen=True)
 class Drawn:
-    """What was drawn for one run: start heading and compass zero [rad], the factor on the moment delivered, the
-    constant moment added [moment unit], the instants [s since the first sample] at which commands changed, and
-    the bias of the rate logged [rad/s].
+    """What was drawn for one run: start position and sensor's zero [rad or m], the factor on the command delivered,
+    the constant moment or force added, the instants [s since the first sample] at which commands changed, and
+    the bias of the rate logged [rad/s or m/s].
     """
 
-    start_heading: float
-    heading_zero: float
+    start: float
+    zero: float
     log_gain: float
     added_moment: float
     switches: Floats
@@ -49,7 +49,7 @@ class Drawn:
 
     @property
     def gain(self) -> float:
-        """Moment delivered over moment commanded."""
+        """Moment or force delivered over the one commanded."""
         return exp(self.log_gain)
 
 
@@ -69,7 +69,7 @@ def make_runs(specification: Specification, seed: int | None = None) -> list[Run
     """
     runs: list[Run] = []
     for made in make_campaign(specification, seed):
-        table = as_table(made, specification.vehicle.moment_unit, specification.vehicle.dof)
+        table = as_table(made, specification.vehicle.force_unit, specification.vehicle.dof)
         try:
             runs += clean(table, np.arange(len(table)), made.plan.name)
         except NotUsable:
@@ -77,15 +77,15 @@ def make_runs(specification: Specification, seed: int | None = None) -> list[Run
     return runs
 
 
-def as_table(made: SimulatedRun, moment_unit: str, dof: Dof = YAW) -> LogTable:
+def as_table(made: SimulatedRun, moment_unit: str, dof: Dof) -> LogTable:
     """The log as the reader would give it."""
     columns = {
         "time": made.log.time_s,
-        dof.position: dof.inner(made.log.heading_deg),
+        dof.position: dof.inner(made.log.position),
         dof.command: made.log.moment,
     }
-    if made.log.rate_deg_s is not None:
-        columns[dof.velocity] = dof.inner(made.log.rate_deg_s)
+    if made.log.rate is not None:
+        columns[dof.velocity] = dof.inner(made.log.rate)
     rows = np.arange(1, len(made.log.time_s) + 1)
     return LogTable(made.plan.file, columns, rows, moment_unit=moment_unit, dof=dof)
 
@@ -133,8 +133,8 @@ def _make(work: tuple[Sequence[Plan], float], specification: Specification, seed
     times = [sample_times(plan, logger, seed) for plan in plans]
     truth = _truth(plans, specification, drawn, times, step, seed)
     made = []
-    for plan, draw, time, (heading, rate) in zip(plans, drawn, times, truth):
-        reading = heading + draw.heading_zero
+    for plan, draw, time, (position, rate) in zip(plans, drawn, times, truth):
+        reading = position + draw.zero
         sensed = rate + draw.rate_bias
         log = log_run(plan, logger, seed, time, reading, sensed, draw.switches, specification.vehicle.dof)
         made.append(SimulatedRun(plan, draw, log))
@@ -143,15 +143,16 @@ def _make(work: tuple[Sequence[Plan], float], specification: Specification, seed
 
 def _draw(plan: Plan, specification: Specification, seed: int) -> Drawn:
     scatter, key = specification.scatter, plan.key
-    start = scatter.start_heading_deg
-    if start == "random":
-        degrees = 360.0 * float(uniform(1, seed, key, "start heading")[0])
+    if scatter.start == "random":
+        start = 360.0 * float(uniform(1, seed, key, "start heading")[0])
+    elif isinstance(scatter.start, tuple):
+        start = scatter.start[plan.turn % len(scatter.start)]
     else:
-        degrees = start[plan.turn % len(start)] if isinstance(start, tuple) else float(start)
-    dof, bias = specification.vehicle.dof, specification.logger.rate_bias_deg_s or 0.0
+        start = float(scatter.start)
+    dof, bias = specification.vehicle.dof, specification.logger.rate_bias or 0.0
     return Drawn(
-        start_heading=float(dof.inner(degrees)),
-        heading_zero=float(dof.inner(scatter.heading_zero_deg) * normal(1, seed, key, "heading zero")[0]),
+        start=float(dof.inner(start)),
+        zero=float(dof.inner(scatter.zero) * normal(1, seed, key, "heading zero")[0]),
         log_gain=scatter.gain * float(normal(1, seed, key, "gain")[0]),
         added_moment=_added_moment(plan, specification, seed),
         switches=switch_times(plan, specification.logger, seed),
@@ -161,17 +162,18 @@ def _draw(plan: Plan, specification: Specification, seed: int) -> Drawn:
 
 def _added_moment(plan: Plan, specification: Specification, seed: int) -> float:
     scatter = specification.scatter
-    if scatter.moment == 0:
+    if scatter.force == 0:
         return 0.0
     smallest = min((abs(moment) for moment in plan.moments if moment), default=np.inf)
-    most = np.inf if scatter.moment_most is None else scatter.moment_most * smallest
+    most = np.inf if scatter.force_most is None else scatter.force_most * smallest
     for draw in range(MOST_REDRAWS):
-        moment = scatter.moment * float(normal(1, seed, plan.key, "moment", str(draw))[0])
+        moment = scatter.force * float(normal(1, seed, plan.key, "moment", str(draw))[0])
         if abs(moment) <= most:
             return moment
+    force = specification.vehicle.dof.words.force
     raise SettingError(
-        f"{specification.source}: scatter.moment is {scatter.moment:g}, far above moment_most of the moment "
-        f"{smallest:g} of run {plan.name!r}; expected less scatter, or a larger moment_most"
+        f"{specification.source}: scatter.{force} is {scatter.force:g}, far above {force}_most of the {force} "
+        f"{smallest:g} of run {plan.name!r}; expected less scatter, or a larger {force}_most"
     )
 
 
@@ -183,7 +185,7 @@ def _truth(
     step: float,
     seed: int,
 ) -> list[tuple[Floats, Floats]]:
-    """True reading [rad] and yaw rate [rad/s] of each run at its samples."""
+    """True reading [rad or m] and rate [rad/s or m/s] of each run at its samples."""
     model = specification.model()
     held = specification.campaign.held
     clocks = [_knots(time, draw.switches, held) for time, draw in zip(times, drawn)]
@@ -202,7 +204,7 @@ def _truth(
     batch = make_batch(runs, step, hold=False)
     added = np.array([draw.added_moment for draw in drawn])
     start = Start(
-        position=np.array([[draw.start_heading for draw in drawn]]),
+        position=np.array([[draw.start for draw in drawn]]),
         log_gain=np.array([[draw.log_gain for draw in drawn]]),
         own=_own_phases(model, plans, seed),
         disturbance=np.broadcast_to(added[None, :, None], (1, len(plans), batch.windows)),

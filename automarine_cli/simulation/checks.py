@@ -3,6 +3,7 @@
 import re
 
 from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.recipe import key_of
 
 
 def positive(settings: object, *names: str) -> None:
@@ -10,7 +11,7 @@ def positive(settings: object, *names: str) -> None:
     for name in names:
         value = getattr(settings, name)
         if value is not None and value <= 0:
-            raise SettingError(f"{name} is {value:g}; expected more than 0")
+            raise SettingError(f"{key_of(settings, name)} is {value:g}; expected more than 0")
 
 
 def at_least_zero(settings: object, *names: str) -> None:
@@ -18,7 +19,7 @@ def at_least_zero(settings: object, *names: str) -> None:
     for name in names:
         value = getattr(settings, name)
         if value is not None and value < 0:
-            raise SettingError(f"{name} is {value:g}; expected 0 or more")
+            raise SettingError(f"{key_of(settings, name)} is {value:g}; expected 0 or more")
 
 
 def between(settings: object, low: float, high: float, *names: str) -> None:
@@ -26,7 +27,7 @@ def between(settings: object, low: float, high: float, *names: str) -> None:
     for name in names:
         value = getattr(settings, name)
         if not low <= value <= high:
-            raise SettingError(f"{name} is {value:g}; expected {low:g} to {high:g}")
+            raise SettingError(f"{key_of(settings, name)} is {value:g}; expected {low:g} to {high:g}")
 
 
 def safe_path(settings: object, *names: str) -> None:
@@ -35,7 +36,8 @@ def safe_path(settings: object, *names: str) -> None:
         value = getattr(settings, name)
         if value is not None and not all(_safe(part) for part in value.split("/")):
             raise SettingError(
-                f"{name} is {value!r}; expected a name of letters, digits and - + _ . (folders with /)"
+                f"{key_of(settings, name)} is {value!r}; expected a name of letters, digits and - + _ . (folders with "
+                "/)"
             )
 
 

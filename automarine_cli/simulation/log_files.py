@@ -8,8 +8,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import Dof
-from automarine_cli.logs.canonical import CANONICAL
+from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.simulation.campaign import SimulatedRun
 from automarine_cli.simulation.logging_chain import DECIMALS, MOMENT_DECIMALS
 from automarine_cli.simulation.parquet_bytes import Column, parquet_bytes
@@ -18,8 +17,7 @@ from automarine_cli.simulation.specification import Specification
 Floats = NDArray[np.float64]
 
 STORED = 65535  # bytes in one block of a gzip file that is stored as it is
-COMMANDS = {(one.quantity, one.unit): name for name, one in CANONICAL.items()}
-PLACES = dict.fromkeys(("n", "tau", "tau_Nm", "X", "force_X_N", "Z", "force_Z_N"), None)
+PLACES = dict.fromkeys(("n", *(name for dof in DOFS.values() for name, _ in dof.columns[dof.command])), None)
 """Decimals of a column in CSV; None: as many as the number has. Every other column has `DECIMALS`."""
 
 
@@ -36,7 +34,7 @@ def run_logs(
     for run in sorted(runs, key=lambda run: run.plan.turn):
         files.setdefault(run.plan.file, []).append(run)
     dof = specification.vehicle.dof
-    moment = COMMANDS[dof.command, specification.vehicle.moment_unit]
+    moment = dof.column(dof.command, specification.vehicle.force_unit)
     for file, members in files.items():
         group = members[0].plan.group
         parts = [_columns(run, moment, dof) for run in members]
@@ -52,11 +50,11 @@ def _columns(run: SimulatedRun, moment: str, dof: Dof) -> dict[str, Floats]:
     log = run.log
     columns = {
         "time_s": log.time_s,
-        f"{dof.position}_{dof.units.log}": log.heading_deg,
+        dof.column(dof.position, dof.units.log): log.position,
         moment: log.moment,
     }
-    if log.rate_deg_s is not None:
-        columns[f"{dof.velocity}_{dof.units.log}_s"] = log.rate_deg_s
+    if log.rate is not None:
+        columns[dof.column(dof.velocity, f"{dof.units.log}/s")] = log.rate
     return columns
 
 
@@ -80,7 +78,7 @@ def _cells(name: str, column: Column) -> Iterator[str]:
 
 
 def _shortest(value: float) -> str:
-    """A moment without needless zeros."""
+    """A number without needless zeros."""
     return f"{value:.{MOMENT_DECIMALS}f}".rstrip("0").rstrip(".")
 
 

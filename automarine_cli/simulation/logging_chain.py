@@ -1,35 +1,35 @@
-"""From the truth to the log: what a logger with a rate, a clock, a compass and losses makes of a run."""
+"""From the truth to the log: what a logger with a rate, a clock, sensors and losses makes of a run."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.dofs import YAW, Dof
+from automarine_cli.dofs import Dof
 from automarine_cli.simulation.plans import Plan
 from automarine_cli.simulation.specification import Logger
 from automarine_cli.simulation.streams import normal, uniform
 
 Floats = NDArray[np.float64]
 
-DECIMALS = 3  # of seconds and degrees in every log
+DECIMALS = 3  # of seconds, degrees and metres in every log
 MOMENT_DECIMALS = 6
 EARLY_END = 40.0 / 60.0  # of the least way: where a run that ends early ends
-STUCK_AFTER = 5  # samples of the step before the compass sticks
+STUCK_AFTER = 5  # samples of the step before the sensor sticks
 
 
 @dataclass(frozen=True)
 class Log:
-    """What is in one run's log: `time_s`, `heading_deg`, `moment` and perhaps `rate_deg_s`, shape (N,), rounded; of a
-    translation distance or depth and speed in metres.
+    """What is in one run's log: `time_s`, `position`, `moment` (of a translation the force) and perhaps `rate`, shape
+    (N,), in the unit of logs, rounded.
 
     `lost` samples were dropped, `glitches` left in.
     """
 
     time_s: Floats
-    heading_deg: Floats
+    position: Floats
     moment: Floats
-    rate_deg_s: Floats | None
+    rate: Floats | None
     lost: int
     glitches: int
 
@@ -50,7 +50,7 @@ def switch_times(plan: Plan, logger: Logger, seed: int) -> Floats:
 
 
 def commanded(time: Floats, switches: Floats, moments: tuple[float, ...]) -> Floats:
-    """The moment in force at each `time` [s]: nothing before the first switch."""
+    """The command in force at each `time` [s]: nothing before the first switch."""
     return np.concatenate([[0.0], moments])[np.searchsorted(switches, time, side="right")]
 
 
@@ -59,19 +59,19 @@ def log_run(
     logger: Logger,
     seed: int,
     time: Floats,
-    heading: Floats,
+    position: Floats,
     rate: Floats,
     switches: Floats,
-    dof: Dof = YAW,
+    dof: Dof,
 ) -> Log:
-    """The log of a run whose sensors would read `heading` [rad, or m] and `rate` [rad/s, or m/s] at `time` [s since
+    """The log of a run whose sensors would read `position` [rad or m] and `rate` [rad/s or m/s] at `time` [s since
     its first sample] without noise, all of shape (N,).
     """
     count = len(time)
-    reading = dof.logged(heading) + logger.noise_deg * normal(count, seed, plan.key, "noise")
+    reading = dof.logged(position) + logger.noise * normal(count, seed, plan.key, "noise")
     glitch = uniform(count, seed, plan.key, "glitch") < logger.glitch
     side = np.where(uniform(count, seed, plan.key, "glitch side") < 0.5, -1.0, 1.0)
-    reading = reading + np.where(glitch, side * logger.glitch_deg, 0.0)
+    reading = reading + np.where(glitch, side * logger.glitch_size, 0.0)
     moment = commanded(time, switches, plan.moments)
     kept = uniform(count, seed, plan.key, "lost") >= logger.dropout
     lost = int(np.count_nonzero(~kept))
@@ -79,30 +79,30 @@ def log_run(
         stuck = min(plan.changes[0] + STUCK_AFTER, count - 1)
         reading[stuck:] = reading[stuck]
     if plan.group.fault == "ends-early":
-        beyond = np.abs(heading - heading[0]) > EARLY_END * dof.limits.least
+        beyond = np.abs(position - position[0]) > EARLY_END * dof.limits.least
         kept[int(np.argmax(beyond)) if beyond.any() else count // 2 :] = False
-    turning = None
-    if logger.rate_noise_deg_s is not None:
-        noise = logger.rate_noise_deg_s * normal(count, seed, plan.key, "rate noise")
-        turning = _rounded(dof.logged(rate) + noise, DECIMALS)[kept]
+    sensed = None
+    if logger.rate_noise is not None:
+        noise = logger.rate_noise * normal(count, seed, plan.key, "rate noise")
+        sensed = _rounded(dof.logged(rate) + noise, DECIMALS)[kept]
     return Log(
         time_s=_rounded(plan.start + time, DECIMALS)[kept],
-        heading_deg=_wrapped(reading, logger)[kept],
+        position=_wrapped(reading, logger)[kept],
         moment=_rounded(moment, MOMENT_DECIMALS)[kept],
-        rate_deg_s=turning,
+        rate=sensed,
         lost=lost,
         glitches=int(np.count_nonzero(glitch & kept)),
     )
 
 
-def _wrapped(degrees: Floats, logger: Logger) -> Floats:
-    """Quantised, wrapped and rounded as the compass says it."""
-    if logger.quantisation_deg > 0:
-        degrees = np.round(degrees / logger.quantisation_deg) * logger.quantisation_deg
+def _wrapped(reading: Floats, logger: Logger) -> Floats:
+    """Quantised, wrapped and rounded as the sensor says it."""
+    if logger.quantisation > 0:
+        reading = np.round(reading / logger.quantisation) * logger.quantisation
     if logger.wrap == "none":
-        return _rounded(degrees, DECIMALS)
+        return _rounded(reading, DECIMALS)
     low = 0.0 if logger.wrap == "0..360" else -180.0
-    wrapped = _rounded((degrees - low) % 360.0, DECIMALS)
+    wrapped = _rounded((reading - low) % 360.0, DECIMALS)
     return _rounded(np.where(wrapped >= 360.0, 0.0, wrapped) + low, DECIMALS)
 
 

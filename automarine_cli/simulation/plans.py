@@ -74,8 +74,7 @@ def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
 def _listed(specification: Specification) -> Iterator[Plan]:
     """Plans in the order of the specification, repeats of a run one after the other."""
     vehicle = specification.vehicle
-    constant = sum(value for name, value in vehicle.terms if name == "bias-moment")
-    drag = Resistance(vehicle.I_r, vehicle.k_r, vehicle.k_rr, constant, vehicle.dof)
+    drag = Resistance(vehicle.inertia, vehicle.linear, vehicle.quadratic, vehicle.dof, vehicle.constant)
     turn = 0
     for group in specification.runs:
         for label, commands in group.cases(drag):

@@ -1,18 +1,18 @@
 """The kinds of runs that a specification may ask for; a new kind is one class here.
 
-A group makes cases: a label, and the commands as (moment [moment unit], seconds) one after the other. The rest
+A group makes cases: a label, and the commands as (moment or force, seconds) one after the other. The rest
 before and after belongs to the campaign's schedule.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import ClassVar, Literal, TypeAlias
 
-from automarine_cli.dofs import YAW, Dof
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.models.closed_form import response
-from automarine_cli.pipeline.recipe import from_mapping
+from automarine_cli.pipeline.recipe import FILLER, from_mapping, key_of, keyed
 from automarine_cli.simulation.checks import at_least_zero, positive, safe_path
 
 Format: TypeAlias = Literal["csv", "csv.gz", "parquet"]
@@ -22,13 +22,13 @@ Commands: TypeAlias = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class Resistance:
-    """What the duration of a turn is worked out from; `constant` is a force that always acts."""
+    """What the duration of a step is worked out from; `constant` is a force that always acts."""
 
     inertia: float
-    k_r: float
-    k_rr: float
+    linear: float
+    quadratic: float
+    dof: Dof
     constant: float = 0.0
-    dof: Dof = YAW
 
 
 MOST_LEVELS = 100_000
@@ -87,6 +87,7 @@ class RunGroup:
     suffix: str | None = None
     fault: Fault | None = None
     wait_after_s: float | None = None
+    dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
     own_name: ClassVar[str] = "run"
 
@@ -102,7 +103,7 @@ class RunGroup:
     @property
     def base(self) -> str:
         """What the labels begin with."""
-        return self.name or self.own_name
+        return self.name or self.dof.fill(self.own_name)
 
     def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
         """Label and commands of each run of the group, repeats left out."""
@@ -111,32 +112,35 @@ class RunGroup:
 
 @dataclass(frozen=True, kw_only=True)
 class StepRuns(RunGroup):
-    """One constant moment, held until the base vehicle has turned `turn_deg`, or for `duration_s`."""
+    """One constant moment or force, each of `levels`, held until the base vehicle has gone its `way` [unit of logs], or
+    for `duration_s`. In a file of yaw they are `moments` and `turn_deg`, of a translation `forces` and `travel_m`.
+    """
 
     kind: Literal["step"] = "step"
-    moments: Levels
-    turn_deg: float | None = None
+    levels: Levels = field(metadata=keyed("{forces}"))
+    way: float | None = field(default=None, metadata=keyed("{way_key}_{log_unit}"))
     duration_s: float | None = None
 
-    own_name: ClassVar[str] = "tau"
+    own_name: ClassVar[str] = "{f}"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive(self, "turn_deg", "duration_s")
-        if (self.turn_deg is None) == (self.duration_s is None):
-            raise SettingError("expected one of turn_deg and duration_s")
-        if 0.0 in levels_of(self.moments):
-            raise SettingError('moments has a zero; expected other values (a run of kind "rest" has none)')
+        positive(self, "way", "duration_s")
+        if (self.way is None) == (self.duration_s is None):
+            raise SettingError(f"expected one of {key_of(self, 'way')} and duration_s")
+        if 0.0 in levels_of(self.levels):
+            name = key_of(self, "levels")
+            raise SettingError(f'{name} has a zero; expected other values (a run of kind "rest" has none)')
 
     def hold(self, drag: Resistance, moment: float) -> float:
-        """How long the moment is held [s]."""
+        """How long the command is held [s]."""
         if self.duration_s is not None:
             return self.duration_s
-        return time_to_turn(drag.dof.inner(self.turn_deg or 0.0), moment, drag)
+        return time_to_turn(drag.dof.inner(self.way or 0.0), moment, drag)
 
     def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
-        """The moments in their order."""
-        for moment in levels_of(self.moments):
+        """The commands in their order."""
+        for moment in levels_of(self.levels):
             yield f"{self.base}_{moment_text(moment)}", self.commands(moment, self.hold(drag, moment))
 
     def commands(self, moment: float, hold: float) -> Commands:
@@ -146,7 +150,7 @@ class StepRuns(RunGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class CoastDownRuns(StepRuns):
-    """A step, then zero moment for `coast_s`."""
+    """A step, then no command for `coast_s`."""
 
     kind: Literal["coast-down"] = "coast-down"  # type: ignore[assignment]
     coast_s: float
@@ -164,7 +168,7 @@ class CoastDownRuns(StepRuns):
 
 @dataclass(frozen=True, kw_only=True)
 class ReversalRuns(StepRuns):
-    """A step, then the opposite moment for `back_s`, by default for twice as long as the step."""
+    """A step, then the opposite command for `back_s`, by default for twice as long as the step."""
 
     kind: Literal["reversal"] = "reversal"  # type: ignore[assignment]
     back_s: float | None = None
@@ -182,7 +186,7 @@ class ReversalRuns(StepRuns):
 
 @dataclass(frozen=True, kw_only=True)
 class SequenceRuns(RunGroup):
-    """Any `commands`, each [moment, seconds], like the source paper's figure 10."""
+    """Any `commands`, each [moment or force, seconds], like the source paper's figure 10."""
 
     kind: Literal["sequence"] = "sequence"
     commands: tuple[tuple[float, float], ...]
@@ -192,7 +196,9 @@ class SequenceRuns(RunGroup):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.commands or min(seconds for _, seconds in self.commands) <= 0:
-            raise SettingError("commands: expected at least one [moment, seconds], each longer than 0 s")
+            raise SettingError(
+                f"commands: expected at least one [{self.dof.words.force}, seconds], each longer than 0 s"
+            )
 
     def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
         """The one sequence, equal neighbours joined."""
@@ -207,7 +213,7 @@ class SequenceRuns(RunGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class RampRuns(RunGroup):
-    """The moment goes from `from_` to `to` in `steps` equal stairs over `duration_s`."""
+    """The command goes from `from_` to `to` in `steps` equal stairs over `duration_s`."""
 
     kind: Literal["ramp"] = "ramp"
     to: float
@@ -221,7 +227,9 @@ class RampRuns(RunGroup):
         super().__post_init__()
         positive(self, "duration_s", "steps")
         if self.to == self.from_:
-            raise SettingError(f"to is {self.to:g}, the same as from; expected another moment")
+            raise SettingError(
+                f"to is {self.to:g}, the same as from; expected another {self.dof.words.force}"
+            )
 
     def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
         """The one ramp; the last stair is `to`."""
@@ -254,28 +262,30 @@ _CLASSES = (StepRuns, CoastDownRuns, ReversalRuns, SequenceRuns, RampRuns, RestR
 KINDS: Mapping[str, type[RunGroup]] = {str(vars(one)["kind"]): one for one in _CLASSES}
 
 
-def group_from(table: object, where: str) -> RunGroup:
+def group_from(table: object, where: str, dof: Dof) -> RunGroup:
     """The group held by one [[runs]] table. Raises SettingError with the key's path."""
     kind = table.get("kind") if isinstance(table, Mapping) else None
     if not isinstance(kind, str) or kind not in KINDS:
         raise SettingError(f"{where}: kind is {kind!r}; expected one of {', '.join(KINDS)}")
-    return from_mapping(KINDS[kind], table, where)
+    return from_mapping(KINDS[kind], table, where, dof)
 
 
 def moment_text(moment: float) -> str:
-    """A moment in a file name: signed, with a decimal point."""
+    """A moment or force in a file name: signed, with a decimal point."""
     text = f"{moment:+.10g}"
     return text if set(text) & {".", "e"} else f"{text}.0"
 
 
 def time_to_turn(angle: float, moment: float, drag: Resistance) -> float:
-    """Time [s] in which the vehicle turns by `angle` [rad] from rest under a constant moment."""
+    """Time [s] in which the vehicle goes `angle` [rad or m] from rest under a constant moment or force."""
     net = abs(moment + drag.constant)
     if net == 0:
-        raise SettingError(f"moments holds {moment:g}, which the constant force balances; expected others")
+        raise SettingError(
+            f"{drag.dof.words.force}s holds {moment:g}, which the constant force balances; expected others"
+        )
 
     def turned(time: float) -> float:
-        return float(response(time, net, drag.inertia, drag.k_r, drag.k_rr)[0])
+        return float(response(time, net, drag.inertia, drag.linear, drag.quadratic)[0])
 
     high = 1.0
     while turned(high) < angle:

@@ -5,7 +5,7 @@ path. The kinds of runs are in `run_groups`.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Literal
 
@@ -14,11 +14,11 @@ from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.plain_data import everything, in_words, told
-from automarine_cli.pipeline.recipe import from_mapping, read_mapping
+from automarine_cli.pipeline.recipe import FILLER, from_mapping, key_of, keyed, read_mapping
 from automarine_cli.pipeline.words import printable
 from automarine_cli.simulation.checks import at_least_zero, between, positive, safe_path
-from automarine_cli.simulation.run_groups import Format, Levels, RunGroup, group_from, levels_of
-from automarine_cli.simulation.vehicle import ForceVehicle, Vehicle
+from automarine_cli.simulation.run_groups import KINDS, Format, Levels, RunGroup, group_from, levels_of
+from automarine_cli.simulation.vehicle import TranslatingVehicle, Vehicle
 
 SCHEMA = "automarine/simulation/1"
 SMALLEST, LARGEST = 1e-12, 1e12  # of any number: beyond it no vehicle is, and arithmetic overflows
@@ -31,6 +31,7 @@ class EffectSetting:
 
     name: str
     values: Mapping[str, float]
+    dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
         try:
@@ -41,13 +42,13 @@ class EffectSetting:
             raise SettingError(
                 f"effect {self.name!r} needs the column {effect.needs[0]!r}, which simulated runs lack; leave it out"
             )
-        names = [parameter.name_in(YAW) for parameter in effect.parameters]
+        names = effect.names_in(self.dof)
         allowed = ", ".join(names)
         for name in self.values:
             if name not in names:
                 raise SettingError(f"effect {self.name!r} has no parameter {name!r}; it has {allowed}")
-        for name in (p.name_in(YAW) for p in effect.parameters if not p.choices):
-            if name not in self.values:
+        for name, parameter in zip(names, effect.parameters):
+            if name not in self.values and not parameter.choices:
                 raise SettingError(
                     f"effect {self.name!r} needs its parameter {name!r} (of {allowed}); give it"
                 )
@@ -55,39 +56,44 @@ class EffectSetting:
     @property
     def ordered(self) -> tuple[float, ...]:
         """The values in the effect's own order."""
-        return tuple(self.values.get(p.name_in(YAW), p.start) for p in library.get(self.name).parameters)
+        effect = library.get(self.name)
+        named = zip(effect.names_in(self.dof), effect.parameters)
+        return tuple(self.values.get(name, parameter.start) for name, parameter in named)
 
 
 @dataclass(frozen=True)
 class Logger:
-    """What the logger does to the truth.
+    """What the logger does to the truth; positions in the unit of the logs, which ends their keys (`noise_deg`).
 
-    `rate_hz` samples a second; `noise_deg` white noise of the heading and `quantisation_deg` its resolution;
+    `rate_hz` samples a second; `noise` white noise of the position and `quantisation` its resolution;
     `dropout` share of the samples lost; `clock_jitter_s` standard deviation of the sampling instants around
-    an even clock (the stamps are right); `glitch` share of the samples that are off by `glitch_deg` to either side;
-    `wrap` of the heading; `rate_noise_deg_s` adds a column with the yaw rate, as a gyro reads it, and that noise;
-    `rate_bias_deg_s` is the standard deviation of what it reads at standstill, drawn for each run.
+    an even clock (the stamps are right); `glitch` share of the samples that are off by `glitch_size` to either side;
+    `wrap` of the position; `rate_noise` adds a column with the velocity, as a gyro reads it, and that noise;
+    `rate_bias` is the standard deviation of what it reads at standstill, drawn for each run.
     """
 
     rate_hz: float = 10.0
-    noise_deg: float = 0.0
-    quantisation_deg: float = 0.0
+    noise: float = field(default=0.0, metadata=keyed("noise_{log_unit}"))
+    quantisation: float = field(default=0.0, metadata=keyed("quantisation_{log_unit}"))
     dropout: float = 0.0
     clock_jitter_s: float = 0.0
     glitch: float = 0.0
-    glitch_deg: float = 90.0
-    wrap: Literal["0..360", "-180..180", "none"] = "0..360"
-    rate_noise_deg_s: float | None = None
-    rate_bias_deg_s: float | None = None
+    glitch_size: float = field(default=0.0, metadata=keyed("glitch_{log_unit}"))
+    wrap: Literal["0..360", "-180..180", "none"] = "none"
+    rate_noise: float | None = field(default=None, metadata=keyed("{speed}_noise_{log_unit}_s"))
+    rate_bias: float | None = field(default=None, metadata=keyed("{speed}_bias_{log_unit}_s"))
+    dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
         positive(self, "rate_hz")
-        at_least_zero(self, "noise_deg", "quantisation_deg", "clock_jitter_s", "glitch_deg")
-        at_least_zero(self, "rate_noise_deg_s", "rate_bias_deg_s")
+        at_least_zero(
+            self, "noise", "quantisation", "clock_jitter_s", "glitch_size", "rate_noise", "rate_bias"
+        )
         between(self, 0.0, 0.9, "dropout", "glitch")
-        if self.rate_noise_deg_s is None and self.rate_bias_deg_s is not None:
+        if self.rate_noise is None and self.rate_bias is not None:
             raise SettingError(
-                "rate_bias_deg_s is of the rates logged; expected rate_noise_deg_s with it (0 for none)"
+                f"{key_of(self, 'rate_bias')} is of the {self.dof.words.speed}s logged; expected "
+                f"{key_of(self, 'rate_noise')} with it (0 for none)"
             )
         if self.clock_jitter_s > MOST_JITTER * self.period:
             raise SettingError(
@@ -105,32 +111,38 @@ class Logger:
 class Scatter:
     """What differs from run to run, drawn anew for each.
 
-    `gain` is the standard deviation of the logarithm of the moment delivered over the moment commanded;
-    `moment` that of a constant moment [moment unit] added in each run, redrawn until it is at most
-    `moment_most` of the run's smallest commanded moment (who sees his vehicle turn the wrong way makes the run
-    again); `heading_zero_deg` that of the compass's zero; `start_heading_deg` one heading, a list that the
-    runs take in turn, or "random".
+    `gain` is the standard deviation of the logarithm of the moment or force delivered over the one commanded;
+    `force` that of a constant moment or force added in each run, redrawn until it is at most
+    `force_most` of the run's smallest command (who sees his vehicle go the wrong way makes the run
+    again); `zero` [unit of logs] that of the sensor's zero; `start` one position, a list that the
+    runs take in turn, or "random". In a file of yaw they are `moment`, `moment_most`, `heading_zero_deg` and
+    `start_heading_deg`.
     """
 
     gain: float = 0.0
-    moment: float = 0.0
-    moment_most: float | None = None
-    heading_zero_deg: float = 0.0
-    start_heading_deg: float | tuple[float, ...] | Literal["random"] = "random"
+    force: float = field(default=0.0, metadata=keyed("{force}"))
+    force_most: float | None = field(default=None, metadata=keyed("{force}_most"))
+    zero: float = field(default=0.0, metadata=keyed("{position}_zero_{log_unit}"))
+    start: float | tuple[float, ...] | Literal["random"] = field(
+        default=0.0, metadata=keyed("start_{position}_{log_unit}")
+    )
+    dof: Dof = field(kw_only=True, repr=False, metadata=FILLER)
 
     def __post_init__(self) -> None:
-        at_least_zero(self, "gain", "moment", "heading_zero_deg")
-        if self.moment_most is not None:
-            positive(self, "moment_most")
-        if self.start_heading_deg == ():
-            raise SettingError("start_heading_deg is an empty list; expected at least one heading")
+        at_least_zero(self, "gain", "force", "zero")
+        if self.force_most is not None:
+            positive(self, "force_most")
+        if self.start == ():
+            raise SettingError(
+                f"{key_of(self, 'start')} is an empty list; expected at least one {self.dof.position}"
+            )
 
 
 @dataclass(frozen=True)
 class Schedule:
     """How the campaign is run: one clock over all runs, which follow each other after `wait_between_s`.
 
-    Each run has `rest_before_s` and `rest_after_s` of zero moment in its log. `held`: someone holds the vehicle
+    Each run has `rest_before_s` and `rest_after_s` without a command in its log. `held`: someone holds the vehicle
     still until the first change of its command.
     """
 
@@ -178,11 +190,11 @@ class Specification:
     """A whole campaign; `source` is the name of the file that it was read from, for the logs' first line."""
 
     vehicle: Vehicle
+    logger: Logger
+    scatter: Scatter
+    campaign: Schedule = field(default_factory=Schedule)
     seed: int = 0
     effects: tuple[EffectSetting, ...] = ()
-    logger: Logger = field(default_factory=Logger)
-    scatter: Scatter = field(default_factory=Scatter)
-    campaign: Schedule = field(default_factory=Schedule)
     runs: tuple[RunGroup, ...] = ()
     bollard: Bollard | None = None
     source: str = "specification"
@@ -192,35 +204,31 @@ class Specification:
 
     def model(self) -> YawModel:
         """The true model: the vehicle's drag and the effects, in their order."""
-        terms = tuple(Term(name, (value,), own=True) for name, value in self.vehicle.terms)
-        model = YawModel(self.vehicle.I_r, terms, self.vehicle.moment_unit, self.vehicle.dof)
+        vehicle = self.vehicle
+        terms = tuple(Term(name, (value,), own=True) for name, value in vehicle.terms)
+        model = YawModel(vehicle.inertia, terms, vehicle.force_unit, vehicle.dof)
         for effect in self.effects:
             model = model.with_effect(effect.name, effect.ordered)
         return model
 
     def with_effect(self, name: str, **values: float) -> "Specification":
         """The same campaign with one more effect, parameters by name. Raises SettingError."""
-        return replace(self, effects=(*self.effects, EffectSetting(name, values)))
+        return replace(self, effects=(*self.effects, EffectSetting(name, values, dof=self.vehicle.dof)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Raw:
-    """The file's top level, before kinds of runs and effects are told apart."""
+    """The file's top level, before kinds of vehicles, runs and effects are told apart."""
 
     schema: str
-    vehicle: Vehicle
+    vehicle: object
     seed: int = 0
     effects: tuple[object, ...] = ()
-    logger: Logger = field(default_factory=Logger)
-    scatter: Scatter = field(default_factory=Scatter)
-    campaign: Schedule = field(default_factory=Schedule)
+    logger: Logger
+    scatter: Scatter
+    campaign: Schedule
     runs: tuple[object, ...] = ()
     bollard: Bollard | None = None
-
-
-@dataclass(frozen=True)
-class _RawForce(_Raw):
-    vehicle: ForceVehicle = field()
 
 
 def read_specification(path: Path) -> Specification:
@@ -235,21 +243,28 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
     dof = DOFS.get(motion) if isinstance(motion, str) else None
     if dof is None:
         raise SettingError(f"{where}: vehicle.motion: found {told(motion)}, expected {' or '.join(DOFS)}")
-    if dof.wraps:
-        return _specification(mapping, where, _Raw)
-    if wrong := dof.misnamed(mapping):
-        raise SettingError(f"{where}: unknown key {wrong!r}; in {dof.name} it is {dof.key(wrong)!r}")
-    try:
-        return _specification(_with_defaults(dof.plain(mapping), dof), where, _RawForce)
-    except SettingError as problem:
-        raise SettingError(where + dof.say(str(problem).removeprefix(where))) from None
+    if wrong := _of_another(mapping, dof):
+        raise SettingError(f"{where}: unknown key {wrong[0]!r}; in {dof.name} it is {wrong[1]!r}")
+    return _specification(_with_defaults(mapping, dof), where, dof)
+
+
+def _of_another(mapping: Mapping[str, object], dof: Dof) -> tuple[str, str] | None:
+    """A key by which another motion calls what this one calls otherwise, and what it is here."""
+    recipes = (Vehicle, TranslatingVehicle, Logger, Scatter, *KINDS.values())
+    templates = {one.metadata["key"] for recipe in recipes for one in fields(recipe) if "key" in one.metadata}
+    here = {dof.fill(template) for template in templates}
+    others = {one.fill(template): dof.fill(template) for template in templates for one in DOFS.values()}
+    places = (place for _, place in everything(mapping) if place and place[0] != "effects")
+    keys = (key for place in places if isinstance(key := place[-1], str))
+    return next(((key, others[key]) for key in keys if key in others and key not in here), None)
 
 
 def _with_defaults(mapping: Mapping[str, object], dof: Dof) -> dict[str, object]:
-    """The data of a translation with what goes without saying there: nothing wraps, and who sinks or rises is held."""
+    """The data with what goes without saying: headings wrap and begin anywhere, and who sinks or rises is held."""
+    log, turns = dof.units.log, dof.wraps
     own: dict[str, dict[str, object]] = {
-        "logger": {"wrap": "none", "glitch_deg": 1.0},
-        "scatter": {"start_heading_deg": 0.0},
+        "logger": {"wrap": "0..360" if turns else "none", f"glitch_{log}": 90.0 if turns else 1.0},
+        "scatter": {f"start_{dof.position}_{log}": "random" if turns else 0.0},
         "campaign": {"held": dof.has_constant},
     }
     given = {key: mapping.get(key, {}) for key in own}
@@ -262,7 +277,7 @@ def _with_defaults(mapping: Mapping[str, object], dof: Dof) -> dict[str, object]
     }
 
 
-def _specification(mapping: Mapping[str, object], where: str, form: type[_Raw]) -> Specification:
+def _specification(mapping: Mapping[str, object], where: str, dof: Dof) -> Specification:
     if mapping.get("schema") != SCHEMA:
         raise SettingError(
             f'{where}: schema: found {told(mapping.get("schema"))}, expected the line schema = "{SCHEMA}"'
@@ -273,25 +288,27 @@ def _specification(mapping: Mapping[str, object], where: str, form: type[_Raw]) 
             raise SettingError(
                 f"{where}: {in_words(place)}found {told(value)}, expected 0 or a size of {SMALLEST:g} to {LARGEST:g}"
             )
-    raw = from_mapping(form, mapping, where)
+    raw = from_mapping(_Raw, mapping, where, dof)
+    kind = Vehicle if dof.wraps else TranslatingVehicle
+    vehicle = from_mapping(kind, raw.vehicle, f"{where}: vehicle", dof)
     if not raw.runs and raw.bollard is None:
         raise SettingError(f"{where}: nothing to simulate; expected [[runs]] or [bollard]")
     return Specification(
-        vehicle=raw.vehicle,
+        vehicle=vehicle,
         seed=raw.seed,
-        effects=tuple(_effect(one, f"{where}: effects[{i}]") for i, one in enumerate(raw.effects)),
+        effects=tuple(_effect(one, f"{where}: effects[{i}]", dof) for i, one in enumerate(raw.effects)),
         logger=raw.logger,
         scatter=raw.scatter,
         campaign=raw.campaign,
-        runs=tuple(group_from(one, f"{where}: runs[{i}]") for i, one in enumerate(raw.runs)),
+        runs=tuple(group_from(one, f"{where}: runs[{i}]", dof) for i, one in enumerate(raw.runs)),
         bollard=raw.bollard,
         source=where,
     )
 
 
-def _effect(table: object, where: str) -> EffectSetting:
+def _effect(table: object, where: str, dof: Dof) -> EffectSetting:
     """An effect's table: its name, and every other key a parameter."""
     if not isinstance(table, Mapping) or "name" not in table:
         raise SettingError(f"{where}: expected a table with name = one of {', '.join(library.names())}")
     values = {key: value for key, value in table.items() if key != "name"}
-    return from_mapping(EffectSetting, {"name": table["name"], "values": values}, where)
+    return from_mapping(EffectSetting, {"name": table["name"], "values": values}, where, dof)

@@ -74,9 +74,8 @@ def _plain(name: str, value: object, stack: ExitStack) -> object:
 
 check = at_a_prompt(_check.check, "logs")
 fit_thrusters = at_a_prompt(_fit_thrusters.fit_thrusters, "logs")
-fit_yaw = at_a_prompt(_fit_yaw.fit_yaw, "logs")
-fit_surge = at_a_prompt(_fit_yaw.fit_surge, "logs")
-fit_heave = at_a_prompt(_fit_yaw.fit_heave, "logs")
+FITS = {f"fit_{name}": at_a_prompt(fit, "logs") for name, fit in _fit_yaw.FITS.items()}
+"""`fit_yaw`, `fit_surge` and their like, by name."""
 validate = at_a_prompt(_validate.validate, "logs")
 diagnose = at_a_prompt(_diagnose.diagnose_any, "logs")
 simulate = at_a_prompt(_simulate.simulate, "specification")

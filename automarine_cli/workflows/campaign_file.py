@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from automarine_cli.dofs import DOFS, TRANSLATIONS, YAW, Dof
+from automarine_cli.dofs import DOFS, SURGE, TRANSLATIONS, YAW, Dof
 from automarine_cli.errors import LogError, SettingError
+from automarine_cli.fits.tails import asked_tail
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs
 from automarine_cli.logs.columns import database
 from automarine_cli.pipeline.plain_data import everything, in_words
@@ -59,11 +60,16 @@ class Thrusters:
 
 @dataclass(frozen=True)
 class Yaw:
-    """Where the moment comes from, what of the runs is fitted, and which sensors count (`runs.channels`)."""
+    """Where the moment comes from, what of the runs is fitted, from which turned angle [degrees] on a half-turn is
+    taken for steady, and which sensors count (`runs.channels`)."""
 
     moment: Literal["logged", "thrusters"] = "logged"
     fit_to: Literal["auto", "half-turns", "whole-runs"] = "auto"
+    tail: float | None = None
     channels: str = AUTO
+
+    def __post_init__(self) -> None:
+        asked_tail(self.tail, YAW)
 
     @property
     def logged(self) -> bool:
@@ -73,14 +79,19 @@ class Yaw:
 
 @dataclass(frozen=True)
 class Force:
-    """Logs of a translation, where their force comes from, what of the runs is fitted, and which sensors count."""
+    """Logs of a translation, where their force comes from, what of the runs is fitted, from which distance [m] on a
+    step is taken for steady, and which sensors count."""
 
     steps: tuple[str, ...] = ()
     manoeuvres: tuple[str, ...] = ()
     validation: tuple[str, ...] = ()
     force: Literal["logged", "thrusters"] = "logged"
     fit_to: Literal["auto", "steps", "whole-runs"] = "auto"
+    tail: float | None = None
     channels: str = AUTO
+
+    def __post_init__(self) -> None:
+        asked_tail(self.tail, SURGE)
 
     @property
     def logged(self) -> bool:
@@ -122,9 +133,9 @@ class Settings:
             raise SettingError(f"schema is {self.schema!r}; expected {SCHEMA!r}")
         if self.seed < 0:
             raise SettingError(f"seed is {self.seed}; expected 0 or more")
-        asked = {YAW.name: self.yaw.channels, **{name: one.channels for name, one in self.forces.items()}}
-        for motion, channels in asked.items():
-            wanted_channels(channels, DOFS[motion], f"{motion}.channels")
+        sections: dict[str, Yaw | Force] = {YAW.name: self.yaw, **self.forces}
+        for motion, one in sections.items():
+            wanted_channels(one.channels, DOFS[motion], f"{motion}.channels")
         of_forces = [one.steps or one.manoeuvres for one in self.forces.values()]
         if not any((self.logs.thrusters, self.logs.steps, self.logs.manoeuvres, *of_forces)):
             raise SettingError("logs: no logs are named; give thrusters, steps or manoeuvres")

@@ -9,7 +9,7 @@ from pathlib import Path
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, is_thruster_test, read_log
-from automarine_cli.logs.canonical import CANONICAL
+from automarine_cli.logs.canonical import CANONICAL, driven, names_of
 from automarine_cli.logs.recognise import Recognised, Span, recognise, spans
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
@@ -19,8 +19,8 @@ from automarine_cli.runs.load import read_runs, unreadable
 from automarine_cli.runs.run import SetAside
 from automarine_cli.workflows.campaign_file import Logs
 
-NEEDED = ("time", "heading", "moment")
-OF_YAW = (*NEEDED, "yaw_rate", "voltage")
+NEEDED = ("time", YAW.position, YAW.command)
+OF_YAW = (*NEEDED, YAW.velocity, "voltage")
 BOLLARD = ("n", "force", "time", "voltage")
 HELD_BACK = ("valid", "hold", "verif")  # how folders of runs begin that no fit may see
 VALIDATION = "_validation"  # and how they may end
@@ -30,20 +30,20 @@ TURNED_ROUND = 0.8  # share of the steps that turn against their moment, from wh
 @dataclass(frozen=True)
 class Layout:
     """Logs with the same columns: whether they are thruster tests, what each column does over all of them, and of which
-    motion they are (surge and heave only by columns of those names).
+    motion they are (translations only by columns of those names).
     """
 
     names: tuple[str, ...]
     bollard: bool
     files: tuple[LogFile, ...]
     seen: Mapping[str, Span]
-    dof: Dof = YAW
+    dof: Dof
 
 
 @dataclass(frozen=True)
 class Look:
     """Everything that was seen: what the columns are taken for, the runs of each yaw log, what could not be read; and
-    the logs of surge and heave, by motion and kind.
+    the logs of translations, by motion and kind.
     """
 
     folder: Path
@@ -59,7 +59,7 @@ class Look:
     def thrusters_drive(self) -> bool:
         """Whether the yaw logs hold thruster commands and no moment."""
         keys = {one.key for one in self.columns}
-        return {"n_port", "n_stbd"} <= keys and not keys & {"tau", "tau_Nm"}
+        return driven(YAW, keys) and not keys & set(names_of(YAW.command))
 
     @property
     def turns(self) -> tuple[int, int]:
@@ -141,7 +141,7 @@ def _recognised(layouts: Sequence[Layout]) -> tuple[tuple[Recognised, ...], tupl
             one = recognise(quantity, layout.names, seen)
             if one is not None:
                 found.setdefault(one.key, one)
-            elif quantity in (BOLLARD[:2] if layout.bollard else (*NEEDED, "n_port", "n_stbd")):
+            elif quantity in (BOLLARD[:2] if layout.bollard else (*NEEDED, *YAW.thrusters)):
                 lacking.setdefault(quantity)
     there = {CANONICAL[key].quantity for key in found}
     return tuple(found.values()), tuple(one for one in lacking if one not in there)
@@ -151,10 +151,10 @@ def _wanted(layout: Layout) -> tuple[str, ...]:
     """Quantities of a layout; thruster commands stand in for a moment that is not there."""
     if layout.bollard:
         return BOLLARD
-    if recognise("moment", layout.names, layout.seen) is None:
-        sides = [recognise(side, layout.names, layout.seen) for side in ("n_port", "n_stbd")]
+    if recognise(YAW.command, layout.names, layout.seen) is None:
+        sides = [recognise(side, layout.names, layout.seen) for side in YAW.thrusters]
         if all(sides):
-            return ("time", "heading", "n_port", "n_stbd", "yaw_rate", "voltage")
+            return ("time", YAW.position, *YAW.thrusters, YAW.velocity, "voltage")
     return OF_YAW
 
 
@@ -205,7 +205,7 @@ def _with_forces(look: Look, files: Sequence[LogFile]) -> Look:
     order = {file: i for i, file in enumerate(files)}
     told = {
         motion: {kind: tuple(sorted(found, key=lambda file: order[file])) for kind, found in kinds.items()}
-        for motion, kinds in sorted(forces.items(), reverse=True)
+        for motion, kinds in sorted(forces.items(), key=lambda one: list(DOFS).index(one[0]))
     }
     return replace(look, forces=told, runs=runs, set_aside=tuple(aside))
 

@@ -17,11 +17,10 @@ from automarine_cli.workflows.campaign_file import Campaign
 from automarine_cli.workflows.check import check
 from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
-from automarine_cli.workflows.fit_yaw import fit_heave, fit_surge, fit_yaw
+from automarine_cli.workflows.fit_yaw import FITS
 from automarine_cli.workflows.validate import validate
 
 FIGURES = ("png", "svg")  # for a person, and for the report
-FITS: Mapping[str, Callable[..., object]] = {"yaw": fit_yaw, "surge": fit_surge, "heave": fit_heave}
 RUNS = {"steps": "step runs", "manoeuvres": "manoeuvres", "validation": "validation runs"}
 
 
@@ -110,11 +109,10 @@ def _fit(campaign: Campaign, out: Path, motion: str) -> Plan | str:
         return _none_named(("steps", "manoeuvres"), motion)
     drive = _drive(campaign, out, motion)
     if drive is None:
-        driven = "moments" if motion == YAW.name else "forces"
-        return f"its {driven} need the thruster map, and fit-thrusters gave none"
+        return f"its {DOFS[motion].words.force}s need the thruster map, and fit-thrusters gave none"
     asked = campaign.settings(motion)
     own = {key: getattr(asked, key) for key in ("within", "depths") if hasattr(asked, key)}
-    own |= {"fit_to": asked.fit_to, **asked_channels(asked.channels)}
+    own |= {"fit_to": asked.fit_to, "tail": asked.tail, **asked_channels(asked.channels)}
     return Plan(FITS[motion], logs, {**_common(campaign), **drive, **own})
 
 

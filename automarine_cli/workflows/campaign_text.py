@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from automarine_cli.dofs import DOFS
+from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.logs.canonical import CANONICAL, names_of
 from automarine_cli.logs.recognise import Recognised, pulses
 from automarine_cli.pipeline.recipe import toml_line
@@ -15,7 +15,7 @@ WIDEST = 120  # of a line with its comment, where the line is long
 MOST_TOLD = 20  # logs without a place that are listed
 SAY = {
     "thrusters": "bollard tests",
-    "steps": "one constant moment each",
+    "steps": "one constant {force} each",
     "manoeuvres": "other runs: the diagnosis uses them too",
     "validation": "never fitted",
 }
@@ -86,7 +86,7 @@ def _logs(look: Look, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
         seen = f"{len(files)} log{'s' * (len(files) != 1)}" + (f", {told}" if told else "")
         if not files and kind == "validation":
             seen = "none found in a folder called validation; move runs here that no fit may see"
-        yield _beside(_list(kind, places), f"{SAY[kind]}: {seen}")
+        yield _beside(_list(kind, places), f"{YAW.fill(SAY[kind])}: {seen}")
     yield from _without_place(look)
     yield ""
 
@@ -99,7 +99,7 @@ def _force(look: Look, motion: str, entries: Mapping[str, Sequence[str]]) -> Ite
         files = look.forces[motion][kind]
         told = moments_of(look, files)
         seen = f"{len(files)} log{'s' * (len(files) != 1)}" + (f", {told}" if told else "")
-        yield _beside(_list(kind, places), f"{SAY[kind].replace('moment', 'force')}: {seen}")
+        yield _beside(_list(kind, places), f"{DOFS[motion].fill(SAY[kind])}: {seen}")
     if DOFS[motion].windowed:
         yield _beside(
             "# depths = [0.3, 2.5]", "metres: follow steps between them, clear of surface and bottom"
@@ -117,8 +117,9 @@ def _list(key: str, places: Sequence[str]) -> str:
 
 def _without_place(look: Look) -> Iterator[str]:
     """Logs and runs that are in no list, each with its reason."""
-    idle = [file.name for file, runs in look.runs.items() if runs and all(run.kind == "idle" for run in runs)]
-    told = [f"{name}: no moment acts in it" for name in idle]
+    motions = {file: layout.dof for layout in look.layouts for file in layout.files}
+    idle = [file for file, runs in look.runs.items() if runs and all(run.kind == "idle" for run in runs)]
+    told = [f"{file.name}: no {motions[file].words.force} acts in it" for file in idle]
     told += [f"{one.file}, run {one.run}: {one.why}" for one in look.set_aside]
     if told:
         yield f"# Not used: {len(told)}"
@@ -134,11 +135,12 @@ def _columns(look: Look) -> Iterator[str]:
         yield _column(one, look)
     for quantity in look.lacking:
         keys = names_of(quantity)
-        if quantity in ("n_port", "n_stbd") or (quantity == "moment" and look.thrusters_drive):
+        if quantity in YAW.thrusters or (quantity == YAW.command and look.thrusters_drive):
             continue
         if quantity in (*NEEDED, "n", "force"):
             names = listed(look.layouts[0].names if quantity in NEEDED else _bollard_names(look))
-            other = f" (or n_port and n_stbd{_of_pulses(look)})" if quantity == "moment" else ""
+            sides = " and ".join(YAW.thrusters)
+            other = f" (or {sides}{_of_pulses(look)})" if quantity == YAW.command else ""
             yield _open(keys[0], f"no column looks like the {quantity}{other}; the logs have {names}")
     yield ""
 
@@ -148,7 +150,7 @@ def _of_pulses(look: Look) -> str:
     found = pulses(look.layouts[0].seen)
     if not found:
         return ""
-    rule = toml_line("n_port", {"from": found[0], "offset": -1500})
+    rule = toml_line(YAW.thrusters[0], {"from": found[0], "offset": -1500})
     return f": pulses about 1500 us such as {listed(found)} are written {rule}"
 
 
@@ -159,15 +161,15 @@ def _bollard_names(look: Look) -> tuple[str, ...]:
 def _column(one: Recognised, look: Look) -> str:
     """One column: as named (a comment), mapped, or asked about."""
     quantity = CANONICAL[one.key].quantity
-    sign = quantity == "heading" and look.turned_round
+    sign = quantity == YAW.position and look.turned_round
     followed, against = look.turns
     seen = one.seen
-    if quantity == "heading" and followed + against:
-        seen += f"; turns with the moment in {followed} of {followed + against} steps"
+    if quantity == YAW.position and followed + against:
+        seen += f"; {YAW.words.moves} with the {YAW.words.force} in {followed} of {followed + against} steps"
     rule: dict[str, object] = {"from": one.source}
     if one.unit is not None:
         rule["unit"] = one.unit
-    if one.open and quantity not in (*NEEDED, "n_port", "n_stbd", "n", "force"):
+    if one.open and quantity not in (*NEEDED, *YAW.thrusters, "n", "force"):
         return f"# {_beside(toml_line(one.key, one.source), f'{seen}; {one.open}')}"  # nothing depends on it
     if one.open and not one.unit_open:
         return _open(one.key, f"{one.source}, {seen}: {one.open}")

@@ -16,6 +16,7 @@ from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import SettingError
 from automarine_cli.fits.channel_noise import channels_json, fit_sentences
 from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models, schema_of
@@ -202,6 +203,7 @@ def diagnose(
         base = stored.models[stored.preferred]
         with (
             told_beside((*aside, *more_aside)),
+            in_words_of(stored.dof),
             lasting_map(jobs, cluster=cluster, progress=progress) as each,
         ):
             found = diagnose_runs(runs, base, hold_out=kept, seed=seed, each=each, channels=channels)

@@ -33,11 +33,12 @@ FITTED_AGAINST = {
 
 @dataclass(frozen=True)
 class EffectCards:
-    """Cards of effects in a motion; `whole` where one was asked for by name."""
+    """Cards of effects in a motion; `whole` where one was asked for by name, `every` where no motion was."""
 
     cards: tuple[Effect, ...]
     whole: bool
     dof: Dof
+    every: bool
 
     def to_json(self) -> dict[str, object]:
         """The cards (schema automarine/effects/1); infinity, which JSON has no word for, is null."""
@@ -49,7 +50,7 @@ class EffectCards:
 
     def tables(self) -> tuple[Table | str, ...]:
         """The list of all, or sentences and the parameters of one."""
-        return _card(self.cards[0], self.dof) if self.whole else (_list(self.cards, self.dof),)
+        return _card(self.cards[0], self.dof, self.every) if self.whole else (_list(self.cards, self.dof),)
 
 
 def effects(name: str | None = None, motion: str | None = None) -> EffectCards:
@@ -68,7 +69,7 @@ def effects(name: str | None = None, motion: str | None = None) -> EffectCards:
         raise SettingError(
             f"{name} does not act in {motion}; it acts in {listed(where)}: give --motion {where[0]}"
         )
-    return EffectCards(own, name is not None, dof)
+    return EffectCards(own, name is not None, dof, motion is None)
 
 
 def _list(cards: tuple[Effect, ...], dof: Dof) -> Table:
@@ -84,12 +85,12 @@ def _place(one: Effect, dof: Dof) -> str:
     return dof.fill(ACTS_ON[one.place.value]).partition(":")[0]
 
 
-def _card(one: Effect, dof: Dof) -> tuple[Table | str, ...]:
+def _card(one: Effect, dof: Dof, every: bool) -> tuple[Table | str, ...]:
     card, motions = one.card(dof), one.motions
     lines = [
         ("equation", card.equation),
         ("acts on", dof.fill(ACTS_ON[one.place.value])),
-        *([] if len(motions) == len(DOFS) else [("only in", " and ".join(motions))]),
+        *([("only in", " and ".join(motions))] if every and len(motions) < len(DOFS) else []),
         ("states", ", ".join(one.states) or "none of its own"),
         (
             "columns needed",

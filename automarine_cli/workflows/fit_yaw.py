@@ -1,16 +1,17 @@
 """`fit-yaw`: step runs -> drag (Table 1), inertia (Table 2), yaw model, figures; whole runs where there are
-no steps. `fit-surge` and `fit-heave` do the same for position against force."""
+no steps. The fits of translations do the same for position against force."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from automarine_cli.dofs import HEAVE, SURGE, YAW, Dof
-from automarine_cli.errors import FitError, SettingError
+from automarine_cli.dofs import TRANSLATIONS, YAW, Dof
+from automarine_cli.errors import SettingError
 from automarine_cli.fits.identify import NOTHING_KNOWN, identify_turns
-from automarine_cli.fits.linear_mixed import NotFinite, not_finite
+from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.step_response import Known
+from automarine_cli.fits.tails import asked_tail
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.models.thruster_map import ThrusterMap
@@ -27,7 +28,7 @@ from automarine_cli.runs.run import Run
 from automarine_cli.workflows.moments import moment_maker
 
 FIT_TO = ("auto", "half-turns", "whole-runs")
-STEPS = "steps"  # what surge and heave have in place of half-turns
+STEPS = "steps"  # what translations have in place of half-turns
 
 
 def fit_yaw(
@@ -37,6 +38,7 @@ def fit_yaw(
     thrusters: Path | ThrusterMap | None = None,
     arm: float | None = None,
     fit_to: str = "auto",
+    tail: float | None = None,
     known: Known = NOTHING_KNOWN,
     channels: str = AUTO,
     out: Path | None = None,
@@ -50,56 +52,107 @@ def fit_yaw(
     `figure_formats` (png, svg, pdf).
 
     `thrusters` and `arm` [m] turn thruster commands into moments; `fit_to` and `known` as in
-    `fits.identify.identify`, `channels` as in `runs.channels.choose_channels`.
+    `fits.identify.identify`, `channels` as in `runs.channels.choose_channels`. `tail` is the turned angle [degrees]
+    from which on the paper's method takes a half-turn for steady; None: where drag and inertia are expected to be off
+    least.
+
     Raises LogError, RunError, FitError, SettingError or OutputError.
     """
     return _fit(
-        YAW, UNTRIMMED, {"arm": arm}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, known=known,
+        YAW, UNTRIMMED, {"arm": arm}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, tail=tail, known=known,
         channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs,
         progress=progress,
     )  # fmt: skip
 
 
-def fit_surge(
-    logs: Sequence[str | Path], *, columns: Path | ColumnMap | None = None, thrusters: Path | ThrusterMap | None = None,
-    within: float | None = None, fit_to: str = "auto", known: Known = NOTHING_KNOWN, out: Path | None = None,
-    figure_formats: tuple[str, ...] = ("png",), overwrite: bool = False, strict: bool = False, jobs: int = 1,
-    progress: Progress = silent, channels: str = AUTO,
-) -> YawFit:  # fmt: skip
-    """Identify the surge model of a vehicle: distance against force, as `fit_yaw` does heading against moment.
+def _followed(dof: Dof) -> Callable[..., YawFit]:
+    """The fit of a translation whose steps are followed for a length."""
 
-    Steps and whole runs are followed for `within` [m] of their start, before the wall is felt; None: to their end.
-    Thruster commands become forces through the map `thrusters`. Raises as `fit_yaw`.
-    """
-    if within is not None and not within > 0:
-        raise SettingError(f"within is {within:g}; expected metres above 0")
-    return _fit(
-        SURGE, Trim(within), {"within": within}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to,
-        known=known, channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict,
-        jobs=jobs, progress=progress,
-    )  # fmt: skip
+    def fit(
+        logs: Sequence[str | Path],
+        *,
+        columns: Path | ColumnMap | None = None,
+        thrusters: Path | ThrusterMap | None = None,
+        within: float | None = None,
+        fit_to: str = "auto",
+        tail: float | None = None,
+        known: Known = NOTHING_KNOWN,
+        channels: str = AUTO,
+        out: Path | None = None,
+        figure_formats: tuple[str, ...] = ("png",),
+        overwrite: bool = False,
+        strict: bool = False,
+        jobs: int = 1,
+        progress: Progress = silent,
+    ) -> YawFit:
+        """Identify the {motion} model of a vehicle: {position} against force, as `fit_yaw` does heading against moment.
+
+        Steps and whole runs are followed for `within` [m] of their start, before the wall is felt; None: to their end;
+        `tail` as in `fit_yaw`, but the distance [m] covered.
+        Thruster commands become forces through the map `thrusters`. Raises as `fit_yaw`.
+        """
+        if within is not None and not within > 0:
+            raise SettingError(f"within is {within:g}; expected metres above 0")
+        return _fit(
+            dof, Trim(within), {"within": within}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to,
+            tail=tail, known=known, channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite,
+            strict=strict, jobs=jobs, progress=progress,
+        )  # fmt: skip
+
+    return _named(fit, dof)
 
 
-def fit_heave(
-    logs: Sequence[str | Path], *, columns: Path | ColumnMap | None = None, thrusters: Path | ThrusterMap | None = None,
-    depths: tuple[float, float] | None = None, fit_to: str = "auto", known: Known = NOTHING_KNOWN,
-    out: Path | None = None, figure_formats: tuple[str, ...] = ("png",), overwrite: bool = False,
-    strict: bool = False, jobs: int = 1, progress: Progress = silent, channels: str = AUTO,
-) -> YawFit:  # fmt: skip
-    """Identify the heave model of a vehicle: depth against force, its buoyancy with it, as `fit_yaw` does heading.
+def _windowed(dof: Dof) -> Callable[..., YawFit]:
+    """The fit of a translation whose steps are followed inside a window of positions."""
 
-    Steps and whole runs are followed while the depth [m] is in the window `depths`, clear of surface and bottom; None:
-    to their end.
-    Thruster commands become forces through the map `thrusters`. Raises as `fit_yaw`.
-    """
-    if depths is not None and not depths[0] < depths[1]:
-        raise SettingError(f"depths are {depths[0]:g} and {depths[1]:g}; expected the smaller one first")
-    trim = UNTRIMMED if depths is None else Trim(None, *depths)
-    return _fit(
-        HEAVE, trim, {"depths": depths}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, known=known,
-        channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs,
-        progress=progress,
-    )  # fmt: skip
+    def fit(
+        logs: Sequence[str | Path],
+        *,
+        columns: Path | ColumnMap | None = None,
+        thrusters: Path | ThrusterMap | None = None,
+        depths: tuple[float, float] | None = None,
+        fit_to: str = "auto",
+        tail: float | None = None,
+        known: Known = NOTHING_KNOWN,
+        channels: str = AUTO,
+        out: Path | None = None,
+        figure_formats: tuple[str, ...] = ("png",),
+        overwrite: bool = False,
+        strict: bool = False,
+        jobs: int = 1,
+        progress: Progress = silent,
+    ) -> YawFit:
+        """Identify the {motion} model of a vehicle: {position} against force, its buoyancy with it, as `fit_yaw` does
+        heading.
+
+        Steps and whole runs are followed while the {position} [m] is in the window `depths`, clear of surface and
+        bottom; None: to their end; `tail` as in `fit_yaw`, but the distance [m] covered.
+        Thruster commands become forces through the map `thrusters`. Raises as `fit_yaw`.
+        """
+        if depths is not None and not depths[0] < depths[1]:
+            raise SettingError(f"depths are {depths[0]:g} and {depths[1]:g}; expected the smaller one first")
+        trim = UNTRIMMED if depths is None else Trim(None, *depths)
+        return _fit(
+            dof, trim, {"depths": depths}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, tail=tail,
+            known=known, channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict,
+            jobs=jobs, progress=progress,
+        )  # fmt: skip
+
+    return _named(fit, dof)
+
+
+def _named(fit: Callable[..., YawFit], dof: Dof) -> Callable[..., YawFit]:
+    """The fit under its motion's name."""
+    fit.__name__ = fit.__qualname__ = f"fit_{dof.name}"
+    fit.__doc__ = dof.fill(fit.__doc__ or "")
+    return fit
+
+
+FITS: Mapping[str, Callable[..., YawFit]] = {
+    YAW.name: fit_yaw,
+    **{name: (_windowed if dof.windowed else _followed)(dof) for name, dof in TRANSLATIONS.items()},
+}
+"""What fits each motion, by its name."""
 
 
 def _fit(
@@ -111,6 +164,7 @@ def _fit(
     columns: Path | ColumnMap | None,
     thrusters: Path | ThrusterMap | None,
     fit_to: str,
+    tail: float | None,
     known: Known,
     channels: str,
     out: Path | None,
@@ -121,6 +175,9 @@ def _fit(
     progress: Progress,
 ) -> YawFit:
     """The fit of any motion; `own` are the options that only it has."""
+    start = asked_tail(tail, dof)
+    if tail is not None and fit_to == FIT_TO[2]:
+        raise SettingError("tail is given, but whole runs have no tails; leave it out, or fit to steps")
     refuse_unknown(figure_formats)
     wanted_channels(channels, dof)
     column_map = given_columns(columns)
@@ -138,13 +195,10 @@ def _fit(
         return ordered_map(function, models, jobs, progress=progress, stage="fitting models")
 
     def work() -> YawFit:
-        with told_beside(campaign.set_aside):
-            try:
-                fit = identify_turns(
-                    dof, campaign.turns, campaign.not_turned, whole, kind, known, each, channels
-                )
-            except NotFinite:
-                raise FitError(not_finite(dof.words.position, dof.words.force)) from None
+        with told_beside(campaign.set_aside), in_words_of(dof):
+            fit = identify_turns(
+                dof, campaign.turns, campaign.not_turned, whole, kind, known, each, channels, start
+            )
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside))
         if strict and fit.set_aside:
             raise refused_by_strict(fit.set_aside[0])
@@ -159,6 +213,7 @@ def _fit(
         "thrusters": thrusters,
         **own,
         "fit_to": fit_to,
+        "tail": tail,
         "known": known,
         "figure_formats": figure_formats,
         "strict": strict,

@@ -1,10 +1,10 @@
-"""The moment that drives the runs: as logged, or made of thruster commands by a map and an arm."""
+"""The moment or force that drives the runs: as logged, or made of thruster commands by a map and an arm."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from automarine_cli.dofs import YAW, Dof
+from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.propulsion import drive_run_by_thrusters
@@ -14,23 +14,29 @@ from automarine_cli.runs.run import Run
 
 
 def moment_maker(
-    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, dof: Dof = YAW
+    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, dof: Dof
 ) -> Callable[[Run], Run] | None:
-    """What makes the moment of thruster commands, at lever arm `arm` [m] (default: the column map's `arm_m`).
+    """What makes the moment or force of thruster commands, at lever arm `arm` [m] (default: the column map's `arm_m`).
 
-    None without a map: then the logs hold the moment. Raises SettingError where map or arm is given alone.
+    None without a map: then the logs hold it. Raises SettingError where map or arm is given alone.
     """
     given = map_and_arm(thrusters, arm, columns, dof)
     return None if given is None else partial(drive_run_by_thrusters, thrusters=given[0], arm=given[1])
 
 
 def map_and_arm(
-    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, dof: Dof = YAW
+    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, dof: Dof
 ) -> tuple[ThrusterMap, float] | None:
     """The map and the lever arm [m] as given, or None without a map; see `moment_maker`."""
     if not dof.levered and arm is not None:
+        levered = " and ".join(one.name for one in DOFS.values() if one.levered)
         raise SettingError(
-            f"--arm is of yaw; in {dof.name} thrusters push as hard at any arm, so leave it out"
+            f"--arm is of {levered}; in {dof.name} thrusters push as hard at any arm, so leave it out"
+        )
+    if thrusters is not None and not dof.thrusters:
+        raise SettingError(
+            f"--thrusters makes no {dof.words.full_force}; leave it out, and name the {dof.words.force}'s column with "
+            "--columns"
         )
     if thrusters is None:
         if arm is not None:
@@ -40,7 +46,9 @@ def map_and_arm(
     if not dof.levered:
         length = 1.0  # of no account
     if not isinstance(length, int | float):
-        raise SettingError("--thrusters makes moments only with the thrusters' lever arm; give --arm METRES")
+        raise SettingError(
+            f"--thrusters makes {dof.words.force}s only with the thrusters' lever arm; give --arm METRES"
+        )
     known = load_thruster_map(thrusters) if isinstance(thrusters, Path) else thrusters
     return known, float(length)
 
@@ -50,7 +58,7 @@ def with_moments(
     thrusters: Path | ThrusterMap | None,
     arm: float | None,
     columns: ColumnMap,
-    dof: Dof = YAW,
+    dof: Dof,
 ) -> tuple[Run, ...]:
     """The runs driven through `thrusters`, or as they are; see `moment_maker`."""
     drive = moment_maker(thrusters, arm, columns, dof)

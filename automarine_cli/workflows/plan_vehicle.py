@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.thruster_map import ThrusterMap
@@ -22,7 +23,7 @@ def drive_for(
     thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, known: Known, limits: Limits
 ) -> Drive | None:
     """How the thrusters make the model's moments, or None without a map. Raises SettingError, ModelError."""
-    given = map_and_arm(thrusters, arm, columns)
+    given = map_and_arm(thrusters, arm, columns, YAW)
     if given is None:
         return None
     unit = 1.0

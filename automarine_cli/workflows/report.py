@@ -8,12 +8,11 @@ from typing import Any
 from automarine_cli.errors import OutputError
 from automarine_cli.pipeline import staging
 from automarine_cli.pipeline.plain_data import read_plain
-from automarine_cli.report.campaign_page import document
+from automarine_cli.report.campaign_page import document, usual_title
 from automarine_cli.report.campaign_steps import RESULTS, read_steps
 from automarine_cli.report.html.page import page
 
 SCHEMA = "automarine/report/1"
-TITLE = "Yaw identification"
 FILES = ("report.html", "report.md")
 RUN = "run.json"  # what `automarine run` leaves beside the report
 
@@ -31,15 +30,16 @@ class Report:
         return {"schema": SCHEMA, "files": list(self.files), "steps": list(self.steps), "missing": missing}
 
 
-def report_files(folder: Path, *, title: str = TITLE, cautions: Sequence[str] = ()) -> dict[str, str]:
-    """`report.html` and `report.md` of a campaign's folder, from its step folders and the campaign's `cautions`.
+def report_files(folder: Path, *, title: str | None = None, cautions: Sequence[str] = ()) -> dict[str, str]:
+    """`report.html` and `report.md` of a campaign's folder, from its step folders and the campaign's `cautions`;
+    without a `title` it is that of what was identified.
 
     Steps without results are left out, and the report says so. Raises OutputError if there is none at all.
     """
     return _made(folder, title, cautions).files
 
 
-def report(folder: Path, *, title: str = TITLE, overwrite: bool = False) -> Report:
+def report(folder: Path, *, title: str | None = None, overwrite: bool = False) -> Report:
     """Write the report of a campaign's folder beside its step folders. Raises OutputError, also for reports that
     are there already unless `overwrite`."""
     there = [name for name in FILES if (folder / name).exists()]
@@ -61,7 +61,8 @@ def _cautions(record: Path) -> list[str]:
     return [str(line) for line in said] if isinstance(said, list) else []
 
 
-def _made(folder: Path, title: str, cautions: Sequence[str]) -> Report:
+def _made(folder: Path, title: str | None, cautions: Sequence[str]) -> Report:
     steps = read_steps(folder)
+    title = title or usual_title(steps)
     text = document(steps, title, cautions)
     return Report({"report.html": page(text, folder, title), "report.md": text}, tuple(steps))

@@ -23,7 +23,7 @@ from automarine_cli.workflows.compare import compare
 from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.diagnose_thrusters import diagnose_thrusters, is_thruster_map
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
-from automarine_cli.workflows.fit_yaw import fit_heave, fit_surge, fit_yaw
+from automarine_cli.workflows.fit_yaw import FITS
 from automarine_cli.workflows.plan import plan
 from automarine_cli.workflows.run import run_campaign
 from automarine_cli.workflows.simulate import simulate
@@ -34,9 +34,7 @@ SCHEMA = "automarine/rerun/1"
 COMMANDS: Mapping[str, Callable[..., object]] = {
     "check": check,
     "fit-thrusters": fit_thrusters,
-    "fit-yaw": fit_yaw,
-    "fit-surge": fit_surge,
-    "fit-heave": fit_heave,
+    **{f"fit-{name}": fit for name, fit in FITS.items()},
     "validate": validate,
     "diagnose": diagnose,
     "simulate": simulate,

@@ -36,8 +36,7 @@ class Simulation(Shown):
             bollard = {"file": made.bollard.file} | {
                 key: value for key, value in bollard.items() if key not in ("folder", "name", "format")
             }
-        dof, biased = made.vehicle.dof, made.logger.rate_bias_deg_s is not None
-        content = {
+        return {
             "schema": SCHEMA,
             "simulated": label(made, self.seed),
             "seed": self.seed,
@@ -47,9 +46,8 @@ class Simulation(Shown):
             "logger": to_mapping(made.logger),
             "scatter": to_mapping(made.scatter),
             "campaign": to_mapping(made.campaign),
-            "made": [_truth_of(run, number, biased) for number, run in enumerate(self.runs, 1)],
+            "made": [_truth_of(run, number, made) for number, run in enumerate(self.runs, 1)],
         }
-        return dict(dof.named(content))
 
     def files(self) -> tuple[str, ...]:
         """What is written: the folders of logs, then the truth."""
@@ -113,11 +111,12 @@ def _row(folder: str, kind: str, runs: list[SimulatedRun]) -> tuple[str, ...]:
     return folder, kind, *(str(number) for number in (len(runs), len(files), samples, faulty))
 
 
-def _truth_of(run: SimulatedRun, number: int, biased: bool) -> dict[str, object]:
-    """What was drawn for one run, the bias of its rates if they are `biased`; instants on the campaign's clock."""
+def _truth_of(run: SimulatedRun, number: int, made: Specification) -> dict[str, object]:
+    """What was drawn for one run, the bias of its rates if they have one; instants on the campaign's clock."""
     plan, drawn, log = run.plan, run.drawn, run.log
+    words, base = made.vehicle.dof.words, made.vehicle.dof.units.base
     commands = [
-        {"moment": moment, "from_s": _rounded(plan.start + instant)}
+        {words.force: moment, "from_s": _rounded(plan.start + instant)}
         for moment, instant in zip(plan.moments, drawn.switches.tolist())
     ]
     truth: dict[str, object] = {
@@ -126,17 +125,17 @@ def _truth_of(run: SimulatedRun, number: int, biased: bool) -> dict[str, object]
         "kind": plan.group.kind,
         "number_in_campaign": number,
         "start_s": _rounded(plan.start),
-        "start_heading_rad": _rounded(drawn.start_heading),
-        "heading_zero_rad": _rounded(drawn.heading_zero),
+        f"start_{words.position}_{base}": _rounded(drawn.start),
+        f"{words.position}_zero_{base}": _rounded(drawn.zero),
         "gain": _rounded(drawn.gain),
-        "added_moment": _rounded(drawn.added_moment),
+        f"added_{words.force}": _rounded(drawn.added_moment),
         "commands": commands,
         "samples": len(log.time_s),
         "lost_samples": log.lost,
         "glitches": log.glitches,
     }
-    if biased:
-        truth["rate_bias_rad_s"] = _rounded(drawn.rate_bias)
+    if made.logger.rate_bias is not None:
+        truth[f"{words.speed}_bias_{base}_s"] = _rounded(drawn.rate_bias)
     return truth if plan.group.fault is None else truth | {"fault": plan.group.fault}
 
 

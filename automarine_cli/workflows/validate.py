@@ -10,9 +10,9 @@ import numpy as np
 
 from automarine_cli.comparison.residuals import FreeRun
 from automarine_cli.comparison.rollouts import needed_signals
-from automarine_cli.comparison.scores import SCORES, RunScore, rate_source
+from automarine_cli.comparison.scores import SCORES, RunScore, rate_source, score_key
 from automarine_cli.comparison.validation import Comparison, Scored, compare
-from automarine_cli.dofs import Dof
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.errors import AutomarineError, ModelError, RunError
 from automarine_cli.fits.channel_noise import channel_sentences, channels_of, measured_noises
 from automarine_cli.logs import ColumnMap, given_columns
@@ -41,11 +41,11 @@ from automarine_cli.workflows.moments import moment_maker
 
 SCHEMA = "automarine/validation/1"
 MEANING = {
-    "rmse_deg": "free run: measured less simulated heading from the start of each run to its end",
-    "max_abs_deg": "free run: the largest heading error",
+    "rmse": "free run: measured less simulated {position} from the start of each run to its end",
+    "max_abs": "free run: the largest {position} error",
     "fit_percent": "free run: 100 (1 - |error| / |measured - its mean|)",
-    "restarted_rmse_deg": "heading error with the state set anew from the smoothed measured heading at each restart",
-    "rate_rmse_deg_s": "free run: measured less simulated yaw rate",
+    "restarted_rmse": "{position} error with the state set anew from the smoothed measured {position} at each restart",
+    "rate_rmse": "free run: measured less simulated {rate}",
 }
 
 
@@ -61,19 +61,19 @@ class Validation(Shown):
     def to_json(self) -> dict[str, Any]:
         """The result: schema automarine/validation/1."""
         found, dof = self.comparison, self.stored.dof
-        content = {
+        return {
             "schema": SCHEMA,
-            **({} if dof.wraps else {"motion": dof.name}),
+            **({} if dof is YAW else {"motion": dof.name}),
             "models": {number: self._model_json(scored) for number, scored in found.models.items()},
-            "noise_floor_deg": found.floor,
+            f"noise_floor_{dof.units.key}": found.floor,
             "best": found.best,
             "best_because": found.because,
             "preferred_by_fit": self.stored.preferred,
             "effects": list(self.stored.effects),
-            "moment_unit": self.stored.moment_unit,
+            f"{dof.words.force}_unit": self.stored.moment_unit,
             "switch_offset": self.stored.switch_offset,
             **channels_of(self.channels, measured_noises(found.runs, dof)),
-            "scores": {name: dof.say(meaning) for name, meaning in MEANING.items()},
+            "scores": {score_key(name, dof): dof.fill(meaning) for name, meaning in MEANING.items()},
             "logs": {run.name: self._log_json(i) for i, run in enumerate(found.runs)},
             "runs": {
                 "used": len(found.runs),
@@ -81,7 +81,6 @@ class Validation(Shown):
                 **readings(found.runs),
             },
         }
-        return dict(dof.named(content))
 
     def tables(self) -> tuple[Table | str, ...]:
         """Models over all runs, then run by run; sensors where there was a choice."""
@@ -99,9 +98,10 @@ class Validation(Shown):
     def _model_json(self, scored: Scored) -> dict[str, Any]:
         data: dict[str, Any] = {}
         for name in SCORES:
-            data[name] = scored.overall[name].value
-            if scored.overall[name].ci95 is not None:
-                data[f"{name}_ci95"] = list(scored.overall[name].ci95 or ())
+            key, one = score_key(name, self.stored.dof), scored.overall[name]
+            data[key] = one.value
+            if one.ci95 is not None:
+                data[f"{key}_ci95"] = list(one.ci95)
         data["diverged"] = list(scored.diverged)
         names = (run.name for run in self.comparison.runs)
         data["runs"] = {name: _run_json(one, self.stored.dof) for name, one in zip(names, scored.scores)}
@@ -113,21 +113,23 @@ class Validation(Shown):
             "file": run.source,
             "samples": len(run),
             "duration_s": float(run.time[-1] - run.time[0]),
-            "noise_floor_deg": self.comparison.floors[i],
+            f"noise_floor_{run.dof.units.key}": self.comparison.floors[i],
             "restarts": len(restarts.states),
-            "restarted_at": self.stored.dof.say(restarts.rule),
+            "restarted_at": restarts.rule,
             "restarted_horizon_s": restarts.horizon,
             "rate_from": rate_source(run),
         }
 
 
 def _run_json(one: RunScore, dof: Dof) -> dict[str, Any]:
+    words, units = dof.words, dof.units
     start = {
-        "heading_deg": float(dof.shown(one.start.heading)),
-        "rate_deg_s": float(dof.shown(one.start.rate)),
-        "how": dof.say(one.start.how),
+        f"{words.position}_{units.key}": float(dof.shown(one.start.position)),
+        f"{words.speed}_{units.rate_key}": float(dof.shown(one.start.rate)),
+        "how": one.start.how,
     }
-    return {**{name: one.value(name) for name in SCORES}, "diverged": one.diverged, "start": start}
+    values = {score_key(name, dof): one.value(name) for name in SCORES}
+    return {**values, "diverged": one.diverged, "start": start}
 
 
 def validate(
@@ -232,7 +234,7 @@ def _same_unit(runs: Sequence[Run], stored: StoredModels) -> None:
     for run in runs:
         if run.moment_unit != stored.moment_unit:
             raise ModelError(
-                f"{stored.source} was fitted to {stored.dof.say('moments')} in {stored.moment_unit}, {run.source} "
+                f"{stored.source} was fitted to {stored.dof.words.force}s in {stored.moment_unit}, {run.source} "
                 f"gives them in {run.moment_unit}; there is no factor between the two. Validate with logs in "
                 f"{stored.moment_unit}, or fit a model to logs in {run.moment_unit}"
             )
@@ -263,5 +265,5 @@ def _write(
 
 def _drawn(one: tuple[str, Mapping[str, FreeRun], float], formats: tuple[str, ...]) -> Attempt[Files]:
     """The figure of one run in each of the formats."""
-    stem, free, floor_deg = one
-    return drawn(f"validation_{stem}", lambda: validation_figure(free, floor_deg), formats)
+    stem, free, floor = one
+    return drawn(f"validation_{stem}", lambda: validation_figure(free, floor), formats)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from automarine_cli.comparison.scores import SCORES
+from automarine_cli.comparison.scores import SCORES, score_key
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
@@ -146,22 +146,19 @@ def _validation_lines(result: Validation) -> Iterator[str]:
     runs, aside = _counted(len(found.runs), "run"), len(result.set_aside)
     yield f"Validation on {runs}: model {found.best} is best; {aside} set aside"
     for model, scored in found.models.items():
-        score = scored.overall["rmse_deg"]
+        score = scored.overall["rmse"]
         ends = "" if score.ci95 is None else f" [{number(score.ci95[0], 3)}, {number(score.ci95[1], 3)}]"
-        said = (
-            "runs away"
-            if score.value is None
-            else dof.say(f"heading rmse {number(score.value, 3)}{ends} deg")
-        )
+        error = f"{dof.position} rmse {number(score.value, 3)}{ends} {dof.units.shown}"
+        said = "runs away" if score.value is None else error
         yield f"  model {model}  {said}"
-    yield dof.say(f"  noise of the heading {number(found.floor, 3)} deg")
+    yield f"  noise of the {dof.position} {number(found.floor, 3)} {dof.units.shown}"
 
 
 def _validation_rows(result: Validation) -> Iterator[Row]:
     found = result.comparison
     for model, scored in found.models.items():
         for run, one in zip(found.runs, scored.scores):
-            scores: Row = {run.dof.key(name): one.value(name) for name in SCORES}
+            scores: Row = {score_key(name, run.dof): one.value(name) for name in SCORES}
             yield {"run": run.name, "model": model} | scores
 
 
@@ -262,10 +259,9 @@ def _comparison_rows(result: ResultComparison) -> Iterator[Row]:
 
 def _plan_lines(result: Plan) -> Iterator[str]:
     yield from plan_tables.total_sentences(result.campaign)
+    dof = result.campaign.fitting.model.dof
     yield "Predicted, of the new runs alone:"
-    yield from _aligned(
-        {plan_tables.SYMBOLS.get(name, name): one for name, one in result.campaign.alone.items()}
-    )
+    yield from _aligned({plan_tables.in_print(name, dof): one for name, one in result.campaign.alone.items()})
 
 
 def _plan_rows(result: Plan) -> Iterator[Row]:

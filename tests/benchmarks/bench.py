@@ -1,9 +1,9 @@
 """`make bench`: accuracy against the Cramer-Rao bound, coverage of intervals, speed. Prints tables and writes
 out/bench.json.
 
-Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [thrusters] [effects] [planning] [sensors] [startup]
-       [simulator] [fit] [many] [diagnose] [reading] [memory] [broken] [cluster] [--jobs N] [--campaigns N]
-       [--repeats N] [--full]
+Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [thrusters] [effects] [planning] [tails] [sensors]
+       [startup] [simulator] [fit] [many] [diagnose] [reading] [memory] [broken] [cluster]
+       [--jobs N] [--campaigns N] [--repeats N] [--full]
 """
 
 import os
@@ -26,13 +26,20 @@ from planning import planning
 from reading import broken, memory, reading
 from sensors import sensors
 from speed import Result, fit, simulator, startup
+from tails import tails
 
 from automarine_cli.cli.echo import terminal_progress
 from automarine_cli.pipeline.progress import Progress
 
 CAMPAIGNS = {
-    "efficiency": 200, "coverage": 300, "thrusters": 300, "effects": 40, "planning": 50, "sensors": 200,
-}  # fmt: skip
+    "efficiency": 200,
+    "coverage": 300,
+    "thrusters": 300,
+    "effects": 40,
+    "planning": 50,
+    "tails": 400,
+    "sensors": 200,
+}
 SECTIONS = (
     *CAMPAIGNS,
     "startup",
@@ -52,8 +59,8 @@ def run_section(
 ) -> Result:
     """Tables and plain results of one section."""
     if name in CAMPAIGNS:
-        every = (efficiency, coverage, thruster_coverage, effect_coverage, planning, sensors)
-        measure = dict(zip(CAMPAIGNS, every))[name]
+        measures = (efficiency, coverage, thruster_coverage, effect_coverage, planning, tails, sensors)
+        measure = dict(zip(CAMPAIGNS, measures))[name]
         return measure(campaigns or CAMPAIGNS[name], jobs, progress)
     if name == "reading":
         return reading(repeats, full, progress)

@@ -40,10 +40,10 @@ def coverage(motion: str, campaigns: int) -> dict[str, float]:
     half = dict(vehicle.terms).get("drag-asymmetry", 0.0)
     own = dof.symbols
     truth = {
-        own.inertia: vehicle.I_r, own.quadratic: vehicle.k_rr, own.constant: constant, own.difference: half,
+        own.inertia: vehicle.inertia, own.quadratic: vehicle.quadratic, own.constant: constant, own.difference: half,
     }  # fmt: skip
-    for way, drag in zip(dof.words.ways, (vehicle.k_rr + half, vehicle.k_rr - half)):
-        truth |= {f"drag {way}": drag, f"distance {way}": vehicle.I_r / drag}
+    for way, drag in zip(dof.words.ways, (vehicle.quadratic + half, vehicle.quadratic - half)):
+        truth |= {f"drag {way}": drag, f"distance {way}": vehicle.inertia / drag}
     held: dict[str, list[bool]] = defaultdict(list)
     for seed in range(FIRST_SEED, FIRST_SEED + campaigns):
         runs = [run for run in make_runs(specification, seed) if run.source.startswith(f"{motion}/")]

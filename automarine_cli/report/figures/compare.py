@@ -11,6 +11,7 @@ MARKS = "os^Dv<>p"
 SHADES = ("black", "blue", "vermilion", "green", "purple", "orange", "sky")
 LONGEST_NAME = 28
 PER_ROW = 3
+WIDEST_LABEL = 40  # letters that have room below a panel
 
 
 @house_style
@@ -32,7 +33,9 @@ def compare_figure(sides: Sequence[Side]) -> Figure:
             if i == 0:
                 ax.axvspan(*estimate.ci95, color="0.92", lw=0, zorder=0)
         unit = next(side.parameters[name].unit for side in sides if name in side.parameters)
-        ax.set_xlabel(f"{name} [{unit}]" if unit not in ("", "1") else name, parse_math=False)
+        beside = f" [{unit}]" if unit not in ("", "1") else ""
+        below = len(name + beside) > WIDEST_LABEL
+        ax.set_xlabel(name + (beside.replace(" ", "\n", 1) if below else beside), parse_math=False)
         ax.grid(visible=False, axis="y")
     for ax in axes.flat[len(names) :]:
         ax.set_axis_off()

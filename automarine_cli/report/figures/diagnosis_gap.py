@@ -1,5 +1,6 @@
 """Before and after: headings, errors, error by the most telling variable, and the budget of the gap."""
 
+import textwrap
 from collections.abc import Mapping
 
 import numpy as np
@@ -18,6 +19,8 @@ from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, hous
 Floats = NDArray[np.float64]
 
 MOST_RUNS_SHOWN = 4
+WIDEST, WIDEST_LEGEND = 104, 128
+"""Letters that have room side by side: in the title, and in the legend of the budget, five of them for each mark."""
 
 
 @house_style
@@ -63,7 +66,7 @@ def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str,
         _by_variable(figure.add_subplot(place[2, half:]), diagnosis, where)
     if shares is not None:
         _budget(figure.add_subplot(place[3, :]), shares, dof)
-    figure.suptitle(_sizes_in_words(diagnosis))
+    figure.suptitle(textwrap.fill(_sizes_in_words(diagnosis), WIDEST))
     handles = [h for axes in (grid[0, 0], grid[1, 0]) for h in axes.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     return figure
@@ -197,5 +200,7 @@ def _budget(axes: Axes, shares: Mapping[str, float], dof: Dof) -> None:
     axes.set_xlabel(
         "share of the mean square gap of the base model, all runs with equal thrust [%]", labelpad=1
     )
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(shares), fontsize=6.5, frameon=False)
+    labels = axes.get_legend_handles_labels()[1]
+    columns = len(labels) if sum(len(one) + 5 for one in labels) <= WIDEST_LEGEND else -(-len(labels) // 2)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, fontsize=6.5, frameon=False)
     axes.grid(False)

@@ -16,7 +16,7 @@ def in_words(variable: Variable, dof: Dof) -> str:
         "time-in-run": "time in the run",
         f"{force}-size": f"size of the {force}",
     }
-    name = others.get(variable.name, variable.name.replace("-", " "))
+    name = variable.name if variable.logged else others.get(variable.name, variable.name.replace("-", " "))
     name += ", by run" if variable.of_the_run else ""
     return name + (f" [{variable.unit}]" if variable.unit else "")
 

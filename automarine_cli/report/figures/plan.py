@@ -13,13 +13,15 @@ TICKS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
 FEWEST_RUNS = 3
 """Runs below which a curve is not drawn: nothing is known yet."""
 MARKS = dict(zip(KINDS, "os^DvxP"))
-SYMBOLS = {"k_rr": "$k_{r|r|}$", "k_r": "$k_r$", "I_r": "$I_r$", "inertial turn angle": "$I_r/k_{r|r|}$"}
 
 
 @house_style
 def plan_figure(campaign: Campaign) -> Figure:
     """A panel for each parameter: the plan run by run, the paper's grid, and one run more of each kind."""
-    names = list(campaign.plan.percent)[:MOST_PANELS]
+    names, dof = list(campaign.plan.percent)[:MOST_PANELS], campaign.fitting.model.dof
+    own, length = dof.symbols, dof.words.inertial_length
+    math = {own.quadratic: own.quadratic_math, own.linear: own.linear_math, own.inertia: own.inertia_math}
+    math[length] = f"{own.inertia_math}/{own.quadratic_math}"
     columns = len(names) if len(names) <= PER_ROW else 2
     rows = -(-len(names) // columns)
     figure, axes = new_figure(rows, columns, PAGE_IN, 0.6 + 2.2 * rows, sharex=True)
@@ -41,7 +43,7 @@ def plan_figure(campaign: Campaign) -> Figure:
         ax.yaxis.set_major_locator(MaxNLocator(5) if high < NARROW * low else LogLocator(subs=TICKS))
         ax.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         ax.yaxis.set_minor_formatter(NullFormatter())
-        ax.set_title(SYMBOLS.get(name, name.replace("_", " ")), loc="left")
+        ax.set_title(f"${math[name]}$" if name in math else name.replace("_", " "), loc="left")
         ax.set_ylabel("standard error [%]")
     for ax in axes.flat[len(names) :]:
         ax.set_axis_off()
