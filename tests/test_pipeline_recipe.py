@@ -11,8 +11,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.recipe import from_mapping, read_mapping, read_recipe, to_mapping, toml_text
+from automarine_cli.pipeline.recipe import (
+    FILLER,
+    from_mapping,
+    key_of,
+    keyed,
+    read_mapping,
+    read_recipe,
+    to_mapping,
+    toml_text,
+)
 
 
 @dataclass(frozen=True)
@@ -144,3 +154,37 @@ def test_missing_file(tmp_path: Path) -> None:
 def test_recipes_are_frozen() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         FULL.name = "other"  # type: ignore[misc]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    noise: float = field(metadata=keyed("{position}_noise_{log_unit}"))
+    start: float | None = field(default=None, metadata=keyed("start_{position}_{log_unit}"))
+    rate_hz: float = 10.0
+    dof: Dof = field(kw_only=True, metadata=FILLER)
+
+    def __post_init__(self) -> None:
+        if self.noise < 0:
+            raise SettingError(f"{key_of(self, 'noise')} is below 0")
+
+
+@dataclass(frozen=True)
+class Vessel:
+    sensors: tuple[Sensor, ...] = ()
+
+
+@pytest.mark.parametrize("dof", DOFS.values(), ids=lambda dof: dof.name)
+def test_keys_are_filled_by_whom_the_reader_gives(dof: Dof) -> None:
+    key, start = f"{dof.position}_noise_{dof.units.log}", f"start_{dof.position}_{dof.units.log}"
+    found = from_mapping(Vessel, {"sensors": [{key: 1}, {key: 2, start: 0.5}]}, "x", dof)
+    assert found == Vessel((Sensor(1.0, dof=dof), Sensor(2.0, 0.5, dof=dof)))
+    assert to_mapping(found.sensors[1]) == {key: 2.0, start: 0.5, "rate_hz": 10.0}
+    for data, message in (
+        ({"noise": 1}, f"x: sensors[0]: unknown key 'noise'; allowed keys: {key}, {start}, rate_hz"),
+        ({}, f"x: sensors[0]: key '{key}' is missing; expected a number"),
+        ({key: -1}, f"x: sensors[0]: {key} is below 0"),
+        ({key: "a"}, f'x: sensors[0]: {key}: expected a number, found "a"'),
+    ):
+        with pytest.raises(SettingError) as caught:
+            from_mapping(Vessel, {"sensors": [data]}, "x", dof)
+        assert str(caught.value) == message

@@ -23,7 +23,9 @@ from automarine_cli.planning.information import (
 from automarine_cli.planning.limits import Limits
 from automarine_cli.simulation.campaign import make_runs
 from automarine_cli.simulation.run_groups import SequenceRuns
-from automarine_cli.simulation.specification import Logger, Scatter, Schedule, Specification, Vehicle
+from automarine_cli.simulation.settings import Logger, Scatter, Schedule
+from automarine_cli.simulation.specification import Specification
+from automarine_cli.simulation.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
 

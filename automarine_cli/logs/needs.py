@@ -41,12 +41,17 @@ def require_motion(table: LogTable) -> None:
     or force or every thruster command."""
     dof = table.dof
     measured = dof.velocity if is_velocity_only(table) else dof.position
-    if dof.command in table.columns or driven(dof, table.columns.keys()):
+    if is_commanded(table):
         require(table, ("time", measured))
     elif any(quantity in table.columns for quantity in dof.thrusters):
         require(table, ("time", measured, *dof.thrusters))
     else:
         require(table, ("time", measured, dof.command))
+
+
+def is_commanded(table: LogTable) -> bool:
+    """Whether the table holds what drives its motion: a moment or force, or every thruster command."""
+    return table.dof.command in table.columns or driven(table.dof, table.columns.keys())
 
 
 def is_velocity_only(table: LogTable) -> bool:
@@ -62,7 +67,7 @@ def require_thruster(table: LogTable) -> None:
 def is_thruster_test(table: LogTable) -> bool:
     """Whether the table is, or seems meant as, a thruster test rather than a log of a motion."""
     position = table.dof.position
-    if position in table.columns or is_velocity_only(table):
+    if position in table.columns or (is_velocity_only(table) and is_commanded(table)):
         return False
     return "force" in table.columns or (
         _guess(table, "force") is not None and _guess(table, position) is None

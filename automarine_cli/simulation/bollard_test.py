@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from automarine_cli.models.thruster_forms import Curve
 from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.simulation.run_groups import levels_of
-from automarine_cli.simulation.specification import Bollard
+from automarine_cli.simulation.settings import Bollard
 from automarine_cli.simulation.streams import normal, uniform
 
 Floats = NDArray[np.float64]

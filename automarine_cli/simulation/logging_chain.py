@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.simulation.plans import Plan
-from automarine_cli.simulation.specification import Logger
+from automarine_cli.simulation.settings import Logger
 from automarine_cli.simulation.streams import normal, uniform
 
 Floats = NDArray[np.float64]
