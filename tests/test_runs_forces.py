@@ -1,5 +1,6 @@
 """Logs of surge and heave become runs: positions that never wrap, forces of thrusters, rests under a constant force."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -117,6 +118,13 @@ def test_who_is_let_go_and_rises_does_not_start_from_rest() -> None:
     assert released(run) == 0 and not find_steps(run)[0].from_rest
     held = made([[15.0, 5.0]])
     assert released(held) == 20 and find_steps(held)[0].from_rest
+
+
+def test_a_command_of_one_sample_ends_the_rest() -> None:
+    """Driven by hand the command changes at every sample: the vehicle was held until the first of them."""
+    run = made([[2.0, 4.0], [15.0, 5.0]])
+    command = np.where(np.arange(len(run)) < 20, 0.0, 10.0 + np.sin(np.arange(len(run))))
+    assert released(replace(run, moment=command)) == 20
 
 
 def test_whole_runs_end_at_the_window() -> None:

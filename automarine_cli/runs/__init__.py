@@ -1,1 +1,1 @@
-"""Logs become runs: one clock that rises, one unwrapped heading, inputs by name, everything odd counted."""
+"""Logs become runs: one clock that rises, one unwrapped position, inputs by name, everything odd counted."""

@@ -62,7 +62,9 @@ class Run:
                     f"for {self.time.shape} samples; this is a defect, please report it"
                 )
         if self.moment is not None and self.moment.shape != self.time.shape:
-            raise RunError(f"{self.source}, run {self.name!r}: one moment for each sample expected")
+            raise RunError(
+                f"{self.source}, run {self.name!r}: one {self.dof.words.force} for each sample expected"
+            )
         if np.any(self.time[1:] <= self.time[:-1]):
             raise RunError(f"{self.source}, run {self.name!r}: the clock must rise strictly after cleaning")
 

@@ -111,7 +111,7 @@ def _mean_rate(run: Run, first: int, stop: int) -> float:
     """Mean rate of the step [rad/s or m/s], as far as it is followed at most."""
     turned = run.position[first:stop] - run.position[first]
     last = int(np.argmax(np.abs(turned) > run.dof.limits.trim)) or stop - first - 1
-    return float(turned[last] / (run.time[first + last] - run.time[first]))
+    return float(turned[last] / (run.time[first + last] - run.time[first])) if last else 0.0
 
 
 def _rest_before(run: Run, first: int, sigma: float, pace: float) -> slice | None:

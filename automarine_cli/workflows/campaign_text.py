@@ -94,13 +94,14 @@ def _logs(look: Look, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
 def _force(look: Look, motion: str, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
     """The section of a translation."""
     yield ""
-    yield _beside(f"[{motion}]", "position against force; everything else as in yaw")
+    dof = DOFS[motion]
+    yield _beside(f"[{motion}]", f"{dof.position} against {dof.words.force}; everything else as in yaw")
     for kind, places in entries.items():
         files = look.forces[motion][kind]
         told = moments_of(look, files)
         seen = f"{len(files)} log{'s' * (len(files) != 1)}" + (f", {told}" if told else "")
-        yield _beside(_list(kind, places), f"{DOFS[motion].fill(SAY[kind])}: {seen}")
-    if DOFS[motion].windowed:
+        yield _beside(_list(kind, places), f"{dof.fill(SAY[kind])}: {seen}")
+    if dof.windowed:
         yield _beside(
             "# depths = [0.3, 2.5]", "metres: follow steps between them, clear of surface and bottom"
         )
