@@ -58,11 +58,14 @@ def campaign(
     rest: float = 2.0,
     turn: float = 1.15 * np.pi,
     unit: str = "nu",
+    gyro_deg_s: float | None = None,
+    bias_deg_s: float = 1.0,
 ) -> list[Run]:
     """One run a moment from rest at any heading through `turn` [rad]; the command switches anywhere between two
     samples.
 
-    `uneven` is the share of the period by which samples wander; `rest` 0 makes logs that begin with the step on.
+    `uneven` is the share of the period by which samples wander; `rest` 0 makes logs that begin with the step on. A gyro
+    with a noise of `gyro_deg_s` has a bias of its own in each run.
     """
     rng = np.random.default_rng(seed)
     runs = []
@@ -72,12 +75,16 @@ def campaign(
         time = period * (count + rng.uniform() + uneven * rng.uniform(-0.5, 0.5, len(count)))
         time = time[time > 0] if rest == 0 else time
         delivered = moment * np.exp(gain_scatter * rng.standard_normal())
-        truth = response(
+        truth, rate = response(
             time, delivered, vehicle.inertia, vehicle.k_r, vehicle.k_rr, rng.uniform(-np.pi, np.pi)
-        )[0]
+        )
         heading = truth + np.deg2rad(noise_deg) * rng.standard_normal(len(time))
         command = np.where(time > 0, moment, 0.0)
-        runs.append(Run(f"run_{i:02d}", "made.csv", 60.0 * i + time, heading, command, unit, dof=YAW))
+        extras = {}
+        if gyro_deg_s is not None:
+            noise = gyro_deg_s * rng.standard_normal(len(time)) + bias_deg_s * rng.standard_normal()
+            extras = {"yaw_rate": rate + np.deg2rad(noise)}
+        runs.append(Run(f"run_{i:02d}", "made.csv", 60.0 * i + time, heading, command, unit, extras, dof=YAW))
     return runs
 
 

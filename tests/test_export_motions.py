@@ -75,7 +75,7 @@ def test_files_have_no_word_of_another_motion(motion: str) -> None:
             told = made.text if name in ("python", "card") else "\n".join([*made.notes, *comments(made.text)])
             for text in FRAMES.values():
                 told = told.replace(text, "")
-            strange = strange_to(dof, told) - {"tau"}  # any generalised force
+            strange = strange_to(dof, told)
             assert not strange, (name, form, frame, strange)
 
 
@@ -138,7 +138,7 @@ def test_derivatives_have_the_motions_letters(motion: str, force: str, letter: s
         "m": OWN, f"{force}_{letter}dot": OWN - MASS, f"{force}_{letter}": -LINEAR,
         f"{force}_{letter}{letter}": -QUADRATIC, f"{force}_{letter}2": -SKEW,
     }  # fmt: skip
-    equation = f"(m - {force}_{letter}dot) {letter}' = tau_{force} + {force}_{letter} {letter} + "
+    equation = f"(m - {force}_{letter}dot) {letter}' = {force} + {force}_{letter} {letter} + "
     assert equation in text and "N s/m, linear damping" in text and "hydrodynamic force" in text
 
 
@@ -178,7 +178,7 @@ def test_python_has_the_motions_letters_and_moves_it(
     (force, _), mass = letters(motion), DOFS[motion].symbols.inertia
     assert f"# Equation: {mass} {rate}' = {force} -{force}_{rate}{rate} |{rate}| {rate}" in text
     assert f"{position}, {rate}, n, water = state" in text and f"return {position}, {rate}\n" in text
-    assert "as it is read [m] and speed [m/s] at `time` [s] under `tau` [N], all (N,)" in text
+    assert "as it is read [m] and speed [m/s] at `time` [s] under `force` [N], all (N,)" in text
     made = tmp_path / "made.py"
     made.write_text(written(motion, "python", "simulate").text)
     call = "import made, numpy as np; t = np.arange(0, 20, 0.1); print(made.simulate(t, 0 * t + 6.0)[1][-1])"

@@ -35,7 +35,9 @@ def write(subject: YawSubject) -> Written:
         "bias-moment": (f"{force}_0", "", "constant"),
     }
     rows = [(own, rigid, subject.unit, "rigid"), (f"{force}_{r}dot", -added, subject.unit, "added")]
-    equation = f"({own} - {force}_{r}dot) {r}' = tau_{force}"
+    letter = subject.dof.symbols.force
+    applied = force if letter == force else f"{letter}_{force}"
+    equation = f"({own} - {force}_{r}dot) {r}' = {applied}"
     for effect, (name, factor, told) in terms.items():
         if effect in DRAG or effect in subject.values:
             value = subject.value(effect) if effect == "bias-moment" else -subject.value(effect)

@@ -2,7 +2,7 @@
 
 The equation is ours, effects included, by classical Runge-Kutta on sub-steps. Source: `automarine effects NAME` has
 the equation of each effect; `python_terms` has it as the file writes it. In the templates {x} and {v} stand for the
-letters of position and rate, {F} for that of force or moment, {force} for its word.
+letters of position and rate, {F} for that of force or moment, {force} for its word, {given} for the logged one.
 """
 
 from automarine_cli import effects
@@ -19,13 +19,13 @@ FILE = '''{head}import numpy as np
 
 {constants}
 
-def simulate(time, tau, {x}0=0.0, {v}0=0.0):
-    """{title} as it is read [{base_unit}] and {speed} [{base_unit}/s] at `time` [s] under `tau` [{moment}], all (N,).
+def simulate(time, {given}, {x}0=0.0, {v}0=0.0):
+    """{title} as it is read [{base_unit}] and {speed} [{base_unit}/s] at `time` [s] under `{given}` [{unit}], all (N,).
 
-    tau[i] holds from time[i] to time[i + 1]; before time[0] there is none.
+    {given}[i] holds from time[i] to time[i + 1]; before time[0] there is none.
     """
 '''
-BODY = """    time, tau = np.asarray(time, float), np.asarray(tau, float)
+BODY = """    time, {given} = np.asarray(time, float), np.asarray({given}, float)
 
     def slope(t, state, {F}):
 {slope}
@@ -56,7 +56,7 @@ def write(subject: YawSubject) -> Written:
         "head": commented(head(subject, equation(subject), ()), "#"),
         "constants": inertia(subject) + "".join(constants(subject, term) for term in terms),
         "title": own["position"].capitalize(),
-        "moment": subject.model.moment_unit,
+        "unit": subject.model.moment_unit,
     }
     body = own | {
         "slope": indented(slope_of(subject, written, more), 8),
@@ -69,8 +69,9 @@ def write(subject: YawSubject) -> Written:
 
 
 def letters(subject: YawSubject) -> dict[str, str]:
-    """What stands in the templates."""
-    return {**subject.dof.vocabulary, "F": subject.force}
+    """What stands in the templates; force or moment as logged has its own letter, or where that is taken its word."""
+    own, force = subject.dof.symbols.force, subject.force
+    return {**subject.dof.vocabulary, "F": force, "given": subject.dof.words.force if own == force else own}
 
 
 def slope_of(subject: YawSubject, written: list[Lines], more: list[str]) -> list[str]:
@@ -121,11 +122,12 @@ def lines_of(subject: YawSubject, term: Term) -> Lines:
 
 def command(subject: YawSubject) -> str:
     """The moment held over a sub-step from t to t + h."""
+    given = letters(subject)["given"]
     if "input-delay" not in subject.values:
-        return "tau[i]"
+        return f"{given}[i]"
     (term,) = (term for term in subject.model.terms if term.name == "input-delay")
     late = constant(subject, term, effects.get(term.name).parameters[0])
-    return f"np.append(tau, 0.0)[np.searchsorted(time, t + h / 2 - {late}, 'right') - 1]"
+    return f"np.append({given}, 0.0)[np.searchsorted(time, t + h / 2 - {late}, 'right') - 1]"
 
 
 def inertia(subject: YawSubject) -> str:

@@ -27,8 +27,9 @@ MOST = 200
 """Stretches that are looked at, evenly over the campaign."""
 GAP = 3.0
 """Sample periods; a longer hole parts two stretches."""
-MOVES = 5.0
-"""A stretch tells of scale and clock if its motion, less a line, is so many times the noise of either sensor."""
+MOVES, SEEN = 5.0, 2.0
+"""A stretch tells of scale and clock if its motion, less a line, is so many times what noise makes of the summed
+velocities, and of the position: the former would bias the scale, the latter only blurs it."""
 LATEST = 5.0
 """s; clocks are not looked at further apart."""
 GRID, FINE = 60, 40
@@ -165,13 +166,19 @@ def _rough(every: Sequence[Stretch]) -> tuple[float, float] | None:
     for one in every:
         position, summed = one.position - one.position.mean(), one.summed - one.summed.mean()
         square, whole = float(summed @ summed), float(position @ position)
-        if whole > (MOVES * one.position_noise) ** 2 * len(one.time) and square > 0:
+        drift = (
+            one.velocity_noise * one.period * len(one.time)
+        ) ** 2 / 6.0  # of a sum of noise, less its mean
+        if (
+            whole > (MOVES * one.position_noise) ** 2 * len(one.time)
+            and max(square, whole) > MOVES**2 * drift
+        ):
             across = float(summed @ position)
             found.append((across / np.sqrt(square * whole), across / square, whole))
     if not found:
         return None
     correlations, slopes, weights = np.array(found).T
-    return _weighted_median(correlations, weights), _weighted_median(slopes, weights)
+    return _reached(correlations, weights), _weighted_median(slopes, weights)
 
 
 def _moves(one: Stretch, scale: float) -> bool:
@@ -180,8 +187,8 @@ def _moves(one: Stretch, scale: float) -> bool:
     wander = (
         (scale * one.velocity_noise * one.period) ** 2 * len(one.time) / 15.0
     )  # of a sum of noise, less a line
-    noise = max(one.position_noise**2, wander)
-    return bool(position @ position > MOVES**2 * len(one.time) * noise)
+    moved = float(position @ position) / len(one.time)
+    return moved > MOVES**2 * wander and moved > SEEN**2 * one.position_noise**2
 
 
 def _ahead(one: Stretch, delays: Floats) -> Floats:
@@ -240,25 +247,33 @@ def _scale(moving: Sequence[Stretch], late: float) -> tuple[float, float, float]
     for one in moving:
         position, summed = _freed(one.time, one.position, _ahead(one, np.array([late]))[0])
         own, step = float(summed @ summed), one.velocity_noise * one.period
-        square = max(own - (step * len(one.time)) ** 2 / 15.0, 0.5 * own)
+        whole = float(position @ position)
+        square = max(own - (step * len(one.time)) ** 2 / 15.0, 0.5 * own, 1e-12 * whole)
         wander = np.cumsum(summed[::-1])[::-1]  # of a sum of noise, by the noise of each sample
         doubt = one.position_noise**2 * own + step**2 * float(wander @ wander)
-        products.append((float(summed @ position), square, float(position @ position), doubt))
-    across, square, whole, doubt = np.array(products).T
-    slopes, weights = across / square, whole / whole.sum()
-    correlation = _weighted_median(across / np.sqrt(square * whole), weights)
+        products.append((float(summed @ position), square, whole, doubt))
+    across, squares, wholes, doubts = np.array(products).T
+    slopes, weights = across / squares, wholes / wholes.sum()
+    correlation = _reached(across / np.sqrt(squares * wholes), weights)
     scale = _weighted_median(slopes, weights)
     if len(slopes) < FEWEST_STRETCHES:
         return correlation, scale, np.inf
     spread = 1.4826 * _weighted_median(np.abs(slopes - scale), weights) * np.sqrt((weights**2).sum())
-    least = np.sqrt((weights**2 * doubt / square**2).sum())
+    least = np.sqrt((weights**2 * doubts / squares**2).sum())
     return correlation, scale, 1.2533 * float(max(spread, least))
 
 
-def _weighted_median(values: Floats, weights: Floats) -> float:
+def _reached(correlations: Floats, weights: Floats) -> float:
+    """The correlation that four of five stretches reach, to the side of most: sums of anything look alike in one."""
+    most = _weighted_median(correlations, weights)
+    least = _weighted_median(correlations, weights, 0.2 if most > 0 else 0.8)
+    return least if least * most > 0 else 0.0
+
+
+def _weighted_median(values: Floats, weights: Floats, share: float = 0.5) -> float:
     order = np.argsort(values)
-    share = np.cumsum(weights[order]) / weights.sum()
-    return float(values[order][np.searchsorted(share, 0.5)])
+    below = np.cumsum(weights[order]) / weights.sum()
+    return float(values[order][np.searchsorted(below, share)])
 
 
 def _pace(moving: Sequence[Stretch], name: str) -> float:

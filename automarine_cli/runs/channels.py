@@ -107,7 +107,9 @@ def choose_channels(
     ]
     if lacking and runs:
         what, columns = lacking[0].replace("_", " "), ", ".join(names_of(lacking[0]))
-        raise SettingError(f"channels is {wanted!r}, and no log holds {what} ({columns})")
+        raise SettingError(
+            f"channels is {wanted!r}, and no log holds {what}; name its column {columns} with --columns"
+        )
     if not read:
         return NOTHING_TO_CHOOSE
     found = agreement(runs, dof.velocity)
@@ -138,7 +140,7 @@ def trouble_of(found: Agreement, dof: Dof, late_position: bool = False) -> str:
         )
     if not found.moving:
         return _stuck_in(found, dof)
-    if abs(found.correlation) < RELATED and np.isfinite(found.scale_error):
+    if abs(found.correlation) < RELATED:
         return (
             f"The {rate} does not follow the {position} (correlation {found.correlation:.2f}): it is of another "
             f"motion or another time; look which column is meant by {column}."

@@ -1,8 +1,8 @@
 """`make bench`: accuracy against the Cramer-Rao bound, coverage of intervals, speed. Prints tables and writes
 out/bench.json.
 
-Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [thrusters] [effects] [planning] [tails] [startup]
-       [simulator] [fit] [many] [diagnose] [reading] [memory] [broken] [cluster]
+Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [thrusters] [effects] [planning] [tails] [sensors]
+       [startup] [simulator] [fit] [many] [diagnose] [reading] [memory] [broken] [cluster]
        [--jobs N] [--campaigns N] [--repeats N] [--full]
 """
 
@@ -24,6 +24,7 @@ from growth import diagnose, many
 from interval_coverage import coverage
 from planning import planning
 from reading import broken, memory, reading
+from sensors import sensors
 from speed import Result, fit, simulator, startup
 from tails import tails
 
@@ -37,6 +38,7 @@ CAMPAIGNS = {
     "effects": 40,
     "planning": 50,
     "tails": 400,
+    "sensors": 200,
 }
 SECTIONS = (
     *CAMPAIGNS,
@@ -57,7 +59,7 @@ def run_section(
 ) -> Result:
     """Tables and plain results of one section."""
     if name in CAMPAIGNS:
-        measures = (efficiency, coverage, thruster_coverage, effect_coverage, planning, tails)
+        measures = (efficiency, coverage, thruster_coverage, effect_coverage, planning, tails, sensors)
         measure = dict(zip(CAMPAIGNS, measures))[name]
         return measure(campaigns or CAMPAIGNS[name], jobs, progress)
     if name == "reading":
@@ -83,7 +85,7 @@ def main() -> None:
     parser.add_argument(
         "--campaigns",
         type=int,
-        help="simulated campaigns a case, instead of 200, 300, 40 (effects) or 50 (planning)",
+        help="simulated campaigns a case, instead of 200, 300, 40 (effects), 50 (planning) or 200 (sensors)",
     )
     parser.add_argument("--repeats", type=int, default=5, help="of which the median counts (default: 5)")
     parser.add_argument(

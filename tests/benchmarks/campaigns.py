@@ -46,11 +46,14 @@ def make_campaign(
     k_rr: float = K_RR,
     scatter: float = 0.0,
     noise: float = NOISE,
+    rate_noise: float | None = None,
+    rate_bias: float = 0.0,
 ) -> Campaign:
     """Rest, then a step of each moment held past half a turn; the log's clock begins anywhere in a period.
 
     `scatter` is the standard deviation of the logarithm of each run's moment delivered over commanded, `noise` that of
-    the heading [rad].
+    the heading [rad]; `rate_noise` that of a gyro [rad/s], if there is one, and `rate_bias` the standard deviation of
+    what it adds in each run.
     """
     random = np.random.default_rng(seed)
     start = random.uniform(-np.pi, np.pi, len(moments))
@@ -59,9 +62,14 @@ def make_campaign(
         delivered = moment * np.exp(scatter * random.standard_normal())
         last = round(_length(abs(moment), k_r, k_rr) / PERIOD)
         time = PERIOD * (np.arange(-REST, last) + random.uniform())
-        heading, _ = response(time, delivered, INERTIA, k_r, k_rr, heading0)
+        heading, rate = response(time, delivered, INERTIA, k_r, k_rr, heading0)
         noisy = heading + noise * random.standard_normal(len(time))
-        runs.append(Run(f"run {i}", "simulated", time, noisy, np.where(time > 0, moment, 0.0), "nu", dof=YAW))
+        extras = {}
+        if rate_noise is not None:
+            biased = rate + rate_bias * random.standard_normal()
+            extras = {"yaw_rate": biased + rate_noise * random.standard_normal(len(time))}
+        command = np.where(time > 0, moment, 0.0)
+        runs.append(Run(f"run {i}", "simulated", time, noisy, command, "nu", extras, dof=YAW))
     return Campaign(tuple(runs), start)
 
 
@@ -76,7 +84,7 @@ def known_half_turns(campaign: Campaign) -> StepData:
     """The half-turns by the tool's own rule, without rest, on the true instant and start heading."""
     turns, _ = half_turns(campaign.runs)
     zero = {run.name: heading for run, heading in zip(campaign.runs, campaign.start_heading)}
-    return step_data(
+    data = step_data(
         [turn.name for turn in turns],
         [turn.time for turn in turns],
         [turn.position - zero[turn.name] for turn in turns],
@@ -84,3 +92,5 @@ def known_half_turns(campaign: Campaign) -> StepData:
         [turn.switch_to - turn.switch_from for turn in turns],
         turns[0].step.run.dof,
     )
+    rates = [turn.step.run.extras.get("yaw_rate") for turn in turns]
+    return data.rated([rate[turn.kept] for rate, turn in zip(rates, turns)]) if rates[0] is not None else data

@@ -1,0 +1,88 @@
+"""Three lags that look alike in headings of steps, and what a gyro makes of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_runs import INERTIA, K_RR
+
+from automarine_cli.diagnosis import search
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.dofs import YAW
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import Start, simulate
+
+BASE = YawModel.base("3", INERTIA, [K_RR], "nu", YAW)
+LAGS = {"input-delay": 0.15, "thruster-lag": 0.2, "sensor-lag": 0.2}
+SIZES = (0.15, 0.3, 0.45, 0.6, 0.8)
+PERIOD, REST = 0.1, 2.0
+
+
+def steps(effect: str, seed: int = 1) -> list[Run]:
+    """Two steps of each moment to either side with the effect, by a compass of 1 degree and a gyro of 0.3 degrees/s."""
+    random = np.random.default_rng(seed)
+    runs = []
+    for i, moment in enumerate(side * size for _ in range(2) for size in SIZES for side in (1, -1)):
+        time = np.arange(0.0, REST + 1.2 * np.pi * np.sqrt(K_RR / abs(moment)) + 1.0, PERIOD)
+        start = np.full(len(time), random.uniform(-3.0, 3.0))
+        command = np.where(time >= REST, moment, 0.0)
+        runs.append(Run(f"run_{i:02d}", "made.csv", 60.0 * i + time, start, command, "nu", dof=YAW))
+    batch = make_batch(runs, 0.02)
+    start = Start(
+        np.array([[run.position[0] for run in runs]]),
+        log_gain=0.03 * random.standard_normal((1, len(runs))),
+        switch_delay=PERIOD * (random.uniform(size=(1, len(runs), 1)) - 0.5),
+    )
+    truth = simulate(BASE.with_effect(effect, (LAGS[effect],)), batch, start=start)
+    noise = np.deg2rad([1.0, 0.3, 1.0])
+    for i, run in enumerate(runs):
+        heading, rate = truth.position[0, i, : len(run)], truth.velocity[0, i, : len(run)]
+        read = rate + noise[1] * random.standard_normal(len(run)) + noise[2] * random.standard_normal()
+        heading = heading + noise[0] * random.standard_normal(len(run))
+        runs[i] = replace(run, position=heading, extras={"yaw_rate": read})
+    return runs
+
+
+def told(runs: list[Run], monkeypatch: pytest.MonkeyPatch, channels: str = "auto") -> Diagnosis:
+    """A diagnosis that tries the three lags only."""
+    every = search.candidates
+    monkeypatch.setattr(search, "candidates", lambda *of: [name for name in every(*of) if name in LAGS])
+    return diagnose_runs(runs, BASE, hold_out=[], channels=channels)
+
+
+@pytest.mark.parametrize("lag", LAGS)
+def test_with_a_gyro_each_lag_is_named_from_steps_alone(lag: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = told(steps(lag), monkeypatch)
+    assert found.channels.names == ("heading", "yaw_rate") and found.verdict == "named"
+    (named,) = found.effects
+    assert (named.name, named.rivals) == (lag, ())
+    (size,) = named.parameters.values()
+    assert abs(size.value - LAGS[lag]) < 4.0 * size.stderr
+    assert size.stderr < 0.05 * LAGS[lag]
+    assert found.gap.before > found.gap.after and found.gap.after < 1.05 * found.gap.floor
+
+
+def test_without_it_they_are_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
+    ties = []
+    for lag in LAGS:
+        with monkeypatch.context() as patch:
+            found = told(steps(lag), patch, channels="position")
+        assert found.channels.names == ("heading",)
+        ties.append({one for named in found.effects for one in (named.name, *(r.name for r in named.rivals))})
+    assert max(len(tie) for tie in ties) > 1, ties
+
+
+def test_a_gyro_alone_sees_no_lag_of_the_compass(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = told(steps("sensor-lag"), monkeypatch, channels="yaw_rate")
+    assert found.verdict == "nothing-missing" and "sensor-lag" not in found.detectable
+
+
+def test_runs_held_out_may_lack_the_gyro(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = steps("thruster-lag")
+    every = search.candidates
+    monkeypatch.setattr(search, "candidates", lambda *of: [name for name in every(*of) if name in LAGS])
+    found = diagnose_runs(runs[:14], BASE, hold_out=[replace(run, extras={}) for run in runs[14:]])
+    assert [one.name for one in found.effects] == ["thruster-lag"]
+    assert found.held_out_gap is not None and found.held_out_gap.after < found.held_out_gap.before
