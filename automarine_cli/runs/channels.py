@@ -117,9 +117,7 @@ def choose_channels(
     velocity = dof.velocity in named if named else wanted == ALL or not trouble
     position = logged and (named is None or dof.position in named)
     why = (
-        trouble or (_stuck_in(found, dof) if velocity else "")
-        if velocity or named is None
-        else _not_asked()
+        trouble or (_stuck_in(found, dof) if velocity else "") if velocity or named is None else _not_asked()
     )
     of_position = "" if position else _not_asked() if logged else _summed_up(dof)
     verdicts = (
