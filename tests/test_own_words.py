@@ -114,7 +114,8 @@ def spoiled(log: pd.DataFrame, dof: Dof) -> Iterator[tuple[str, pd.DataFrame]]:
     stuck[position] = log[position].iloc[0]
     against[position] = -log[position]
     yield "stuck", stuck
-    yield "against", against
+    if not dof.has_constant:  # under a constant force a vehicle may well move against a small command
+        yield "against", against
     yield "short", log.iloc[: len(log) // 4]
     yield "moving", log.iloc[len(log) // 3 :]
 
@@ -150,7 +151,9 @@ def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     given = odd_logs(dof, place / "logs")
     section = "logs" if dof.wraps else dof.name
     held = [f"logs/{name}.csv" for name in NAMES[:3]]
-    fitted = [f"logs/{name}.csv" for name in (*NAMES[3:], "stuck", "against", "short", "moving")]
+    fitted = [
+        f"logs/{path.name}" for path in sorted((place / "logs").iterdir()) if path.stem not in NAMES[:3]
+    ]
     text = (
         f'schema = "automarine/campaign/1"\ntitle = "A day"\n[{section}]\n'
         f"steps = {fitted!r}\nvalidation = {held!r}\n"
@@ -172,7 +175,10 @@ def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     run("fit-" + dof.name, str(place / "logs" / "port.csv"))
     run("effects", "--motion", dof.name)
     for name in effects.names():
-        if effects.get(name).acts_in(dof):
+        effect = effects.get(name)
+        if effect.acts_in(dof) and not set(effect.needs) & set(
+            DOFS
+        ):  # else it is of another motion by its nature
             run("effects", name, "--motion", dof.name)
     said = {call: words.replace(str(place), "") for call, words in said.items()}
     return Campaign(dof, said, out, given)

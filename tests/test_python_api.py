@@ -54,8 +54,8 @@ def test_names_offered_are_there() -> None:
     assert set(am.__all__) <= set(dir(am))
     assert all(callable(getattr(am, name)) for name in am.__all__ if name not in ("__version__", "effects"))
     assert am.fit_yaw.__doc__ == fit_yaw.__doc__
-    with pytest.raises(AttributeError, match="has no attribute 'fit_sway'"):
-        _ = am.fit_sway  # type: ignore[attr-defined]
+    with pytest.raises(AttributeError, match="has no attribute 'fit_roll'"):
+        _ = am.fit_roll  # type: ignore[attr-defined]
 
 
 def test_the_result_is_the_workflows_own(logs: Path, results: dict[str, Any]) -> None:
@@ -111,12 +111,18 @@ def test_more_than_one_argument_without_a_name_is_refused(logs: Path) -> None:
         am.fit_yaw(logs / "steps", logs / "driving")
 
 
-def test_the_readme_section_does_what_it_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("page", "heading", "least"),
+    [("README.md", "From Python", 6), (".github/pages/developers.md", "Planar motion", 12)],
+)
+def test_sections_do_what_they_show(
+    page: str, heading: str, least: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(ROOT)
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    section = text.partition("\n## From Python\n")[2].partition("\n## ")[0]
-    test = doctest.DocTestParser().get_doctest(section, {}, "README", "README.md", 0)
-    assert len(test.examples) >= 6
+    text = (ROOT / page).read_text(encoding="utf-8")
+    section = text.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+    test = doctest.DocTestParser().get_doctest(section, {}, heading, page, 0)
+    assert len(test.examples) >= least
     told: list[str] = []
     doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE).run(
         test, out=told.append

@@ -20,10 +20,7 @@ class ThrustAsymmetry(Effect):
     reveals = "equal {forces} {both_ways}, and reversals"
     mistaken_for = ("drag-asymmetry", "bias-moment", "gyro-drift")
     separated_by = "a coast-down {each_way}: drag differs in it, thrust does not"
-    source = (
-        "port and starboard propellers of unlike thrust ahead and astern: equation 2 of Stipanov et al. "
-        "(2007)"
-    )
+    source = "propellers that push harder one way than the other: equation 2 of Stipanov et al. (2007)"
     parity = ODD
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:

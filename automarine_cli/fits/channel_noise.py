@@ -79,18 +79,18 @@ def fit_sentences(choice: ChannelChoice, fit: MixedFit, dof: Dof) -> list[str]:
 
 def channel_sentences(choice: ChannelChoice, noises: Mapping[str, Estimate], dof: Dof) -> list[str]:
     """One line on the sensors that count, and one on each that does not; none where only positions are logged."""
-    if not choice.verdicts:
+    return sentences_of(channels_of(choice, noises).get("channels"), dof)
+
+
+def sentences_of(entries: object, dof: Dof) -> list[str]:
+    """The same of the `channels` of a result file, if it has any."""
+    if not isinstance(entries, list):
         return []
-    words = {dof.position: dof.words.position, dof.velocity: dof.words.rate}
-    used = [
-        f"{words[one.quantity]} (noise {noises[one.quantity].value:.3g} {noises[one.quantity].unit})"
-        if one.quantity in noises
-        else words[one.quantity]
-        for one in choice.verdicts
-        if one.used
-    ]
-    lines = [f"Sensors that count: {' and '.join(used)}."]
-    for one in choice.verdicts:
-        if one.why:
-            lines.append(one.why if one.used else f"The {words[one.quantity]} does not count. {one.why}")
-    return lines
+    words, used, lines = {dof.position: dof.words.position, dof.velocity: dof.words.rate}, [], []
+    for one in entries:
+        name, noise, why = words[one["quantity"]], one.get("noise"), one.get("why")
+        if one["used"]:
+            used.append(name if noise is None else f"{name} (noise {noise['value']:.3g} {noise['unit']})")
+        if why:
+            lines.append(why if one["used"] else f"The {name} does not count. {why}")
+    return [f"Sensors that count: {' and '.join(used)}.", *lines]

@@ -14,7 +14,7 @@ from automarine_cli.fits.influence import covariance_of_changes, degrees_of_free
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.nodes import COUNTS
-from automarine_cli.fits.run_effects import GAIN
+from automarine_cli.fits.run_effects import DISTURBANCE, GAIN, SWITCHES
 from automarine_cli.fits.step_response import Known, StepData, instant, step_problem
 from automarine_cli.fits.ways import Ways
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem, without_gain
@@ -126,7 +126,8 @@ def fit_whole_runs(
     rough, dof = rough_model(number, batch, sided), batch.dof
     problem = whole_run_problem(rough, batch, at_rest)
     pooled = without_gain(problem)
-    factors = np.array([0.01, 0.5, 0.03])
+    begins = {GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}
+    factors = np.array([begins[name] for name in problem.effects.factor_names])
     begin = np.append(rough.theta, 0.0)
     if alone:
         only = fit_mixed(pooled, begin, noise=0.05, factors=factors)
@@ -136,7 +137,9 @@ def fit_whole_runs(
         problem,
         first.theta,
         noise=first.noises,
-        factors=np.append(0.02, first.factors[1:]),
+        factors=np.array(
+            [0.02 if name == GAIN else first.factor(name) for name in first.effects.factor_names]
+        ),
         run_effects=first.run_effects,
     )
     return _outcome(number, problem, best, begin, batch.moment_unit, dof, sided, of_half_turns=False)

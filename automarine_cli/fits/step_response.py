@@ -188,9 +188,11 @@ def step_problem(
     moment, interval = data.moment[None, :, None], data.interval[None, :, None]
     blocks = RunEffects(_blocks(data, known))
 
+    switch = names.index(SWITCH)
+
     def readings(theta: Floats, b: Floats) -> Floats:
         columns = [theta[:, i, None, None] for i in range(theta.shape[1])]
-        late = interval * instant(columns[-1] + blocks.of(b, SWITCHES))
+        late = interval * instant(columns[switch] + blocks.of(b, SWITCHES))
         gained = moment * np.exp(blocks.of(b, GAIN))
         own = dict(zip(roles, columns))
         if data.dof.has_constant:

@@ -52,8 +52,11 @@ def whole_run_problem(
     varying = varying_terms(model)
     blocks = RunEffects(_blocks(batch, at_rest, within, varying))
 
+    names = (*model.parameter_names, SWITCH)
+    inertia, switch = names.index(model.dof.parameter("inertia")), names.index(SWITCH)
+
     def readings(theta: Floats, b: Floats) -> Floats:
-        own, common = blocks.of(b, SWITCHES), theta[:, -1, None, None]
+        own, common = blocks.of(b, SWITCHES), theta[:, switch, None, None]
         delay = late * instant(common + own) if within else common * late + own  # a step may run backwards
         accelerations = blocks.of(b, DISTURBANCE)
         start = Start(
@@ -61,10 +64,10 @@ def whole_run_problem(
             blocks.of(b, START_VELOCITY)[..., 0],
             blocks.of(b, GAIN)[..., 0],
             delay,
-            theta[:, :1, None] * accelerations if accelerations.any() else None,
+            theta[:, inertia, None, None] * accelerations if accelerations.any() else None,
             {name: blocks.of(b, name) for name in varying},
         )
-        found = simulate(model, batch, theta[:, :-1], start)
+        found = simulate(model, batch, theta[:, :switch], start)
         if len(batch.channels) == 1:
             return found.position
         shown = [found.reading(channel) for channel in batch.channels]
@@ -82,7 +85,7 @@ def whole_run_problem(
         blocks,
         bounds,
         bounds[:, 0] >= 0.0,
-        (*model.parameter_names, SWITCH),
+        names,
         slots_of(batch.channels),
     )
 

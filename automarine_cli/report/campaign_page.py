@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 
 from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.fits.channel_noise import sentences_of
 from automarine_cli.pipeline.manifest import Manifest
 from automarine_cli.pipeline.outputs import file_stems
 from automarine_cli.report.campaign_steps import StepResult, folder_of
@@ -110,6 +111,7 @@ def _model(steps: Steps, dof: Dof) -> list[str]:
             f"The {dof.words.inertial_length} {own.inertia}/{own.quadratic_print} is {length} {dof.units.base}, "
             f"whatever the unit of the {dof.words.force}."
         )
+    blocks += [escape(line) for line in sentences_of(step.data.get("channels"), dof)]
     if step.data.get("buoyancy"):
         blocks.append(escape(str(step.at("buoyancy", "says"))))
     tables = [

@@ -14,6 +14,7 @@ from automarine_cli.diagnosis.trials import LEVEL
 from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import Dof
+from automarine_cli.fits.channel_noise import fit_sentences
 from automarine_cli.report.diagnosis_page_tables import (
     MOST_REGIONS,
     budget_table,
@@ -34,7 +35,8 @@ def page(
 ) -> str:
     """The whole page in Markdown; `budget` in shares of one. Either may be None, where it could not be worked out."""
     dof = diagnosis.study.base.dof
-    parts = [f"# Diagnosis of the {dof.name} model", _summary(diagnosis)]
+    sensors = fit_sentences(diagnosis.channels, diagnosis.found.final.fit, dof)
+    parts = [f"# Diagnosis of the {dof.name} model", _summary(diagnosis), escape(" ".join(sensors))]
     for effect in diagnosis.effects:
         parts += [f"## {effect.name}", _effect(diagnosis, effect)]
     parts += ["## Where the gap is", _where(where), "![Where the gap is](where.png)"]

@@ -117,11 +117,9 @@ def choose_channels(
     velocity = dof.velocity in named if named else wanted == ALL or not trouble
     position = logged and (named is None or dof.position in named)
     why = (
-        trouble or (_stuck_in(found, dof) if velocity else "")
-        if velocity or named is None
-        else _not_asked(dof.words.rate)
+        trouble or (_stuck_in(found, dof) if velocity else "") if velocity or named is None else _not_asked()
     )
-    of_position = "" if position else _not_asked(dof.words.position) if logged else _summed_up(dof)
+    of_position = "" if position else _not_asked() if logged else _summed_up(dof)
     verdicts = (
         ChannelVerdict(dof.position, position, of_position),
         ChannelVerdict(dof.velocity, velocity, why),
@@ -218,8 +216,8 @@ def _stuck_in(found: Agreement, dof: Dof) -> str:
     )
 
 
-def _not_asked(what: str) -> str:
-    return f"The {what} was not asked for (--channels)."
+def _not_asked() -> str:
+    return "It was not asked for (--channels)."
 
 
 def _summed_up(dof: Dof) -> str:
