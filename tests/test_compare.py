@@ -196,7 +196,7 @@ def test_the_figure_holds_every_interval(tmp_path: Path) -> None:
         ),
         (
             lambda at: [yaw_model(at / "a"), yaw_model(at / "b", unit="N m")], SettingError,
-            "moments in nu and N m cannot be compared (a: nu; b: N m); there is no factor between the two",
+            "moments in nu and N m cannot be compared (a: nu; b: N m); compare results in one unit: there is no factor",
         ),
         (lambda at: [yaw_model(at / "a" / "yaw").parent, at], SettingError, "holds a whole campaign; compare one step"),
         (lambda at: [yaw_model(at / "a"), at], SettingError, "holds no result of fit-thrusters, fit-yaw or diagnose"),

@@ -151,7 +151,7 @@ def test_other_columns_are_looked_at_too() -> None:
     ]
     study = study_of(with_more, TRUTH)
     found = {column.name: column for column in columns(study, study.batch.position)}
-    assert found["depth-m"].of_the_run and not found["tilt"].of_the_run
+    assert found["depth_m"].of_the_run and not found["tilt"].of_the_run
     assert {"heading", "turned-angle", "run-order", "campaign-clock", "start-heading", "yaw-rate"} <= set(
         found
     )

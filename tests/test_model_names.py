@@ -199,9 +199,8 @@ def test_columns_that_people_named_stay_and_ours_are_the_motions() -> None:
     ]  # fmt: skip
     study = study_of(runs, YawModel.base("3", 17.0, [24.0], "N", SURGE))
     found = [column.name for column in columns(study, study.batch.position)]
-    kept = [name.replace("_", "-") for name in own]
-    assert set(kept) <= set(found)
-    ours = [name for name in found if name not in kept]
+    assert set(own) <= set(found)
+    ours = [name for name in found if name not in own]
     assert {"distance", "force", "force-size", "surge-speed", "distance-covered", "start-distance"} <= set(
         ours
     )

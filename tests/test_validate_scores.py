@@ -214,7 +214,7 @@ def test_rate_from_the_log_where_it_has_one() -> None:
     wave = np.deg2rad(0.2) * np.sin(2.0 * np.pi * run.time)
     measured = free.rate + np.deg2rad(3.0) + wave
     measured[::7] = np.nan
-    logged = replace(run, extras={"yaw_rate": measured}, position=free.heading)
+    logged = replace(run, extras={"yaw_rate": measured}, position=free.position)
     assert rate_source(logged) == "yaw rate in the log"
     here = np.isfinite(measured)
     np.testing.assert_allclose(rate_error(replace(free, run=logged)), np.rad2deg(wave[here]), atol=0.02)

@@ -178,19 +178,19 @@ def _find(folder: Path, name: str) -> _Found:
 
 def _refuse_mixtures(found: Sequence[_Found]) -> None:
     same: tuple[tuple[str, Callable[[_Found], str], str], ...] = (
-        ("results of", lambda one: one.kind, "compare results of one command"),
-        ("results in", lambda one: one.dof.name, "compare results of one motion"),
+        ("results of", lambda one: one.kind, "results of one command"),
+        ("results in", lambda one: one.dof.name, "results of one motion"),
         (
             f"{found[0].dof.words.force}s in",
             lambda one: one.unit,
-            "there is no factor between the two, so compare results in one unit",
+            "results in one unit: there is no factor between the two",
         ),
     )
-    for what, of, advice in same:
+    for what, of, only in same:
         values = list(dict.fromkeys(map(of, found)))
         if len(values) > 1:
             told = "; ".join(f"{one.name}: {of(one)}" for one in found)
-            raise SettingError(f"{what} {' and '.join(values)} cannot be compared ({told}); {advice}")
+            raise SettingError(f"{what} {' and '.join(values)} cannot be compared ({told}); compare {only}")
 
 
 def _sides(found: Sequence[_Found]) -> tuple[Side, ...]:
