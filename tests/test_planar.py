@@ -305,8 +305,9 @@ def test_channels_of_all_three() -> None:
     assert north.seen[0].all() and not north.seen[1].any() and not east.seen.any() and heading.seen.all()
     asked = make_batch([run], 0.1, motion=PLANAR, channels=("surge", "yaw_rate", "heading"))
     assert [(one.quantity, one.dof, one.counts) for one in asked.channels] == [
-        ("north", 0, False), ("surge", 0, True), ("heading", 2, True),
+        ("north", 0, False), ("surge", 0, True), ("heading", 2, True), ("yaw_rate", 2, True),
     ]  # fmt: skip
+    assert not asked.channels[3].seen.any()  # asked for, but in no log
     found = simulate(resisted(), asked, start=START)
     np.testing.assert_array_equal(found.reading(asked.channels[1]), found.velocities[..., 0])
     np.testing.assert_array_equal(found.reading(asked.channels[2]), found.positions[..., 2])

@@ -196,7 +196,8 @@ def _padded(rows: Sequence[NDArray[Any]], width: int) -> NDArray[Any]:
 def _channels(
     runs: Sequence[Run], motion: Motion, samples: int, wanted: Sequence[str] | None
 ) -> Iterator[Channel]:
-    """The channels of the motion that are wanted and that any run has; the first position always, if only to show."""
+    """The channels of the motion that are wanted, without readings where no run has any; by default its positions that
+    any run has. The first position stands there always, if only to show."""
     for d, (dof, position) in enumerate(zip(motion.dofs, motion.positions)):
         for quantity in (position, dof.velocity):
             first = d == 0 and quantity == position
