@@ -40,6 +40,8 @@ DRAWS = 200
 """Resamples of the stretches for the doubt of a delay."""
 REPEATS = 0.8
 """Share of one exact reading from which on a sensor is stuck where the position goes elsewhere."""
+BENDS = 0.04
+"""Share of all its way by which a position then leaves a straight line."""
 
 
 @dataclass(frozen=True)
@@ -138,18 +140,22 @@ def stretches(run: Run, quantity: str) -> list[Stretch]:
 
 
 def _stuck_at(run: Run, quantity: str) -> float | None:
-    """The one value that the sensor repeats while the position moves, or None."""
+    """The one value that the sensor repeats while the position goes elsewhere, or None.
+
+    A steady turn repeats a coarse reading, and rightly so: the position has to bend meanwhile.
+    """
     read = run.channel(quantity)
     assert read is not None
-    read = read[np.isfinite(read)]
-    if len(read) < FEWEST or np.ptp(run.position) < max(run.dof.limits.still, 5.0 * run.noise):
+    good = np.isfinite(read)
+    if good.sum() < FEWEST or np.ptp(run.position) < max(run.dof.limits.still, 5.0 * run.noise):
         return None
-    values, counts = np.unique(read, return_counts=True)
-    if counts.max() < REPEATS * len(read):
+    values, counts = np.unique(read[good], return_counts=True)
+    if counts.max() < REPEATS * good.sum():
         return None
     at = float(values[counts.argmax()])
-    left = np.ptp(run.position - at * run.time)  # a steady turn repeats a coarse reading, and rightly so
-    return at if left > 0.5 * np.ptp(run.position) else None
+    here = read == at
+    (bent,) = _freed(run.time[here], run.position[here])
+    return at if np.ptp(bent) > max(5.0 * run.noise, BENDS * np.ptp(run.position)) else None
 
 
 def _freed(time: Floats, *columns: Floats) -> list[Floats]:
@@ -165,7 +171,8 @@ def _rough(every: Sequence[Stretch]) -> tuple[float, float] | None:
     found = []
     for one in every:
         position, summed = one.position - one.position.mean(), one.summed - one.summed.mean()
-        square, whole = float(summed @ summed), float(position @ position)
+        whole = float(position @ position)
+        square = max(float(summed @ summed), 1e-12 * whole)
         drift = (
             one.velocity_noise * one.period * len(one.time)
         ) ** 2 / 6.0  # of a sum of noise, less its mean
