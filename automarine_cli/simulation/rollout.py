@@ -161,7 +161,8 @@ def _integrate(
     tau = _delivered(batch, commands, start, shape)
     clock, signals = commands[0], commands[0].signals
     lengths, begins = (np.ascontiguousarray(np.moveaxis(x, 2, 0)) for x in (clock.length, clock.start))
-    half, sixth, middle = 0.5 * lengths, lengths / 6.0, begins + 0.5 * lengths
+    half, sixth, ends = 0.5 * lengths, lengths / 6.0, begins + lengths
+    middle = begins + half
     position = np.array(np.broadcast_to(start.position, shape), dtype=float)
     velocity = np.array(np.broadcast_to(start.velocity, shape), dtype=float)
     current = model.current(theta)
@@ -174,7 +175,7 @@ def _integrate(
     velocities[0], travelled[0] = velocity, position
     held: Mapping[str, Floats] = {}
     for m in range(steps):
-        h, h2, h6, force = lengths[m], half[m], sixth[m], tau[m]
+        h, h2, h6, force = lengths[m], half[m], sixth[m], tuple(tau[m])
         if signals:
             held = {name: column[:, m] for name, column in signals.items()}
         first, move1, water1 = slope(position, velocity, water, force, begins[m], held)
@@ -186,7 +187,7 @@ def _integrate(
         third, move3, water3 = slope(there, velocity3, _ahead(water, h2, water2), force, middle[m], held)
         there = position + h * move3 if followed else position
         velocity4 = velocity + h * third
-        fourth, move4, water4 = slope(there, velocity4, _ahead(water, h, water3), force, begins[m] + h, held)
+        fourth, move4, water4 = slope(there, velocity4, _ahead(water, h, water3), force, ends[m], held)
         twice = second + third
         if move1 is velocity:
             # The position's own Runge-Kutta step: the mean velocity of the four stages, written with their slopes.
@@ -234,14 +235,27 @@ def _slope(
     flow = [none] * len(motion.dofs)
     states = [State(none, start, none, none, none, none, {}, flow) for start in origin]
 
+    pushes = [(term.dof, term.effect.moment, term.values) for term in movers]
+    first = states[0]
+
     def slope(  # type: ignore[no-untyped-def]
-        position: Floats, velocity: Floats, water: Sequence[Floats], force: Floats, time: Floats, signals
+        position: Floats,
+        velocity: Floats,
+        water: Sequence[Floats],
+        force: Sequence[Floats],
+        time: Floats,
+        signals,
     ):
-        over_ground = velocity if current is None else velocity + in_body_axes(current, position[2])
-        for d, state in enumerate(states):
-            state.position, state.velocity = position[d], over_ground[d]
-            state.relative = flow[d] = velocity[d]
-            state.delivered, state.time, state.signals = force[d], time, signals
+        if single:  # the same as below, without the loops that one degree of freedom has no need of
+            first.position = position[0]
+            first.velocity = first.relative = flow[0] = velocity[0]
+            first.delivered, first.time, first.signals = force[0], time, signals
+        else:
+            over_ground = velocity if current is None else velocity + in_body_axes(current, position[2])
+            for d, state in enumerate(states):
+                state.position, state.velocity = position[d], over_ground[d]
+                state.relative = flow[d] = velocity[d]
+                state.delivered, state.time, state.signals = force[d], time, signals
         if water:
             left = iter(water)
             own = [tuple(islice(left, len(term.effect.states))) for term in movers]
@@ -251,9 +265,9 @@ def _slope(
                     state.relative = flow[term.dof] = state.relative - term.effect.water_rate(
                         stored, term.values
                     )
-        total = list(force)
-        for term in movers:
-            total[term.dof] = total[term.dof] + term.effect.moment(states[term.dof], term.values)
+        total = [*force]
+        for d, moment, values in pushes:
+            total[d] = total[d] + moment(states[d], values)
         stirred: list[Floats] = []
         if water:
             for term, stored in zip(movers, own):
