@@ -147,6 +147,8 @@ def main() -> None:
         "MKL",
     ):  # our matrices are small: threads cost more than they bring, and
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")  # sums in another order would be other bytes
+    # what an interrupt leaves behind is cleared away by a process of Python's own, without a word
+    os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError, ValueError):
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")  # type: ignore[union-attr]
