@@ -139,7 +139,7 @@ def test_the_lake_runs() -> None:
     assert [run.run for run in result.runs] == [name.replace("11", "11.3") for name in names]
     assert [run.samples for run in result.runs] == [901, 901, 901, 537, 601, 601, 601, 1201, 901, 601]
     assert {round(run.rate_hz, 6) for run in result.runs} == {10.0}
-    assert all(run.half_turn is None and run.turns < 0.5 for run in result.runs)
+    assert all(run.half_turn is None and run.extent < 0.5 for run in result.runs)
     whole = [run for run in result.runs if "." not in run.run]
     assert all(sum(run.counts.values()) == run.samples for run in whole)
     *pieces, aside = sorted(result.set_aside, key=lambda one: one.run)

@@ -139,7 +139,7 @@ def test_delay_and_surge_halve_the_error_on_runs_left_out(halves: tuple[list[Run
     fit = study.fit(model, np.append(model.theta, 0.0), base)
     found = model.with_theta(fit.theta[:-1])
     values = dict(zip(found.parameter_names, found.theta))
-    assert 0.4 < values["t_d"] < 0.7 and values["c"] < -10.0
+    assert 0.4 < values["input-delay.t_d"] < 0.7 and values["cross-coupling.c"] < -10.0
     assert fit.predictive.sum() > base.predictive.sum() + 100.0
     before, after = (restarted(m, halves[1]) for m in (study.base.with_theta(base.theta[:-1]), found))
     assert after < 0.7 * before
