@@ -12,7 +12,7 @@ from automarine_cli.cli import NOT_COMMANDS
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "automarine_cli"
 ROOMS = (
-    "errors", "quantities", "dofs", "pipeline", "logs", "runs", "effects", "models", "simulation", "fits",
+    "errors", "quantities", "dofs", "pipeline", "logs", "runs", "effects", "models", "simulation", "filters", "fits",
     "comparison", "diagnosis", "planning", "report", "exports", "workflows", "cli",
 )  # fmt: skip
 OPEN_TO_ALL = {"__version__"}

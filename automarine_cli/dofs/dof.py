@@ -123,7 +123,8 @@ class Limits:
     is left to the noise), beside what the log's own noise and speed allow; three steps of `large_step` from sample to
     sample stay below half of what wraps. `acceleration` is what none reaches, `far` and `fast` what none gets to;
     `position_sd` and `velocity_sd` are standard deviations, wide ones, of the start of a run, `bias_sd` that
-    of what a velocity sensor adds. `long` is how far a long run goes.
+    of what a velocity sensor adds, `least_noise` what is left of a position sensor's errors however smooth its readings
+    look. `long` is how far a long run goes.
     """
 
     trim: float
@@ -141,6 +142,7 @@ class Limits:
     position_sd: float
     velocity_sd: float
     bias_sd: float
+    least_noise: float
     long: float
 
 

@@ -24,6 +24,7 @@ LIMITS = Limits(
     position_sd=10.0,
     velocity_sd=1.0,
     bias_sd=0.2,
+    least_noise=0.002,
     long=5.0,
 )
 

@@ -91,6 +91,7 @@ YAW = Dof(
         position_sd=10.0,
         velocity_sd=1.0,
         bias_sd=0.2,
+        least_noise=0.2 * DEGREE,
         long=4.0 * pi,
     ),
     columns={

@@ -186,6 +186,9 @@ class Effect:
     power: ClassVar[int | None] = None
     """With which power of the speed it resists; None for what is no drag."""
 
+    remembers: ClassVar[bool] = False
+    """Whether what a sensor shows depends on what it showed before; it then says how, in `remember`."""
+
     delays: ClassVar[bool] = False
     """Whether it makes every command late by the same time."""
 
@@ -262,3 +265,10 @@ class Effect:
     def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:
         """Heading that the sensor reads for the true one, both (P, R, M) on the simulation grid [rad]."""
         return heading
+
+    def remember(
+        self, shown: Floats, before: Floats, after: Floats, length: Floats, values: tuple[Floats, ...]
+    ) -> Floats:
+        """What a sensor that remembers shows after a step of `length` [s] over which the truth went straight from
+        `before` to `after`, when it showed `shown` at its beginning; arrays that broadcast to (P, R)."""
+        return after

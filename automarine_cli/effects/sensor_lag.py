@@ -17,19 +17,27 @@ class SensorLag(Effect):
     mistaken_for = ("input-delay", "thruster-lag")
     separated_by = "{moving} the vehicle by hand, or a second {position} sensor"
     source = "Titterton and Weston (2004), Strapdown Inertial Navigation Technology"
+    remembers = True
 
     def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:
-        """Exact for a heading that is straight between two nodes; starts without lag at the run's first
-        sample."""
+        """Starts without lag at the run's first sample."""
         (lag,) = values
         shape = np.broadcast_shapes(heading.shape, time.shape, lag.shape)
-        lag = np.maximum(np.broadcast_to(lag, shape)[..., 0], 1e-6)
+        lag = np.broadcast_to(lag, shape)[..., 0]
         step = np.maximum(np.diff(np.broadcast_to(time, shape), axis=2), 0.0)
         heading = np.broadcast_to(heading, shape)
         out = np.empty(shape)
         out[..., 0] = heading[..., 0]
         for m in range(shape[2] - 1):
-            rise = np.diff(heading[..., m : m + 2], axis=2)[..., 0] / np.maximum(step[..., m], 1e-12)
-            behind = out[..., m] - (heading[..., m] - lag * rise)
-            out[..., m + 1] = heading[..., m + 1] - lag * rise + behind * np.exp(-step[..., m] / lag)
+            out[..., m + 1] = self.remember(
+                out[..., m], heading[..., m], heading[..., m + 1], step[..., m], (lag,)
+            )
         return np.where(np.concatenate([np.ones((*shape[:2], 1)), step], axis=2) > 0, out, heading)
+
+    def remember(
+        self, shown: Floats, before: Floats, after: Floats, length: Floats, values: tuple[Floats, ...]
+    ) -> Floats:
+        """Exact for a heading that is straight between two nodes."""
+        lag = np.maximum(values[0], 1e-6)
+        rise = (after - before) / np.maximum(length, 1e-12)
+        return after - lag * rise + (shown - before + lag * rise) * np.exp(-length / lag)

@@ -12,6 +12,7 @@ from scipy import optimize, stats
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.gram import Gram, Grams
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
+from automarine_cli.fits.outcome import Outcome, natural_of, search_of
 from automarine_cli.fits.run_effects import RunEffects
 from automarine_cli.simulation.batch import Channel
 
@@ -19,9 +20,6 @@ Floats = NDArray[np.float64]
 
 Response = Callable[[Floats, Floats], Floats]
 """Readings (P, R, N) of all channels one after the other, for theta (P, p) and run effects (P, R, q)."""
-
-SMALLEST = 1e-9
-"""What a positive parameter may fall to: nothing, for all that a log can show."""
 
 LEAST_NOISE = 1e-4
 """Where the fit of a channel's noise starts at least [its unit]."""
@@ -133,13 +131,11 @@ class Problem:
 
     def natural(self, phi: Floats) -> Floats:
         """theta (..., p) of the search's coordinates phi."""
-        return np.where(self.positive, np.exp(np.where(self.positive, phi, 0.0)), phi)
+        return natural_of(phi, self.positive)
 
     def search(self, theta: Floats) -> Floats:
         """phi (..., p) of theta; a positive parameter at zero counts as `SMALLEST`."""
-        return np.where(
-            self.positive, np.log(np.maximum(np.where(self.positive, theta, 1.0), SMALLEST)), theta
-        )
+        return search_of(theta, self.positive)
 
     def readings(self, phi: Floats, b: Floats) -> Floats:
         """Readings (R, N) at one phi (p,) and b (R, q)."""
@@ -147,31 +143,14 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class MixedFit:
-    """Outcome of one fit.
+class MixedFit(Outcome):
+    """Outcome of a fit of the mixed model: also `noises` (C,) of the counted channels, `factors` of the run effects,
+    `run_effects` (R, q), and the `fitted` readings (R, N)."""
 
-    `theta` (p,) and `phi` (p,), the same in the search's coordinates, in which are `covariance` (p, p) from
-    the likelihood and `left_out` (R, p), phi without each run; `noises` (C,) of the counted channels, `factors` of the
-    run effects, `run_effects` (R, q), `log_likelihood` (marginal, maximum likelihood), `predictive` (R,) log
-    density of each run predicted from the others, `fitted` (R, N) readings, `at_bound` indices of the
-    parameters that a bound stopped.
-    """
-
-    names: tuple[str, ...]
-    theta: Floats
-    phi: Floats
-    positive: NDArray[np.bool_]
-    covariance: Floats
-    left_out: Floats
     noises: Floats
     factors: Floats
     run_effects: Floats
-    log_likelihood: float
-    predictive: Floats
     fitted: Floats
-    at_bound: tuple[int, ...]
-    iterations: int
-    converged: bool
     slots: tuple[Slot, ...]
     gram: Grams = field(repr=False)
     effects: RunEffects = field(repr=False)
@@ -185,10 +164,6 @@ class MixedFit:
         """Noise of each counted channel by its quantity [its unit]."""
         counted = [slot.name for slot in self.slots if slot.counts]
         return {name: float(noise) for name, noise in zip(counted, self.noises)}
-
-    def value(self, name: str) -> float:
-        """The fitted value of a parameter."""
-        return float(self.theta[self.names.index(name)])
 
     @property
     def of_model(self) -> Floats:
@@ -212,14 +187,6 @@ class MixedFit:
     def own(self, block: str) -> Floats:
         """Each run's own effects (R, k) of one block."""
         return self.effects.of(self.run_effects, block)
-
-    @property
-    def jackknife_covariance(self) -> Floats:
-        """Covariance of phi from leaving each run out, (p, p); needs no assumption on the noise within a
-        run."""
-        count = len(self.left_out)
-        spread = self.left_out - self.left_out.mean(axis=0)
-        return (count - 1) / count * spread.T @ spread
 
     def factor_interval(self, block: str) -> tuple[float, float]:
         """95 % interval of one block's factor: where the restricted deviance rises by 3.84, the other

@@ -169,7 +169,7 @@ def _integrate(
     if current is not None:
         velocity = velocity - in_body_axes(current, position[2])
     water = [np.zeros(shape[1:]) for term in movers for _ in term.effect.states]
-    slope = _slope(model.motion, movers, model.inertia_matrix(theta), current, position)
+    slope = right_hand_side(model.motion, movers, model.inertia_matrix(theta), current, position)
     steps = len(tau)
     velocities, travelled = np.empty((steps + 1, *shape)), np.empty((steps + 1, *shape))
     velocities[0], travelled[0] = velocity, position
@@ -225,7 +225,7 @@ def _delivered(batch: Batch, commands: Sequence[Commands], start: Start, shape: 
     return np.ascontiguousarray(np.moveaxis(together, 3, 0))
 
 
-def _slope(
+def right_hand_side(
     motion: Motion, movers: Sequence[Bound], inertia: Floats, current: Floats | None, origin: Floats
 ) -> Slope:
     """The right-hand side: accelerations and rates of the positions (D, P, R), derivatives of the water's states."""

@@ -1,0 +1,259 @@
+"""Runs laid out for the filter: steps between readings, commands held finely, readings thinned to independent ones."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.dofs.motion import Motion, alone
+from automarine_cli.effects import Commands
+from automarine_cli.errors import RunError
+from automarine_cli.runs.noise import position_noise
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import Channel
+
+Floats = NDArray[np.float64]
+
+STEP = 0.25
+"""Longest step of the filter [s], unless the vehicle is faster; also the least time between two noisy readings."""
+APART = 0.5
+"""Least time [s] between readings whose noise is below what sensors have: such were filtered, or hang together."""
+FINEST = 0.05
+"""Shortest time [s] over which a command is held as it is; those of faster logs are averaged over that."""
+HELD = 0.2
+"""Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings."""
+FLAT = 3.0
+"""Times the smallest step of a quantised sensor that its usual steps have to have for repeats to be held values."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """R runs of one motion of D degrees of freedom on the filter's layout; K steps at most, shorter ones are padded.
+
+    `length` (R, K) of the steps [s], 0 in the padding. `held` (D, R, M) are the commands on a finer grid of steps of
+    `width` (R, M), each held over its own; node k of the filter lies in fine step `at` (R, K + 1), at the share `part`
+    of it. `before` (D, R, 1) was held before, `start` (R,) is the clock of the first sample [s], `signals` (R, M) other
+    logged columns on the fine grid. `channels` are the readings, (R, K + 1) each, `still` (R,) says which runs begin at
+    rest, `fastest` (D,) the largest velocities [per s], as means over a second, and `noise` (C,) of each channel,
+    measured apart from any model.
+    """
+
+    motion: Motion
+    names: tuple[str, ...]
+    length: Floats
+    held: Floats
+    width: Floats
+    at: NDArray[np.int64]
+    part: Floats
+    before: Floats
+    start: Floats
+    signals: Mapping[str, Floats]
+    channels: tuple[Channel, ...]
+    still: NDArray[np.bool_]
+    fastest: Floats
+    noise: Floats
+    moment_unit: str
+
+    @cached_property
+    def time(self) -> Floats:
+        """Time of the nodes since the run's first sample [s], (R, K + 1)."""
+        return np.concatenate([np.zeros((len(self.names), 1)), np.cumsum(self.length, axis=1)], axis=1)
+
+    @cached_property
+    def commands(self) -> tuple[Commands, ...]:
+        """The commands of each degree of freedom on the fine grid."""
+        begins = np.cumsum(self.width, axis=1) - self.width
+        return tuple(
+            Commands(force[None], begins[None], self.width[None], before, self.start[:, None], self.signals)
+            for force, before in zip(self.held, self.before)
+        )
+
+    def averaged(self, delivered: Floats) -> Floats:
+        """Means over the filter's steps (P, R, K) of what is held on the fine grid (P, R, M)."""
+        impulse = np.concatenate(
+            [np.zeros((*delivered.shape[:2], 1)), np.cumsum(delivered * self.width, axis=2)], axis=2
+        )
+        at = np.broadcast_to(self.at, (len(delivered), *self.at.shape))
+        here = np.take_along_axis(impulse, at, axis=2)
+        rate = np.take_along_axis(delivered * self.width, np.minimum(at, delivered.shape[2] - 1), axis=2)
+        return np.diff(here + self.part * rate, axis=2) / np.maximum(self.length, 1e-12) * (self.length > 0)
+
+    @cached_property
+    def averaged_signals(self) -> dict[str, Floats]:
+        """The other logged columns, averaged over the filter's steps (R, K)."""
+        return {name: self.averaged(column[None])[0] for name, column in self.signals.items()}
+
+
+def make_course(
+    runs: Sequence[Run],
+    still: NDArray[np.bool_],
+    signals: Sequence[str] = (),
+    *,
+    motion: Motion | None = None,
+    channels: Sequence[str] | None = None,
+    step: float = STEP,
+) -> Course:
+    """Lay `runs` out with steps of at most `step` [s]; `still` (R,) says which begin at rest.
+
+    `motion` is by default that of the runs' one degree of freedom; `channels` names the quantities that count, by
+    default the positions. Raises RunError for no runs, a run without a command, commands in different units, or a
+    missing signal.
+    """
+    if not runs:
+        raise RunError("no runs to follow; give at least one log")
+    motion = motion or alone(runs[0].dof)
+    units = {run.moment_unit for run in runs}
+    if len(units) > 1:
+        raise RunError(
+            f"the logs give moments in different units ({', '.join(sorted(units))}); map them to one with --columns"
+        )
+    for run in runs:
+        for name in signals:
+            if name not in run.extras:
+                raise RunError(
+                    f"{run.source}, run {run.name!r}: the model needs column {name!r}, which the log lacks"
+                )
+    quantities = [
+        (d, quantity, quantity == dof.velocity)
+        for d, (dof, position) in enumerate(zip(motion.dofs, motion.positions))
+        for quantity in (position, dof.velocity)
+        if (quantity in channels if channels is not None else quantity == position)
+    ]
+    nodes = [_nodes(run, step) for run in runs]
+    steps, fine = max(len(n) for n in nodes) - 1, max(len(_fine(run)[0]) - 1 for run in runs)
+    length, width = np.zeros((len(runs), steps)), np.zeros((len(runs), fine))
+    held = np.zeros((len(motion.dofs), len(runs), fine))
+    columns = {name: np.zeros((len(runs), fine)) for name in signals}
+    at, part = np.zeros((len(runs), steps + 1), dtype=np.int64), np.zeros((len(runs), steps + 1))
+    values = np.zeros((len(quantities), len(runs), steps + 1))
+    seen = np.zeros(values.shape, dtype=bool)
+    noise = np.full((len(quantities), len(runs)), np.nan)
+    for r, (run, node) in enumerate(zip(runs, nodes)):
+        edges, mean = _fine(run)
+        length[r, : len(node) - 1] = np.diff(node)
+        width[r, : len(edges) - 1] = np.diff(edges)
+        for d, dof in enumerate(motion.dofs):
+            held[d, r, : len(edges) - 1] = mean(run.command_of(dof))
+        for name in signals:
+            columns[name][r, : len(edges) - 1] = mean(run.extras[name])
+        at[r] = len(edges) - 1
+        inside = np.clip(np.searchsorted(edges, node, side="right") - 1, 0, len(edges) - 2)
+        at[r, : len(node)] = inside
+        part[r, : len(node)] = np.clip((node - edges[inside]) / np.diff(edges)[inside], 0.0, 1.0)
+        for c, (d, quantity, velocity) in enumerate(quantities):
+            read = run.channel(quantity)
+            if read is None or (run.summed_up and quantity == run.dof.position):
+                continue
+            floor = motion.dofs[d].limits.least_noise * (1.0 if not velocity else 0.0)
+            found = _readings(run.time, read, node, floor)
+            here, noise[c, r] = found[0], found[2]
+            values[c, r, here], seen[c, r, here] = found[1], True
+    return Course(
+        motion=motion,
+        names=tuple(run.name for run in runs),
+        length=length,
+        held=held,
+        width=width,
+        at=at,
+        part=part,
+        before=np.array([[[run.command_of(dof)[0]] for run in runs] for dof in motion.dofs]),
+        start=np.array([run.time[0] for run in runs]),
+        signals=columns,
+        channels=tuple(
+            Channel(quantity, d, velocity, v, s)
+            for (d, quantity, velocity), v, s in zip(quantities, values, seen)
+        ),
+        still=still,
+        fastest=np.array([_fastest(runs, position) for position in motion.positions]),
+        noise=np.array([float(np.median(n[np.isfinite(n)])) if np.isfinite(n).any() else 0.0 for n in noise]),
+        moment_unit=units.pop(),
+    )
+
+
+def _nodes(run: Run, step: float) -> Floats:
+    """Clock of the filter's nodes: samples about `step` apart, and what divides longer intervals."""
+    kept, last = [0], 0
+    for i in range(1, len(run)):
+        if run.time[i] - run.time[last] > 0.999 * step or i == len(run) - 1:
+            kept.append(i)
+            last = i
+    gaps = np.diff(run.time[kept])
+    count = np.maximum(np.ceil(gaps / step - 0.2).astype(int), 1)
+    which = np.repeat(np.arange(len(gaps)), count)
+    order = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    return np.append(run.time[kept][which] + order * (gaps / count)[which], run.time[-1])
+
+
+def _fine(run: Run):  # type: ignore[no-untyped-def]
+    """Edges of the fine steps, in the middle between samples, and what averages a held column over them.
+
+    A command is first seen by the sample after its change, which happened anywhere in the interval before: on average
+    in its middle.
+    """
+    time = run.time
+    edges = np.concatenate([time[:1], 0.5 * (time[1:] + time[:-1]), time[-1:]])
+    every = max(1, round(FINEST / max(run.sample_period, 1e-9)))
+    if every == 1:
+        return edges, lambda column: column
+    coarse = np.append(edges[:-1:every], edges[-1])
+
+    def mean(column: Floats) -> Floats:
+        passed = np.concatenate([[0.0], np.cumsum(column * np.diff(edges))])
+        return np.asarray(np.diff(np.interp(coarse, edges, passed)) / np.diff(coarse))
+
+    return coarse, mean
+
+
+def _readings(
+    time: Floats, read: Floats, node: Floats, floor: float
+) -> tuple[NDArray[np.int64], Floats, float]:
+    """Which nodes have a reading, the readings, and their noise, of which less than `floor` is a filter's."""
+    have = np.isfinite(read)
+    fresh = have & ~_repeats(read, have)
+    noise = position_noise(time[fresh], read[fresh])
+    apart = APART if noise < floor else 0.0
+    at = np.searchsorted(node, time - 1e-9)
+    at = np.minimum(at, len(node) - 1)
+    own = fresh & (np.abs(node[at] - time) < 1e-6)
+    kept, last = [], -np.inf
+    for i in np.flatnonzero(own):
+        if time[i] - last > 0.999 * apart:
+            kept.append(i)
+            last = time[i]
+    return at[kept], read[kept], noise
+
+
+def _repeats(read: Floats, have: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Readings that only hold the one before, because the sensor is slower than the log.
+
+    A quantised sensor repeats itself honestly; its steps are then mostly of one quantum.
+    """
+    found = np.zeros(len(read), dtype=bool)
+    at = np.flatnonzero(have)
+    if len(at) < 3:
+        return found
+    moved = np.abs(np.diff(read[at]))
+    same = moved < 1e-9
+    if same.mean() < HELD or same.all() or np.median(moved[~same]) < FLAT * moved[~same].min():
+        return found
+    found[at[1:][same]] = True
+    return found
+
+
+def _fastest(runs: Sequence[Run], position: str) -> float:
+    """Largest velocity of the runs [per s], each as the mean over a second; 0 where the position is not logged."""
+    found = 0.0
+    for run in runs:
+        read = run.channel(position)
+        if read is None or len(run) < 2:
+            continue
+        have = np.isfinite(read)
+        if have.sum() < 2:
+            continue
+        grid = np.arange(run.time[0], run.time[-1], 1.0)
+        found = max(
+            found, float(np.abs(np.diff(np.interp(grid, run.time[have], read[have]))).max(initial=0.0))
+        )
+    return found

@@ -1,0 +1,170 @@
+"""Extended Kalman filter of all runs under all parameter sets together, blind to the effects.
+
+State of a run: positions and velocities, states of the water and of slow sensors, an acceleration for each degree of
+freedom that is an Ornstein-Uhlenbeck process (wind, waves, tether, current: whatever pushes and is not logged), the log
+gain of the run's thrust, what effects let vary from run to run, and the bias of each velocity sensor. The thrust is
+noisy in proportion to its size as well. Actuators act on the logged commands before the filter and know no noise.
+
+Derivatives are central differences over one standard deviation of the state: of a smooth law they are its slope, of a
+kinked one (Coulomb drag) about what statistical linearisation gives. Sources: Särkkä (2013), Bayesian Filtering and
+Smoothing, chapter 5; Nørgaard, Poulsen and Ravn (2000), Automatica 36:1627 (divided differences); Huber (1964), Annals
+of Mathematical Statistics 35:73 (readings far off count linearly).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.filters.course import Course
+from automarine_cli.filters.states import States, Step
+from automarine_cli.models.vehicle import Vehicle
+
+Floats = NDArray[np.float64]
+
+FAR = 5.0
+"""Standard deviations beyond which an innovation counts linearly, and its reading as noisier than the others."""
+
+
+@dataclass(frozen=True)
+class Noises:
+    """Sizes of everything random, for P parameter sets.
+
+    `size` (D, P) standard deviation of the disturbing accelerations [per s²] and `time` (D, P) their time constants
+    [s]; `thrust` (D, P) the noise of thrust as a share of it [s^1/2]; `gain` (P,) standard deviation of the runs' log
+    gain; `reading` (C, P) noise of each channel [its unit]; `own` (P,) by effect the size of what it lets vary.
+    """
+
+    size: Floats
+    time: Floats
+    thrust: Floats
+    gain: Floats
+    reading: Floats
+    own: Mapping[str, Floats]
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What the filter made of the runs: innovations and their variances, (C, P, R, K + 1), one and zero where nothing
+    was read; the filtered states (n, P, R, K + 1) if they were asked for, and their places."""
+
+    innovation: Floats
+    variance: Floats
+    states: Floats | None
+    places: States
+
+    @property
+    def log_density(self) -> Floats:
+        """Log density of the readings of each run, (P, R)."""
+        z = np.abs(self.innovation) / np.sqrt(self.variance)
+        square = np.where(z <= FAR, z**2, FAR * (2.0 * z - FAR))
+        read = self.variance > 0
+        return -0.5 * np.where(
+            read, square + np.log(2 * np.pi * np.where(read, self.variance, 1.0)), 0.0
+        ).sum(axis=(0, 3))
+
+
+def follow(model: Vehicle, course: Course, theta: Floats, noises: Noises, keep: bool = False) -> Followed:
+    """Filter all runs of `course` under all parameter sets `theta` (P, p); with `keep` the states are returned too."""
+    step = Step(model, course, theta)
+    places = step.places
+    sets, runs, nodes = len(theta), len(course.names), course.length.shape[1] + 1
+    mean, covariance = _start(step, course, noises, sets)
+    delivered, thrusty = step.delivered, noises.thrust
+    inverse = step.inverse
+    shape = (len(course.channels), sets, runs, nodes)
+    innovation, variance = np.zeros(shape), np.zeros(shape)
+    states = np.zeros((places.count, sets, runs, nodes)) if keep else None
+    decay = np.exp(-course.length[None, None] / noises.time[:, :, None, None])
+    ramp = (1.0 - decay) * noises.time[:, :, None, None] / np.maximum(course.length, 1e-12)
+    fresh = (noises.size**2)[:, :, None, None] * (1.0 - decay**2)
+    white = noises.reading**2
+    pushed, still = places.pushed, np.eye(places.count)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        for m in range(nodes):
+            _update(step, course, m, mean, covariance, white, innovation, variance)
+            if states is not None:
+                states[..., m] = mean
+            if m == nodes - 1:
+                break
+            length, force = course.length[:, m], delivered[:, :, :, m]
+            mean, slopes = step.advance(m, mean, covariance, ramp[..., m])
+            jacobian = np.broadcast_to(still, covariance.shape).copy()
+            for column, slope in slopes.items():
+                jacobian[..., : places.dynamic, column] = np.moveaxis(slope, 0, 2)
+            bumps = np.moveaxis(step.bumps, (0, 1), (2, 3))  # (P, R, dynamic, D): of constant accelerations
+            for d, place in enumerate(pushed):
+                jacobian[..., : places.dynamic, place] = bumps[..., d] * ramp[d, :, :, m, None]
+                jacobian[..., place, place] = decay[d, :, :, m]
+                mean[place] = mean[place] * decay[d, :, :, m]
+            covariance = jacobian @ covariance @ np.swapaxes(jacobian, 2, 3)
+            for d, place in enumerate(pushed):
+                covariance[..., place, place] += fresh[d, :, :, m]
+            unsteady = thrusty[:, :, None] * np.abs(force) * np.exp(mean[places.gain])
+            blown = bumps @ (inverse[:, None] * np.moveaxis(unsteady, 0, 2)[..., None, :])
+            spread = blown @ np.swapaxes(blown, 2, 3) / np.maximum(length, 1e-12)[:, None, None]
+            covariance[..., : places.dynamic, : places.dynamic] += spread
+    return Followed(innovation, variance, states, places)
+
+
+def _start(step: Step, course: Course, noises: Noises, sets: int) -> tuple[Floats, Floats]:
+    """Mean (n, P, R) and covariance (P, R, n, n) at the first node."""
+    places, dofs = step.places, course.motion.dofs
+    mean = np.zeros((places.count, sets, len(course.names)))
+    deviation = np.zeros_like(mean)
+    first = step.origin
+    for d, dof in enumerate(dofs):
+        mean[places.position[d]] = first[d]
+        deviation[places.position[d]] = min(dof.limits.position_sd, 0.5)
+        swift = np.where(course.still, 0.0, min(dof.limits.velocity_sd, max(course.fastest[d], 1e-3)))
+        deviation[places.velocity[d]] = swift
+        deviation[places.pushed[d]] = noises.size[d][:, None]
+    for place in places.memory:
+        mean[place] = mean[places.remembered[place]]
+        deviation[place] = 1e-6
+    deviation[places.gain] = noises.gain[:, None]
+    for name, own in places.own.items():
+        for place in own:
+            deviation[place] = noises.own[name][:, None]
+    for place, of in places.bias.values():
+        deviation[place] = dofs[of].limits.bias_sd
+    covariance = np.zeros((sets, len(course.names), places.count, places.count))
+    diagonal = np.arange(places.count)
+    covariance[..., diagonal, diagonal] = np.moveaxis(deviation**2, 0, 2)
+    for place in places.memory:  # a slow sensor starts where the vehicle does
+        other = places.remembered[place]
+        covariance[..., place, :] = covariance[..., other, :]
+        covariance[..., :, place] = covariance[..., :, other]
+        covariance[..., place, place] = covariance[..., other, other] + 1e-12
+    return mean, covariance
+
+
+def _update(
+    step: Step,
+    course: Course,
+    m: int,
+    mean: Floats,
+    covariance: Floats,
+    white: Floats,
+    innovation: Floats,
+    variance: Floats,
+) -> None:
+    """Take in the readings of one node, channel by channel, in place."""
+    for c, channel in enumerate(course.channels):
+        seen = channel.seen[:, m]
+        if not seen.any():
+            continue
+        shown, weights = step.reading(channel, m, mean, covariance)
+        shares, total = np.zeros(covariance.shape[:3]), np.zeros(shown.shape) + white[c][:, None]
+        for place, weight in weights:
+            shares = shares + covariance[..., place] * weight[..., None]
+        for place, weight in weights:
+            total = total + shares[..., place] * weight
+        missed = channel.values[:, m] - shown
+        innovation[c, :, :, m] = np.where(seen, missed, 0.0)
+        variance[c, :, :, m] = np.where(seen, total, 0.0)
+        doubt = np.maximum(np.abs(missed) / (FAR * np.sqrt(total)), 1.0)
+        gain = np.where(seen[:, None], shares / (total * doubt)[..., None], 0.0)
+        mean += np.moveaxis(gain, 2, 0) * np.where(seen, missed, 0.0)
+        covariance -= gain[..., :, None] * shares[..., None, :]

@@ -1,0 +1,156 @@
+"""Maximum likelihood of driven and disturbed runs by the innovations of a filter (see filters/kalman.py).
+
+Each reading is compared with what all readings before it let expect; that holds for commands that answer the readings
+too, as those of a controller do. Everything random has its size estimated with the model: the disturbing acceleration
+and its time constant, noise in proportion to the thrust, scatter of the thrust from run to run, noise of each sensor.
+Fisher scoring on innovations and their variances (Ljung 1999, System Identification, chapter 7; Åström 1980, Automatica
+16:551), damped; differences of all parameters and all trial steps are filtered together.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from automarine_cli.errors import FitError
+from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.innovations_problem import DrivenProblem, Slopes
+from automarine_cli.fits.outcome import Outcome
+from automarine_cli.fits.run_effects import GAIN
+
+Floats = NDArray[np.float64]
+
+SETTLED = 0.02
+"""Gain in log likelihood still to be expected below which a fit has converged."""
+ITERATIONS = 30
+SIZES = {GAIN: "gain-scatter"}
+"""What run effects are called whose sizes are parameters."""
+DAMPINGS = (0.0, 0.1, 1.0, 10.0)
+"""Shares of the curvature that are added to it; the steps of all of them are tried together."""
+
+
+@dataclass(frozen=True)
+class InnovationsFit(Outcome):
+    """Outcome of a fit by innovations: `theta` ends with the parameters of what is random; `density` (R,) the runs'
+    own log densities, `gains` (R,) their log gains as filtered, `channels` the quantities in the order of the noises,
+    `parameters` how many of theta are the model's."""
+
+    density: Floats
+    gains: Floats
+    channels: tuple[str, ...]
+    parameters: int
+
+    @property
+    def of_model(self) -> Floats:
+        """The model's own entries of theta."""
+        return self.theta[: self.parameters]
+
+    @property
+    def noise_of(self) -> dict[str, float]:
+        """Noise of each channel by its quantity [its unit]."""
+        return {quantity: self.value(f"noise.{quantity}") for quantity in self.channels}
+
+    @property
+    def noise(self) -> float:
+        """Noise of the first channel [its unit]."""
+        return self.noise_of[self.channels[0]]
+
+    def factor(self, block: str) -> float:
+        """Size of what differs from run to run: of the gain, or of what an effect lets vary."""
+        return self.value(SIZES.get(block, f"{block}.spread"))
+
+    def factor_interval(self, block: str) -> tuple[float, float]:
+        """95 % interval of one of these sizes."""
+        place = self.names.index(SIZES.get(block, f"{block}.spread"))
+        half = float(stats.norm.ppf(0.975) * np.sqrt(max(self.covariance[place, place], 0.0)))
+        middle = float(self.theta[place])
+        return middle * float(np.exp(-half)), middle * float(np.exp(half))
+
+    def own(self, block: str) -> Floats:
+        """Each run's own effects (R, k) of one block, of which the filter keeps the gains."""
+        return self.gains[:, None] if block == GAIN else np.zeros((len(self.gains), 1))
+
+
+def fit_innovations(problem: DrivenProblem, starts: Floats, iterations: int = ITERATIONS) -> InnovationsFit:
+    """Fit from the best of `starts` (S, p) in theta. Raises FitError where no start leads anywhere."""
+    phis = np.clip(problem.search(starts), problem.limits[:, 0], problem.limits[:, 1])
+    values = problem.value(phis)
+    if not np.isfinite(values).any():
+        raise FitError("no start of the fit gives a finite likelihood; check units of command and time")
+    phi, value = phis[int(np.argmax(values))], float(values.max())
+    free, limits = problem.free, problem.limits
+    mean, precision = problem.priors
+    converged, done, base = False, 0, 1e-3
+    slopes = problem.slopes(phi)
+    while done < iterations:
+        done += 1
+        gradient = slopes.gradient.sum(axis=0) - ((phi - mean) * precision)[free]
+        hessian = slopes.information.sum(axis=0) + np.diag(precision[free])
+        if not (np.isfinite(gradient).all() and np.isfinite(hessian).all()):
+            break
+        trials = np.tile(phi, (len(DAMPINGS), 1))
+        for trial, damping in zip(trials, DAMPINGS):
+            damped = hessian + max(damping, base if damping == 0.0 else 0.0) * np.diag(
+                np.diagonal(hessian) + 1e-12
+            )
+            pull = gradient + damped @ phi[free]
+            trial[free] = linear_mixed.bounded_solution(damped, pull, phi[free], limits[free])
+        inside = trials[0, free] - phi[free]
+        expected = float(gradient @ inside - 0.5 * inside @ hessian @ inside)
+        if expected < SETTLED:
+            converged = True
+            break
+        tried = problem.value(trials)
+        best = int(np.argmax(tried))
+        if tried[best] > value + 0.1 * SETTLED:
+            phi, value, base = trials[best], float(tried[best]), max(base * 0.3, 1e-6)
+            slopes = problem.slopes(phi)
+        elif base < 1e3:
+            base = max(100.0, 100.0 * base)
+        else:
+            converged = expected < 1.0
+            break
+    return _report(problem, phi, slopes, done, converged)
+
+
+def _report(
+    problem: DrivenProblem, phi: Floats, slopes: Slopes, iterations: int, converged: bool
+) -> InnovationsFit:
+    free, limits, count = problem.free, problem.limits, len(problem.names)
+    _, precision = problem.priors
+    at_bound = (phi - limits[:, 0] < 1e-9) | (limits[:, 1] - phi < 1e-9)
+    inside = ~at_bound[free]
+    hessian = (slopes.information.sum(axis=0) + np.diag(precision[free]))[np.ix_(inside, inside)]
+    open_to = free[inside]
+    covariance = np.zeros((count, count))
+    covariance[np.ix_(open_to, open_to)] = linear_mixed.covariance_of(hessian)
+    runs = len(problem.course.names)
+    left_out = np.tile(phi, (runs, 1))
+    if runs > 1:
+        rest = hessian - slopes.information[:, inside][:, :, inside]
+        moved = linear_mixed.solve_scaled(rest, -slopes.gradient[:, inside])
+        spread = np.sqrt(np.maximum(np.diagonal(covariance)[open_to], 0.0))
+        left_out[:, open_to] += np.clip(moved, -5.0 * spread, 5.0 * spread)
+        left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
+    every = problem.follow(np.concatenate([phi[None], left_out]), keep=True)
+    density = every.log_density
+    assert every.states is not None
+    theta = problem.natural(phi)
+    return InnovationsFit(
+        names=problem.names,
+        theta=theta,
+        phi=phi,
+        positive=problem.positive,
+        covariance=covariance,
+        left_out=left_out,
+        log_likelihood=float(density[0].sum()),
+        predictive=np.where(np.isfinite(density[1:]), density[1:], -1e9)[np.arange(runs), np.arange(runs)],
+        at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)),
+        iterations=iterations,
+        converged=converged,
+        density=density[0],
+        gains=every.states[every.places.gain, 0, :, -1],
+        channels=tuple(channel.quantity for channel in problem.course.channels),
+        parameters=count - len(problem.random),
+    )

@@ -1,0 +1,179 @@
+"""The likelihood of driven and disturbed runs, and what is random in it; see innovations.py for the method."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.filters.course import Course
+from automarine_cli.filters.kalman import FAR, Followed, Noises, follow
+from automarine_cli.fits.outcome import natural_of, search_of
+from automarine_cli.models.vehicle import Vehicle
+
+Floats = NDArray[np.float64]
+
+DIFFERENCE = 1e-5
+"""Share of a parameter by which it is moved for its derivative."""
+LEAST_SIZE = 1e-4
+"""Smallest disturbance, as a share of the acceleration that the largest command gives."""
+
+
+@dataclass(frozen=True)
+class Randomness:
+    """One parameter of what is random: its name, limits, and a log-normal prior (median, spread of the logarithm)."""
+
+    name: str
+    lower: float
+    upper: float
+    median: float
+    spread: float
+
+
+@dataclass(frozen=True)
+class DrivenProblem:
+    """Likelihood of a model on a course. theta is the model's parameters, then those of `random`, in the order that
+    `noises` takes them; `bounds` (p, 2) and `positive` (p,) are those of theta, `scale` (p,) what is a small step."""
+
+    model: Vehicle
+    course: Course
+    names: tuple[str, ...]
+    bounds: Floats
+    positive: NDArray[np.bool_]
+    scale: Floats
+    random: tuple[Randomness, ...]
+
+    @cached_property
+    def free(self) -> NDArray[np.int64]:
+        """Parameters that are not held."""
+        return np.flatnonzero(self.bounds[:, 0] < self.bounds[:, 1])
+
+    @cached_property
+    def limits(self) -> Floats:
+        """Bounds in the search's coordinates, (p, 2)."""
+        return np.stack([self.search(end) for end in self.bounds.T], axis=1)
+
+    @cached_property
+    def priors(self) -> tuple[Floats, Floats]:
+        """Means and precisions of phi before the data, (p,) each; no precision where nothing is known."""
+        mean, precision = np.zeros(len(self.names)), np.zeros(len(self.names))
+        first = len(self.names) - len(self.random)
+        for i, one in enumerate(self.random):
+            mean[first + i], precision[first + i] = np.log(one.median), one.spread**-2
+        return mean, precision
+
+    def natural(self, phi: Floats) -> Floats:
+        """theta (..., p) of the search's coordinates phi."""
+        return natural_of(phi, self.positive)
+
+    def search(self, theta: Floats) -> Floats:
+        """phi (..., p) of theta."""
+        return search_of(theta, self.positive)
+
+    def noises(self, theta: Floats) -> Noises:
+        """The sizes of what is random in theta (P, p)."""
+        dofs, channels = len(self.course.motion.dofs), len(self.course.channels)
+        rest = list(theta[:, len(self.names) - len(self.random) :].T)
+        size, time, thrust = (np.array([rest[3 * d + i] for d in range(dofs)]) for i in range(3))
+        gain, at = rest[3 * dofs], 3 * dofs + 1
+        own = {
+            one.name.partition(".")[0]: rest[i]
+            for i, one in enumerate(self.random[at + channels :], at + channels)
+        }
+        return Noises(size, time, thrust, gain, np.array(rest[at : at + channels]), own)
+
+    def follow(self, phi: Floats, keep: bool = False) -> Followed:
+        """Filter the runs under phi (P, p)."""
+        theta = self.natural(phi)
+        own = len(self.names) - len(self.random)
+        return follow(self.model, self.course, theta[:, :own], self.noises(theta), keep)
+
+    def value(self, phi: Floats) -> Floats:
+        """Log density of all runs with the prior, (P,); minus infinity where a filter runs away."""
+        density = self.follow(phi).log_density.sum(axis=1) + self.prior(phi)
+        return np.where(np.isfinite(density), density, -np.inf)
+
+    def prior(self, phi: Floats) -> Floats:
+        """Log density of phi (..., p) before the data, up to a constant."""
+        mean, precision = self.priors
+        return -0.5 * ((phi - mean) ** 2 * precision).sum(axis=-1)
+
+    def steps(self, phi: Floats) -> Floats:
+        """By how much each free parameter is moved for its derivative, (f,)."""
+        size = np.where(self.positive, 1.0, np.maximum(np.abs(phi), self.scale))
+        return DIFFERENCE * size[self.free]
+
+    def slopes(self, phi: Floats) -> "Slopes":
+        """Innovations and their derivatives by the free parameters."""
+        moved = np.tile(phi, (1 + len(self.free), 1))
+        step = self.steps(phi)
+        moved[np.arange(1, len(moved)), self.free] += step
+        found = self.follow(moved)
+        read = found.variance[:, 0] > 0
+        variance = np.where(read, found.variance[:, 0], 1.0)
+        by = (found.innovation[:, 1:] - found.innovation[:, :1]) / step[:, None, None]
+        spread = (found.variance[:, 1:] - found.variance[:, :1]) / step[:, None, None]
+        return Slopes.of(found.innovation[:, 0], variance, read, by, spread, found.log_density[0])
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Each run's log density (R,), its gradient (R, f) and Fisher information (R, f, f) by f parameters; `scaled`
+    (R, C K) innovations over their deviations, `columns` (R, f, C K) likewise, `spreads` those of log variances."""
+
+    density: Floats
+    gradient: Floats
+    information: Floats
+
+    @classmethod
+    def of(
+        cls,
+        error: Floats,
+        variance: Floats,
+        read: NDArray[np.bool_],
+        by: Floats,
+        spread: Floats,
+        density: Floats,
+    ) -> "Slopes":
+        """From innovations (C, R, K), their variances, which were read, and both by parameters, (C, f, R, K)."""
+        root = np.sqrt(variance)
+        z = np.where(read, error / root, 0.0)
+        bounded = np.clip(z, -FAR, FAR)
+        columns = np.where(read[:, None], by / root[:, None], 0.0)
+        spreads = np.where(read[:, None], spread / variance[:, None], 0.0)
+        gradient = -np.einsum("crk,cfrk->rf", bounded, columns)
+        gradient += 0.5 * np.einsum("crk,cfrk->rf", np.where(read, bounded * z - 1.0, 0.0), spreads)
+        c, f, r, k = columns.shape
+        flat = np.moveaxis(columns, 2, 0).swapaxes(1, 2).reshape(r, f, c * k)
+        wide = np.moveaxis(spreads, 2, 0).swapaxes(1, 2).reshape(r, f, c * k)
+        information = flat @ flat.swapaxes(1, 2) + 0.5 * wide @ wide.swapaxes(1, 2)
+        return cls(density, gradient, information)
+
+
+def randomness(
+    course: Course, accelerations: Sequence[float], varying: Sequence[str], quiet: bool
+) -> tuple[Randomness, ...]:
+    """What is random on a course, in the order of `DrivenProblem.noises`.
+
+    `accelerations` (D,) are those that the largest commands give. A `quiet` course has no disturbance and no unsteady
+    thrust: the limit of a pool.
+    """
+    found = []
+    for dof, push in zip(course.motion.dofs, accelerations):
+        least, most = LEAST_SIZE * push, 3.0 * push
+        size = (0.0, 0.0) if quiet else (least, most)
+        found.append(Randomness(f"{dof.name}.disturbance", *size, 0.05 * push, 3.0))
+        time = (2.0, 2.0) if quiet else (0.3, 60.0)
+        found.append(Randomness(f"{dof.name}.disturbance-time", *time, 2.0, 1.0))
+        thrust = (0.0, 0.0) if quiet else (1e-3, 3.0)
+        found.append(Randomness(f"{dof.name}.thrust-noise", *thrust, 0.03, 2.0))
+    found.append(Randomness("gain-scatter", 1e-3, 0.3, 0.04, 0.5))
+    for channel, noise in zip(course.channels, course.noise):
+        limits = course.motion.dofs[channel.dof].limits
+        floor = 0.1 * limits.least_noise if channel.velocity else limits.least_noise
+        middle = max(noise, 1.5 * floor)
+        found.append(Randomness(f"noise.{channel.quantity}", floor, 100.0 * middle, middle, 0.7))
+    largest = float(np.abs(course.held).max())
+    found += [Randomness(f"{name}.spread", 1e-4 * largest, largest, 0.05 * largest, 2.0) for name in varying]
+    return tuple(found)

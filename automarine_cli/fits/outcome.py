@@ -1,0 +1,56 @@
+"""What every maximum-likelihood fit returns, whichever likelihood it rests on, and the coordinates of its search."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+SMALLEST = 1e-9
+"""What a positive parameter may fall to: nothing, for all that a log can show."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Outcome of one fit.
+
+    `theta` (p,) and `phi` (p,), the same in the search's coordinates, in which are `covariance` (p, p) from
+    the likelihood and `left_out` (R, p), phi without each run; `positive` (p,) marks what is searched on the logarithm;
+    `log_likelihood` (marginal), `predictive` (R,) log density of each run predicted from the others, `at_bound` indices
+    of the parameters that a bound stopped.
+    """
+
+    names: tuple[str, ...]
+    theta: Floats
+    phi: Floats
+    positive: NDArray[np.bool_]
+    covariance: Floats
+    left_out: Floats
+    log_likelihood: float
+    predictive: Floats
+    at_bound: tuple[int, ...]
+    iterations: int
+    converged: bool
+
+    def value(self, name: str) -> float:
+        """The fitted value of a parameter."""
+        return float(self.theta[self.names.index(name)])
+
+    @property
+    def jackknife_covariance(self) -> Floats:
+        """Covariance of phi from leaving each run out, (p, p); needs no assumption on the noise within a
+        run."""
+        count = len(self.left_out)
+        spread = self.left_out - self.left_out.mean(axis=0)
+        return (count - 1) / count * spread.T @ spread
+
+
+def natural_of(phi: Floats, positive: NDArray[np.bool_]) -> Floats:
+    """theta (..., p) of the search's coordinates phi."""
+    return np.where(positive, np.exp(np.where(positive, phi, 0.0)), phi)
+
+
+def search_of(theta: Floats, positive: NDArray[np.bool_]) -> Floats:
+    """phi (..., p) of theta; a positive parameter at zero counts as `SMALLEST`."""
+    return np.where(positive, np.log(np.maximum(np.where(positive, theta, 1.0), SMALLEST)), theta)
