@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Found, Trial
-from automarine_cli.fits.mixed_model import derivatives
+from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
+from automarine_cli.fits.mixed_model import MixedFit, derivatives
+from automarine_cli.fits.run_effects import DISTURBANCE, SWITCHES
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.runs.run import Run
 
@@ -65,16 +67,26 @@ def suggest(study: Study, final: Trial, rival: Trial, name: str, rival_name: str
 def separations(study: Study, final: Trial, rival: Trial) -> dict[str, float]:
     """Sigma between the two models on each kind of extra run."""
     kinds = extra_runs(study)
-    extra = replace(study, runs=tuple(kinds.values()))  # lays out its own batch
+    extra = replace(study, runs=tuple(kinds.values()), driven=False)  # lays out its own batch
     problem, other = extra.problem(final.model), extra.problem(rival.model)
+    if study.driven:
+        problem = replace(problem, effects=problem.effects.with_scale(disturbance=1.0))
     b = np.zeros_like(problem.effects.scale)
-    first, by_phi, by_run = derivatives(problem, final.fit.phi, b)
-    second = other.readings(rival.fit.phi, np.zeros_like(other.effects.scale))
+    phi, theirs = (
+        one.search(np.append(t.fit.of_model, 0.0)) for one, t in ((problem, final), (other, rival))
+    )
+    first, by_phi, by_run = derivatives(problem, phi, b)
+    second = other.readings(theirs, np.zeros_like(other.effects.scale))
     own = len(study.base.theta)
-    spread, turn = np.linalg.eigh(final.fit.covariance[:own, :own])
-    by_base = by_phi[:, :, :own] @ (turn * np.sqrt(np.maximum(spread, 0.0)))
-    noises = np.array([max(study.sensor_floor, 1e-4), *final.fit.noises[1:]])
-    variances = np.append(np.log(noises), final.fit.variances[len(noises) :])
+    values = final.fit.theta[
+        :own
+    ]  # errors are those of the coordinates of the search, which are not always the same
+    ours, here = (np.where(marks[:own], values, 1.0) for marks in (final.fit.positive, problem.positive))
+    spread, turn = np.linalg.eigh(final.fit.covariance[:own, :own] * np.outer(ours, ours))
+    by_base = (by_phi[:, :, :own] / here) @ (turn * np.sqrt(np.maximum(spread, 0.0)))
+    noises = np.array([max(study.sensor_floor, 1e-4), *list(final.fit.noise_of.values())[1:]])
+    factors = [_size(final, name) for name in problem.effects.factor_names]
+    variances = np.log([*noises, *np.maximum(factors, SMALLEST_FACTOR)])
     precision = problem.precision(noises)
     by_own = by_run * problem.effects.deviation(variances)[:, None, :]
     sigmas = {}
@@ -88,6 +100,15 @@ def separations(study: Study, final: Trial, rival: Trial) -> dict[str, float]:
             square = float(difference @ difference - pull @ np.linalg.solve(kernel, pull))
             sigmas[kind] = float(np.sqrt(max(square, 0.0)))
     return sigmas
+
+
+def _size(final: Trial, name: str) -> float:
+    """How large a kind of run effect is, by a fit."""
+    if isinstance(final.fit, MixedFit):
+        return final.fit.factor(name)
+    if name == DISTURBANCE:
+        return final.fit.value(f"{final.model.dof.name}.disturbance")
+    return 1.0 if name == SWITCHES else final.fit.factor(name)
 
 
 def extra_runs(study: Study) -> dict[str, Run]:

@@ -6,7 +6,7 @@ from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.study import Study, without_scatter
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.dofs import Dof
-from automarine_cli.fits.mixed_problem import SWITCH
+from automarine_cli.fits.innovations import InnovationsFit
 
 SCATTER, LEFT = "scatter between runs", "left over"
 
@@ -50,14 +50,16 @@ def _stages(study: Study, base: Trial, final: Trial) -> list[Trial]:
         model = base.model
         for term in final.model.terms[own : own + count]:
             model = model.with_effect(term.name, term.values)
-        theta = np.append(model.theta, final.fit.value(SWITCH))
-        fit = study.fit(model, theta, final.fit)
+        fit = study.fit(model, model.theta, final.fit)
         stages.append(Trial(final.added[:count], study.told(model, fit), fit, np.nan))
     return [*stages, final] if final.added else []
 
 
 def _alike(study: Study, trial: Trial) -> float:
     """Mean square gap [rad²] when nothing differs between runs but their starts and what an effect lets vary."""
+    if isinstance(trial.fit, InnovationsFit):
+        left = study.missed(trial.model, trial.fit)
+        return float((left**2).sum() / max(int((left != 0.0).sum()), 1))
     problem = study.problem(trial.model)
     left = study.residual(problem.readings(trial.fit.phi, without_scatter(trial.fit)))
     return float((left**2).sum() / study.batch.seen.sum())

@@ -79,7 +79,7 @@ def diagnose_runs(
     found = search(study, seed, each)
     study = found.study
     signals, sensors = study.signals, study.channels
-    held_out = Study(tuple(kept), base, study.disturbed, signals, channels=sensors) if kept else None
+    held_out = Study(tuple(kept), base, study.driven, signals, channels=sensors) if kept else None
     held_out_gap = None if held_out is None else gap(held_out, found.base, found.final)
     word = judge.verdict_of(study, found, held_out_gap)
     named = judge.named_effects(study, found, split_by(study, found)) if word == "named" else ()

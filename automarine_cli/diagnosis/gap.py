@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.study import Study, run_effects_given
 from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.fits.innovations import InnovationsFit
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +35,10 @@ def gap(study: Study, base: Trial, final: Trial, fitted: bool = False) -> Gap:
 
 
 def residuals(study: Study, trial: Trial, fitted: bool = False) -> Floats:
-    """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means."""
+    """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means; of driven
+    runs measured less predicted ones, JUDGED seconds ahead from the filtered state."""
+    if isinstance(trial.fit, InnovationsFit):
+        return study.missed(trial.model, trial.fit)
     problem = study.problem(trial.model)
     if fitted:
         return study.residual(trial.fit.fitted)
@@ -43,4 +47,5 @@ def residuals(study: Study, trial: Trial, fitted: bool = False) -> Floats:
 
 
 def _size(study: Study, residual: Floats) -> float:
-    return float(np.sqrt((residual**2).sum() / study.batch.seen.sum()))
+    shown = study.batch.seen if not study.driven else residual != 0.0
+    return float(np.sqrt((residual**2).sum() / max(int(shown.sum()), 1)))

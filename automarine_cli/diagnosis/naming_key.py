@@ -19,7 +19,7 @@ from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.dofs import Dof
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.mixed_model import derivatives
-from automarine_cli.fits.mixed_problem import SWITCH
+from automarine_cli.fits.mixed_problem import SWITCH, MixedFit
 from automarine_cli.fits.run_effects import GAIN
 
 Floats = NDArray[np.float64]
@@ -87,8 +87,11 @@ class NamingKey:
         return next((drift for drift in self.drifts if drift.quantity == quantity), None)
 
 
-def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey:
-    """Each run's own k and I about the base fit, measured and as the final model would have them."""
+def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey | None:
+    """Each run's own k and I about the base fit, measured and as the final model would have them; None for driven
+    runs, which hold no steps."""
+    if not (isinstance(base.fit, MixedFit) and isinstance(final.fit, MixedFit)):
+        return None
     problem = study.problem(base.model)
     b = without_scatter(base.fit)
     # changes in the middle of their intervals: free either way

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.study import Fit, Study
 from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.innovations import InnovationsFit
+from automarine_cli.fits.innovations_problem import Slopes
 from automarine_cli.fits.mixed_model import MixedFit, derivatives
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.models.yaw_model import YawModel
@@ -24,6 +26,14 @@ Floats = NDArray[np.float64]
 
 DRAWS = 2000
 SMALL = 0.03  # size at which a parameter without a start of its own is tried
+
+
+@dataclass(frozen=True)
+class Pull:
+    """Each run's information (R, m, m) on the parameters of a model and of all probes, and its score (R, m)."""
+
+    hessian: Floats
+    gradient: Floats
 
 
 @dataclass(frozen=True)
@@ -123,14 +133,16 @@ def probes(study: Study, name: str) -> list[Probe]:
     return found
 
 
-def score(study: Study, model: YawModel, fit: MixedFit, names: Sequence[str], seed: int) -> Scores:
+def score(study: Study, model: YawModel, fit: Fit, names: Sequence[str], seed: int) -> Scores:
     """Score the candidates `names` at a fit of `model`."""
     every = [probe for name in names for probe in probes(study, name)]
-    weighted = _weighted(study, model, fit, names, every)
+    if isinstance(fit, InnovationsFit):
+        weighted = driven_scores(study, model, fit, names, every)
+    else:
+        weighted = _weighted(study, model, fit, names, every)
     hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
     free = np.setdiff1d(np.arange(len(fit.phi)), fit.at_bound)
     information, pull = _project(hessian, gradient, free, len(fit.phi))
-    information, pull = study.independent * information, study.independent * pull
     random = np.random.default_rng(seed)
     draws = _draw(information, random)
     runs, at = len(study.runs), 0
@@ -155,7 +167,7 @@ def score(study: Study, model: YawModel, fit: MixedFit, names: Sequence[str], se
         )
         if effects.get(probe.effect).per_run and _period(probe) <= study.slowest:
             columns = slice(len(fit.phi) + here.start, len(fit.phi) + here.stop)
-            rise, chance = _varying(weighted, columns, study.independent, random)
+            rise, chance = _varying(weighted, columns, random)
             start = _varying_start(probe)
             cost = penalty(fitted_parameters(probe.effect, start), runs)
             null = np.maximum(null, chance - cost)
@@ -178,7 +190,7 @@ def _by_effect(found: Sequence[Score]) -> tuple[Score, ...]:
 
 def _weighted(
     study: Study, model: YawModel, fit: MixedFit, names: Sequence[str], every: Sequence[Probe]
-) -> linear_mixed.Weighted:
+) -> Pull:
     """Each run's normal equations in the model's parameters and, after them, the sizes of all probes."""
     problem = study.problem(model)
     fitted, by_phi, by_run = derivatives(problem, fit.phi, fit.run_effects)
@@ -188,19 +200,43 @@ def _weighted(
     columns = np.where(sane, columns, 0.0)  # a probe that runs away says nothing
     j = np.concatenate([by_phi, np.moveaxis(columns, 0, 2)], axis=2)
     data = problem.residual(fitted) + np.einsum("rnq,rq->rn", by_run, fit.run_effects)
-    return linear_mixed.weigh(problem.inner(j, by_run, data), problem.effects, fit.variances)
+    weighted = linear_mixed.weigh(problem.inner(j, by_run, data), problem.effects, fit.variances)
+    return Pull(weighted.hessian, weighted.gradient)
 
 
-def _varying(
-    weighted: linear_mixed.Weighted, columns: slice, independent: float, random: np.random.Generator
-) -> tuple[float, Floats]:
+def driven_scores(
+    study: Study, model: YawModel, fit: InnovationsFit, names: Sequence[str], every: Sequence[Probe]
+) -> Pull:
+    """The same of driven runs: what each probe changes in the innovations and in their variances."""
+    problem = study.driven_problem(model)
+    moved, own = problem.moved(fit.phi), len(fit.of_model)
+    found = [problem.innovations(moved, problem.steps(fit.phi))]
+    for name in names:
+        values = np.concatenate([probe.values for probe in every if probe.effect == name])
+        wider = study.driven_problem(model.with_effect(name, values[0]))
+        theta = np.tile(fit.theta, (len(values), 1))
+        theta = np.concatenate([theta[:, :own], values, theta[:, own:]], axis=1)
+        if len(wider.random) > len(problem.random):  # what an effect may let vary has a score of its own
+            theta = np.concatenate([theta, np.full((len(values), 1), 1e-9)], axis=1)
+        found.append(wider.innovations(wider.search(theta), 1.0, found[0]))
+    slopes = Slopes.of(found)
+    free, count = problem.free, len(fit.phi)
+    places = np.concatenate([free, np.arange(count, count + slopes.gradient.shape[1] - len(free))])
+    hessian = np.zeros((len(study.runs), places[-1] + 1, places[-1] + 1))
+    gradient = np.zeros(hessian.shape[:2])
+    hessian[:, places[:, None], places] = slopes.information
+    gradient[:, places] = slopes.gradient
+    return Pull(hessian, gradient)
+
+
+def _varying(weighted: Pull, columns: slice, random: np.random.Generator) -> tuple[float, Floats]:
     """What a coefficient of its own in every run would gain in deviance, and what chance would (DRAWS,).
 
     With u = V'R^-1 e and K = V'R^-1 V of a run, in K's axes, coefficients of variance g add to the deviance
     log(1 + g k) - g u²/(1 + g k) an axis, whatever the run; g is the best on a grid.
     """
-    k, turn = np.linalg.eigh(independent * weighted.hessian[:, columns, columns])
-    pull = independent * np.einsum("rm,rmj->rj", weighted.gradient[:, columns], turn)
+    k, turn = np.linalg.eigh(weighted.hessian[:, columns, columns])
+    pull = np.einsum("rm,rmj->rj", weighted.gradient[:, columns], turn)
     k, square = np.maximum(k, 0.0).ravel(), (pull**2).ravel()
     if not k.any():
         return 0.0, np.zeros(DRAWS)

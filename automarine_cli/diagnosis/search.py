@@ -7,7 +7,6 @@ in which nothing is missing; runs predicted from the others have a veto.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -17,10 +16,10 @@ from numpy.typing import NDArray
 from automarine_cli import effects
 from automarine_cli.diagnosis.physical import drag_drives
 from automarine_cli.diagnosis.scores import candidates, fitted_parameters, law_of, penalty, score
-from automarine_cli.diagnosis.study import ITERATIONS, Study
+from automarine_cli.diagnosis.study import ITERATIONS, Fit, Study
 from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Rival, Round, Trial
 from automarine_cli.errors import FitError
-from automarine_cli.fits.mixed_problem import SWITCH, MixedFit
+from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.models.yaw_model import YawModel
 
 Floats = NDArray[np.float64]
@@ -43,15 +42,15 @@ TRIFLE = 0.05
 """Share of all evidence gained below which one of MOST_EFFECTS effects counts as mending the form of another."""
 SETTLED_EVIDENCE = 0.5
 """Gain in evidence below which a swap is not worth another look: fits are settled to less."""
+CLEAR = 2.0
+"""Standard errors over runs by which driven runs have to gain in the mean."""
 REACH = 60.0
 """Candidates this far behind the best by a full fit are no rivals of it."""
 
 
 def search(study: Study, seed: int, each: Map) -> Found:
     """Find what is missing; `each` maps a function over candidates, in processes or not."""
-    first = study.fit(study.base)
-    study = replace(study, independent=independent_share(study, first))
-    base = _trial(study, study.base, (), first)
+    base = _trial(study, study.base, (), study.fit(study.base))
     current, rounds, p_values = base, list[Round](), dict[str, float]()
     while len(current.added) < MOST_EFFECTS:
         try:
@@ -104,20 +103,11 @@ def _without_menders(
     return current, {name: this for name, this in around.items() if name in current.added}
 
 
-def independent_share(study: Study, fit: MixedFit) -> float:
-    """(1 - rho)/(1 + rho) with rho the correlation of neighbouring residuals; 1 in a pool, whose noise is white."""
-    if not study.disturbed:
-        return 1.0
-    left = study.residual(fit.fitted)
-    rho = float((left[:, 1:] * left[:, :-1]).sum() / max((left**2).sum(), 1e-300))
-    return float(np.clip((1.0 - rho) / (1.0 + rho), 0.001, 1.0))
-
-
-def _trial(study: Study, model: YawModel, added: tuple[str, ...], fit: MixedFit) -> Trial:
+def _trial(study: Study, model: YawModel, added: tuple[str, ...], fit: Fit) -> Trial:
     model = study.told(model, fit)
     own = model.terms[len(study.base.terms) :]
     cost = penalty(sum(fitted_parameters(term.name, term.values) for term in own), len(study.runs))
-    return Trial(added, model, fit, -2.0 * study.independent * fit.log_likelihood + cost)
+    return Trial(added, model, fit, -2.0 * fit.log_likelihood + cost)
 
 
 def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> Round:
@@ -148,10 +138,10 @@ def _from_elsewhere(study: Study, current: Trial, trials: Sequence[Trial]) -> Tr
     """The current model fitted again from where the best trials ended, if that is better: a candidate must not win by
     leading the base out of a valley in which its own fit had stopped."""
     own = len(current.model.theta)
-    for trial in trials if study.disturbed else trials[:1]:
-        theta = np.append(trial.fit.theta[:own], trial.fit.value(SWITCH))
+    for trial in trials if study.driven else trials[:1]:
+        values = trial.fit.of_model[:own]
         try:
-            again = _trial(study, current.model, current.added, study.fit(current.model, theta, trial.fit))
+            again = _trial(study, current.model, current.added, study.fit(current.model, values, trial.fit))
         except (FitError, np.linalg.LinAlgError):
             continue
         if again.evidence < current.evidence - SETTLED_EVIDENCE:
@@ -164,20 +154,20 @@ def add_effect(
 ) -> Trial | None:
     """The current model with one more effect, everything refitted; None where no fit is found."""
     name, start = candidate
-    theta = np.concatenate([current.fit.of_model, start, [current.fit.value(SWITCH)]])
-    return _fitted(study, current, current.model.with_effect(name, start), theta, current.fit, iterations)
+    values = np.concatenate([current.fit.of_model, start])
+    return _fitted(study, current, current.model.with_effect(name, start), values, current.fit, iterations)
 
 
 def _go_on(study: Study, current: Trial, trial: Trial, iterations: int) -> Trial | None:
     """A trial's fit taken further from where it stands."""
-    return _fitted(study, current, trial.model, trial.fit.theta, trial.fit, iterations)
+    return _fitted(study, current, trial.model, trial.fit.of_model, trial.fit, iterations)
 
 
 def _fitted(
-    study: Study, current: Trial, model: YawModel, theta: Floats, near: MixedFit, iterations: int
+    study: Study, current: Trial, model: YawModel, values: Floats, near: Fit, iterations: int
 ) -> Trial | None:
     try:
-        fit = study.fit(model, theta, near, iterations)
+        fit = study.fit(model, values, near, iterations)
     except (FitError, np.linalg.LinAlgError):
         return None
     return _trial(study, model, (*current.added, model.terms[-1].name), fit)
@@ -185,8 +175,11 @@ def _fitted(
 
 def may_stand(trial: Trial, current: Trial) -> bool:
     """Whether runs left out of the fit are predicted better with the effect than without, and its size is its own: a
-    size that only a bound stops says that the runs want something else."""
+    size that only a bound stops says that the runs want something else. Of driven runs the gain has to repeat itself
+    from run to run: its mean is more than CLEAR standard errors."""
     predicts = float(trial.fit.predictive.sum()) > float(current.fit.predictive.sum())
+    if isinstance(trial.fit, InnovationsFit) and isinstance(current.fit, InnovationsFit):
+        predicts = predicts and clear(trial.fit.density - current.fit.density)
     term, end = trial.model.terms[-1], len(trial.model.theta)
     effect, places = effects.get(term.name), range(end - len(term.values), end)
     own = zip(places, effect.parameters, term.values, effect.held(term.values))
@@ -198,6 +191,12 @@ def may_stand(trial: Trial, current: Trial) -> bool:
     return predicts and not any(stopped)
 
 
+def clear(gains: Floats) -> bool:
+    """Whether gains in log density (R,) are more than CLEAR standard errors above nothing in the mean."""
+    error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains)) if len(gains) > 1 else np.inf
+    return bool(gains.mean() > CLEAR * error)
+
+
 def _without(study: Study, trial: Trial, out: str) -> Trial | None:
     """The trial's model with one effect taken out, refitted."""
     own = len(study.base.terms)
@@ -206,7 +205,7 @@ def _without(study: Study, trial: Trial, out: str) -> Trial | None:
     for term in kept:
         model = model.with_effect(term.name, term.values)
     try:
-        fit = study.fit(model, np.append(model.theta, trial.fit.value(SWITCH)), trial.fit)
+        fit = study.fit(model, model.theta, trial.fit)
     except (FitError, np.linalg.LinAlgError):
         return None
     return _trial(study, model, tuple(term.name for term in kept), fit)
@@ -254,6 +253,16 @@ def _rivals(final: Trial, around: Mapping[str, Round]) -> tuple[Rival, ...]:
         Rival(name, trial.added[-1], max(trial.evidence - final.evidence, 0.0), trial)
         for name, this in around.items()
         for trial in this.trials
-        if trial.added[-1] != name and trial.evidence - final.evidence < TIE
+        if trial.added[-1] != name and _ties(trial, final)
     ]
     return tuple(sorted(found, key=lambda rival: rival.behind))
+
+
+def _ties(rival: Trial, final: Trial) -> bool:
+    """Whether the runs cannot exclude a rival: little behind in evidence, or, of driven runs, ahead in so few of them
+    that it is chance."""
+    if rival.evidence - final.evidence < TIE:
+        return True
+    if not (isinstance(rival.fit, InnovationsFit) and isinstance(final.fit, InnovationsFit)):
+        return False
+    return not clear(final.fit.density - rival.fit.density)

@@ -9,9 +9,15 @@ from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.errors import FitError
+from automarine_cli.filters.course import Course, make_course
+from automarine_cli.filters.prediction import Predicted, predict
 from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
 from automarine_cli.fits.identify import starts_at_rest
+from automarine_cli.fits.innovations import InnovationsFit, fit_innovations
+from automarine_cli.fits.innovations_problem import DrivenProblem
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed
+from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.output_error import run_covariance
 from automarine_cli.fits.run_effects import DISTURBANCE, GAIN, SWITCHES
 from automarine_cli.fits.step_response import MOST_OFFSET
@@ -19,7 +25,7 @@ from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.batch import MOST_SWITCHES, Batch, make_batch
+from automarine_cli.simulation.batch import Batch, make_batch
 from automarine_cli.simulation.rollout import step_for
 
 Floats = NDArray[np.float64]
@@ -27,24 +33,26 @@ Floats = NDArray[np.float64]
 ITERATIONS = 25
 SETTLED = 0.02
 """Share of a standard error within which a fit counts as settled: its evidence is then exact to a few 1e-4."""
+JUDGED = 5.0
+"""Seconds ahead over which driven runs show the gap."""
+
+Fit = MixedFit | InnovationsFit
 
 
 @dataclass(frozen=True)
 class Study:
     """Runs with a base model.
 
-    `disturbed` allows every run a disturbance moment held over short windows: for open water, where nothing repeats,
-    and not for a pool, where what it would absorb is what is looked for. There the thrust's own scatter cannot be told
-    from it and is left out. `independent` is the share of the samples that count as independent: neighbours in open
-    water stray together, and evidence is worth that share of what white noise would make it.
-    `channels` are the sensors that count, None for the position alone; gaps are looked at in the position either way.
+    Runs that are `driven` are judged by the innovations of a filter, in which a disturbance is a process (see
+    fits/innovations.py): a controller in the loop, wind, waves, wash. The others are simulated whole, and nothing but
+    noise, gains and instants differs between a run and its simulation. `channels` are the sensors that count, None for
+    the position alone; gaps are looked at in the position either way.
     """
 
     runs: tuple[Run, ...]
     base: YawModel
-    disturbed: bool
+    driven: bool
     signals: tuple[str, ...]
-    independent: float = 1.0
     channels: tuple[str, ...] | None = None
 
     @cached_property
@@ -142,13 +150,19 @@ class Study:
             return np.where(self.batch.seen, np.concatenate([0.0 * left[:, :1], summed], axis=1), 0.0)
         return np.where(self.batch.seen, self.batch.position - self.positions(fitted), 0.0)
 
+    @cached_property
+    def course(self) -> Course:
+        """All runs laid out for the filter."""
+        return make_course(self.runs, self.at_rest, self.signals, channels=self.channels)
+
+    def driven_problem(self, model: YawModel) -> DrivenProblem:
+        """Likelihood of driven runs under `model`."""
+        return driven_problem(model, self.course, least_delay=self.logger_delay, slowest=self.slowest)
+
     def problem(self, model: YawModel) -> Problem:
-        """Likelihood of the runs under `model`, any set of effects together; theta ends with the z of the switches."""
-        within = not self.disturbed
-        problem = whole_run_problem(model, self.batch, self.at_rest, within)
-        most = MOST_OFFSET if within else 0.5
-        if self.disturbed and any(effects.get(term.name).delays for term in model.terms):
-            most = 0.0  # an offset common to all changes of command is the same delay
+        """Likelihood of runs that are not driven under `model`, any set of effects together; theta ends with the z of
+        the switches."""
+        problem = whole_run_problem(model, self.batch, self.at_rest, within=True)
         bounds, positive = [(0.0, np.inf)], [True]
         roles = [effects.get(term.name).role for term in self.base.terms]
         main = "quadratic" if "quadratic" in roles else "linear"
@@ -160,37 +174,41 @@ class Study:
                 lower = max(parameter.lower, logger)
                 slow = self.slowest if parameter.scan and effect.varies(term.values) else np.inf
                 bounds.append((value, value) if fixed else (lower, min(parameter.upper, slow)))
-                # In open water another effect may take over all of the drag: searched on the logarithm it would only
-                # creep towards nothing.
-                drag = own and effect.role == main and not self.disturbed
-                positive.append(parameter.log or drag)
-        # In open water neither gains nor delays of switches: a delay of the vehicle is what is looked for.
-        quiet = {"gain": 0.0, "switch_instants": 0.0} if self.disturbed else {"disturbance": 0.0}
+                positive.append(parameter.log or (own and effect.role == main))
         return replace(
             problem,
-            effects=problem.effects.with_scale(**quiet),
-            bounds=np.array([*bounds, (-most, most)]),
+            effects=problem.effects.with_scale(disturbance=0.0),
+            bounds=np.array([*bounds, (-MOST_OFFSET, MOST_OFFSET)]),
             positive=np.array([*positive, False]),
         )
 
     def fit(
         self,
         model: YawModel,
-        theta: Floats | None = None,
-        near: MixedFit | None = None,
+        values: Floats | None = None,
+        near: Fit | None = None,
         iterations: int = ITERATIONS,
-    ) -> MixedFit:
-        """Joint maximum likelihood of the model on all runs, from `theta` (with z last) or the model's values.
+    ) -> Fit:
+        """Joint maximum likelihood of the model on all runs, from `values` of its parameters or its own.
 
-        `near` is a fit of a similar model whose variances and run effects are good starts.
+        `near` is a fit of a similar model of which everything else is a good start.
         """
-        start = np.append(model.theta, 0.0) if theta is None else theta
+        values = model.theta if values is None else values
+        if self.driven:
+            driven = self.driven_problem(model)
+            if isinstance(near, InnovationsFit):
+                return fit_innovations(driven, starts_near(driven, [values], near.of_chance), iterations)
+            return fit_innovations(
+                driven, np.concatenate([base_starts(driven), starts_near(driven, [values], {})])
+            )
         problem = self.problem(model)
+        switch = near.value(SWITCH) if isinstance(near, MixedFit) else 0.0
+        start = np.append(values, switch)
         begin = {GAIN: 0.03, SWITCHES: 0.7} | (
-            dict(zip(near.effects.factor_names, near.factors)) if near else {}
+            dict(zip(near.effects.factor_names, near.factors)) if isinstance(near, MixedFit) else {}
         )
         factors = np.array([begin.get(name, 0.02) for name in problem.effects.factor_names])
-        if near is None:
+        if not isinstance(near, MixedFit):
             return fit_mixed(
                 problem, start, noise=max(2 * self.sensor_floor, 1e-4), factors=factors, iterations=ITERATIONS,
                 settled=SETTLED,
@@ -202,28 +220,72 @@ class Study:
         )  # fmt: skip
 
     @cached_property
-    def _covariances(self) -> dict[int, tuple[MixedFit, Floats]]:
+    def _covariances(self) -> dict[int, tuple[Fit, Floats]]:
         return {}
 
-    def covariance(self, model: YawModel, fit: MixedFit) -> Floats:
+    def covariance(self, model: YawModel, fit: Fit) -> Floats:
         """Covariance of a fit's phi with the run as the unit, (p, p); worked out once a fit.
 
-        In a pool it is exact where instants are confined to their sample intervals; in open water, where every window
-        of every run has a disturbance of its own, the linearised jackknife.
+        It is exact where instants are confined to their sample intervals; of driven runs the linearised jackknife.
         """
         if id(fit) not in self._covariances:
             try:
-                found = run_covariance(fit, None if self.disturbed else self.problem(model))
+                found = run_covariance(fit, self.problem(model) if isinstance(fit, MixedFit) else None)
             except (FitError, np.linalg.LinAlgError):
                 found = run_covariance(fit)
             self._covariances[id(fit)] = (fit, found)  # the fit is kept, or another could have its id
         return self._covariances[id(fit)][1]
 
-    def told(self, model: YawModel, fit: MixedFit) -> YawModel:
+    @cached_property
+    def _predictions(self) -> dict[int, tuple[InnovationsFit, tuple[Predicted, ...]]]:
+        return {}
+
+    def predictions(self, model: YawModel, fit: InnovationsFit) -> tuple[Predicted, ...]:
+        """What the model predicts of these runs, from the filtered state, over each of HORIZONS; the fit may be one to
+        other runs."""
+        if id(fit) not in self._predictions:
+            noises = self.driven_problem(model).noises(fit.theta[None])
+            found = predict(model, self.course, fit.of_model, noises)
+            self._predictions[id(fit)] = (fit, found)
+        return self._predictions[id(fit)][1]
+
+    def log_density(self, model: YawModel, fit: InnovationsFit) -> Floats:
+        """Log density of each driven run (R,) under a fit to other runs."""
+        return self.driven_problem(model).follow(fit.phi[None]).log_density[0]
+
+    def at_samples(self, values: Sequence[Floats], at: Sequence[Floats]) -> Floats:
+        """What is known of each run at some times [s since its first sample], at all its samples (R, N): straight
+        lines between, zero before the first and in the padding."""
+        out = np.zeros(self.batch.seen.shape)
+        for row, run, value, when in zip(out, self.runs, values, at):
+            if len(when):
+                time = run.time - run.time[0]
+                row[: len(run)] = np.where(time >= when[0] - 1e-9, np.interp(time, when, value), 0.0)
+        return out
+
+    def missed(self, model: YawModel, fit: InnovationsFit) -> Floats:
+        """Measured less predicted positions (R, N), those predicted JUDGED seconds before; zero where none was."""
+        found = next(one for one in self.predictions(model, fit) if one.horizon == JUDGED)
+        each = [found.run == r for r in range(len(self.runs))]
+        when = [self.course.time[r, found.target[own]] for r, own in enumerate(each)]
+        return self.at_samples([found.error[own] for own in each], when)
+
+    def disturbance(self, model: YawModel, fit: InnovationsFit) -> Floats:
+        """The disturbing moment or force that the filter sees at each sample, (R, N)."""
+        followed = self.driven_problem(model).follow(fit.phi[None], keep=True)
+        assert followed.states is not None
+        pushed = followed.states[followed.places.pushed[0], 0]
+        ends = [int((length > 0).sum()) + 1 for length in self.course.length]
+        return fit.theta[0] * self.at_samples(
+            [row[:end] for row, end in zip(pushed, ends)], [t[:end] for t, end in zip(self.course.time, ends)]
+        )
+
+    def told(self, model: YawModel, fit: Fit) -> YawModel:
         """The fitted model; effects that vary from run to run tell the amplitude that the runs' own share."""
         model = model.with_theta(fit.of_model)
         for name in varying_terms(model):
-            amplitude = float(np.sqrt(2.0) * fit.factor(name) * self.largest)
+            size = 1.0 if self.driven else self.largest
+            amplitude = float(np.sqrt(2.0) * fit.factor(name) * size)
             terms = tuple(
                 replace(t, values=(amplitude, *t.values[1:])) if t.name == name else t for t in model.terms
             )
@@ -240,16 +302,16 @@ def without_scatter(fit: MixedFit) -> Floats:
 def study_of(
     runs: Sequence[Run],
     base: YawModel,
-    disturbed: bool | None = None,
+    driven: bool | None = None,
     channels: tuple[str, ...] | None = None,
 ) -> Study:
-    """A study of `runs`; open water is recognised by commands that change at nearly every sample."""
-    if disturbed is None:
-        changes = [int(np.sum(np.diff(run.command) != 0)) for run in runs]
-        disturbed = bool(np.median(changes) > MOST_SWITCHES)
+    """A study of `runs`; whether they are driven, the evidence says unless asked otherwise."""
+    if driven is None:
+        at_rest = np.array([starts_at_rest(run) for run in runs])
+        driven = disturbed(runs, base, at_rest, channels)
     have = set.intersection(*(set(run.extras) for run in runs))
     needed = {name for effect in effects.names() for name in effects.get(effect).needs}
-    return Study(tuple(runs), base, disturbed, tuple(sorted(needed & have)), channels=channels)
+    return Study(tuple(runs), base, driven, tuple(sorted(needed & have)), channels=channels)
 
 
 def run_effects_given(

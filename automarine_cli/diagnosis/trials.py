@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.diagnosis.scores import Scores
-from automarine_cli.diagnosis.study import Study
-from automarine_cli.fits.mixed_model import MixedFit
+from automarine_cli.diagnosis.study import Fit, Study
 from automarine_cli.models.yaw_model import YawModel
 
 LEVEL = 0.005
@@ -20,7 +19,7 @@ class Trial:
 
     added: tuple[str, ...]
     model: YawModel
-    fit: MixedFit
+    fit: Fit
     evidence: float
 
 

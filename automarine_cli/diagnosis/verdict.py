@@ -74,7 +74,7 @@ def verdict_of(study: Study, found: Found, held_out: Gap | None = None) -> str:
         max((trial.fit.noise / study.sensor_floor) ** 2 - 1.0, 0.0) for trial in (found.base, found.final)
     ]
     margin = max(WELL_ABOVE, 3.0 * FLOOR_ERROR / float(np.sqrt(study.batch.seen.sum())))
-    loud = found.final.fit.noise > (1.0 + margin) * study.sensor_floor and not study.disturbed
+    loud = found.final.fit.noise > (1.0 + margin) * study.sensor_floor and not study.driven
     if (
         loud
         and hangs_together(study, found.final)
@@ -87,10 +87,10 @@ def verdict_of(study: Study, found: Found, held_out: Gap | None = None) -> str:
         return "unexplained"
     scatter = [trial.fit.factor(GAIN) ** 2 for trial in (found.base, found.final)]
     unnamed = not found.final.added or scatter[1] > LEFT_OVER * scatter[0]
-    if unnamed and not study.disturbed and gains_wander(study, found.final):
+    if unnamed and not study.driven and gains_wander(study, found.final):
         return "unexplained"
     many = len(found.final.added) == MOST_EFFECTS and excess[0] < MANY
-    if (found.more or many) and not study.disturbed:
+    if (found.more or many) and not study.driven:
         return "unexplained"
     return "named" if found.final.added else "nothing-missing"
 
@@ -145,7 +145,7 @@ def _estimates(study: Study, trial: Trial) -> list[Estimate]:
 
 def _amplitude(study: Study, trial: Trial, name: str) -> Estimate:
     """Amplitude of what every run has a share of its own of, from the likelihood of their spread."""
-    scale = float(np.sqrt(2.0) * study.largest)
+    scale = float(np.sqrt(2.0) * (1.0 if study.driven else study.largest))
     low, high = (scale * end for end in trial.fit.factor_interval(name))
     value, unit = scale * trial.fit.factor(name), trial.model.moment_unit
     return Estimate(value, (high - low) / (2.0 * float(stats.norm.ppf(0.975))), (low, high), unit)

@@ -19,6 +19,7 @@ from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.variables import Column, columns, direction
 from automarine_cli.dofs import Dof
 from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.fits.run_effects import DISTURBANCE, GAIN
 
@@ -136,17 +137,18 @@ def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
 
     The disturbances are the windows of `whole_runs`, their size estimated with everything else at the trial's fit.
     """
+    if isinstance(trial.fit, InnovationsFit):
+        return study.missed(trial.model, trial.fit), study.disturbance(trial.model, trial.fit)
     problem, batch = study.problem(trial.model), study.batch
     residual = study.residual(trial.fit.fitted)
     b = trial.fit.run_effects
-    if not study.disturbed:
-        lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
-        windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
-        problem = replace(problem, effects=problem.effects.with_scale(disturbance=windows))
-        fitted, by_phi, by_run = derivatives(problem, trial.fit.phi, b)
-        gram = problem.gram(by_phi, by_run, fitted, b)
-        variances = linear_mixed.choose_variances(gram, problem.effects, trial.fit.variances)
-        b = linear_mixed.posterior_mean(gram, problem.effects, variances, np.zeros(len(trial.fit.phi)))
+    lasts = batch.window.max(axis=1, initial=0, where=batch.length > 0)
+    windows = (np.arange(batch.windows) <= lasts[:, None]).astype(float)
+    problem = replace(problem, effects=problem.effects.with_scale(disturbance=windows))
+    fitted, by_phi, by_run = derivatives(problem, trial.fit.phi, b)
+    gram = problem.gram(by_phi, by_run, fitted, b)
+    variances = linear_mixed.choose_variances(gram, problem.effects, trial.fit.variances)
+    b = linear_mixed.posterior_mean(gram, problem.effects, variances, np.zeros(len(trial.fit.phi)))
     window = np.take_along_axis(batch.window, np.minimum(batch.node, batch.window.shape[1] - 1), axis=1)
     inertia = trial.model.index(trial.model.dof.parameter("inertia"))
     held = np.take_along_axis(
@@ -157,6 +159,8 @@ def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
 
 def without_gains(study: Study, trial: Trial) -> Floats:
     """Measured less simulated headings (R, N) [rad] if every run had the same thrust: what a gain could hide."""
+    if isinstance(trial.fit, InnovationsFit):
+        return study.missed(trial.model, trial.fit)
     problem = study.problem(trial.model)
     b = trial.fit.run_effects.copy()
     trial.fit.effects.of(b, GAIN)[...] = 0.0

@@ -6,7 +6,7 @@ import numpy as np
 
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.fits.mixed_problem import MixedFit
+from automarine_cli.fits.outcome import Outcome
 from automarine_cli.runs.channels import ChannelChoice
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
@@ -15,20 +15,20 @@ ROBUST = 1.65
 """Error of a standard deviation told by a median, over that of the usual one."""
 
 
-def channel_noises(fit: MixedFit, dof: Dof) -> dict[str, Estimate]:
+def channel_noises(fit: Outcome, dof: Dof) -> dict[str, Estimate]:
     """Noise of each channel that counts, in the units in which people see it.
 
     The relative error is that of the standard deviation of so many white residuals.
     """
     found = {}
-    for (name, noise), gram in zip(fit.noise_of.items(), fit.gram.channels):
-        count = max(float(gram.count.sum()) - len(fit.theta), 1.0)
+    for name, noise in fit.noise_of.items():
+        count = max(float(fit.read[name]) - len(fit.theta), 1.0)
         unit = dof.units.shown + "/s" * (name == dof.velocity)
         found[name] = Estimate.from_log(float(dof.shown(noise)), 1.0 / np.sqrt(2.0 * count), count, unit)
     return found
 
 
-def channels_json(choice: ChannelChoice, fit: MixedFit, dof: Dof) -> dict[str, object]:
+def channels_json(choice: ChannelChoice, fit: Outcome, dof: Dof) -> dict[str, object]:
     """`{"channels": [{"quantity", "used", "noise" or "why"}]}` for a result; {} where only positions are logged."""
     return channels_of(choice, channel_noises(fit, dof) if choice.verdicts else {})
 
@@ -65,14 +65,14 @@ def channels_of(choice: ChannelChoice, noises: Mapping[str, Estimate]) -> dict[s
     return {"channels": entries}
 
 
-def noise_words(fit: MixedFit, dof: Dof) -> str:
+def noise_words(fit: Outcome, dof: Dof) -> str:
     """The noises of a fit in a line, such as "heading noise 1.00 deg"."""
     names = {dof.position: dof.words.position, dof.velocity: dof.words.rate}
     noises = channel_noises(fit, dof).items()
     return ", ".join(f"{names[name]} noise {one.value:.2f} {one.unit}" for name, one in noises)
 
 
-def fit_sentences(choice: ChannelChoice, fit: MixedFit, dof: Dof) -> list[str]:
+def fit_sentences(choice: ChannelChoice, fit: Outcome, dof: Dof) -> list[str]:
     """`channel_sentences` with the noises of a fit."""
     return channel_sentences(choice, channel_noises(fit, dof), dof)
 

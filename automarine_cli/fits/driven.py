@@ -7,9 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.filters.course import Course
+from automarine_cli.filters.course import Course, make_course
+from automarine_cli.fits.innovations import fit_innovations
 from automarine_cli.fits.innovations_problem import DrivenProblem, randomness
-from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.models.yaw_model import YawModel, base_roles
+from automarine_cli.runs.run import Run
+from automarine_cli.runs.steps import find_steps, segments
 
 Floats = NDArray[np.float64]
 
@@ -17,6 +20,14 @@ INERTIAS, DRAGS = (0.3, 1.0, 3.0), (0.3, 1.0, 3.0)
 """Shares of rough values from which fits of a base model start."""
 SIZES, UNSTEADY = (0.02, 0.2), (0.005, 0.1)
 """Disturbances, as shares of the acceleration of the largest command, and noises of thrust, to start from."""
+
+
+SURE = 10.0
+"""Deviance beyond its penalty that a disturbance has to gain."""
+
+
+HELD, NEARLY = 1.0, 0.8
+"""Seconds for which a step holds its command, and share of a run of steps that they make."""
 
 
 def driven_problem(
@@ -68,3 +79,36 @@ def starts_near(problem: DrivenProblem, thetas: Sequence[Floats], random: dict[s
     return np.clip(
         np.array([[*theta, *rest] for theta in thetas]), problem.bounds[:, 0], problem.bounds[:, 1]
     )
+
+
+def stepped(run: Run) -> bool:
+    """Whether a run begins at rest and holds its command for HELD seconds at a time, nearly all of the time."""
+    steps = find_steps(run)
+    if not steps or not steps[0].from_rest:
+        return False
+    held = [run.time[stop - 1] - run.time[first] for first, stop, _ in segments(run.command)]
+    return sum(length for length in held if length >= HELD) > NEARLY * (run.time[-1] - run.time[0])
+
+
+def disturbed(
+    runs: Sequence[Run], base: YawModel, at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None
+) -> bool:
+    """Whether the evidence asks for a disturbance that is a process, or for unsteady thrust.
+
+    Runs from rest at one command repeat themselves: what differs in a pool is in their gains, and a disturbance would
+    absorb just what is looked for. Where half of the runs are such, the question is not asked. Of others the deviance
+    of a model with both drags, with a disturbance and without, is compared.
+    """
+    if 2 * sum(stepped(run) for run in runs) >= len(runs):
+        return False
+    course = make_course(runs, at_rest, channels=channels)
+    drags = dict(zip(("linear", "quadratic"), base.drag()))
+    roles = base_roles("2", base.dof)
+    values = [drags.get(role, 0.0) for role in roles[1:]]
+    model = YawModel.base("2", base.inertia, values, base.moment_unit, base.dof)
+    free = driven_problem(model, course)
+    quiet = driven_problem(model, course, quiet=True)
+    starts = base_starts(free)
+    found = [fit_innovations(one, starts).log_likelihood for one in (free, quiet)]
+    chance = 3.0 * float(np.log(max(len(runs), 2))) + SURE
+    return bool(2.0 * (found[0] - found[1]) > chance)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.gram import Grams
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives
+from automarine_cli.fits.outcome import Outcome
 
 Floats = NDArray[np.float64]
 
@@ -56,15 +57,14 @@ def covariance_of_changes(moved: Floats) -> Floats:
     return np.asarray((count - 1) / count * spread.T @ spread)
 
 
-def degrees_of_freedom(fit: MixedFit, direction: Floats) -> float:
+def degrees_of_freedom(fit: Outcome, direction: Floats) -> float:
     """Of the jackknife's variance along `direction` (p,) of phi: about how many runs carry it, less one.
 
     Satterthwaite's approximation for runs that pull by their expected variances v_i, (sum v_i)²/sum v_i² (Bell and
     McCaffrey 2002, Survey Methodology 28:169). Where two runs show a parameter, their own spread says little of it.
     """
-    variances = fit.variances
     free = np.setdiff1d(np.arange(len(fit.phi)), fit.at_bound)
-    return runs_that_carry(linear_mixed.weigh(fit.gram, fit.effects, variances).hessian, direction[free])
+    return runs_that_carry(fit.information[:, free[:, None], free], direction[free])
 
 
 def runs_that_carry(information: Floats, direction: Floats) -> float:

@@ -7,7 +7,7 @@ Fisher scoring on innovations and their variances (Ljung 1999, System Identifica
 16:551), damped; differences of all parameters and all trial steps are filtered together.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,13 +33,15 @@ DAMPINGS = (0.0, 0.1, 1.0, 10.0)
 @dataclass(frozen=True)
 class InnovationsFit(Outcome):
     """Outcome of a fit by innovations: `theta` ends with the parameters of what is random; `density` (R,) the runs'
-    own log densities, `gains` (R,) their log gains as filtered, `channels` the quantities in the order of the noises,
-    `parameters` how many of theta are the model's."""
+    own log densities, `gains` (R,) their log gains as filtered, `read_of` the channels with
+    the numbers of their readings,
+    `parameters` how many of theta are the model's, `by_run` (R, p, p) what each run says of phi."""
 
     density: Floats
     gains: Floats
-    channels: tuple[str, ...]
+    read_of: tuple[tuple[str, int], ...]
     parameters: int
+    by_run: Floats = field(repr=False)
 
     @property
     def of_model(self) -> Floats:
@@ -47,14 +49,24 @@ class InnovationsFit(Outcome):
         return self.theta[: self.parameters]
 
     @property
-    def noise_of(self) -> dict[str, float]:
-        """Noise of each channel by its quantity [its unit]."""
-        return {quantity: self.value(f"noise.{quantity}") for quantity in self.channels}
+    def read(self) -> dict[str, int]:
+        """How many readings each channel has."""
+        return dict(self.read_of)
 
     @property
-    def noise(self) -> float:
-        """Noise of the first channel [its unit]."""
-        return self.noise_of[self.channels[0]]
+    def information(self) -> Floats:
+        """What each run says of phi, (R, p, p)."""
+        return self.by_run
+
+    @property
+    def of_chance(self) -> dict[str, float]:
+        """The parameters of what is random, by name."""
+        return dict(zip(self.names[self.parameters :], self.theta[self.parameters :].tolist()))
+
+    @property
+    def noise_of(self) -> dict[str, float]:
+        """Noise of each channel by its quantity [its unit]."""
+        return {quantity: self.value(f"noise.{quantity}") for quantity in self.read}
 
     def factor(self, block: str) -> float:
         """Size of what differs from run to run: of the gain, or of what an effect lets vary."""
@@ -133,6 +145,8 @@ def _report(
         spread = np.sqrt(np.maximum(np.diagonal(covariance)[open_to], 0.0))
         left_out[:, open_to] += np.clip(moved, -5.0 * spread, 5.0 * spread)
         left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
+    information = np.zeros((runs, count, count))
+    information[:, free[:, None], free] = slopes.information
     every = problem.follow(np.concatenate([phi[None], left_out]), keep=True)
     density = every.log_density
     assert every.states is not None
@@ -151,6 +165,7 @@ def _report(
         converged=converged,
         density=density[0],
         gains=every.states[every.places.gain, 0, :, -1],
-        channels=tuple(channel.quantity for channel in problem.course.channels),
+        read_of=tuple((one.quantity, int(one.seen.sum())) for one in problem.course.channels),
         parameters=count - len(problem.random),
+        by_run=information,
     )

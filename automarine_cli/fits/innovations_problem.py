@@ -1,7 +1,7 @@
 """The likelihood of driven and disturbed runs, and what is random in it; see innovations.py for the method."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -104,51 +104,73 @@ class DrivenProblem:
         size = np.where(self.positive, 1.0, np.maximum(np.abs(phi), self.scale))
         return DIFFERENCE * size[self.free]
 
-    def slopes(self, phi: Floats) -> "Slopes":
-        """Innovations and their derivatives by the free parameters."""
+    def moved(self, phi: Floats) -> Floats:
+        """phi (p,) itself and with each free parameter moved by its step, (1 + f, p)."""
         moved = np.tile(phi, (1 + len(self.free), 1))
-        step = self.steps(phi)
-        moved[np.arange(1, len(moved)), self.free] += step
-        found = self.follow(moved)
-        read = found.variance[:, 0] > 0
-        variance = np.where(read, found.variance[:, 0], 1.0)
-        by = (found.innovation[:, 1:] - found.innovation[:, :1]) / step[:, None, None]
-        spread = (found.variance[:, 1:] - found.variance[:, :1]) / step[:, None, None]
-        return Slopes.of(found.innovation[:, 0], variance, read, by, spread, found.log_density[0])
+        moved[np.arange(1, len(moved)), self.free] += self.steps(phi)
+        return moved
+
+    def slopes(self, phi: Floats) -> "Slopes":
+        """Each run's gradient and information by the free parameters."""
+        return Slopes.of([self.innovations(self.moved(phi), self.steps(phi))])
+
+    def innovations(
+        self, phi: Floats, steps: Floats | float, base: "Innovations | None" = None
+    ) -> "Innovations":
+        """Innovations at a point, and how they change per step from there to each phi (P, p). The point is that of
+        `base` if it is given, else the first phi."""
+        found = self.follow(phi)
+        error, variance = found.innovation, found.variance
+        if base is None:
+            read = variance[:, 0] > 0
+            base = Innovations(
+                error[:, 0], np.where(read, variance[:, 0], 1.0), read, error[:, :0], error[:, :0],
+                found.log_density[0],
+            )  # fmt: skip
+            error, variance = error[:, 1:], variance[:, 1:]
+        step = np.broadcast_to(steps, error.shape[1])[:, None, None]
+        by = np.where(base.read[:, None], (error - base.error[:, None]) / step, 0.0)
+        spread = np.where(base.read[:, None], (variance - base.variance[:, None]) / step, 0.0)
+        sane = np.isfinite(np.sum(by + spread, axis=(0, 2, 3), keepdims=True))[0]
+        return replace(base, by=np.where(sane, by, 0.0), spread=np.where(sane, spread, 0.0))
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """Innovations `error` (C, R, K), their `variance`, one where nothing was `read`, the derivatives of both by some
+    parameters, (C, f, R, K), none where a filter runs away, and the log density of each run (R,)."""
+
+    error: Floats
+    variance: Floats
+    read: NDArray[np.bool_]
+    by: Floats
+    spread: Floats
+    density: Floats
 
 
 @dataclass(frozen=True)
 class Slopes:
-    """Each run's log density (R,), its gradient (R, f) and Fisher information (R, f, f) by f parameters; `scaled`
-    (R, C K) innovations over their deviations, `columns` (R, f, C K) likewise, `spreads` those of log variances."""
+    """Each run's log density (R,), its gradient (R, f) and Fisher information (R, f, f) by f parameters."""
 
     density: Floats
     gradient: Floats
     information: Floats
 
     @classmethod
-    def of(
-        cls,
-        error: Floats,
-        variance: Floats,
-        read: NDArray[np.bool_],
-        by: Floats,
-        spread: Floats,
-        density: Floats,
-    ) -> "Slopes":
-        """From innovations (C, R, K), their variances, which were read, and both by parameters, (C, f, R, K)."""
-        root = np.sqrt(variance)
-        z = np.where(read, error / root, 0.0)
+    def of(cls, parts: Sequence[Innovations]) -> "Slopes":
+        """From innovations about one point, with derivatives by different parameters, in their order."""
+        base = parts[0]
+        by, spread = (np.concatenate(list(one), axis=1) for one in zip(*((p.by, p.spread) for p in parts)))
+        root = np.sqrt(base.variance)
+        z = np.where(base.read, base.error / root, 0.0)
         bounded = np.clip(z, -FAR, FAR)
-        columns = np.where(read[:, None], by / root[:, None], 0.0)
-        spreads = np.where(read[:, None], spread / variance[:, None], 0.0)
+        columns, spreads = by / root[:, None], spread / base.variance[:, None]
         gradient = -np.einsum("crk,cfrk->rf", bounded, columns)
-        gradient += 0.5 * np.einsum("crk,cfrk->rf", np.where(read, bounded * z - 1.0, 0.0), spreads)
+        gradient += 0.5 * np.einsum("crk,cfrk->rf", np.where(base.read, bounded * z - 1.0, 0.0), spreads)
         c, f, r, k = columns.shape
-        flat = np.moveaxis(columns, 2, 0).swapaxes(1, 2).reshape(r, f, c * k)
-        wide = np.moveaxis(spreads, 2, 0).swapaxes(1, 2).reshape(r, f, c * k)
+        flat, wide = (np.moveaxis(x, 2, 0).swapaxes(1, 2).reshape(r, f, c * k) for x in (columns, spreads))
         information = flat @ flat.swapaxes(1, 2) + 0.5 * wide @ wide.swapaxes(1, 2)
-        return cls(density, gradient, information)
+        return cls(base.density, gradient, information)
 
 
 def randomness(

@@ -171,9 +171,14 @@ class MixedFit(Outcome):
         return self.theta[[name != SWITCH for name in self.names]]
 
     @property
-    def noise(self) -> float:
-        """Noise of the first counted channel [its unit]."""
-        return float(self.noises[0])
+    def read(self) -> dict[str, int]:
+        """How many readings each counted channel has."""
+        return {name: int(gram.count.sum()) for name, gram in zip(self.noise_of, self.gram.channels)}
+
+    @property
+    def information(self) -> Floats:
+        """What each run says of phi, (R, p, p)."""
+        return linear_mixed.weigh(self.gram, self.effects, self.variances).hessian
 
     @property
     def variances(self) -> Floats:

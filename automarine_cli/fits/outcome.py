@@ -38,6 +38,43 @@ class Outcome:
         return float(self.theta[self.names.index(name)])
 
     @property
+    def of_model(self) -> Floats:
+        """The model's own entries of theta."""
+        raise NotImplementedError
+
+    @property
+    def information(self) -> Floats:
+        """What each run says of phi, (R, p, p)."""
+        raise NotImplementedError
+
+    @property
+    def noise_of(self) -> dict[str, float]:
+        """Noise of each channel that counts, by its quantity [its unit]."""
+        raise NotImplementedError
+
+    @property
+    def read(self) -> dict[str, int]:
+        """How many readings each of these channels has."""
+        raise NotImplementedError
+
+    @property
+    def noise(self) -> float:
+        """Noise of the first of these channels [its unit]."""
+        return next(iter(self.noise_of.values()))
+
+    def factor(self, block: str) -> float:
+        """Estimated size of one kind of run effect."""
+        raise NotImplementedError
+
+    def factor_interval(self, block: str) -> tuple[float, float]:
+        """95 % interval of that size."""
+        raise NotImplementedError
+
+    def own(self, block: str) -> Floats:
+        """Each run's own effects (R, k) of one kind."""
+        raise NotImplementedError
+
+    @property
     def jackknife_covariance(self) -> Floats:
         """Covariance of phi from leaving each run out, (p, p); needs no assumption on the noise within a
         run."""

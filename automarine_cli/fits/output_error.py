@@ -14,6 +14,7 @@ from automarine_cli.fits.influence import covariance_of_changes, degrees_of_free
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.nodes import COUNTS
+from automarine_cli.fits.outcome import Outcome
 from automarine_cli.fits.run_effects import DISTURBANCE, GAIN, SWITCHES
 from automarine_cli.fits.step_response import Known, StepData, instant, step_problem
 from automarine_cli.fits.ways import Ways
@@ -145,7 +146,7 @@ def fit_whole_runs(
     return _outcome(number, problem, best, begin, batch.moment_unit, dof, sided, of_half_turns=False)
 
 
-def run_covariance(mixed: MixedFit, problem: Problem | None = None) -> Floats:
+def run_covariance(mixed: Outcome, problem: Problem | None = None) -> Floats:
     """Covariance of phi with the run as the unit (see ENOUGH_RUNS), (p, p).
 
     Given the `problem` that was fitted, it is exact where instants are confined to their sample intervals (see
@@ -155,7 +156,7 @@ def run_covariance(mixed: MixedFit, problem: Problem | None = None) -> Floats:
     if runs < 2:
         return mixed.covariance
     jackknife = mixed.jackknife_covariance
-    if problem is not None:
+    if problem is not None and isinstance(mixed, MixedFit):
         jackknife = covariance_of_changes(left_out_changes(problem, mixed))
     if runs >= ENOUGH_RUNS:
         return jackknife
@@ -165,13 +166,13 @@ def run_covariance(mixed: MixedFit, problem: Problem | None = None) -> Floats:
     return mixed.covariance * np.outer(grow, grow)
 
 
-def run_dof(mixed: MixedFit, direction: Floats) -> float:
+def run_dof(mixed: Outcome, direction: Floats) -> float:
     """Degrees of freedom of the variance along `direction` (p,) of phi that `run_covariance` tells."""
     runs = len(mixed.left_out)
     return degrees_of_freedom(mixed, direction) if runs >= ENOUGH_RUNS else float(max(runs - 1, 1))
 
 
-def estimate_of(mixed: MixedFit, covariance: Floats, i: int, unit: str, dof: float | None = None) -> Estimate:
+def estimate_of(mixed: Outcome, covariance: Floats, i: int, unit: str, dof: float | None = None) -> Estimate:
     """One parameter; the interval of a positive one is formed on its logarithm. `dof` is that of `run_dof` if None."""
     stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
     form = Estimate.from_log if mixed.positive[i] else Estimate.from_stderr

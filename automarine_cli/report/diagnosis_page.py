@@ -212,7 +212,7 @@ def _remains(diagnosis: Diagnosis) -> str:
     text = f"The gap that is left is {ratio:.2f} times the noise of the {position}."
     if ratio < 1.0 + judge.WELL_ABOVE:
         return text + " That is the floor: these runs hold nothing more that could be fitted."
-    if diagnosis.study.disturbed:
+    if diagnosis.study.driven:
         return text + " In open water wind, waves and current hold the rest."
     return text + " Something is left that no candidate closes; where.png shows where."
 

@@ -68,7 +68,7 @@ def gap_table(diagnosis: Diagnosis) -> Table:
             f"Root mean square over whole runs simulated from their start, with each run's own start {position} and "
             "disturbances, which follow much of what the model lacks: restarted errors are those of `automarine "
             "validate`."
-            if diagnosis.study.disturbed
+            if diagnosis.study.driven
             else f"Root mean square over whole runs simulated from their start, with each run's own start {position}, "
             "thrust and switch instants. "
             f"Thrust differs from run to run by {scatter[0]:.1f} % before and {scatter[1]:.1f} % after.",

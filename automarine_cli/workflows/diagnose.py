@@ -76,7 +76,7 @@ class YawDiagnosis(Shown):
                 name: {"before": before[name].to_json(), "after": moved[name].to_json()} for name in before
             },
             "smallest_visible": {k: v for k, v in self.diagnosis.detectable.items() if np.isfinite(v)},
-            "open_water": self.diagnosis.study.disturbed,
+            "open_water": self.diagnosis.study.driven,
             **channels_json(self.diagnosis.channels, found.final.fit, dof),
             "held_out": []
             if self.diagnosis.held_out is None
