@@ -17,7 +17,7 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.study import Fit, Study
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.fits.innovations_problem import Slopes
+from automarine_cli.fits.innovations_problem import Slopes, innovations_of
 from automarine_cli.fits.mixed_model import MixedFit, derivatives
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.models.yaw_model import YawModel
@@ -209,8 +209,8 @@ def driven_scores(
 ) -> Pull:
     """The same of driven runs: what each probe changes in the innovations and in their variances."""
     problem = study.driven_problem(model)
-    moved, own = problem.moved(fit.phi), len(fit.of_model)
-    found = [problem.innovations(moved, problem.steps(fit.phi))]
+    whole, own = slice(None), len(fit.of_model)
+    found = [innovations_of(problem.follow(problem.moved(fit.phi)), whole, problem.steps(fit.phi))]
     for name in names:
         values = np.concatenate([probe.values for probe in every if probe.effect == name])
         wider = study.driven_problem(model.with_effect(name, values[0]))
@@ -218,7 +218,7 @@ def driven_scores(
         theta = np.concatenate([theta[:, :own], values, theta[:, own:]], axis=1)
         if len(wider.random) > len(problem.random):  # what an effect may let vary has a score of its own
             theta = np.concatenate([theta, np.full((len(values), 1), 1e-9)], axis=1)
-        found.append(wider.innovations(wider.search(theta), 1.0, found[0]))
+        found.append(innovations_of(wider.follow(wider.search(theta)), whole, 1.0, found[0]))
     slopes = Slopes.of(found)
     free, count = problem.free, len(fit.phi)
     places = np.concatenate([free, np.arange(count, count + slopes.gradient.shape[1] - len(free))])

@@ -197,7 +197,9 @@ class Study:
         if self.driven:
             driven = self.driven_problem(model)
             if isinstance(near, InnovationsFit):
-                return fit_innovations(driven, starts_near(driven, [values], near.of_chance), iterations)
+                return fit_innovations(
+                    driven, starts_near(driven, [values], near.of_chance), iterations, iterations < ITERATIONS
+                )
             return fit_innovations(
                 driven, np.concatenate([base_starts(driven), starts_near(driven, [values], {})])
             )

@@ -180,7 +180,7 @@ def _nodes(run: Run, step: float) -> Floats:
             kept.append(i)
             last = i
     gaps = np.diff(run.time[kept])
-    count = np.maximum(np.ceil(gaps / step - 0.2).astype(int), 1)
+    count = np.maximum(np.ceil(gaps / step - 0.25).astype(int), 1)
     which = np.repeat(np.arange(len(gaps)), count)
     order = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     return np.append(run.time[kept][which] + order * (gaps / count)[which], run.time[-1])

@@ -13,6 +13,7 @@ of Mathematical Statistics 35:73 (readings far off count linearly).
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +55,7 @@ class Followed:
     states: Floats | None
     places: States
 
-    @property
+    @cached_property
     def log_density(self) -> Floats:
         """Log density of the readings of each run, (P, R)."""
         z = np.abs(self.innovation) / np.sqrt(self.variance)
@@ -71,16 +72,17 @@ def follow(model: Vehicle, course: Course, theta: Floats, noises: Noises, keep: 
     places = step.places
     sets, runs, nodes = len(theta), len(course.names), course.length.shape[1] + 1
     mean, covariance = _start(step, course, noises, sets)
-    delivered, thrusty = step.delivered, noises.thrust
-    inverse = step.inverse
+    delivered, thrusty, inverse = step.delivered, noises.thrust[:, :, None], step.inverse
     shape = (len(course.channels), sets, runs, nodes)
     innovation, variance = np.zeros(shape), np.zeros(shape)
     states = np.zeros((places.count, sets, runs, nodes)) if keep else None
     decay = np.exp(-course.length[None, None] / noises.time[:, :, None, None])
     ramp = (1.0 - decay) * noises.time[:, :, None, None] / np.maximum(course.length, 1e-12)
-    fresh = (noises.size**2)[:, :, None, None] * (1.0 - decay**2)
-    white = noises.reading**2
-    pushed, still = places.pushed, np.eye(places.count)
+    fresh = ((noises.size**2)[:, :, None, None] * (1.0 - decay**2)).transpose(1, 2, 0, 3)
+    fade, root = decay.transpose(1, 2, 0, 3), np.sqrt(np.maximum(course.length, 1e-12))
+    white, still, dynamic = noises.reading**2, np.eye(places.count), places.dynamic
+    pushed = np.array(places.pushed)
+    here = np.searchsorted(step.columns, pushed)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for m in range(nodes):
             _update(step, course, m, mean, covariance, white, innovation, variance)
@@ -88,23 +90,21 @@ def follow(model: Vehicle, course: Course, theta: Floats, noises: Noises, keep: 
                 states[..., m] = mean
             if m == nodes - 1:
                 break
-            length, force = course.length[:, m], delivered[:, :, :, m]
+            force = delivered[..., m]
             mean, slopes = step.advance(m, mean, covariance, ramp[..., m])
-            jacobian = np.broadcast_to(still, covariance.shape).copy()
-            for column, slope in slopes.items():
-                jacobian[..., : places.dynamic, column] = np.moveaxis(slope, 0, 2)
-            bumps = np.moveaxis(step.bumps, (0, 1), (2, 3))  # (P, R, dynamic, D): of constant accelerations
-            for d, place in enumerate(pushed):
-                jacobian[..., : places.dynamic, place] = bumps[..., d] * ramp[d, :, :, m, None]
-                jacobian[..., place, place] = decay[d, :, :, m]
-                mean[place] = mean[place] * decay[d, :, :, m]
-            covariance = jacobian @ covariance @ np.swapaxes(jacobian, 2, 3)
-            for d, place in enumerate(pushed):
-                covariance[..., place, place] += fresh[d, :, :, m]
-            unsteady = thrusty[:, :, None] * np.abs(force) * np.exp(mean[places.gain])
-            blown = bumps @ (inverse[:, None] * np.moveaxis(unsteady, 0, 2)[..., None, :])
-            spread = blown @ np.swapaxes(blown, 2, 3) / np.maximum(length, 1e-12)[:, None, None]
-            covariance[..., : places.dynamic, : places.dynamic] += spread
+            bumps = slopes[:, here].transpose(2, 3, 0, 1)  # (P, R, dynamic, D): of constant accelerations
+            slopes = slopes.transpose(2, 3, 0, 1).copy()
+            slopes[..., here] *= ramp[..., m].transpose(1, 2, 0)[:, :, None]
+            jacobian = np.empty_like(covariance)
+            jacobian[:] = still
+            jacobian[..., :dynamic, step.columns] = slopes
+            jacobian[..., pushed, pushed] = fade[..., m]
+            mean[pushed] *= decay[..., m]
+            covariance = jacobian @ covariance @ jacobian.swapaxes(2, 3)
+            covariance[..., pushed, pushed] += fresh[..., m]
+            unsteady = thrusty * np.abs(force) * (np.exp(mean[places.gain]) / root[:, m])
+            blown = bumps @ (inverse[:, None] * unsteady.transpose(1, 2, 0)[:, :, None])
+            covariance[..., :dynamic, :dynamic] += blown @ blown.swapaxes(2, 3)
     return Followed(innovation, variance, states, places)
 
 
@@ -166,5 +166,5 @@ def _update(
         variance[c, :, :, m] = np.where(seen, total, 0.0)
         doubt = np.maximum(np.abs(missed) / (FAR * np.sqrt(total)), 1.0)
         gain = np.where(seen[:, None], shares / (total * doubt)[..., None], 0.0)
-        mean += np.moveaxis(gain, 2, 0) * np.where(seen, missed, 0.0)
+        mean += gain.transpose(2, 0, 1) * np.where(seen, missed, 0.0)
         covariance -= gain[..., :, None] * shares[..., None, :]

@@ -79,7 +79,7 @@ class Step:
     """One model on one course for P parameter sets: commands delivered, steps, readings.
 
     `delivered` (D, P, R, K) is what the actuators give without the runs' gain, `inverse` (P, D, D) that of the inertia,
-    `bumps` (dynamic, D, P, R) what a constant acceleration of one does in the step taken last.
+    `columns` are the states on which the dynamic ones depend nonlinearly, or that push them.
     """
 
     def __init__(self, model: Vehicle, course: Course, theta: Floats) -> None:
@@ -95,13 +95,18 @@ class Step:
         places = self.places
         turned = model.motion.turns or bool(self.places.memory) or any(t.effect.steered for t in terms)
         own = [place for group in places.own.values() for place in group]
-        self.columns = [
+        self.columns = np.array([
             *(places.position if turned else ()), *places.velocity, *places.water, *places.memory,
             *places.pushed, places.gain, *own,
-        ]  # fmt: skip
+        ])  # fmt: skip
+        self._pushed = np.array(places.pushed)
         self._model, self._theta = model, theta
-        self._build(model, theta, 1 + 2 * len(self.columns), self.origin)
-        self.bumps = np.zeros(0)
+        count = len(self.columns)
+        self._ahead, self._behind = 1 + np.arange(count), 1 + count + np.arange(count)
+        self._least = (
+            np.array([SHARE if c == places.gain else SMALL for c in self.columns])[:, None, None] ** 2
+        )
+        self._build(model, theta, 1 + 2 * count, self.origin)
 
     def _bound(self, term: Bound) -> Bound:
         """A term with the coefficients that each run has of its own; these arrays are filled anew in every step."""
@@ -138,37 +143,25 @@ class Step:
     def moved(self, m: int, mean: Floats, ramp: Floats) -> Floats:
         """The state (n, P, R) at the end of step m, without derivatives, if it was built for one copy."""
         every = mean.copy()
-        for d, place in enumerate(self.places.pushed):
-            every[place] *= ramp[d]
+        every[self._pushed] *= ramp
         after = mean.copy()
         after[: self.places.dynamic] = self._moved(m, every[:, None])
         return after
 
-    def advance(
-        self, m: int, mean: Floats, covariance: Floats, ramp: Floats
-    ) -> tuple[Floats, dict[int, Floats]]:
-        """The state at the end of step m, (n, P, R), and the derivatives (dynamic, P, R) of its dynamic part by the
-        states that it depends on nonlinearly; `ramp` (D, P, R) is the mean of a disturbance over the step as a share of
-        what it begins with."""
-        places, count, dynamic = self.places, len(self.columns), self.places.dynamic
+    def advance(self, m: int, mean: Floats, covariance: Floats, ramp: Floats) -> tuple[Floats, Floats]:
+        """The state at the end of step m, (n, P, R), and the derivatives (dynamic, columns, P, R) of its dynamic part
+        by the states of `columns`; `ramp` (D, P, R) is the mean of a disturbance over the step as a share of what it
+        begins with, and those by disturbances are by such a mean."""
+        places, columns, count = self.places, self.columns, len(self.columns)
         every = np.repeat(mean[:, None], self._copies, axis=1)
-        for d, place in enumerate(places.pushed):
-            every[place] *= ramp[d]
-        sizes = []
-        for j, place in enumerate(self.columns):
-            size = np.sqrt(np.maximum(covariance[..., place, place], SMALL**2))
-            if place == places.gain:
-                size = np.maximum(size, SHARE)
-            every[place, 1 + j] += size
-            every[place, 1 + count + j] -= size
-            sizes.append(2.0 * size)
-        moved = self._moved(m, every).reshape(dynamic, self._copies, self.sets, self.runs)
-        difference = (moved[:, 1 : 1 + count] - moved[:, 1 + count :]) / np.stack(sizes)
-        slopes = {place: difference[:, j] for j, place in enumerate(self.columns)}
-        self.bumps = np.stack([slopes.pop(place) for place in places.pushed], axis=1)
+        every[self._pushed] *= ramp[:, None]
+        sizes = np.sqrt(np.maximum(covariance[..., columns, columns].transpose(2, 0, 1), self._least))
+        every[columns, self._ahead] += sizes
+        every[columns, self._behind] -= sizes
+        moved = self._moved(m, every).reshape(places.dynamic, self._copies, self.sets, self.runs)
         after = mean.copy()
-        after[:dynamic] = moved[:, 0]
-        return after, slopes
+        after[: places.dynamic] = moved[:, 0]
+        return after, (moved[:, 1 : 1 + count] - moved[:, 1 + count :]) / (2.0 * sizes)
 
     def _moved(self, m: int, every: Floats) -> Floats:
         """The dynamic states of all copies after step m, (dynamic, copies P, R), by Runge and Kutta's method."""
@@ -180,9 +173,9 @@ class Step:
         begin, end = self.clock[:, m], self.clock[:, m + 1]
         half = 0.5 * (begin + end)
         signals = {name: column[:, m] for name, column in self.signals.items()}
-        gain = np.exp(flat[places.gain])
-        force = tuple(np.tile(one[:, :, m], (self._copies, 1)) * gain for one in self.delivered)
-        pushed = flat[list(places.pushed)]
+        gain = np.exp(every[places.gain])
+        force = tuple((one[:, :, m] * gain).reshape(flat.shape[1:]) for one in self.delivered)
+        pushed = flat[self._pushed]
         x, v, w = flat[:dofs], flat[dofs : 2 * dofs], [flat[place] for place in places.water]
 
         def slope(x, v, w, time):  # type: ignore[no-untyped-def]

@@ -26,8 +26,9 @@ SETTLED = 0.02
 ITERATIONS = 30
 SIZES = {GAIN: "gain-scatter"}
 """What run effects are called whose sizes are parameters."""
-DAMPINGS = (0.0, 0.1, 1.0, 10.0)
-"""Shares of the curvature that are added to it; the steps of all of them are tried together."""
+LEAST_DAMPING, MOST_DAMPING, SHARES = 1e-4, 1e3, (1.0, 30.0)
+"""Share of the curvature that is added to it, and multiples of that which are tried together."""
+NO_START = "no start of the fit gives a finite likelihood; check the units of command, position and time"
 
 
 @dataclass(frozen=True)
@@ -84,50 +85,59 @@ class InnovationsFit(Outcome):
         return self.gains[:, None] if block == GAIN else np.zeros((len(self.gains), 1))
 
 
-def fit_innovations(problem: DrivenProblem, starts: Floats, iterations: int = ITERATIONS) -> InnovationsFit:
-    """Fit from the best of `starts` (S, p) in theta. Raises FitError where no start leads anywhere."""
+def fit_innovations(
+    problem: DrivenProblem, starts: Floats, iterations: int = ITERATIONS, brief: bool = False
+) -> InnovationsFit:
+    """Fit from the best of `starts` (S, p) in theta; a `brief` one leaves no run out, and predicts none.
+
+    Raises FitError where no start leads anywhere.
+    """
     phis = np.clip(problem.search(starts), problem.limits[:, 0], problem.limits[:, 1])
-    values = problem.value(phis)
-    if not np.isfinite(values).any():
-        raise FitError("no start of the fit gives a finite likelihood; check units of command and time")
-    phi, value = phis[int(np.argmax(values))], float(values.max())
+    phi = phis[0]
+    if len(phis) > 1:
+        values = problem.value(phis)
+        if not np.isfinite(values).any():
+            raise FitError(NO_START)
+        phi = phis[int(np.argmax(values))]
+    (slopes,) = problem.slopes(phi[None])
+    value = slopes.value(problem, phi)
+    if not np.isfinite(value):
+        raise FitError(NO_START)
     free, limits = problem.free, problem.limits
     mean, precision = problem.priors
-    converged, done, base = False, 0, 1e-3
-    slopes = problem.slopes(phi)
+    converged, done, damping = False, 0, LEAST_DAMPING
     while done < iterations:
         done += 1
         gradient = slopes.gradient.sum(axis=0) - ((phi - mean) * precision)[free]
         hessian = slopes.information.sum(axis=0) + np.diag(precision[free])
         if not (np.isfinite(gradient).all() and np.isfinite(hessian).all()):
             break
-        trials = np.tile(phi, (len(DAMPINGS), 1))
-        for trial, damping in zip(trials, DAMPINGS):
-            damped = hessian + max(damping, base if damping == 0.0 else 0.0) * np.diag(
-                np.diagonal(hessian) + 1e-12
-            )
+        trials = np.tile(phi, (len(SHARES), 1))
+        for trial, share in zip(trials, SHARES):
+            damped = hessian + share * damping * np.diag(np.diagonal(hessian) + 1e-12)
             pull = gradient + damped @ phi[free]
             trial[free] = linear_mixed.bounded_solution(damped, pull, phi[free], limits[free])
-        inside = trials[0, free] - phi[free]
-        expected = float(gradient @ inside - 0.5 * inside @ hessian @ inside)
+        step = trials[0, free] - phi[free]
+        expected = float(gradient @ step - 0.5 * step @ hessian @ step)
         if expected < SETTLED:
             converged = True
             break
-        tried = problem.value(trials)
-        best = int(np.argmax(tried))
-        if tried[best] > value + 0.1 * SETTLED:
-            phi, value, base = trials[best], float(tried[best]), max(base * 0.3, 1e-6)
-            slopes = problem.slopes(phi)
-        elif base < 1e3:
-            base = max(100.0, 100.0 * base)
+        tried = problem.slopes(trials)
+        reached = [one.value(problem, trial) for one, trial in zip(tried, trials)]
+        best = int(np.argmax(reached))
+        if reached[best] > value + 0.1 * SETTLED:
+            phi, value, slopes = trials[best], reached[best], tried[best]
+            damping = max(damping * (0.1 if best == 0 else SHARES[best]), LEAST_DAMPING)
+        elif damping < MOST_DAMPING:
+            damping *= SHARES[-1] * 10.0
         else:
             converged = expected < 1.0
             break
-    return _report(problem, phi, slopes, done, converged)
+    return _report(problem, phi, slopes, done, converged, brief)
 
 
 def _report(
-    problem: DrivenProblem, phi: Floats, slopes: Slopes, iterations: int, converged: bool
+    problem: DrivenProblem, phi: Floats, slopes: Slopes, iterations: int, converged: bool, brief: bool
 ) -> InnovationsFit:
     free, limits, count = problem.free, problem.limits, len(problem.names)
     _, precision = problem.priors
@@ -147,7 +157,7 @@ def _report(
         left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
     information = np.zeros((runs, count, count))
     information[:, free[:, None], free] = slopes.information
-    every = problem.follow(np.concatenate([phi[None], left_out]), keep=True)
+    every = problem.follow(phi[None] if brief else np.concatenate([phi[None], left_out]), keep=True)
     density = every.log_density
     assert every.states is not None
     theta = problem.natural(phi)
@@ -159,7 +169,7 @@ def _report(
         covariance=covariance,
         left_out=left_out,
         log_likelihood=float(density[0].sum()),
-        predictive=np.where(np.isfinite(density[1:]), density[1:], -1e9)[np.arange(runs), np.arange(runs)],
+        predictive=density[0] if brief else _finite(density[1:])[np.arange(runs), np.arange(runs)],
         at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)),
         iterations=iterations,
         converged=converged,
@@ -169,3 +179,8 @@ def _report(
         parameters=count - len(problem.random),
         by_run=information,
     )
+
+
+def _finite(density: Floats) -> Floats:
+    """Log densities, next to nothing where a filter ran away."""
+    return np.where(np.isfinite(density), density, -1e9)

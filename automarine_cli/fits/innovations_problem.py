@@ -110,29 +110,11 @@ class DrivenProblem:
         moved[np.arange(1, len(moved)), self.free] += self.steps(phi)
         return moved
 
-    def slopes(self, phi: Floats) -> "Slopes":
-        """Each run's gradient and information by the free parameters."""
-        return Slopes.of([self.innovations(self.moved(phi), self.steps(phi))])
-
-    def innovations(
-        self, phi: Floats, steps: Floats | float, base: "Innovations | None" = None
-    ) -> "Innovations":
-        """Innovations at a point, and how they change per step from there to each phi (P, p). The point is that of
-        `base` if it is given, else the first phi."""
-        found = self.follow(phi)
-        error, variance = found.innovation, found.variance
-        if base is None:
-            read = variance[:, 0] > 0
-            base = Innovations(
-                error[:, 0], np.where(read, variance[:, 0], 1.0), read, error[:, :0], error[:, :0],
-                found.log_density[0],
-            )  # fmt: skip
-            error, variance = error[:, 1:], variance[:, 1:]
-        step = np.broadcast_to(steps, error.shape[1])[:, None, None]
-        by = np.where(base.read[:, None], (error - base.error[:, None]) / step, 0.0)
-        spread = np.where(base.read[:, None], (variance - base.variance[:, None]) / step, 0.0)
-        sane = np.isfinite(np.sum(by + spread, axis=(0, 2, 3), keepdims=True))[0]
-        return replace(base, by=np.where(sane, by, 0.0), spread=np.where(sane, spread, 0.0))
+    def slopes(self, phi: Floats) -> list["Slopes"]:
+        """Each run's gradient and information by the free parameters at each phi (P, p), all filtered together."""
+        found, count = self.follow(np.concatenate([self.moved(one) for one in phi])), 1 + len(self.free)
+        parts = [slice(i * count, (i + 1) * count) for i in range(len(phi))]
+        return [Slopes.of([innovations_of(found, part, self.steps(one))]) for part, one in zip(parts, phi)]
 
 
 @dataclass(frozen=True)
@@ -148,6 +130,25 @@ class Innovations:
     density: Floats
 
 
+def innovations_of(
+    found: Followed, part: slice, steps: Floats | float, base: Innovations | None = None
+) -> Innovations:
+    """Innovations at a point, and how they change per step from there to the parameter sets `part` of what was
+    filtered. The point is that of `base` if it is given, else the first of them."""
+    error, variance, density = found.innovation[:, part], found.variance[:, part], found.log_density[part]
+    if base is None:
+        read = variance[:, 0] > 0
+        base = Innovations(
+            error[:, 0], np.where(read, variance[:, 0], 1.0), read, error[:, :0], error[:, :0], density[0]
+        )
+        error, variance = error[:, 1:], variance[:, 1:]
+    step = np.broadcast_to(steps, error.shape[1])[:, None, None]
+    by = np.where(base.read[:, None], (error - base.error[:, None]) / step, 0.0)
+    spread = np.where(base.read[:, None], (variance - base.variance[:, None]) / step, 0.0)
+    sane = np.isfinite(np.sum(by + spread, axis=(0, 2, 3), keepdims=True))[0]
+    return replace(base, by=np.where(sane, by, 0.0), spread=np.where(sane, spread, 0.0))
+
+
 @dataclass(frozen=True)
 class Slopes:
     """Each run's log density (R,), its gradient (R, f) and Fisher information (R, f, f) by f parameters."""
@@ -155,6 +156,11 @@ class Slopes:
     density: Floats
     gradient: Floats
     information: Floats
+
+    def value(self, problem: DrivenProblem, phi: Floats) -> float:
+        """Log density of all runs with the prior; minus infinity where a filter runs away."""
+        total = float(self.density.sum() + problem.prior(phi))
+        return total if np.isfinite(total) else -np.inf
 
     @classmethod
     def of(cls, parts: Sequence[Innovations]) -> "Slopes":
