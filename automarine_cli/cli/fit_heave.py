@@ -15,9 +15,9 @@ from automarine_cli.cli.fit_yaw import told
 )  # fmt: skip
 @options.fit_options
 def fit_heave(
-    logs: tuple[str, ...], columns: Path | None, thrusters: Path | None, depths: tuple[float, float] | None,
-    fit_to: str, tail: float | None, channels: str,
-    out: Path | None, overwrite: bool, strict: bool, jobs: int, as_json: bool,
+    logs: tuple[str, ...], columns: Path | None, thrusters: Path | None, depths: tuple[float, float] | None, fit_to: str,
+    tail: float | None, channels: str, with_effects: str, out: Path | None, overwrite: bool, strict: bool, jobs: int,
+    as_json: bool,
 ) -> object:  # fmt: skip
     """Identify the heave model from step runs: depth against force, drag, mass, and the vehicle's buoyancy.
 
@@ -34,6 +34,7 @@ def fit_heave(
 
     result = workflow.FITS["heave"](
         logs, columns=columns, thrusters=thrusters, depths=depths, fit_to=fit_to, tail=tail, channels=channels,
-        out=out, overwrite=overwrite, strict=strict, jobs=jobs, progress=options.terminal_progress(),
+        with_effects=options.names_in(with_effects), out=out, overwrite=overwrite, strict=strict, jobs=jobs,
+        progress=options.terminal_progress(),
     )  # fmt: skip
     return told(result, out, as_json)

@@ -16,7 +16,8 @@ from automarine_cli.cli.fit_yaw import told
 @options.fit_options
 def fit_sway(
     logs: tuple[str, ...], columns: Path | None, thrusters: Path | None, within: float | None, fit_to: str,
-    tail: float | None, channels: str, out: Path | None, overwrite: bool, strict: bool, jobs: int, as_json: bool,
+    tail: float | None, channels: str, with_effects: str, out: Path | None, overwrite: bool, strict: bool, jobs: int,
+    as_json: bool,
 ) -> object:  # fmt: skip
     """Identify the sway model from step runs: distance against force, drag (Table 1) and mass (Table 2).
 
@@ -32,6 +33,7 @@ def fit_sway(
 
     result = workflow.FITS["sway"](
         logs, columns=columns, thrusters=thrusters, within=within, fit_to=fit_to, tail=tail, channels=channels,
-        out=out, overwrite=overwrite, strict=strict, jobs=jobs, progress=options.terminal_progress(),
+        with_effects=options.names_in(with_effects), out=out, overwrite=overwrite, strict=strict, jobs=jobs,
+        progress=options.terminal_progress(),
     )  # fmt: skip
     return told(result, out, as_json)

@@ -26,6 +26,7 @@ def files_of(half_turns: bool, motion: str = "yaw") -> tuple[str, ...]:
 @options.fit_to_option
 @options.tail_option("DEGREES")
 @options.channels_option
+@options.with_option
 @options.out_option
 @options.overwrite_option
 @options.strict_option
@@ -34,7 +35,8 @@ def files_of(half_turns: bool, motion: str = "yaw") -> tuple[str, ...]:
 @options.verbosity
 def fit_yaw(
     logs: tuple[str, ...], columns: Path | None, thrusters: Path | None, arm: float | None, fit_to: str,
-    tail: float | None, channels: str, out: Path | None, overwrite: bool, strict: bool, jobs: int, as_json: bool,
+    tail: float | None, channels: str, with_effects: str, out: Path | None, overwrite: bool, strict: bool, jobs: int,
+    as_json: bool,
 ) -> object:  # fmt: skip
     """Identify the yaw model from step runs: drag (Table 1) and inertia (Table 2).
 
@@ -49,8 +51,9 @@ def fit_yaw(
     from automarine_cli.workflows import fit_yaw as workflow
 
     result = workflow.fit_yaw(
-        logs, columns=columns, thrusters=thrusters, arm=arm, fit_to=fit_to, tail=tail, channels=channels, out=out,
-        overwrite=overwrite, strict=strict, jobs=jobs, progress=options.terminal_progress(),
+        logs, columns=columns, thrusters=thrusters, arm=arm, fit_to=fit_to, tail=tail, channels=channels,
+        with_effects=options.names_in(with_effects), out=out, overwrite=overwrite, strict=strict, jobs=jobs,
+        progress=options.terminal_progress(),
     )  # fmt: skip
     return told(result, out, as_json)
 

@@ -24,6 +24,7 @@ __all__ = [
     "json_option",
     "logs_argument",
     "model_option",
+    "names_in",
     "out_option",
     "overwrite_option",
     "seed_option",
@@ -33,6 +34,7 @@ __all__ = [
     "thrusters_option",
     "verbosity",
     "verbosity_level",
+    "with_option",
 ]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -171,6 +173,18 @@ channels_option = click.option(
 """`channels`: text, understood by `runs.channels.wanted_channels`."""
 
 
+with_option = click.option(
+    "--with", "with_effects", default="", metavar="EFFECTS",
+    help="Effects that the models have beside drag, with commas: dead-band,input-delay. Fits whole runs, as driven ones.",
+)  # fmt: skip
+"""`with_effects`: text of names with commas."""
+
+
+def names_in(text: str) -> tuple[str, ...]:
+    """Names with commas between, as an option holds them."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
 def fit_options(function: Function) -> Function:
     """What the fits of translations share; their `--fit-to` speaks of steps."""
     steps = click.option(
@@ -178,8 +192,8 @@ def fit_options(function: Function) -> Function:
         help="What of the runs is fitted; auto takes steps where there are enough.",
     )  # fmt: skip
     every = (
-        logs_argument, columns_option, thrusters_option, steps, tail_option("METRES"), channels_option, out_option,
-        overwrite_option, strict_option, jobs_option, json_option, verbosity,
+        logs_argument, columns_option, thrusters_option, steps, tail_option("METRES"), channels_option, with_option,
+        out_option, overwrite_option, strict_option, jobs_option, json_option, verbosity,
     )  # fmt: skip
     for one in reversed(every):
         function = one(function)

@@ -1,7 +1,7 @@
 """Runs laid out for the filter: steps between readings, commands held finely, readings thinned to independent ones."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -79,6 +79,27 @@ class Course:
         here = np.take_along_axis(impulse, at, axis=2)
         rate = np.take_along_axis(delivered * self.width, np.minimum(at, delivered.shape[2] - 1), axis=2)
         return np.diff(here + self.part * rate, axis=2) / np.maximum(self.length, 1e-12) * (self.length > 0)
+
+    def only(self, run: int) -> "Course":
+        """One run of these, without what only others need."""
+        rows, steps = slice(run, run + 1), int((self.length[run] > 0).sum())
+        return replace(
+            self,
+            names=self.names[rows],
+            length=self.length[rows, :steps],
+            held=self.held[:, rows],
+            width=self.width[rows],
+            at=self.at[rows, : steps + 1],
+            part=self.part[rows, : steps + 1],
+            before=self.before[:, rows],
+            start=self.start[rows],
+            signals={name: column[rows] for name, column in self.signals.items()},
+            channels=tuple(
+                replace(one, values=one.values[rows, : steps + 1], seen=one.seen[rows, : steps + 1])
+                for one in self.channels
+            ),
+            still=self.still[rows],
+        )
 
     @cached_property
     def averaged_signals(self) -> dict[str, Floats]:

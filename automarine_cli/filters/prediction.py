@@ -86,6 +86,23 @@ def predict(
     return tuple(found)
 
 
+def free_run(model: Vehicle, course: Course, theta: Floats, noises: Noises, channel: int = 0) -> Floats:
+    """A channel of each run simulated from its first filtered state on, (R, K + 1), with the logged commands and no
+    further reading; not a number before that."""
+    followed = follow(model, course, theta[None], noises, keep=True)
+    assert followed.states is not None
+    of, time = course.channels[channel], course.time
+    late = of.seen & (time >= SETTLING)
+    run = np.flatnonzero(late.any(axis=1))
+    origin = late[run].argmax(axis=1)
+    last = late.shape[1] - 1 - late[run, ::-1].argmax(axis=1)
+    path = _carried(model, course, theta, noises, followed.states[:, 0], of, run, origin, last)
+    out = np.full(late.shape, np.nan)
+    for r, begin, end, shown in zip(run, origin, last, path):
+        out[r, begin : end + 1] = shown[: end - begin + 1]
+    return out
+
+
 def _targets(
     seen: NDArray[np.bool_], time: Floats, run: NDArray[np.int64], origin: NDArray[np.int64], horizon: float
 ) -> NDArray[np.int64]:

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
+from automarine_cli.dofs import Dof
+from automarine_cli.errors import SettingError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.fits.innovations import fit_innovations
 from automarine_cli.fits.innovations_problem import DrivenProblem, randomness
@@ -57,6 +59,21 @@ def driven_problem(
         np.array([*scale, *[1.0] * len(random)]),
         random,
     )
+
+
+def wanted_effects(names: Sequence[str], dof: Dof) -> tuple[str, ...]:
+    """The effects that a fit is to have beside drag. Raises SettingError for what is none, or has a place already."""
+    may = [
+        name for name in effects.names()
+        if effects.get(name).acts_in(dof) and not effects.get(name).role and not effects.get(name).needs
+        and not effects.get(name).per_run
+    ]  # fmt: skip
+    for name in names:
+        if name not in may:
+            raise SettingError(
+                f"with is {name!r}; expected effects such as {', '.join(may)}, with commas between"
+            )
+    return tuple(dict.fromkeys(names))
 
 
 def base_starts(problem: DrivenProblem) -> Floats:

@@ -2,17 +2,23 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, RunError
+from automarine_cli.filters.course import Course, make_course
 from automarine_cli.fits.drag import FEWEST_A_WAY
+from automarine_cli.fits.driven import disturbed
+from automarine_cli.fits.driven_fit import fit_driven
+from automarine_cli.fits.driven_use import use_of
 from automarine_cli.fits.output_error import MANY_RUNS, OutputErrorFit, fit_half_turns, fit_whole_runs, prefer
 from automarine_cli.fits.step_response import Known, StepData, half_turn_data
 from automarine_cli.fits.velocity_error import VelocityErrorFit, fit_velocity_error
 from automarine_cli.fits.ways import by_way
+from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.fits.yaw_cautions import design_cautions, fit_cautions, seed_cautions
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.fits.yaw_warnings import fit_warnings, step_warnings, told
@@ -24,7 +30,7 @@ from automarine_cli.runs.stuck import without_stuck
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
 
-Map = Callable[[Callable[[str], OutputErrorFit], Sequence[str]], Sequence[OutputErrorFit]]
+Map = Callable[[Callable[[str], Any], Sequence[str]], Sequence[Any]]
 
 NOTHING_KNOWN = Known()
 
@@ -45,6 +51,7 @@ def identify(
     trim: Trim = UNTRIMMED,
     channels: str = AUTO,
     tail: float | None = None,
+    with_effects: Sequence[str] = (),
 ) -> YawFit:
     """Fit the three models to `runs`, whose steps are followed as far as `trim` says.
 
@@ -58,7 +65,9 @@ def identify(
     if not runs:
         raise RunError("there are no runs to fit; give at least one")
     turns, set_aside = half_turns(runs, trim)
-    return identify_turns(runs[0].dof, turns, set_aside, lambda: runs, fit_to, known, each, channels, tail)
+    return identify_turns(
+        runs[0].dof, turns, set_aside, lambda: runs, fit_to, known, each, channels, tail, with_effects
+    )
 
 
 def identify_turns(
@@ -71,6 +80,7 @@ def identify_turns(
     each: Map | None = None,
     channels: str = AUTO,
     tail: float | None = None,
+    with_effects: Sequence[str] = (),
 ) -> YawFit:
     """As `identify`, of a motion's half-turns and the runs without one; `whole` gives the runs, if they are needed."""
     each = each or (lambda function, models: [function(model) for model in models])
@@ -83,14 +93,16 @@ def identify_turns(
             f"{steps} serve, and at least {FEWEST_STEPS} at 2 are needed; "
             f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         )
-    if fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs):
+    if not with_effects and (
+        fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)
+    ):
         return _fit_steps(turns, set_aside, known, each, channels, tail)
     if tail is not None:
         raise RunError(
             f"{_counted(len(turns), 'run')} of {runs} can be read by tails, too few for Table 1, and whole runs have "
             "none; leave the tail out, or give more runs from rest at one command"
         )
-    return _fit_whole(tuple(whole()), turns, fit_to, each, channels)
+    return _fit_whole(tuple(whole()), turns, fit_to, each, channels, with_effects)
 
 
 def _counted(number: int, noun: str) -> str:
@@ -174,7 +186,12 @@ def _fit_model(
 
 
 def _fit_whole(
-    runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, each: Map, channels: str
+    runs: tuple[Run, ...],
+    turns: Sequence[HalfTurn],
+    fit_to: str,
+    each: Map,
+    channels: str,
+    with_effects: Sequence[str],
 ) -> YawFit:
     serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in runs]
     kept, stuck = without_stuck([run for run, good in zip(runs, serves) if good])
@@ -191,21 +208,75 @@ def _fit_whole(
         )
     dof = moving[0].dof
     at_rest = np.array([starts_at_rest(run) for run in moving])
-    ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names)
-    fits = dict(zip("123", each(ask, ("1", "2", "3"))))
+    driven = _is_driven(moving, at_rest, chosen.names, with_effects)
+    if driven:
+        course = make_course(moving, at_rest, channels=chosen.names)
+        fits = _fitted_driven(moving, course, each, with_effects)
+    else:
+        ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names)
+        fits = dict(zip("123", each(ask, ("1", "2", "3"))))
     words = dof.words
+    how = "by the innovations of a filter" if driven else "by output error"
     why = (
-        f"The whole runs were fitted by output error, as asked (--fit-to whole-runs); steady {words.speed}s and "
-        f"velocity errors are of {words.step}s only"
-        if fit_to == "whole-runs"
+        f"The whole runs were fitted {how}, as asked ({'--with' if with_effects else '--fit-to whole-runs'}); steady "
+        f"{words.speed}s and velocity errors are of {words.step}s only"
+        if fit_to == "whole-runs" or with_effects
         else f"{len(turns)} of {len(runs)} runs hold a constant {words.force} from rest through a {words.step}, too "
-        f"few for steady {words.speed}s and velocity errors; the whole runs were fitted by output error"
+        f"few for steady {words.speed}s and velocity errors; the whole runs were fitted {how}"
     )
     preference = prefer(fits)
     unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
     cautions = (*design_cautions(levels.tolist(), unit, dof, of_steps=False), *fit_cautions(fits))
     warnings = (*fit_warnings(fits, preference, [run.name for run in moving]), *told(cautions, preference))
-    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, dof, chosen)
+    use = use_of(course, fits[preference.number]) if driven else None
+    if use is not None:
+        warnings = (*use.warnings(dof), *warnings)
+    return YawFit(
+        unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, dof, chosen, use
+    )
+
+
+def _is_driven(
+    runs: Sequence[Run],
+    at_rest: NDArray[np.bool_],
+    channels: tuple[str, ...] | None,
+    with_effects: Sequence[str],
+) -> bool:
+    """Whether whole runs are fitted by innovations: where the evidence asks, or effects beside drag are wanted."""
+    if with_effects:
+        return True
+    try:
+        rough = rough_model("2", make_batch(runs, STEPS[0]))
+        return disturbed(runs, rough, at_rest, channels)
+    except FitError:  # what is wrong with them, their fit will say
+        return False
+
+
+def _fitted_driven(
+    runs: Sequence[Run], course: Course, each: Map, with_effects: Sequence[str]
+) -> dict[str, OutputErrorFit]:
+    """The models that driven runs can carry; with none, the first one's refusal."""
+    ask = partial(_fit_driven_model, runs=runs, course=course, with_effects=tuple(with_effects))
+    found = dict(zip("123", each(ask, ("1", "2", "3"))))
+    kept = {number: one for number, one in found.items() if isinstance(one, OutputErrorFit)}
+    if not kept:
+        raise next(one for one in found.values() if isinstance(one, FitError))
+    return kept
+
+
+def _fit_driven_model(
+    number: str, runs: Sequence[Run], course: Course, with_effects: tuple[str, ...]
+) -> OutputErrorFit | FitError:
+    """One model, or why the runs do not carry it; finer steps where it turns out to be fast."""
+    batch, both = make_batch(runs, STEPS[0]), _both_ways(runs)
+
+    def fit(sided: bool) -> OutputErrorFit:
+        return fit_driven(course, rough_model(number, batch, sided), number, sided, with_effects)
+
+    try:
+        return by_way(fit, batch.dof, both)
+    except FitError as error:
+        return error
 
 
 def _too_little(run: Run) -> str:

@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.innovations_problem import DrivenProblem, Slopes
 from automarine_cli.fits.outcome import Outcome
 from automarine_cli.fits.run_effects import GAIN
@@ -184,3 +186,22 @@ def _report(
 def _finite(density: Floats) -> Floats:
     """Log densities, next to nothing where a filter ran away."""
     return np.where(np.isfinite(density), density, -1e9)
+
+
+def random_estimates(found: InnovationsFit, covariance: Floats, dof: Dof) -> dict[str, dict[str, object]]:
+    """What is random in a fit, for a result file: sizes with their intervals, in the units of the arithmetic."""
+    base = dof.units.base
+    units = {
+        "disturbance": f"{base}/s²",
+        "disturbance-time": "s",
+        "thrust-noise": "s^1/2",
+        "gain-scatter": "1",
+    }
+    stored: dict[str, dict[str, object]] = {}
+    for i, name in enumerate(found.names[found.parameters :], found.parameters):
+        kind = name.rpartition(".")[2]
+        unit = units.get(kind, f"{base}/s" if kind == dof.velocity else base)
+        stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
+        one = Estimate.from_log(float(found.theta[i]), stderr, max(len(found.left_out) - 1.0, 1.0), unit)
+        stored[name] = one.to_json()
+    return stored

@@ -7,14 +7,14 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.channel_noise import channels_json
 from automarine_cli.fits.drag import nested_test
+from automarine_cli.fits.driven_use import Use
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.fits.output_error import (
-    OutputErrorFit,
-    Preference,
-)
+from automarine_cli.fits.innovations import InnovationsFit, random_estimates
+from automarine_cli.fits.output_error import OutputErrorFit, Preference, estimate_of
 from automarine_cli.fits.step_response import StepData
 from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.fits.velocity_error import VelocityErrorFit
@@ -38,7 +38,7 @@ class YawFit(Shown):
     `turns` and `data` are the half-turns used (empty and None for whole runs), `runs` the whole runs (or
     empty), `output_error` and `seed_method` the two estimators by model, `why_no_seed_method` a sentence
     where there is none; `cautions` are on single parameters, of which those that matter are `warnings` as well;
-    `channels` are the sensors that count.
+    `channels` are the sensors that count; `use` is what the model predicts, of driven runs.
     """
 
     moment_unit: str
@@ -54,6 +54,7 @@ class YawFit(Shown):
     cautions: tuple[Caution, ...]
     dof: Dof
     channels: ChannelChoice = NOTHING_TO_CHOOSE
+    use: Use | None = None
 
     @property
     def preferred(self) -> OutputErrorFit:
@@ -63,7 +64,8 @@ class YawFit(Shown):
     @property
     def inertial_turn_angle(self) -> Estimate | None:
         """Inertia over quadratic drag of the preferred model, of model 3 where that has no quadratic drag."""
-        return self.preferred.inertial_turn_angle or self.output_error["3"].inertial_turn_angle
+        other = self.output_error.get("3")
+        return self.preferred.inertial_turn_angle or (None if other is None else other.inertial_turn_angle)
 
     @property
     def used(self) -> int:
@@ -90,7 +92,8 @@ class YawFit(Shown):
             "preferred_because": self.preference.because,
             dof.ratio_key: None if turn is None else turn.to_json(),
             "valid_range": valid_range(self.moments, fit.model),
-            "effects": [],
+            "effects": _effects_json(fit),
+            **self._driven_json(),
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
             f"{dof.words.position}_noise_{dof.units.key}": None
@@ -113,6 +116,21 @@ class YawFit(Shown):
         return (
             Buoyancy(self.preferred.estimates[self.dof.symbols.constant]) if self.dof.has_constant else None
         )
+
+    def _driven_json(self) -> dict[str, object]:
+        """What only driven runs have: what is random, and what the model predicts of runs left out."""
+        found, use = self.preferred.mixed, self.use
+        if use is None or not isinstance(found, InnovationsFit):
+            return {}
+        return {
+            "driven": True,
+            "random": random_estimates(found, self.preferred.covariance, self.dof),
+            "prediction": {
+                "left_out_runs": [one.to_json(self.dof) for one in use.worth],
+                "of_use": use.of_use,
+                "says": use.sentence(self.dof),
+            },
+        }
 
     def _model_json(self, number: str) -> dict[str, object]:
         fit, dof = self.output_error[number], self.dof
@@ -165,6 +183,25 @@ class YawFit(Shown):
             "tail_expected": seed.expected.to_json(dof),
         }
         return content
+
+
+def _effects_json(fit: OutputErrorFit) -> list[dict[str, object]]:
+    """The effects beside drag that a fit was asked to have, as an extended model holds them."""
+    found: list[dict[str, object]] = []
+    model = fit.model
+    for term in model.terms:
+        if term.own:
+            continue
+        names = effects.get(term.name).names_in(model.dof)
+        card = effects.get(term.name).card(model.dof, model.moment_unit)
+        own = {
+            name: estimate_of(
+                fit.mixed, fit.covariance, model.index(f"{term.name}.{name}"), parameter.unit
+            ).to_json()
+            for name, parameter in zip(names, card.parameters)
+        }
+        found.append({"name": term.name, "parameters": own})
+    return found
 
 
 def _drag_first(estimates: Mapping[str, Estimate], dof: Dof) -> dict[str, Estimate]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.drag import identity_gap
+from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.output_error import OutputErrorFit, Preference
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.tail_choice import BIAS_LIMIT
@@ -89,7 +90,7 @@ def fit_warnings(
             f"which scatter by {dof.shown(position_noise):.2g}{mark} about smooth curves: something acts that it "
             "lacks, a delay perhaps; `automarine diagnose` looks for it."
         )
-    turn = fit.inertial_turn_angle or fits["3"].inertial_turn_angle
+    turn = fit.inertial_turn_angle or (fits["3"].inertial_turn_angle if "3" in fits else None)
     low, high = dof.limits.plausible
     if turn is not None and not low <= turn.value <= high:
         found.append(
@@ -98,7 +99,7 @@ def fit_warnings(
             "lag."
         )
     for i in fit.mixed.at_bound:
-        if i == len(fit.estimates):
+        if i == len(fit.estimates) and fit.mixed.names[i] == SWITCH:
             found.append(dof.fill(LATE if fit.mixed.theta[i] > 0 else EARLY))
     return found
 

@@ -8,13 +8,17 @@ import pyarrow.parquet as pq
 
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.channel_noise import fit_sentences
-from automarine_cli.fits.mixed_problem import SWITCH
+from automarine_cli.fits.driven_use import Use
+from automarine_cli.fits.innovations import InnovationsFit
+from automarine_cli.fits.mixed_problem import SWITCH, MixedFit
+from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.run_effects import GAIN, START_VELOCITY, SWITCHES
 from automarine_cli.fits.step_response import instant
 from automarine_cli.fits.ways import Ways
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report import yaw_tables
 from automarine_cli.report.figures import yaw as figures
+from automarine_cli.report.figures.driven import driven_runs_figure
 from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.tables import Table, interval
 
@@ -42,6 +46,8 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     preferred, turn = fit.preferred, fit.inertial_turn_angle
     dof, words, own = fit.dof, fit.dof.words, fit.dof.symbols
     lines = [fit.preference.because]
+    if fit.use is not None:
+        lines = [fit.use.sentence(dof), *lines]
     if turn is not None:
         low, high = turn.ci95
         lines.append(
@@ -50,17 +56,37 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
         )
     scatter, (low, high) = preferred.gain_scatter.value, preferred.gain_scatter.ci95
     late, (first, last) = preferred.offset.value, preferred.offset.ci95
-    lines.append(
-        f"Thrust scatters from run to run by {100 * scatter:.1f} % [{100 * low:.1f}, {100 * high:.1f}]; {_noise(fit)}. "
-        f"{words.force.capitalize()}s switch {late:+.2f} sample intervals [{first:+.2f}, {last:+.2f}] from the middle "
-        "between the first sample that shows them and the one before."
+    scattered = (
+        f"Thrust scatters from run to run by {100 * scatter:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
     )
+    if isinstance(preferred.mixed, InnovationsFit):
+        lines.append(f"{scattered}; {_noise(fit)}. {_disturbance(preferred, preferred.mixed)}")
+    else:
+        lines.append(
+            f"{scattered}; {_noise(fit)}. {words.force.capitalize()}s switch {late:+.2f} sample intervals "
+            f"[{first:+.2f}, {last:+.2f}] from the middle between the first sample that shows them and the one before."
+        )
     lines += fit_sentences(fit.channels, preferred.mixed, dof)
     if preferred.ways is not None:
         lines.append(_by_way(preferred.ways, dof))
     if fit.buoyancy is not None:
         lines.append(fit.buoyancy.says)
-    return (*lines, *(f"Warning: {warning}" for warning in fit.warnings))
+    warnings = (
+        fit.warnings if fit.use is None or fit.use.of_use else fit.warnings[1:]
+    )  # that line stands first
+    return (*lines, *(f"Warning: {warning}" for warning in warnings))
+
+
+def _disturbance(fit: OutputErrorFit, found: InnovationsFit) -> str:
+    """What pushes the vehicle and is not logged, in a sentence."""
+    model = fit.model
+    dof, unit = model.dof, model.moment_unit
+    size = model.inertia * found.value(f"{dof.name}.disturbance")
+    time, thrust = (found.value(f"{dof.name}.{name}") for name in ("disturbance-time", "thrust-noise"))
+    return (
+        f"The runs are disturbed by a {dof.words.force} of {size:.3g} {unit} that lasts {time:.2g} s, and the thrust "
+        f"is unsteady by {100 * thrust:.0f} % over a second."
+    )
 
 
 def _noise(fit: YawFit) -> str:
@@ -96,6 +122,9 @@ def drawings(fit: YawFit) -> dict[str, Draw]:
     """What draws each figure, by the name of its file."""
     seed, data = fit.seed_method, fit.data
     if seed is None or data is None:
+        use = fit.use
+        if use is not None:
+            return {"whole_runs": lambda: driven_runs_figure(fit, use)}
         return {"whole_runs": lambda: figures.whole_runs_figure(fit)}
     return {
         fit.dof.steps_key: lambda: figures.half_turns_figure(fit),
@@ -114,6 +143,9 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
     dof, words = fit.dof, fit.dof.words
     shown, shown_rate = dof.units.key, dof.units.rate_key
     mixed, measured = fit.preferred.mixed, list[dict[str, object]]()
+    if fit.use is not None:
+        return _driven_rows(fit, fit.use)
+    assert isinstance(mixed, MixedFit)
     if fit.seed_method is None or fit.data is None:
         for i, run in enumerate(fit.runs):
             off = dof.shown(run.position - mixed.reading(dof.position)[i][: len(run)])
@@ -163,6 +195,25 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
         }
         measured.append(row)
     return measured
+
+
+def _driven_rows(fit: YawFit, use: Use) -> list[dict[str, object]]:
+    """One row a driven run: its gain, and what was predicted of it when it was left out of the fit."""
+    dof, rows = fit.dof, list[dict[str, object]]()
+    gains = np.exp(fit.preferred.mixed.own(GAIN)[:, 0])
+    squares = {one.horizon: one.by_run(one.error, len(fit.runs)) for one in use.predictions}
+    for i, run in enumerate(fit.runs):
+        row: dict[str, object] = {
+            "run": run.name,
+            "file": run.source,
+            "samples": len(run),
+            "duration_s": float(run.time[-1] - run.time[0]),
+            "gain": float(gains[i]),
+        }
+        for horizon, square in squares.items():
+            row[f"rmse_{horizon:g}_s_ahead_{dof.units.key}"] = float(dof.shown(np.sqrt(square[i])))
+        rows.append(row)
+    return rows
 
 
 def parquet(table: pa.Table) -> bytes:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from automarine_cli.dofs import TRANSLATIONS, YAW, Dof
 from automarine_cli.errors import SettingError
+from automarine_cli.fits.driven import wanted_effects
 from automarine_cli.fits.identify import NOTHING_KNOWN, identify_turns
 from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.fits.output_error import OutputErrorFit
@@ -41,6 +42,7 @@ def fit_yaw(
     tail: float | None = None,
     known: Known = NOTHING_KNOWN,
     channels: str = AUTO,
+    with_effects: Sequence[str] = (),
     out: Path | None = None,
     figure_formats: tuple[str, ...] = ("png",),
     overwrite: bool = False,
@@ -54,14 +56,14 @@ def fit_yaw(
     `thrusters` and `arm` [m] turn thruster commands into moments; `fit_to` and `known` as in
     `fits.identify.identify`, `channels` as in `runs.channels.choose_channels`. `tail` is the turned angle [degrees]
     from which on the paper's method takes a half-turn for steady; None: where drag and inertia are expected to be off
-    least.
+    least. `with_effects` names effects that the models of driven runs have beside drag.
 
     Raises LogError, RunError, FitError, SettingError or OutputError.
     """
     return _fit(
         YAW, UNTRIMMED, {"arm": arm}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, tail=tail, known=known,
-        channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs,
-        progress=progress,
+        channels=channels, with_effects=with_effects, out=out, figure_formats=figure_formats, overwrite=overwrite,
+        strict=strict, jobs=jobs, progress=progress,
     )  # fmt: skip
 
 
@@ -78,6 +80,7 @@ def _followed(dof: Dof) -> Callable[..., YawFit]:
         tail: float | None = None,
         known: Known = NOTHING_KNOWN,
         channels: str = AUTO,
+        with_effects: Sequence[str] = (),
         out: Path | None = None,
         figure_formats: tuple[str, ...] = ("png",),
         overwrite: bool = False,
@@ -95,8 +98,8 @@ def _followed(dof: Dof) -> Callable[..., YawFit]:
             raise SettingError(f"within is {within:g}; expected metres above 0")
         return _fit(
             dof, Trim(within), {"within": within}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to,
-            tail=tail, known=known, channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite,
-            strict=strict, jobs=jobs, progress=progress,
+            tail=tail, known=known, channels=channels, with_effects=with_effects, out=out,
+            figure_formats=figure_formats, overwrite=overwrite, strict=strict, jobs=jobs, progress=progress,
         )  # fmt: skip
 
     return _named(fit, dof)
@@ -115,6 +118,7 @@ def _windowed(dof: Dof) -> Callable[..., YawFit]:
         tail: float | None = None,
         known: Known = NOTHING_KNOWN,
         channels: str = AUTO,
+        with_effects: Sequence[str] = (),
         out: Path | None = None,
         figure_formats: tuple[str, ...] = ("png",),
         overwrite: bool = False,
@@ -134,8 +138,8 @@ def _windowed(dof: Dof) -> Callable[..., YawFit]:
         trim = UNTRIMMED if depths is None else Trim(None, *depths)
         return _fit(
             dof, trim, {"depths": depths}, logs, columns=columns, thrusters=thrusters, fit_to=fit_to, tail=tail,
-            known=known, channels=channels, out=out, figure_formats=figure_formats, overwrite=overwrite, strict=strict,
-            jobs=jobs, progress=progress,
+            known=known, channels=channels, with_effects=with_effects, out=out, figure_formats=figure_formats,
+            overwrite=overwrite, strict=strict, jobs=jobs, progress=progress,
         )  # fmt: skip
 
     return _named(fit, dof)
@@ -167,6 +171,7 @@ def _fit(
     tail: float | None,
     known: Known,
     channels: str,
+    with_effects: Sequence[str],
     out: Path | None,
     figure_formats: tuple[str, ...],
     overwrite: bool,
@@ -180,6 +185,9 @@ def _fit(
         raise SettingError("tail is given, but whole runs have no tails; leave it out, or fit to steps")
     refuse_unknown(figure_formats)
     wanted_channels(channels, dof)
+    wanted = wanted_effects(with_effects, dof)
+    if wanted and fit_to not in (FIT_TO[0], FIT_TO[2]):
+        raise SettingError(f"--with fits whole runs; leave out --fit-to {fit_to}")
     column_map = given_columns(columns)
     arm, kind = own.get("arm"), FIT_TO[1] if fit_to == STEPS else fit_to
     drive = moment_maker(thrusters, arm if isinstance(arm, int | float) else None, column_map, dof)
@@ -197,7 +205,7 @@ def _fit(
     def work() -> YawFit:
         with told_beside(campaign.set_aside), in_words_of(dof):
             fit = identify_turns(
-                dof, campaign.turns, campaign.not_turned, whole, kind, known, each, channels, start
+                dof, campaign.turns, campaign.not_turned, whole, kind, known, each, channels, start, wanted
             )
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside))
         if strict and fit.set_aside:
@@ -218,6 +226,7 @@ def _fit(
         "figure_formats": figure_formats,
         "strict": strict,
         **asked_channels(channels),
+        **({"with_effects": list(wanted)} if wanted else {}),
     }
     command = f"fit-{dof.name}"
     with result_folder(

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from automarine_cli.fits.mixed_problem import MixedFit
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.step_response import StepData
 from automarine_cli.fits.velocity_error import VelocityErrorFit
@@ -201,9 +202,9 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
 
 @house_style
 def whole_runs_figure(fit: YawFit) -> Figure:
-    """Measured heading of each whole run, and the preferred model's with the disturbance that the fit allows
-    it."""
-    dof = fit.dof
+    """Measured heading of each whole run, and the preferred model's."""
+    dof, mixed = fit.dof, fit.preferred.mixed
+    assert isinstance(mixed, MixedFit)
     count = len(fit.runs)
     shown = list(range(count))[:24]
     columns = min(3, len(shown))
@@ -212,7 +213,7 @@ def whole_runs_figure(fit: YawFit) -> Figure:
     number = fit.preference.number
     for ax, i in zip(axes.flat, shown):
         run = fit.runs[i]
-        time, fitted = run.time - run.time[0], fit.preferred.mixed.reading(dof.position)[i][: len(run)]
+        time, fitted = run.time - run.time[0], mixed.reading(dof.position)[i][: len(run)]
         ax.plot(time, dof.shown(run.position), color=MEASURED, lw=2.0, label="measured")
         ax.plot(
             time,
@@ -220,7 +221,7 @@ def whole_runs_figure(fit: YawFit) -> Figure:
             color=MODEL_COLOURS[number],
             ls=MODEL_LINES[number],
             lw=1.0,
-            label=f"model {number} with disturbance",
+            label=f"model {number}",
         )
         ax.set_title(run.name, parse_math=False)  # a name may hold dollar signs
     for ax in axes.flat[len(shown) :]:

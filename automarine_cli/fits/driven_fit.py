@@ -1,0 +1,203 @@
+"""Models 1 to 3 fitted to driven and disturbed runs, and what they are worth on runs that were left out."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli import effects
+from automarine_cli.dofs import Dof
+from automarine_cli.errors import FitError
+from automarine_cli.filters.course import Course
+from automarine_cli.filters.prediction import HORIZONS, Predicted, predict
+from automarine_cli.fits.driven import base_starts, driven_problem, starts_near
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.innovations import InnovationsFit, fit_innovations
+from automarine_cli.fits.innovations_problem import DrivenProblem
+from automarine_cli.fits.output_error import OutputErrorFit, estimate_of, run_covariance, run_dof
+from automarine_cli.models.yaw_model import YawModel, base_names, base_roles, main_drag
+
+Floats = NDArray[np.float64]
+
+SLOWEST, QUICKEST = 600.0, 1e-3
+"""Seconds in which no vehicle answers its thrusters, or has answered them: inertia over the drag at the largest
+command."""
+HEAD_START = 10.0
+"""Deviance, beyond the penalty of its parameters, that an effect has to gain before it is proposed."""
+PROPOSED = ("input-delay", "dead-band")
+"""Effects with which models of driven logs may begin, if the evidence asks."""
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What a model is worth over one horizon [s]: root mean square errors of positions of runs that were left out of
+    its fit [rad or m], beside those of a constant rate and of a constant position, and over how many predictions."""
+
+    horizon: float
+    error: float
+    constant_rate: float
+    constant: float
+    count: int
+
+    @property
+    def of_use(self) -> bool:
+        """Whether the model predicts better than both constants do."""
+        return self.error < min(self.constant_rate, self.constant)
+
+    def to_json(self, dof: Dof) -> dict[str, object]:
+        """For a result file, in the unit in which people see positions."""
+        key = dof.units.key
+        return {
+            "horizon_s": self.horizon,
+            f"rmse_{key}": float(dof.shown(self.error)),
+            f"constant_rate_{key}": float(dof.shown(self.constant_rate)),
+            f"constant_{dof.words.position}_{key}": float(dof.shown(self.constant)),
+            "predictions": self.count,
+        }
+
+
+def fit_driven(
+    course: Course,
+    rough: YawModel,
+    number: str,
+    sided: bool = False,
+    with_effects: Sequence[str] = (),
+    near: InnovationsFit | None = None,
+) -> OutputErrorFit:
+    """Fit one model to driven runs, from `rough` values; `with_effects` names what it has beside its drag.
+
+    Raises FitError where the runs leave inertia or drag open, or give them sizes that no vehicle has.
+    """
+    model = rough
+    largest = float(np.abs(course.held).max()) or 1.0
+    for name in with_effects:
+        effect = effects.get(name)
+        start = [p.scaled(p.start, largest) if not p.held else float(p.off) for p in effect.parameters]
+        model = model.with_effect(name, start)
+    problem = driven_problem(model, course)
+    starts = base_starts(problem)
+    if near is not None:
+        starts = np.concatenate([starts, starts_near(problem, [model.theta], near.of_chance)])
+    found = fit_innovations(problem, starts)
+    _refuse_runaways(model.with_theta(found.of_model), found, course)
+    return _outcome(problem, found, number, sided)
+
+
+def _refuse_runaways(model: YawModel, found: InnovationsFit, course: Course) -> None:
+    """A fit that ran away is no model. Raises FitError with what the runs lack."""
+    dof, largest = course.motion.dofs[0], float(np.abs(course.held).max())
+    linear, quadratic = model.drag()
+    slowness = model.fastest(largest)
+    deviation = float(np.sqrt(max(found.covariance[0, 0], 0.0)))
+    if linear <= 0 and quadratic <= 0:
+        what = f"no drag is left of it ({', '.join(model.short_names[1:])} at zero)"
+    elif not QUICKEST < slowness < SLOWEST:
+        what = f"it would answer its thrusters within {slowness:.2g} s"
+    elif 0 in found.at_bound or deviation <= 0.0 or deviation > 1.5:
+        what = f"{dof.words.an_inertia} of {model.inertia:.3g} is as likely as one of three times that"
+    else:
+        return
+    raise FitError(
+        dof.fill(
+            f"these runs leave the model open: {what}. They hold too little {{moving}} that the {{force}} made; add "
+            "runs with larger and quicker commands to both sides, best without a controller in the loop, and check "
+            "that the logged commands are those of this vehicle"
+        )
+    )
+
+
+def _outcome(problem: DrivenProblem, found: InnovationsFit, number: str, sided: bool) -> OutputErrorFit:
+    base = problem.model
+    assert isinstance(base, YawModel)
+    dof, unit = base.dof, base.moment_unit
+    covariance = run_covariance(found)
+    runs = len(found.left_out)
+    alone = float(sum(found.read.values()) - len(found.theta)) if runs == 1 else None
+    roles, names = base_roles(number, dof, sided), base_names(number, dof, sided)
+    at = {role: found.names.index(dof.parameter(role)) for role in roles}
+    like = {"difference": main_drag(number)}
+    estimates = {
+        name: estimate_of(found, covariance, at[role], dof.unit_of(like.get(role, role), unit), alone)
+        for role, name in zip(roles, names)
+    }
+    turn = None
+    if "quadratic" in roles and found.theta[at["quadratic"]] > 0 and at["quadratic"] not in found.at_bound:
+        turn = _ratio(found, covariance, at["inertia"], at["quadratic"], alone, dof)
+    low, high = found.factor_interval("gain")
+    none = Estimate(0.0, 0.0, (0.0, 0.0), "sample interval")
+    scatter = Estimate(found.factor("gain"), (high - low) / 3.92, (low, high), "1")
+    return OutputErrorFit(
+        number,
+        base.with_theta(found.of_model),
+        estimates,
+        turn,
+        none,
+        scatter,
+        found.noise_of.get(dof.position),
+        found,
+        covariance,
+        np.array([*base.theta, *[0.0] * len(problem.random)]),
+    )
+
+
+def _ratio(
+    found: InnovationsFit, covariance: Floats, i: int, k: int, alone: float | None, dof: Dof
+) -> Estimate:
+    """Inertia over quadratic drag; the inertia is searched on its logarithm, the drag is not."""
+    direction = np.eye(len(found.theta))[i] - np.eye(len(found.theta))[k] / found.theta[k]
+    stderr = float(np.sqrt(max(direction @ covariance @ direction, 0.0)))
+    freedom = alone or run_dof(found, direction)
+    return Estimate.from_log(found.theta[i] / found.theta[k], stderr, freedom, dof.unit_of("ratio"))
+
+
+def left_out_predictions(problem: DrivenProblem, found: InnovationsFit) -> tuple[Predicted, ...]:
+    """Predictions of each run by the parameters that the other runs give, of the first channel, over each horizon."""
+    each: list[tuple[Predicted, ...]] = []
+    for r in range(len(problem.course.names)):
+        theta = problem.natural(found.left_out[r])
+        own = problem.course.only(r)
+        pieces = predict(problem.model, own, theta[: found.parameters], problem.noises(theta[None]))
+        each.append(tuple(replace(piece, run=piece.run + r) for piece in pieces))
+    return tuple(_joined([pieces[i] for pieces in each]) for i in range(len(HORIZONS)))
+
+
+def worth_of(predictions: Sequence[Predicted]) -> tuple[Worth, ...]:
+    """What predictions are worth, by horizon; those of which there are none are left out."""
+    return tuple(
+        Worth(one.horizon, one.rmse(), one.rmse(one.constant_rate), one.rmse(one.constant), len(one.error))
+        for one in predictions
+        if len(one.error)
+    )
+
+
+def proposals(course: Course, fit: OutputErrorFit) -> Mapping[str, float]:
+    """Deviance gained by each of PROPOSED beside a fitted model, where the evidence asks for it."""
+    if not isinstance(fit.mixed, InnovationsFit):
+        return {}
+    have, gained = {term.name for term in fit.model.terms}, {}
+    largest = float(np.abs(course.held).max()) or 1.0
+    for name in PROPOSED:
+        if name in have:
+            continue
+        effect = effects.get(name)
+        start = [p.scaled(p.start, largest) if not p.held else float(p.off) for p in effect.parameters]
+        wider = driven_problem(fit.model.with_effect(name, start), course)
+        theta = np.array([*fit.mixed.of_model, *start])
+        found = fit_innovations(wider, starts_near(wider, [theta], fit.mixed.of_chance))
+        gain = 2.0 * (found.log_likelihood - fit.mixed.log_likelihood)
+        if gain > HEAD_START + np.log(max(len(course.names), 2)):
+            gained[name] = gain
+    return gained
+
+
+def _joined(pieces: Sequence[Predicted]) -> Predicted:
+    return Predicted(
+        pieces[0].horizon,
+        np.concatenate([piece.run for piece in pieces]),
+        np.concatenate([piece.origin for piece in pieces]),
+        np.concatenate([piece.target for piece in pieces]),
+        np.concatenate([piece.error for piece in pieces]),
+        np.concatenate([piece.constant_rate for piece in pieces]),
+        np.concatenate([piece.constant for piece in pieces]),
+    )
