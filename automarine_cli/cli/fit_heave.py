@@ -15,9 +15,9 @@ from automarine_cli.cli.fit_yaw import told
 )  # fmt: skip
 @options.fit_options
 def fit_heave(
-    logs: tuple[str, ...], columns: Path | None, thrusters: Path | None, depths: tuple[float, float] | None, fit_to: str,
-    tail: float | None, channels: str, with_effects: str, out: Path | None, overwrite: bool, strict: bool, jobs: int,
-    as_json: bool,
+    logs: tuple[str, ...], columns: Path | None, thrusters: Path | None, depths: tuple[float, float] | None,
+    fit_to: str, tail: float | None, channels: str, with_effects: str, out: Path | None, overwrite: bool, strict: bool,
+    jobs: int, as_json: bool,
 ) -> object:  # fmt: skip
     """Identify the heave model from step runs: depth against force, drag, mass, and the vehicle's buoyancy.
 

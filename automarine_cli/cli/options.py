@@ -175,7 +175,7 @@ channels_option = click.option(
 
 with_option = click.option(
     "--with", "with_effects", default="", metavar="EFFECTS",
-    help="Effects that the models have beside drag, with commas: dead-band,input-delay. Fits whole runs, as driven ones.",
+    help="Effects that the models have beside drag, such as dead-band,input-delay. Fits whole runs, as driven ones.",
 )  # fmt: skip
 """`with_effects`: text of names with commas."""
 

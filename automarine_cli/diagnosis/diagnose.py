@@ -8,6 +8,7 @@ import numpy as np
 from automarine_cli.diagnosis import verdict as judge
 from automarine_cli.diagnosis.advice import split_by
 from automarine_cli.diagnosis.gap import Gap, gap
+from automarine_cli.diagnosis.outlook import Outlook, outlook
 from automarine_cli.diagnosis.search import Map, search
 from automarine_cli.diagnosis.study import Study, study_of
 from automarine_cli.diagnosis.trials import Found
@@ -23,7 +24,10 @@ FEWEST_TO_HOLD_OUT = 8
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What a diagnosis found; `held_out` and `held_out_gap` are None where too few runs were left to hold any out."""
+    """What a diagnosis found; `held_out` and `held_out_gap` are None where too few runs were left to hold any out.
+
+    `why` says what keeps effects that are "suspected" from being named; the outlooks are those of driven runs.
+    """
 
     verdict: str
     study: Study
@@ -33,6 +37,9 @@ class Diagnosis:
     held_out: Study | None
     held_out_gap: Gap | None
     detectable: dict[str, float]
+    why: str = ""
+    outlook: Outlook | None = None
+    held_out_outlook: Outlook | None = None
     channels: ChannelChoice = NOTHING_TO_CHOOSE
 
 
@@ -81,8 +88,11 @@ def diagnose_runs(
     signals, sensors = study.signals, study.channels
     held_out = Study(tuple(kept), base, study.driven, signals, channels=sensors) if kept else None
     held_out_gap = None if held_out is None else gap(held_out, found.base, found.final)
-    word = judge.verdict_of(study, found, held_out_gap)
-    named = judge.named_effects(study, found, split_by(study, found)) if word == "named" else ()
+    ahead = outlook(study, found.base, found.final)
+    held_out_ahead = None if held_out is None else outlook(held_out, found.base, found.final)
+    word, why = judge.verdict_of(study, found, held_out_gap, held_out_ahead)
+    listed = word in ("named", "suspected")
+    named = judge.named_effects(study, found, split_by(study, found)) if listed else ()
     return Diagnosis(
         verdict=word,
         study=study,
@@ -92,5 +102,8 @@ def diagnose_runs(
         held_out=held_out,
         held_out_gap=held_out_gap,
         detectable=judge.detectable(study, found),
+        why=why,
+        outlook=ahead,
+        held_out_outlook=held_out_ahead,
         channels=chosen,
     )

@@ -9,6 +9,7 @@ from scipy import stats
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.gap import Gap, residuals
+from automarine_cli.diagnosis.outlook import Outlook
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Trial
@@ -59,8 +60,25 @@ class NamedEffect:
     rivals: tuple[NamedRival, ...]
 
 
-def verdict_of(study: Study, found: Found, held_out: Gap | None = None) -> str:
-    """ "named", "nothing-missing" or "unexplained".
+def verdict_of(
+    study: Study, found: Found, held_out: Gap | None = None, ahead: Outlook | None = None
+) -> tuple[str, str]:
+    """ "named", "suspected", "nothing-missing" or "unexplained", and why effects are only suspected.
+
+    Of driven runs `ahead`, the outlook on runs held out, has a veto. See `_of_whole_runs` for the others.
+    """
+    if not study.driven:
+        return _of_whole_runs(study, found, held_out), ""
+    if not found.final.added:
+        return "nothing-missing", ""
+    doubt = "" if ahead is None else ahead.doubt(study.base.dof)
+    if doubt:
+        return "suspected", f"The runs that were held out do not bear it out: {doubt}."
+    return "named", ""
+
+
+def _of_whole_runs(study: Study, found: Found, held_out: Gap | None) -> str:
+    """The verdict on runs that are simulated whole.
 
     Unexplained are runs whose residuals stand well above the floor and hang together in time, when what was added
     closes less than most of that gap: the candidate then only fits least badly. So are runs whose own gains of thrust
@@ -74,7 +92,7 @@ def verdict_of(study: Study, found: Found, held_out: Gap | None = None) -> str:
         max((trial.fit.noise / study.sensor_floor) ** 2 - 1.0, 0.0) for trial in (found.base, found.final)
     ]
     margin = max(WELL_ABOVE, 3.0 * FLOOR_ERROR / float(np.sqrt(study.batch.seen.sum())))
-    loud = found.final.fit.noise > (1.0 + margin) * study.sensor_floor and not study.driven
+    loud = found.final.fit.noise > (1.0 + margin) * study.sensor_floor
     if (
         loud
         and hangs_together(study, found.final)
@@ -87,10 +105,10 @@ def verdict_of(study: Study, found: Found, held_out: Gap | None = None) -> str:
         return "unexplained"
     scatter = [trial.fit.factor(GAIN) ** 2 for trial in (found.base, found.final)]
     unnamed = not found.final.added or scatter[1] > LEFT_OVER * scatter[0]
-    if unnamed and not study.driven and gains_wander(study, found.final):
+    if unnamed and gains_wander(study, found.final):
         return "unexplained"
     many = len(found.final.added) == MOST_EFFECTS and excess[0] < MANY
-    if (found.more or many) and not study.driven:
+    if found.more or many:
         return "unexplained"
     return "named" if found.final.added else "nothing-missing"
 

@@ -148,6 +148,9 @@ def _lacks(step: StepResult | None) -> str:
             f"Something is missing that no effect of the library explains: the gap is {after} {words}, the noise "
             f"{noise}."
         )
+    if verdict == "suspected":
+        names = " and ".join(f"**{escape(str(effect['name']))}**" for effect in step.at("effects"))
+        return f"Suspected, and not added, is {names}. {escape(str(step.at('why')))}"
     model = "thruster map" if step.data.get("model") == "thruster-map" else "model"
     names = " and ".join(f"**{escape(str(effect['name']))}**" for effect in step.at("effects"))
     held = ""

@@ -10,6 +10,7 @@ from automarine_cli.diagnosis import verdict as judge
 from automarine_cli.diagnosis.advice import general_advice
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.naming_key import Drift, NamingKey
+from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.trials import LEVEL
 from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.diagnosis.where import Where
@@ -22,7 +23,7 @@ from automarine_cli.report.diagnosis_page_tables import (
     gap_table,
     regions_table,
 )
-from automarine_cli.report.diagnosis_tables import parameter_cell
+from automarine_cli.report.diagnosis_tables import outlook_table, parameter_cell, verdict_sentence
 from automarine_cli.report.tables import MISSING, Table, interval, number
 
 LARGE_MOVE = 2.0
@@ -35,7 +36,10 @@ def page(
 ) -> str:
     """The whole page in Markdown; `budget` in shares of one. Either may be None, where it could not be worked out."""
     dof = diagnosis.study.base.dof
-    sensors = fit_sentences(diagnosis.channels, diagnosis.found.final.fit, dof)
+    sensors, ahead = (
+        fit_sentences(diagnosis.channels, diagnosis.found.final.fit, dof),
+        outlook_table(diagnosis),
+    )
     parts = [f"# Diagnosis of the {dof.name} model", _summary(diagnosis), escape(" ".join(sensors))]
     for effect in diagnosis.effects:
         parts += [f"## {effect.name}", _effect(diagnosis, effect)]
@@ -45,6 +49,7 @@ def page(
     parts += [
         "## The gap before and after",
         gap_table(diagnosis).to_markdown(),
+        "" if ahead is None else ahead.to_markdown(),
         "![Before and after](before_after.png)",
         "The budget of the gap could not be worked out."
         if budget is None
@@ -75,16 +80,24 @@ def _summary(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "named":
         names = " and ".join(f"**{effect.name}**" for effect in diagnosis.effects)
         says = " ".join(effect.says for effect in diagnosis.effects)
+        gap = f"gap between simulated and measured {position}"
+        if diagnosis.study.driven:
+            gap = f"error of the {position} predicted {JUDGED:g} s ahead from the filtered state"
         return (
-            f"The model lacks {names}. {says} With that added the gap between simulated and measured {position} falls "
+            f"The model lacks {names}. {says} With that added the {gap} falls "
             f"from {before} to {after} {units}; the noise of the {position} itself is {floor} {units}. {runs}."
         )
+    if diagnosis.verdict == "suspected":
+        names = " and ".join(f"**{effect.name}**" for effect in diagnosis.effects)
+        return f"Suspected is {names}, and not added to the model. {diagnosis.why} {runs}."
     if diagnosis.verdict == "unexplained":
         return (
             f"Something is missing, and no effect of the library explains it: the gap is {after} {units} where the "
             f"noise of the {position} is {floor} {units}, and what is left hangs together in time. Nothing is "
             f"named. {runs}."
         )
+    if diagnosis.study.driven:
+        return f"{verdict_sentence(diagnosis)} {runs}."
     return (
         f"Nothing is missing that these runs could show: the gap is {before} {units}, the noise of the {position} "
         f"{floor} {units}. {runs}."
@@ -213,7 +226,10 @@ def _remains(diagnosis: Diagnosis) -> str:
     if ratio < 1.0 + judge.WELL_ABOVE:
         return text + " That is the floor: these runs hold nothing more that could be fitted."
     if diagnosis.study.driven:
-        return text + " In open water wind, waves and current hold the rest."
+        return (
+            f"Predictions {JUDGED:g} s ahead still miss by {ratio:.0f} times the noise of the {position}: what pushes "
+            "the vehicle and is not logged, and what the model lacks, hold the rest."
+        )
     return text + " Something is left that no candidate closes; where.png shows where."
 
 

@@ -8,6 +8,7 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.bins import SIZE, THRUST
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.gap import Gap
+from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.where import Region, Where
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.run_effects import GAIN
@@ -65,9 +66,7 @@ def gap_table(diagnosis: Diagnosis) -> Table:
          "gap above the noise closed"),
         tuple(rows),
         notes=(
-            f"Root mean square over whole runs simulated from their start, with each run's own start {position} and "
-            "disturbances, which follow much of what the model lacks: restarted errors are those of `automarine "
-            "validate`."
+            f"Root mean square errors of {position}s predicted {JUDGED:g} s ahead from the filtered state."
             if diagnosis.study.driven
             else f"Root mean square over whole runs simulated from their start, with each run's own start {position}, "
             "thrust and switch instants. "

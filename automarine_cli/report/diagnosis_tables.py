@@ -2,6 +2,7 @@
 
 from automarine_cli import effects as library
 from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.trials import LEVEL
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.report.diagnosis_page_tables import gap_table
@@ -15,13 +16,57 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     before, after, floor = (
         f"{dof.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
     )
+    names = " and ".join(effect.name for effect in diagnosis.effects)
+    noise = f"noise of the {position} {floor} {unit}"
+    gap = "gap" if not diagnosis.study.driven else f"error of predictions {JUDGED:g} s ahead"
     if diagnosis.verdict == "named":
-        names = " and ".join(effect.name for effect in diagnosis.effects)
-        noise = f"noise of the {position} {floor} {unit}"
-        return f"Named: {names}; the gap falls from {before} to {after} {unit} ({noise})."
+        return (
+            f"Named: {names}; the {gap} falls from {before} to {after} {unit} ({_beside(diagnosis, noise)})."
+        )
+    if diagnosis.verdict == "suspected":
+        return f"Suspected, not named: {names}. {diagnosis.why}"
     if diagnosis.verdict == "unexplained":
         return f"Unexplained: the gap is {after} {unit} where the noise of the {position} is {floor} {unit}."
+    if diagnosis.study.driven:
+        return (
+            f"Nothing missing that these runs could show beside their disturbances: {gap} {before} {unit} "
+            f"({_beside(diagnosis, noise)})."
+        )
     return f"Nothing missing that these runs could show: gap {before} {unit}, noise of the {position} {floor} {unit}."
+
+
+def _beside(diagnosis: Diagnosis, noise: str) -> str:
+    """What the gap is to be compared with: the noise, and of driven runs what a constant rate misses by."""
+    judged = None if diagnosis.outlook is None else diagnosis.outlook.judged
+    if judged is None:
+        return noise
+    dof = diagnosis.study.base.dof
+    return f"a constant {dof.words.speed} misses by {dof.shown(judged.constant_rate):.2f} {dof.units.shown}, {noise}"
+
+
+def outlook_table(diagnosis: Diagnosis) -> Table | None:
+    """Errors of predictions by horizon, of runs fitted and held out; None of runs that are not driven."""
+    dof, rows = diagnosis.study.base.dof, list[tuple[str, ...]]()
+    unit, words = dof.units.shown, dof.words
+    for name, outlook in (
+        ("fitted", diagnosis.outlook),
+        ("held out", diagnosis.held_out_outlook),
+    ):
+        for one in outlook.ahead if outlook is not None else ():
+            sizes = (one.before, one.after, one.constant_rate, one.constant)
+            rows.append((f"{name}, {one.horizon:g} s ahead", *(f"{dof.shown(size):.2f}" for size in sizes)))
+    if not rows:
+        return None
+    return Table(
+        "Predictions from the filtered state",
+        ("runs", f"before [{unit}]", f"after [{unit}]", f"constant {words.speed} [{unit}]",
+         f"constant {words.position} [{unit}]"),
+        tuple(rows),
+        notes=(
+            "Root mean square errors; the filter knows the readings until each prediction begins, and the commands "
+            "after it as they were logged.",
+        ),
+    )  # fmt: skip
 
 
 def parameter_cell(effect: str, i: int, estimate: Estimate) -> str:
@@ -51,4 +96,6 @@ def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
         notes=(f"Chance reaches {number(found.threshold, 2)} in {1000 * LEVEL:.0f} of 1000 campaigns.",),
     )  # fmt: skip
     effects = Table("Effects", ("effect", "parameter", "estimate", "unit", "confidence"), tuple(rows))
-    return (*((effects,) if rows else ()), gap_table(diagnosis), evidence)
+    ahead = outlook_table(diagnosis)
+    gaps = gap_table(diagnosis) if ahead is None else ahead
+    return (*((effects,) if rows else ()), gaps, evidence)

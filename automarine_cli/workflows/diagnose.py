@@ -59,6 +59,7 @@ class YawDiagnosis(Shown):
             "schema": "automarine/diagnosis/1",
             **({} if dof.wraps else {"motion": dof.name}),
             "verdict": self.diagnosis.verdict,
+            **({"why": self.diagnosis.why} if self.diagnosis.why else {}),
             "model": self.stored.preferred,
             f"{dof.words.force}_unit": self.stored.moment_unit,
             "effects": [_effect_json(effect) for effect in self.diagnosis.effects],
@@ -67,6 +68,7 @@ class YawDiagnosis(Shown):
                 "fitted_runs": gap_json(self.diagnosis.gap, dof),
                 "held_out_runs": None if held is None else gap_json(held, dof),
             },
+            **self._prediction_json(),
             "candidates": [
                 {"name": trial.added[-1], "gain": found.rounds[0].gain(trial)}
                 for trial in sorted(found.rounds[0].trials, key=lambda trial: trial.evidence)
@@ -86,6 +88,19 @@ class YawDiagnosis(Shown):
                 "set_aside": [asdict(run) for run in self.set_aside],
                 **readings(self.diagnosis.study.runs),
             },
+        }
+
+    def _prediction_json(self) -> dict[str, Any]:
+        """What driven runs are judged by: predictions from the filtered state."""
+        fitted, held = self.diagnosis.outlook, self.diagnosis.held_out_outlook
+        if fitted is None:
+            return {}
+        dof = self.stored.dof
+        return {
+            "prediction": {
+                "fitted_runs": fitted.to_json(dof),
+                "held_out_runs": None if held is None else held.to_json(dof),
+            }
         }
 
     def tables(self) -> list[Table | str]:

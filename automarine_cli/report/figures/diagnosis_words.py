@@ -25,4 +25,6 @@ def verdict(diagnosis: Diagnosis) -> str:
     """The verdict in a few words."""
     if diagnosis.verdict == "named":
         return " and ".join(diagnosis.found.final.added)
+    if diagnosis.verdict == "suspected":
+        return f"suspected {' and '.join(diagnosis.found.final.added)}"
     return diagnosis.verdict.replace("-", " ")

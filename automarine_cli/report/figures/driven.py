@@ -40,7 +40,7 @@ def driven_runs_figure(fit: YawFit, use: Use) -> Figure:
         *zip(*axes[1, 0].get_legend_handles_labels()),
     ]
     figure.legend(
-        [one for one, _ in handles], [name for _, name in handles], loc="outside upper center", ncols=3
+        [one for one, _ in handles], [name for _, name in handles], loc="outside lower center", ncols=3
     )
     figure.suptitle(
         f"Model {fit.preference.number}: predictions start from filtered states, which know the readings until then;\n"
