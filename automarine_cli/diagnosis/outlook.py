@@ -12,8 +12,8 @@ from automarine_cli.filters.prediction import Predicted
 from automarine_cli.fits.innovations import InnovationsFit
 
 DECIDING = 5.0
-"""Horizons [s] up to this have a veto; over longer ones the logged command answers disturbances that a prediction does
-not know."""
+"""Horizons [s] up to this have a veto, if predictions over all of them get worse: over one alone the true effect may
+lose by chance. Over longer ones the logged command answers disturbances that a prediction does not know."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,10 @@ class Outlook:
         """Why runs that were not fitted do not bear the effects out; empty where they do."""
         if self.density_gain <= 0:
             return f"their log density falls by {-self.density_gain:.1f}"
-        worse = [one for one in self.ahead if one.horizon <= DECIDING and not one.after < one.before]
-        if not worse:
+        deciding = [one for one in self.ahead if one.horizon <= DECIDING]
+        if any(one.after < one.before for one in deciding):
             return ""
-        one, unit = worse[0], dof.units.shown
+        one, unit = deciding[-1], dof.units.shown
         return (
             f"predictions {one.horizon:g} s ahead miss by {dof.shown(one.after):.2f} {unit} with them and by "
             f"{dof.shown(one.before):.2f} without"

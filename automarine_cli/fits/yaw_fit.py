@@ -153,6 +153,8 @@ class YawFit(Shown):
             ),
             "converged": fit.mixed.converged,
         }
+        if own := _effects_json(fit):
+            content["effects"] = own
         if fit.ways is not None:
             content["sides"] = fit.ways.to_json()
         seed = self.seed_method

@@ -68,9 +68,12 @@ def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels
             name = printable(number[:LONGEST])
             raise ModelError(f"{where}: models.{name}: unknown model; known are {', '.join(BASE_TERMS)}")
         if entry is not None:  # null: a model that could not be fitted
-            models[number] = _with_effects(
-                _base(number, entry, unit, f"{where}: models.{number}", dof), added
-            )
+            place = f"{where}: models.{number}"
+            own = (
+                entry.get("effects") if isinstance(entry, Mapping) else None
+            )  # its own values of the same effects
+            values = added if own is None else _effects(own, f"{place}.effects", dof)
+            models[number] = _with_effects(_base(number, entry, unit, place, dof), values)
     if not models:
         raise ModelError(f"{where}: models: holds no model; expected one or more of {', '.join(BASE_TERMS)}")
     preferred = _needed(top, "preferred", where, dof)
@@ -102,7 +105,7 @@ def _file_keys(dof: Dof) -> tuple[str, ...]:
         "schema", "models", "preferred", f"{dof.words.force}_unit", "switch_offset", "effects",
         "fitted_to", "preferred_because", dof.ratio_key, "gain_scatter",
         f"{dof.words.position}_noise_{dof.units.key}", "valid_range", "warnings", "runs", "parent", "notes", "channels",
-        *(() if dof.wraps else ("motion", "buoyancy")),
+        "driven", "random", "prediction", *(() if dof.wraps else ("motion", "buoyancy")),
     )  # fmt: skip
 
 
@@ -111,7 +114,7 @@ def _model_keys(dof: Dof) -> tuple[str, ...]:
     own = dof.symbols
     return (
         own.inertia, own.quadratic, own.linear, dof.ratio_key, "output_error", "velocity_error", "sse", "why",
-        "warnings", "notes", *(() if dof.wraps else (own.constant, own.difference, "sides")),
+        "warnings", "notes", "effects", *(() if dof.wraps else (own.constant, own.difference, "sides")),
     )  # fmt: skip
 
 
