@@ -151,11 +151,11 @@ def marks(outcomes: Sequence[Outcome]) -> Table:
     clean = [o for o in outcomes if not KINDS[o.kind].right]
     rows = (
         ("something hidden: right or flagged tie", ">= 90 %", share(hidden, *RIGHT)),
-        ("  right", "", share(hidden, "right")),
-        ("  wrong, or something else as well", "<= 5 %", share(hidden, *WRONG)),
-        ("  half, missed, unexplained", "", share(hidden, "half", "missed", "unexplained")),
+        ("something hidden: right", "", share(hidden, "right")),
+        ("something hidden: wrong, or something else as well", "<= 5 %", share(hidden, *WRONG)),
+        ("something hidden: half, missed, unexplained", "", share(hidden, "half", "missed", "unexplained")),
         ("nothing hidden: a claim", "none", share(clean, "false")),
-        ("  unexplained", "", share(clean, "unexplained")),
+        ("nothing hidden: unexplained", "", share(clean, "unexplained")),
         ("failed", "none", share(outcomes, "failed")),
         ("seconds a campaign, median", "< 60", f"{np.median([o.seconds for o in outcomes]):.1f}"),
     )
@@ -192,8 +192,15 @@ def main() -> None:
     print("  ".join(name.ljust(width) for name, width in COLUMNS) + "  named (rivals)", flush=True)
     outcomes: list[Outcome] = []
     with ProcessPoolExecutor(options.jobs) as pool:
-        for future in as_completed([pool.submit(run_case, case) for case in cases]):
-            outcomes.append(future.result())
+        waiting = {pool.submit(run_case, case): case for case in cases}
+        for future in as_completed(waiting):
+            case = waiting[future]
+            try:
+                outcomes.append(future.result())
+            except Exception as error:  # the process died, or the campaign could not be made
+                outcomes.append(
+                    Outcome(case.name, case.kind, "failed", why=f"{type(error).__name__}: {error}")
+                )
             print(line(outcomes[-1]), flush=True)
     order = {case.name: i for i, case in enumerate(cases)}
     outcomes.sort(key=lambda o: order[o.case])
