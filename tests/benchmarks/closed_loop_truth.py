@@ -162,7 +162,7 @@ class Thrusters:
         self.whole = clock.max() + 80.0  # s, of the campaign
 
     def after_step(self, m: int, commands: Floats) -> Floats:
-        """Moment of step `m` [share of M] under `commands` (N, R)."""
+        """Moment amid step `m` [share of M] under `commands` (N, R)."""
         size = self.vehicle.size
         u = commands[(m - self.late) // WITHIN] if m >= self.late else np.zeros_like(self.gain)
         if band := size("dead-band"):
@@ -171,9 +171,10 @@ class Thrusters:
             u = np.clip(u, -limit, limit)
         u = u * np.exp(size("thrust-asymmetry") * np.sign(u))
         wanted = np.sign(u) * np.sqrt(np.abs(u))
-        self.speed = wanted + self.keep * (self.speed - wanted)
+        gap = self.speed - wanted
+        self.speed, middle = wanted + self.keep * gap, wanted + np.sqrt(self.keep) * gap
         spent = ((self.clock + m * STEP) / self.whole) ** 1.3
-        return self.gain * (1.0 - size("discharge") * spent) * self.speed * np.abs(self.speed)
+        return self.gain * (1.0 - size("discharge") * spent) * middle * np.abs(middle)
 
 
 def compass(heading: Floats, vehicle: Vehicle) -> Floats:
