@@ -15,6 +15,7 @@ from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Found, Trial
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.mixed_model import MixedFit, derivatives
+from automarine_cli.fits.outcome import SMALLEST
 from automarine_cli.fits.run_effects import DISTURBANCE, SWITCHES
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.runs.run import Run

@@ -250,19 +250,23 @@ def _reconsider(
 def _rivals(final: Trial, around: Mapping[str, Round]) -> tuple[Rival, ...]:
     """What could stand in each effect's place without losing more than TIE."""
     found = [
-        Rival(name, trial.added[-1], max(trial.evidence - final.evidence, 0.0), trial)
+        Rival(name, trial.added[-1], behind, trial)
         for name, this in around.items()
         for trial in this.trials
-        if trial.added[-1] != name and _ties(trial, final)
+        if trial.added[-1] != name and (behind := _behind(this, trial, final)) < TIE
     ]
     return tuple(sorted(found, key=lambda rival: rival.behind))
 
 
-def _ties(rival: Trial, final: Trial) -> bool:
-    """Whether the runs cannot exclude a rival: little behind in evidence, or, of driven runs, ahead in so few of them
-    that it is chance."""
-    if rival.evidence - final.evidence < TIE:
-        return True
+def _behind(this: Round, rival: Trial, final: Trial) -> float:
+    """How far a rival is behind in evidence. Of driven runs that is not more than the square of the mean difference of a
+    run in its standard errors over runs, if the rival gains beyond chance itself: a few runs may decide by chance."""
+    behind = max(rival.evidence - final.evidence, 0.0)
     if not (isinstance(rival.fit, InnovationsFit) and isinstance(final.fit, InnovationsFit)):
-        return False
-    return not clear(final.fit.density - rival.fit.density)
+        return behind
+    ahead = final.fit.density - rival.fit.density
+    error = float(np.std(ahead, ddof=1)) / np.sqrt(len(ahead)) if len(ahead) > 1 else np.inf
+    clearly = (float(ahead.mean()) / error) ** 2 if error > 0 else np.inf
+    if this.gain(rival) > this.threshold and clearly < CLEAR**2:
+        return min(behind, clearly)
+    return behind

@@ -148,18 +148,22 @@ def _why(diagnosis: Diagnosis, key: NamingKey | None) -> str:
     """Evidence of the best candidates and what the naming key says."""
     first = diagnosis.found.rounds[0]
     best = sorted(first.trials, key=lambda trial: trial.evidence)[:5]
+    driven = diagnosis.study.driven
+    how = "the innovations of a filter, disturbances with it" if driven else "simulating whole runs"
     table = Table(
         "", ("candidate added to the base model", "evidence gained [deviance]"),
         tuple((trial.added[-1], number(first.gain(trial), 3)) for trial in best),
         notes=(
             f"Chance reaches {number(first.threshold, 2)} in {1000 * LEVEL:.0f} of 1000 campaigns. "
-            "Every candidate was fitted together with the base model by simulating whole runs.",
+            f"Every candidate was fitted together with the base model by {how}.",
         ),
     )  # fmt: skip
     dof = diagnosis.study.base.dof
     ratio = f"{dof.words.inertia} over drag"
     drift = f"how the runs' own drag and {dof.words.inertia} drift with the {dof.words.force}"
     said = [f"The naming key ({drift}) could not be formed."]
+    if driven:
+        said = ["Driven runs hold no steps, and so no naming key."]
     if key is not None:
         said = [_drift(key.best("k"), "drag", dof), _drift(key.best("I/k"), ratio, dof)]
     return "\n\n".join([table.to_markdown(), " ".join(said)])
@@ -219,17 +223,17 @@ def _called(name: str, dof: Dof) -> str:
 
 
 def _remains(diagnosis: Diagnosis) -> str:
-    gap = diagnosis.gap
+    gap, dof = diagnosis.gap, diagnosis.study.base.dof
+    position = dof.words.position
+    if diagnosis.study.driven:
+        return (
+            f"Predictions {JUDGED:g} s ahead still miss by {dof.shown(gap.after):.2g} {dof.words.units}: what pushes "
+            "the vehicle and is not logged, and what the model lacks, hold the rest."
+        )
     ratio = gap.after / max(gap.floor, 1e-12)
-    position = diagnosis.study.base.dof.words.position
     text = f"The gap that is left is {ratio:.2f} times the noise of the {position}."
     if ratio < 1.0 + judge.WELL_ABOVE:
         return text + " That is the floor: these runs hold nothing more that could be fitted."
-    if diagnosis.study.driven:
-        return (
-            f"Predictions {JUDGED:g} s ahead still miss by {ratio:.0f} times the noise of the {position}: what pushes "
-            "the vehicle and is not logged, and what the model lacks, hold the rest."
-        )
     return text + " Something is left that no candidate closes; where.png shows where."
 
 
