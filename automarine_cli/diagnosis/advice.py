@@ -79,9 +79,8 @@ def separations(study: Study, final: Trial, rival: Trial) -> dict[str, float]:
     first, by_phi, by_run = derivatives(problem, phi, b)
     second = other.readings(theirs, np.zeros_like(other.effects.scale))
     own = len(study.base.theta)
-    values = final.fit.theta[
-        :own
-    ]  # errors are those of the coordinates of the search, which are not always the same
+    values = np.maximum(np.abs(final.fit.theta[:own]), SMALLEST)
+    # errors are those of the coordinates of the search, which are not always the same
     ours, here = (np.where(marks[:own], values, 1.0) for marks in (final.fit.positive, problem.positive))
     spread, turn = np.linalg.eigh(final.fit.covariance[:own, :own] * np.outer(ours, ours))
     by_base = (by_phi[:, :, :own] / here) @ (turn * np.sqrt(np.maximum(spread, 0.0)))

@@ -259,8 +259,8 @@ def _rivals(final: Trial, around: Mapping[str, Round]) -> tuple[Rival, ...]:
 
 
 def _behind(this: Round, rival: Trial, final: Trial) -> float:
-    """How far a rival is behind in evidence. Of driven runs that is not more than the square of the mean difference of a
-    run in its standard errors over runs, if the rival gains beyond chance itself: a few runs may decide by chance."""
+    """How far a rival is behind in evidence. Of driven runs that is not more than the square of the mean difference of
+    a run in its standard errors over runs, if the rival gains beyond chance itself: a few runs may decide by chance."""
     behind = max(rival.evidence - final.evidence, 0.0)
     if not (isinstance(rival.fit, InnovationsFit) and isinstance(final.fit, InnovationsFit)):
         return behind
