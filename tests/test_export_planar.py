@@ -183,7 +183,7 @@ def test_other_targets_refuse_in_a_sentence(tmp_path: Path, target: str) -> None
     [
         ("python", FULL, {}, "python cannot represent yaw.input-delay (no entry of the matrices holds it); give"),
         ("gz-sim", DRAGS, {}, "give the vehicle's with --rigid-mass and --rigid-inertia"),
-        ("gz-sim", DRAGS, {"rigid_mass": 25.0, "rigid_inertia": 1.0}, "found 25, expected more than 0 and no more than 20"),
+        ("gz-sim", DRAGS, {"rigid_mass": 25.0, "rigid_inertia": 1.0}, "found 25, expected more than 0"),
         ("gz-sim", DRAGS, {"rigid_mass": 5.0, "rigid_inertia": 3.0}, "--rigid-inertia: found 3, expected more than 0"),
         ("gz-sim", MODEL, {"rigid_mass": 5.0, "rigid_inertia": 1.0}, "cannot represent a force that always acts"),
         ("python", MODEL, {"newton_metres_per_nu": 2.0}, "is in newtons already"),

@@ -144,7 +144,7 @@ def test_the_command_line(run: Callable[..., Result], tmp_path: Path) -> None:
     result = run("simulate", SAMPLE_RUNS / "planar.toml", "-o", tmp_path / "out", "--seed", 3)
     assert result.exit_code == 0 and "planar_validation " in result.output
     truth = json.loads((tmp_path / "out" / "truth.json").read_text())
-    assert truth["hidden"] == {"yaw.N_v": -6.0} and truth["seed"] == 3 and len(truth["made"]) == 10
+    assert truth["hidden"] == {"yaw.N_v": -7.0} and truth["seed"] == 3 and len(truth["made"]) == 10
     assert truth["made"][0]["commands"][0].keys() == {"force_X_N", "force_Y_N", "tau_Nm", "from_s"}
     shown = simulate(specified())
     assert repr(shown) == "1 simulated run of motion in the plane, 101 samples, seed 0"

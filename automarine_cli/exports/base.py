@@ -39,9 +39,10 @@ FORCES, PLACES = "XYZKMN", ("first", "second", "third", "fourth", "fifth", "last
 class Settings:
     """The user's numbers; each target says in `uses` which of them mean something to it.
 
-    `rigid_inertia` is the vehicle's own part of I_r, in the file's unit, `rigid_mass` [kg] its mass, of a planar model; `newton_metres_per_nu` the size of the logs' normalised moment unit; `mesh_torque` [N m] Stonefish's yaw
-    drag of the mesh at 1 rad/s with a quadratic and with a viscous coefficient of 1; `n_max` the largest control
-    signal; `lag` [s] a propeller's time constant.
+    `rigid_inertia` is the vehicle's own part of I_r, in the file's unit, `rigid_mass` [kg] of a planar model its mass;
+    `newton_metres_per_nu` the size of the logs' normalised moment unit; `mesh_torque` [N m] Stonefish's yaw drag of
+    the mesh at 1 rad/s with a quadratic and with a viscous coefficient of 1; `n_max` the largest control signal; `lag`
+    [s] a propeller's time constant.
     """
 
     rigid_inertia: float | None = None
