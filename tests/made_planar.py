@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from automarine_cli.dofs import YAW
+from automarine_cli.models.planar import Inertia, PlanarModel
+from automarine_cli.models.yaw_model import Term
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
@@ -152,3 +154,20 @@ class Otter:
             return np.array([north, east, r, *(through + water)])
 
         return right_hand_side
+
+
+FULL = PlanarModel(
+    Inertia(20.0, 32.0, 2.6, m_vr=1.5, m_ur=-0.7, m_uv=0.9),
+    surge=(Term("linear-drag", (3.0,)), Term("quadratic-drag", (18.0,))),
+    sway=(Term("quadratic-drag", (40.0,)), Term("linear-drag", (5.0,))),
+    yaw=(
+        Term("linear-drag", (0.6,)), Term("quadratic-drag", (2.5,)), Term("bias-moment", (0.1,)),
+        Term("input-delay", (0.2,)),
+    ),
+    cross=(
+        Term("Y_r", (1.2,)), Term("N_v", (0.8,)), Term("N_vv", (1.7,)), Term("Y_rr", (0.9,)), Term("N_vr", (2.2,)),
+        Term("Y_rv", (1.1,)), Term("X_v", (0.4,)),
+    ),
+    water=(0.25, -0.15),
+)  # fmt: skip
+"""A vehicle with every kind of term, alike on no side."""

@@ -22,7 +22,7 @@ HIDDEN = ("hidden_one", "hidden_two")
 FORCES = ("surge", "heave")
 MADE = {
     "campaign": ("thrusters", "steps", "validation", "truth.json"),
-    **{name: (name, f"{name}_validation", "truth.json") for name in (*FORCES, "sway")},
+    **{name: (name, f"{name}_validation", "truth.json") for name in (*FORCES, "sway", "planar")},
     **{name: (name, "truth.json") for name in (*HIDDEN, *(f"hidden_{motion}" for motion in FORCES))},
 }
 """What each specification makes."""

@@ -24,6 +24,9 @@ _ABOVE_ZERO = click.FloatRange(min=0, min_open=True)
     help="The vehicle's own part of I_r; the rest is written as added inertia.",
 )  # fmt: skip
 @click.option(
+    "--rigid-mass", type=_ABOVE_ZERO, metavar="KG", help="gz-sim, of a planar model: the vehicle's own mass."
+)
+@click.option(
     "--newton-metres-per-nu", type=_ABOVE_ZERO, metavar="VALUE",
     help="The moment in N m that one normalised unit stands for.",
 )  # fmt: skip

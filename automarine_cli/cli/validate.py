@@ -64,9 +64,9 @@ def validate(
     levered = arm is not None or not _of_force(model)
     if levered and (thrusters is None) != (arm is None) and (thrusters is None or columns is None):
         raise click.UsageError("--thrusters MAP.json and --arm METRES go together.")
-    from automarine_cli.workflows import validate as workflow
+    from automarine_cli.workflows import validate_planar as workflow
 
-    result = workflow.validate(
+    result = workflow.validate_any(
         logs,
         model=model,
         columns=columns,

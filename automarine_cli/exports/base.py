@@ -39,12 +39,14 @@ FORCES, PLACES = "XYZKMN", ("first", "second", "third", "fourth", "fifth", "last
 class Settings:
     """The user's numbers; each target says in `uses` which of them mean something to it.
 
-    `rigid_inertia` is the vehicle's own part of I_r, in the file's unit; `newton_metres_per_nu` the size of the
-    logs' normalised moment unit; `mesh_torque` [N m] Stonefish's yaw drag of the mesh at 1 rad/s with a quadratic
-    and with a viscous coefficient of 1; `n_max` the largest control signal; `lag` [s] a propeller's time constant.
+    `rigid_inertia` is the vehicle's own part of I_r, in the file's unit, `rigid_mass` [kg] of a planar model its mass;
+    `newton_metres_per_nu` the size of the logs' normalised moment unit; `mesh_torque` [N m] Stonefish's yaw drag of
+    the mesh at 1 rad/s with a quadratic and with a viscous coefficient of 1; `n_max` the largest control signal; `lag`
+    [s] a propeller's time constant.
     """
 
     rigid_inertia: float | None = None
+    rigid_mass: float | None = None
     newton_metres_per_nu: float | None = None
     mesh_torque: tuple[float, float] | None = None
     symmetrise: bool = False
@@ -176,6 +178,16 @@ class Written:
 
 
 @dataclass(frozen=True)
+class Planar:
+    """What a target makes of surge, sway and yaw together: its forms by name with the ending of the file, its frames,
+    and what writes a `planar.PlanarSubject`."""
+
+    forms: Mapping[str, str]
+    frames: tuple[str, ...]
+    write: Callable[[Any], Written]
+
+
+@dataclass(frozen=True)
 class Target:
     """One simulator or paper.
 
@@ -183,6 +195,7 @@ class Target:
     effects it has terms for, `carries_with` the same where that hangs on the settings, `varying` whether also when
     they differ from run to run; `why` not, by effect, and `instead` the option that helps. `si` whether moments must
     be newton metres; `uses` the settings that mean something; `motions` those whose models it takes.
+    `planar` is how it takes surge, sway and yaw together, if it does.
     """
 
     name: str
@@ -200,6 +213,7 @@ class Target:
     why: Mapping[str, str] = field(default_factory=dict)
     varying: bool = False
     motions: tuple[str, ...] = tuple(DOFS)
+    planar: Planar | None = None
 
 
 def plain(text: str) -> str:

@@ -12,7 +12,8 @@ below the rigid one: r_k+1 - r_k = -(added/rigid) (r_k - r_k-1).
 """
 
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.base import DRAG, Target, Written, YawSubject, head, number, xml_comment
+from automarine_cli.exports import planar_gz_sim
+from automarine_cli.exports.base import DRAG, Planar, Target, Written, YawSubject, head, number, xml_comment
 
 FLUID, DERIVATIVE = "fluid-added-mass", "added-mass-derivative"
 AXES = "xyzpqr"
@@ -83,6 +84,7 @@ TARGET = Target(
     forms={FLUID: ".sdf", DERIVATIVE: ".sdf"},
     frames=("ENU", "NED"),
     carries=frozenset({*DRAG, "drag-asymmetry"}),
-    uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
+    uses=frozenset({"rigid_inertia", "rigid_mass", "newton_metres_per_nu"}),
     write=write,
+    planar=Planar({FLUID: ".sdf"}, ("ENU", "NED"), planar_gz_sim.write),
 )

@@ -7,8 +7,10 @@ N_rrr.
 """
 
 from automarine_cli import effects
+from automarine_cli.exports import planar_mss
 from automarine_cli.exports.base import (
     DRAG,
+    Planar,
     Target,
     Written,
     YawSubject,
@@ -63,4 +65,5 @@ TARGET = Target(
     si=False,
     uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
     write=write,
+    planar=Planar({"matlab": ".m"}, ("NED",), planar_mss.write),
 )

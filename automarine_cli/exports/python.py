@@ -7,7 +7,8 @@ letters of position and rate, {F} for that of force or moment, {force} for its w
 
 from automarine_cli import effects
 from automarine_cli.effects.base import Parameter
-from automarine_cli.exports.base import Target, Written, YawSubject, commented, head, number, plain
+from automarine_cli.exports import planar_python
+from automarine_cli.exports.base import Planar, Target, Written, YawSubject, commented, head, number, plain
 from automarine_cli.exports.python_terms import CUT, LINES, SWIRL, Lines
 from automarine_cli.models.yaw_model import Term
 
@@ -175,4 +176,5 @@ TARGET = Target(
     si=False,
     uses=frozenset({"newton_metres_per_nu"}),
     write=write,
+    planar=Planar({"simulate": ".py"}, ("NED", "ENU"), planar_python.write),
 )

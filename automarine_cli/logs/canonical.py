@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import islice
 
 from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.dofs.motion import Motion
 
 DEGREE = math.pi / 180
 STANDARD_GRAVITY = 9.80665  # m/s², exact by definition: 1 kgf in newtons
@@ -18,12 +19,17 @@ TIMESTAMP = "timestamp"  # the unit of a column of calendar times
 
 FORCES = {"N": 1.0, "kgf": STANDARD_GRAVITY, "gf": STANDARD_GRAVITY / 1000, "lbf": POUND_FORCE}
 TORQUES = {"N m": 1.0, "Nm": 1.0}
-ANGLES, ANGULAR_RATES = {"deg": DEGREE, "rad": 1.0}, {"deg/s": DEGREE, "rad/s": 1.0}
+BEARINGS, ANGLES, ANGULAR_RATES = (
+    {"deg": DEGREE},
+    {"deg": DEGREE, "rad": 1.0},
+    {"deg/s": DEGREE, "rad/s": 1.0},
+)
 LENGTHS, SPEEDS = (
     {"m": 1.0, "cm": 0.01, "mm": 1e-3, "ft": 0.3048},
     {"m/s": 1.0, "cm/s": 0.01, "kn": 1852 / 3600},
 )
 VELOCITIES = ("surge", "sway", "heave")  # of the vehicle's body, which tests of every motion may log
+PLACES = ("north", "east", "lat", "lon")  # on the water, which logs of motion in the plane may hold
 ROTATIONS = tuple(dof for dof in DOFS.values() if dof.wraps)
 TRANSLATIONS = tuple(dof for dof in DOFS.values() if not dof.wraps)
 UNITS: Mapping[str, Mapping[str, float]] = {
@@ -31,6 +37,8 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "voltage": {"V": 1.0, "mV": 1e-3},
     "force": FORCES,
     **dict.fromkeys(VELOCITIES, SPEEDS),
+    **dict.fromkeys(PLACES[:2], LENGTHS),
+    **dict.fromkeys(PLACES[2:], BEARINGS),
     **{
         quantity: units
         for dof in DOFS.values()
@@ -88,6 +96,10 @@ _ALL = (
     *((f"{name}_m_s", name, "m/s") for name in VELOCITIES),
     *_own(TRANSLATIONS, "velocity", "position", "command"),
     *_thrusters(TRANSLATIONS),
+    ("north_m", "north", "m"),
+    ("east_m", "east", "m"),
+    ("lat_deg", "lat", "deg"),
+    ("lon_deg", "lon", "deg"),
     ("n", "n", ""),
     ("force_N", "force", "N"),
     ("force_kgf", "force", "kgf"),
@@ -98,12 +110,17 @@ RUN, MODE, ARMED = "run", "mode", "armed"
 LABELS = (RUN, MODE, ARMED)  # columns of words, not of numbers
 
 
-def foreign(dof: Dof) -> frozenset[str]:
-    """Quantities of the other motions, which a log of this one may hold under names that mean something else there."""
+def foreign(dof: Dof, motion: Motion | None = None) -> frozenset[str]:
+    """Quantities of the other motions, which a log of this one may hold under names that mean something else there.
+
+    With a `motion` of several degrees of freedom their velocities, commands and places on the water are its own.
+    """
     own = {dof.position, dof.velocity, dof.command, *dof.thrusters}
+    if motion is not None:
+        own |= {name for one in motion.dofs for name in (one.velocity, one.command)} | set(PLACES)
     others = {name for one in DOFS.values() for name in (one.position, one.command, *one.thrusters)}
     aside = {one.velocity for one in DOFS.values() if not one.horizontal}
-    return frozenset((others | aside) - own)
+    return frozenset((others | aside | set(PLACES)) - own)
 
 
 def motions_in(held: Set[str]) -> list[Dof]:

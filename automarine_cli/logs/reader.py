@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 
 from automarine_cli.dofs import Dof
+from automarine_cli.dofs.motion import Motion
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN, TIMESTAMP, Canonical, foreign, motion_of
 from automarine_cli.logs.columns import ColumnMap, ColumnRule
@@ -27,8 +28,11 @@ class _Use:
     rule: ColumnRule
 
 
-def read_log(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None) -> LogTable:
-    """Read one log of a motion; None: of the motion that its columns show.
+def read_log(
+    file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None, motion: Motion | None = None
+) -> LogTable:
+    """Read one log of a motion; None: of the motion that its columns show. With a `motion` of several degrees of
+    freedom, `dof` among them, the columns of all of them are read.
 
     Raises LogError with file, row, column, what was found, what was expected and what to do. Columns that a
     command cannot do without are asked for afterwards, with `require`.
@@ -39,7 +43,7 @@ def read_log(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None
     if dof is None:
         mapped = (name for name, rule in columns.columns.items() if rule.source in {*raw.names, *raw.also})
         dof = motion_of(raw.names, mapped)
-    uses, notes = _assigned(raw, columns, file.name, dof)
+    uses, notes = _assigned(raw, columns, file.name, foreign(dof, motion))
     runs = run_names(raw, columns, file.name)
     used = {raw.names[use.index] for use in uses} | ({columns.source_of(RUN)} if runs else set())
     extras: dict[str, Floats] = {}
@@ -54,6 +58,7 @@ def read_log(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None
         run_names=runs.names if runs else (),
         run_code=runs.code if runs else None,
         moment_unit=moment,
+        units={use.canonical.quantity: use.canonical.unit for use in uses},
         extras=extras,
         names=raw.names,
         notes=(*raw.notes, *notes),
@@ -113,9 +118,11 @@ def _check_names(raw: RawLog, source: str) -> None:
         )
 
 
-def _assigned(raw: RawLog, columns: ColumnMap, source: str, dof: Dof) -> tuple[list[_Use], list[str]]:
-    """Which column serves which quantity; rules of the map come before names of the file."""
-    others = foreign(dof)
+def _assigned(
+    raw: RawLog, columns: ColumnMap, source: str, others: frozenset[str]
+) -> tuple[list[_Use], list[str]]:
+    """Which column serves which quantity; rules of the map come before names of the file. By those names `others` are
+    not read."""
     own = {name: i for i, name in enumerate(raw.names) if name}
     places = {name: own[column] for name, column in raw.also.items()} | own
     mapped: dict[str, list[_Use]] = {}

@@ -28,7 +28,9 @@ class LogTable:
     `time` [s], `heading` [rad, as logged: wrapped or not], `yaw_rate` [rad/s], `moment` [`moment_unit`],
     `n_port`, `n_stbd`, `n` [the file's own unit], `voltage` [V], `surge`, `sway` [m/s], `force` [N]; in a log of
     another motion (`dof`) its position [m] and force (see `dofs.Dof`) [`moment_unit`] in place of heading and moment;
-    every other numeric column stays in `extras` under the file's own name.
+    every other numeric column stays in `extras` under the file's own name. In a log of motion in the plane `columns`
+    also holds velocities and commands of its other degrees of freedom, `north` and `east` [m], `lat` and `lon` [rad].
+    `units` are those of the columns' names: what tells newtons from a normalised force.
     A missing value is NaN. `rows` are 1-based line numbers in the file (Parquet: row numbers), for messages.
     `names` are all column names of the file, `notes` what a person should know about the reading. In a file of several
     runs `run_names` are theirs in the order in which they begin, and `run_code` says for each row which it is.
@@ -41,6 +43,7 @@ class LogTable:
     run_names: tuple[str, ...] = ()
     run_code: NDArray[np.int64] | None = None
     moment_unit: str | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
     dof: Dof = field(kw_only=True)
     extras: Mapping[str, Floats] = field(default_factory=dict)
     names: tuple[str, ...] = ()

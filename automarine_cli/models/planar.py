@@ -32,6 +32,11 @@ PLACES = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 """Where the entries of `Inertia`, in its order, stand in the matrix."""
 
 FORCES, VELOCITIES = "XYN", "uvr"
+OF_ROLE = {
+    "linear": "linear-drag", "quadratic": "quadratic-drag", "cubic": "cubic-drag", "constant": "bias-moment",
+    "difference": "drag-asymmetry",
+}  # fmt: skip
+"""The effect whose one parameter has a letter of its own in a motion, by what it is there (see `Dof.parameters`)."""
 _DERIVATIVE = re.compile(rf"([{FORCES}])_([{VELOCITIES}]{{1,2}})")
 
 
@@ -65,6 +70,17 @@ class Inertia:
     def matrix(self) -> Floats:
         """(3, 3)."""
         return _matrices(np.array([astuple(self)]))[0]
+
+    def refuse_unless_positive(self, where: str) -> None:
+        """Raise ModelError where kinetic energy is not above zero in every motion; `where` begins the sentence."""
+        matrix = self.matrix
+        if not np.isfinite(matrix).all() or np.linalg.eigvalsh(matrix)[0] <= 0:
+            entries = ", ".join(f"{name} = {value:g}" for name, value in zip(inertia_names(), astuple(self)))
+            raise ModelError(
+                f"{where}: found an inertia of {entries}; expected a matrix that is positive definite (m_u, m_v and "
+                "I_r above zero, and couplings that are small beside them); check the signs of the added masses, which "
+                "count as positive where they add"
+            )
 
 
 @dataclass(frozen=True)
@@ -110,7 +126,7 @@ class PlanarModel:
 
     def __post_init__(self) -> None:
         for term in self.cross:
-            _derivative(term.name)
+            derivative(term.name)
 
     @classmethod
     def from_rigid_and_added(
@@ -133,14 +149,7 @@ class PlanarModel:
         Raises ModelError where the two together are no inertia: kinetic energy must be above zero in every motion.
         """
         both = Inertia.rigid(mass, inertia, x_g, y_g) + added
-        matrix = both.matrix
-        if not np.isfinite(matrix).all() or np.linalg.eigvalsh(matrix)[0] <= 0:
-            entries = ", ".join(f"{name} = {value:g}" for name, value in zip(_entries(), astuple(both)))
-            raise ModelError(
-                f"rigid and added inertia together are {entries}; expected a matrix that is positive definite "
-                "(m_u, m_v and I_r above zero, and couplings that are small beside them); check the signs of the added "
-                "masses, which count as positive where they add"
-            )
+        both.refuse_unless_positive("rigid and added inertia together")
         return cls(both, tuple(surge), tuple(sway), tuple(yaw), tuple(cross), water)
 
     @property
@@ -153,9 +162,9 @@ class PlanarModel:
         """Qualified names of the entries of theta: "surge.m_u", "planar.m_vr", "yaw.k_rr", "sway.Y_r",
         "yaw.input-delay.T", "current.north"."""
         names = [dof.parameter("inertia") for dof in PLANAR.dofs]
-        names += [f"{PLANAR.name}.{name}" for name in _entries()[len(names) :]]
-        names += [name for dof, terms in self._alone() for term in terms for name in _names(dof, term)]
-        names += [f"{PLANAR.dofs[_derivative(term.name)[0]].name}.{term.name}" for term in self.cross]
+        names += [f"{PLANAR.name}.{name}" for name in inertia_names()[len(names) :]]
+        names += [name for dof, terms in self._alone() for term in terms for name in parameters_of(dof, term)]
+        names += [f"{PLANAR.dofs[derivative(term.name)[0]].name}.{term.name}" for term in self.cross]
         return (*names, *(("current.north", "current.east") if self.water is not None else ()))
 
     @property
@@ -211,7 +220,7 @@ class PlanarModel:
         for place, (_, terms) in enumerate(self._alone()):
             yield from ((place, effects.get(term.name), term) for term in terms)
         for term in self.cross:
-            place, drag = _derivative(term.name)
+            place, drag = derivative(term.name)
             yield place, drag, term
 
     def _values(self) -> Iterator[float]:
@@ -219,8 +228,8 @@ class PlanarModel:
             yield from term.values
 
 
-def _entries() -> tuple[str, ...]:
-    """Names of the entries of an inertia."""
+def inertia_names() -> tuple[str, ...]:
+    """Names of the entries of an inertia, those of the three degrees of freedom first."""
     return tuple(field.name for field in fields(Inertia))
 
 
@@ -232,16 +241,16 @@ def _matrices(theta: Floats) -> Floats:
     return matrices
 
 
-def _names(dof: Dof, term: Term) -> Iterator[str]:
+def parameters_of(dof: Dof, term: Term) -> Iterator[str]:
     """Qualified names of the parameters of an effect on one degree of freedom; by the letter of their role, if any."""
     effect = effects.get(term.name)
-    if effect.role:
+    if OF_ROLE.get(effect.role) == term.name:
         yield dof.parameter(effect.role)
     else:
         yield from (f"{dof.name}.{term.name}.{name}" for name in effect.names_in(dof))
 
 
-def _derivative(name: str) -> tuple[int, CrossDrag]:
+def derivative(name: str) -> tuple[int, CrossDrag]:
     """What a derivative such as N_v or N_vr acts on, and the drag that it is. Raises ModelError."""
     found = _DERIVATIVE.fullmatch(name)
     place = FORCES.index(found[1]) if found else 0

@@ -1,7 +1,6 @@
 """Models from files: `yaw_model.json` of a yaw fit, `thrusters.json` of a thruster fit; all of it checked."""
 
 import difflib
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,13 +8,13 @@ from pathlib import Path
 from automarine_cli import effects
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError
+from automarine_cli.models.entries import needed, number_at, object_at
 from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_roles
 from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.plain_data import told as _told
 from automarine_cli.pipeline.words import LONGEST, printable
 
-SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
 LATEST_SWITCH = 0.5  # of a sample interval: beyond it another sample would show the command first
 
 
@@ -56,10 +55,10 @@ def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels
 
     Raises ModelError.
     """
-    top = _object(data, where)
+    top = object_at(data, where)
     dof = _checked_schema(top, where)
     _refuse_unknown(top, _file_keys, where, dof)
-    entries = _object(_needed(top, "models", where, dof), f"{where}: models")
+    entries = object_at(needed(top, "models", where, dof.name), f"{where}: models")
     unit = _force_unit(top, entries, where, dof)
     added = _effects(top.get("effects", []), f"{where}: effects", dof)
     models = {}
@@ -76,14 +75,14 @@ def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels
             models[number] = _with_effects(_base(number, entry, unit, place, dof), values)
     if not models:
         raise ModelError(f"{where}: models: holds no model; expected one or more of {', '.join(BASE_TERMS)}")
-    preferred = _needed(top, "preferred", where, dof)
+    preferred = needed(top, "preferred", where, dof.name)
     if not isinstance(preferred, str) or preferred not in models:
         raise ModelError(
             f"{where}: preferred: found {_told(preferred)}, expected one of the file's models "
             f"({', '.join(models)})"
         )
     offset = top.get("switch_offset")
-    late = 0.0 if offset is None else _number(offset, f"{where}: switch_offset", dof)
+    late = 0.0 if offset is None else number_at(offset, f"{where}: switch_offset", dof.name)
     if abs(late) > LATEST_SWITCH:
         raise ModelError(
             f"{where}: switch_offset: found {late:g}, expected a share of a sample interval "
@@ -169,7 +168,7 @@ def _force_unit(top: Mapping[str, object], entries: Mapping[str, object], where:
 
 def _base(number: str, data: object, unit: str, where: str, dof: Dof) -> YawModel:
     """Model `number` without effects. Model 2's linear term may have either sign, as in Table 1."""
-    entry = _object(data, where)
+    entry = object_at(data, where)
     _refuse_unknown(entry, _model_keys, where, dof)
     sided = dof.directional and entry.get(dof.symbols.difference) is not None
     roles = base_roles(number, dof, sided)
@@ -181,7 +180,7 @@ def _base(number: str, data: object, unit: str, where: str, dof: Dof) -> YawMode
     values = {}
     for role in roles:
         name = dof.parameters[role]
-        value = values[role] = _number(_needed(entry, name, where, dof), f"{where}.{name}", dof)
+        value = values[role] = number_at(needed(entry, name, where, dof.name), f"{where}.{name}", dof.name)
         if role == "inertia" and value <= 0:
             raise ModelError(f"{where}.{name}: found {value:g}, expected {dof.words.an_inertia} above zero")
         may_drive = role == "linear" and "quadratic" in roles
@@ -198,14 +197,14 @@ def _effects(data: object, where: str, dof: Dof) -> list[tuple[str, tuple[float,
     found = []
     for i, item in enumerate(data):
         place = f"{where}[{i}]"
-        entry = _object(item, place)
+        entry = object_at(item, place)
         _refuse_unknown(entry, _effect_keys, place, dof)
-        name = _needed(entry, "name", place, dof)
+        name = needed(entry, "name", place, dof.name)
         if not isinstance(name, str) or name not in effects.names():
             raise ModelError(
                 f"{place}.name: found {_told(name)}, expected one of {', '.join(effects.names())}"
             )
-        given = _object(_needed(entry, "parameters", place, dof), f"{place}.parameters")
+        given = object_at(needed(entry, "parameters", place, dof.name), f"{place}.parameters")
         found.append((name, _parameters(name, given, f"{place}.parameters", dof)))
     return found
 
@@ -220,7 +219,7 @@ def _parameters(name: str, given: Mapping[str, object], where: str, dof: Dof) ->
         if parameter.choices and key not in given:
             values.append(parameter.start)
             continue
-        value = _number(_needed(given, key, where, dof), f"{where}.{key}", dof)
+        value = number_at(needed(given, key, where, dof.name), f"{where}.{key}", dof.name)
         if not parameter.lower <= value <= parameter.upper:
             raise ModelError(
                 f"{where}.{key}: found {value:g}, expected {parameter.lower:g} to {parameter.upper:g}"
@@ -233,34 +232,3 @@ def _with_effects(model: YawModel, added: list[tuple[str, tuple[float, ...]]]) -
     for name, values in added:
         model = model.with_effect(name, values)
     return model
-
-
-def _number(data: object, where: str, dof: Dof) -> float:
-    """A finite number: an estimate's `value`, or plain."""
-    if isinstance(data, Mapping):
-        where, data = f"{where}.value", _needed(data, "value", where, dof)
-    if isinstance(data, bool) or not isinstance(data, int | float):
-        raise ModelError(f"{where}: found {_told(data)}, expected a number")
-    try:
-        value = float(data)
-    except OverflowError:
-        value = math.inf
-    if not math.isfinite(value):
-        raise ModelError(f"{where}: found {_told(data)}, expected a finite number")
-    if value and not SMALLEST <= abs(value) <= LARGEST:
-        raise ModelError(f"{where}: found {_told(data)}, expected 0 or a size of {SMALLEST:g} to {LARGEST:g}")
-    return value
-
-
-def _object(data: object, where: str) -> Mapping[str, object]:
-    if not isinstance(data, Mapping):
-        raise ModelError(f"{where}: found {_told(data)}, expected an object with named keys")
-    return data
-
-
-def _needed(data: Mapping[str, object], key: str, where: str, dof: Dof) -> object:
-    if key not in data:
-        raise ModelError(
-            f"{where}: key {_told(key)} is missing; give a file as `automarine fit-{dof.name}` writes it"
-        )
-    return data[key]

@@ -25,6 +25,7 @@ from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.sense import clock_trouble
 
 Kept = TypeVar("Kept")
+Reading = Callable[..., tuple[list[Run], list[SetAside]]]
 
 MOST_REASONS = 3  # reasons shown when nothing is left
 PAYS_FROM = 3000  # logs from which processes are started to read them
@@ -49,14 +50,18 @@ def load_runs(
     strict: bool = False,
     progress: Progress = silent,
     jobs: int = 1,
+    read: Reading | None = None,
 ) -> Campaign:
     """Read and clean the logs of a motion meant by files, directories and globs, on `jobs` processes.
 
-    Raises LogError or RunError for a log named on the command line that cannot be read right, for anything
-    that would be set aside if `strict`, and if no run is left.
+    `read` is what makes runs of one log, by default `read_runs`. Raises LogError or RunError for a log named
+    on the command line that cannot be read right, for anything that would be set aside if `strict`, and if no run is
+    left.
     """
     files = find_logs(logs)
-    runs, aside = _gathered(partial(read_runs, columns=columns, dof=dof), files, strict, progress, jobs)
+    runs, aside = _gathered(
+        partial(read or read_runs, columns=columns, dof=dof), files, strict, progress, jobs
+    )
     return Campaign(_one_unit(named_apart(runs)), aside, tuple(filter(has_bytes, files)))
 
 

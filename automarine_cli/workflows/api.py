@@ -11,6 +11,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
+from automarine_cli.fits.planar_fit import PlanarFit
 from automarine_cli.fits.thruster_result import ThrusterFit
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.pipeline.outputs import json_text
@@ -23,7 +24,7 @@ from automarine_cli.workflows import fit_yaw as _fit_yaw
 from automarine_cli.workflows import plan as _plan
 from automarine_cli.workflows import simulate as _simulate
 from automarine_cli.workflows import slice as _slice
-from automarine_cli.workflows import validate as _validate
+from automarine_cli.workflows import validate_planar as _validate
 from automarine_cli.workflows.diagnose import YawDiagnosis
 
 Result = TypeVar("Result")
@@ -32,6 +33,7 @@ MANY = ("logs", "hold_out", "results", "thruster_tests", "parameters")
 FILES = ("model", "thrusters", "columns", "out", "specification", "diagnosis", "limits")
 STORED: Mapping[type, tuple[str, Callable[[Any], object]]] = {
     YawFit: ("yaw_model.json", YawFit.to_json),
+    PlanarFit: ("planar_model.json", PlanarFit.to_json),
     ThrusterFit: ("thrusters.json", ThrusterFit.to_json),
     YawDiagnosis: ("extended_model.json", YawDiagnosis.extended_model),
 }
@@ -76,7 +78,7 @@ check = at_a_prompt(_check.check, "logs")
 fit_thrusters = at_a_prompt(_fit_thrusters.fit_thrusters, "logs")
 FITS = {f"fit_{name}": at_a_prompt(fit, "logs") for name, fit in _fit_yaw.FITS.items()}
 """`fit_yaw`, `fit_surge` and their like, by name."""
-validate = at_a_prompt(_validate.validate, "logs")
+validate = at_a_prompt(_validate.validate_any, "logs")
 diagnose = at_a_prompt(_diagnose.diagnose_any, "logs")
 simulate = at_a_prompt(_simulate.simulate, "specification")
 slice_log = at_a_prompt(_slice.slice_log, "logs")

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from automarine_cli import exports as targets
+from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.exports.base import (
     THRUSTER_MAP,
@@ -19,6 +20,7 @@ from automarine_cli.exports.base import (
     YawSubject,
 )
 from automarine_cli.exports.frames import in_enu
+from automarine_cli.exports.planar import planar_subject
 from automarine_cli.exports.prepare import (
     cannot,
     in_unit,
@@ -29,6 +31,8 @@ from automarine_cli.exports.prepare import (
     refuse_unused,
     split,
 )
+from automarine_cli.models.planar_store import SCHEMA as PLANAR_SCHEMA
+from automarine_cli.models.planar_store import planar_from_json
 from automarine_cli.models.store import yaw_models_from_json
 from automarine_cli.models.thruster_map import SCHEMA as MAP_SCHEMA
 from automarine_cli.models.thruster_map import ThrusterMap
@@ -106,7 +110,7 @@ class Targets:
                     "name": one.name,
                     "says": one.says,
                     "takes": one.takes,
-                    "motions": list(one.motions) if one.takes == YAW_MODEL else [],
+                    "motions": _motions(one),
                     "forms": dict(one.forms),
                     "frames": list(one.frames),
                     "effects": sorted(one.carries),
@@ -128,7 +132,13 @@ class Targets:
 
 
 def _taken(target: Target) -> str:
-    return ", ".join(target.motions) if target.takes == YAW_MODEL else "thrusters"
+    return ", ".join(_motions(target)) or "thrusters"
+
+
+def _motions(target: Target) -> list[str]:
+    """Motions whose models a target takes; none where it takes thruster maps."""
+    together = [PLANAR.name] * (target.planar is not None)
+    return [*target.motions, *together] if target.takes == YAW_MODEL else []
 
 
 def export_targets() -> Targets:
@@ -144,6 +154,7 @@ def export(
     number: str | None = None,
     frame: str | None = None,
     rigid_inertia: float | None = None,
+    rigid_mass: float | None = None,
     newton_metres_per_nu: float | None = None,
     mesh_torque: tuple[float, float] | None = None,
     symmetrise: bool = False,
@@ -161,15 +172,17 @@ def export(
     """
     target = targets.get(to)
     settings = Settings(
-        rigid_inertia, newton_metres_per_nu, mesh_torque, symmetrise, n_max, lag, allow_partial
+        rigid_inertia, rigid_mass, newton_metres_per_nu, mesh_torque, symmetrise, n_max, lag, allow_partial
     )
     refuse_unused(target, settings)
+    data = read_plain(model, "JSON", ModelError)
+    origin = Origin(printable(model.name), sha256(model))
+    if data.get("schema") == PLANAR_SCHEMA:
+        return _planar(target, data, origin, form, frame, settings, out, overwrite)
     asked = _one_of(target.forms, form or _form_by_ending(target, out), f"--form of {target.name}")
     seen = _one_of(target.frames, (frame or target.frames[0]).upper(), f"--frame of {target.name}")
     if out is not None:
         refuse_existing(out, overwrite=overwrite)
-    data = read_plain(model, "JSON", ModelError)
-    origin = Origin(printable(model.name), sha256(model))
     if target.takes == THRUSTER_MAP:
         result = _of_map(target, data, origin, asked, seen, settings)
     else:
@@ -177,6 +190,41 @@ def export(
     if out is not None:
         write_whole(out, result.text)
     return result
+
+
+def _planar(
+    target: Target,
+    data: Mapping[str, Any],
+    origin: Origin,
+    form: str | None,
+    frame: str | None,
+    settings: Settings,
+    out: Path | None,
+    overwrite: bool,
+) -> Exported:
+    """A model of surge, sway and yaw together, written into `out` if that is given."""
+    taken = target.planar
+    if taken is None:
+        takers = [name for name in targets.names() if targets.get(name).planar is not None]
+        raise SettingError(
+            f"{origin.file} is a model of surge, sway and yaw together; --to {target.name} takes one motion: take --to "
+            f"{' or '.join(takers)}, or a model of one motion"
+        )
+    if settings.newton_metres_per_nu is not None:
+        raise SettingError(
+            f"{origin.file} is in newtons already; --newton-metres-per-nu is for the unit nu, so leave it out"
+        )
+    asked = _one_of(taken.forms, form or next(iter(taken.forms)), f"--form of {target.name}")
+    seen = _one_of(taken.frames, (frame or taken.frames[0]).upper(), f"--frame of {target.name}")
+    if out is not None:
+        refuse_existing(out, overwrite=overwrite)
+    model = planar_from_json(data, origin.file).model
+    subject = planar_subject(model, origin, seen, asked, settings, target.name)
+    written = taken.write(subject)
+    carried = ("inertia", *(name for name, _, _ in subject.drags()))
+    if out is not None:
+        write_whole(out, written.text)
+    return Exported(target.name, asked, seen, origin, "N m", carried, subject.left_out, written)
 
 
 def _of_map(

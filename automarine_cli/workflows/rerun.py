@@ -10,6 +10,7 @@ from typing import Any
 
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap, LogFile
+from automarine_cli.models.planar_store import is_planar
 from automarine_cli.pipeline.inputs import Sought, find_inputs
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
 from automarine_cli.pipeline.outputs import UNRECORDED
@@ -29,6 +30,7 @@ from automarine_cli.workflows.run import run_campaign
 from automarine_cli.workflows.simulate import simulate
 from automarine_cli.workflows.slice import slice_log
 from automarine_cli.workflows.validate import validate
+from automarine_cli.workflows.validate_planar import validate_planar
 
 SCHEMA = "automarine/rerun/1"
 COMMANDS: Mapping[str, Callable[..., object]] = {
@@ -155,6 +157,8 @@ def _recipe(
     work = COMMANDS[manifest.command]
     if work is diagnose and "model" in roles and is_thruster_map(roles["model"][0].path or Path()):
         work = diagnose_thrusters
+    if work is validate and "model" in roles and is_planar(roles["model"][0].path or Path()):
+        work = validate_planar
     known, hints = inspect.signature(work).parameters, typing.get_type_hints(work)
     settings: dict[str, Any] = {}
     for key, value in manifest.options.items():

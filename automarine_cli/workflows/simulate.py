@@ -1,23 +1,28 @@
 """`simulate`: a specification -> the logs of a pool campaign, and the truth beside them."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from automarine_cli.pipeline.manifest import given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.recipe import to_mapping
+from automarine_cli.pipeline.recipe import read_mapping, to_mapping
 from automarine_cli.pipeline.shown import Shown
+from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import Table
 from automarine_cli.simulation.bollard_test import bollard_columns
 from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
 from automarine_cli.simulation.log_files import label, log_bytes, run_logs
+from automarine_cli.simulation.planar_campaign import make_planar
+from automarine_cli.simulation.planar_specification import (
+    PlanarSpecification,
+    is_planar,
+    planar_specification_from,
+)
 from automarine_cli.simulation.run_groups import levels_of
-from automarine_cli.simulation.specification import Specification, read_specification
-
-TRUTH = "truth.json"
-SCHEMA = "automarine/simulation-truth/1"
-DECIMALS = 9  # of what was drawn: more would show the machine's own rounding
+from automarine_cli.simulation.specification import Specification, specification_from
+from automarine_cli.workflows.simulate_planar import DECIMALS, SCHEMA, TRUTH, PlanarSimulation
 
 
 @dataclass(frozen=True, repr=False)
@@ -56,6 +61,14 @@ class Simulation(Shown):
             folders.add(self.specification.bollard.folder)
         return (*(f"{folder}/" for folder in sorted(folders) if folder), TRUTH)
 
+    def logs(self) -> Iterator[tuple[str, bytes]]:
+        """Name and content of every log."""
+        asked = self.specification
+        yield from run_logs(self.runs, asked, self.seed)
+        if asked.bollard is not None:
+            columns = bollard_columns(asked.bollard, self.seed)
+            yield asked.bollard.file, log_bytes(columns, asked.bollard.format, label(asked, self.seed))
+
     def tables(self) -> tuple[Table, ...]:
         """How many runs, files and samples each folder holds."""
         groups: dict[tuple[str, str], list[SimulatedRun]] = {}
@@ -72,35 +85,46 @@ class Simulation(Shown):
 
 
 def simulate(
-    specification: Path | Specification,
+    specification: Path | Specification | PlanarSpecification,
     *,
     out: Path | None = None,
     seed: int | None = None,
     overwrite: bool = False,
     jobs: int = 1,
     progress: Progress = silent,
-) -> Simulation:
+) -> Simulation | PlanarSimulation:
     """Make the campaign of a specification; `seed` replaces the one in it.
 
     Writes logs and truth if `out` is given. Raises SettingError for a specification that makes no sense,
     OutputError.
     """
-    asked = specification if isinstance(specification, Specification) else read_specification(specification)
+    asked = _asked(specification) if isinstance(specification, Path) else specification
     used = asked.seed if seed is None else seed
-    if out is None:
+
+    def made() -> Simulation | PlanarSimulation:
+        if isinstance(asked, PlanarSpecification):
+            return PlanarSimulation(asked, used, make_planar(asked, used))
         return Simulation(asked, used, make_campaign(asked, used, jobs=jobs, progress=progress))
+
+    if out is None:
+        return made()
     inputs = given_as(specification=specification)
     with result_folder(
         out, command="simulate", options={}, inputs=inputs, seed=used, overwrite=overwrite
     ) as folder:
-        result = Simulation(asked, used, make_campaign(asked, used, jobs=jobs, progress=progress))
-        for name, content in run_logs(result.runs, asked, used):
+        result = made()
+        for name, content in result.logs():
             folder.write(name, content)
-        if asked.bollard is not None:
-            columns = bollard_columns(asked.bollard, used)
-            folder.write(asked.bollard.file, log_bytes(columns, asked.bollard.format, label(asked, used)))
         folder.write_json(TRUTH, result.to_json())
     return result
+
+
+def _asked(path: Path) -> Specification | PlanarSpecification:
+    """The specification in a file, of one motion or of motion in the plane."""
+    mapping, name = read_mapping(path), printable(path.name)
+    return (
+        planar_specification_from(mapping, name) if is_planar(mapping) else specification_from(mapping, name)
+    )
 
 
 def _row(folder: str, kind: str, runs: list[SimulatedRun]) -> tuple[str, ...]:

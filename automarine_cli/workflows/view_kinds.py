@@ -1,7 +1,6 @@
 """What each kind of result shows of itself in Python: its lines, its rows, its tables, its figures."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from automarine_cli.comparison.scores import SCORES, score_key
@@ -29,7 +28,8 @@ from automarine_cli.report.figures import yaw as yaw_figures
 from automarine_cli.report.figures.diagnosis_gap import before_after_figure
 from automarine_cli.report.figures.diagnosis_where import where_figure
 from automarine_cli.report.figures.diagnosis_why import why_figure
-from automarine_cli.report.tables import Table, interval, number
+from automarine_cli.report.tables import number
+from automarine_cli.workflows import planar_views
 from automarine_cli.workflows.check import Check
 from automarine_cli.workflows.compare import ResultComparison
 from automarine_cli.workflows.diagnose import YawDiagnosis
@@ -37,43 +37,7 @@ from automarine_cli.workflows.plan import Plan
 from automarine_cli.workflows.simulate import Simulation
 from automarine_cli.workflows.slice import Slices
 from automarine_cli.workflows.validate import Validation
-
-Row = dict[str, object]
-Figures = Mapping[str, Callable[[], Any]]
-
-
-@dataclass(frozen=True)
-class View:
-    """How one kind of result is shown; the first of its figures is drawn where none is asked for."""
-
-    lines: Callable[[Any], Iterator[str]]
-    rows: Callable[[Any], Iterator[Row]]
-    tables: Callable[[Any], Sequence[Table | str]]
-    figures: Callable[[Any], Figures]
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'s' * (count != 1)}"
-
-
-def _numbers(estimate: Estimate) -> Row:
-    low, high = estimate.ci95
-    return {
-        "value": estimate.value,
-        "stderr": estimate.stderr,
-        "low": low,
-        "high": high,
-        "unit": estimate.unit,
-    }
-
-
-def _aligned(estimates: Mapping[str, Estimate]) -> Iterator[str]:
-    """Names, numbers with their intervals, units: one line each."""
-    width = max((len(name) for name in estimates), default=0)
-    for name, one in estimates.items():
-        unit = "" if one.unit in ("", "1") else f" {one.unit}"
-        yield f"  {name:<{width}}  {interval(one)}{unit}"
-
+from automarine_cli.workflows.view import Figures, Row, View, aligned, counted, numbers
 
 # fit_yaw
 
@@ -82,7 +46,7 @@ def _yaw_lines(fit: YawFit) -> Iterator[str]:
     dof = fit.dof
     own = dof.symbols
     to = f"{dof.words.step}s" if fit.turns else "whole runs"
-    used, aside = _counted(fit.used, "run"), len(fit.set_aside)
+    used, aside = counted(fit.used, "run"), len(fit.set_aside)
     yield f"{dof.name.capitalize()} model {fit.preference.number}, fitted to {to} of {used}; {aside} set aside"
     names = {
         own.quadratic: own.quadratic_print,
@@ -91,14 +55,14 @@ def _yaw_lines(fit: YawFit) -> Iterator[str]:
     found = {names.get(name, name): one for name, one in fit.preferred.estimates.items()}
     if fit.inertial_turn_angle is not None:
         found[f"{own.inertia}/{own.quadratic_print}"] = fit.inertial_turn_angle
-    yield from _aligned(found)
-    yield f"  {noise_words(fit.preferred.mixed, dof)}; {_counted(len(fit.warnings), 'warning')}"
+    yield from aligned(found)
+    yield f"  {noise_words(fit.preferred.mixed, dof)}; {counted(len(fit.warnings), 'warning')}"
 
 
 def _yaw_rows(fit: YawFit) -> Iterator[Row]:
     for model, ml in fit.output_error.items():
         for name, one in ml.estimates.items():
-            yield {"model": model, "method": "maximum likelihood", "parameter": name} | _numbers(one)
+            yield {"model": model, "method": "maximum likelihood", "parameter": name} | numbers(one)
     if fit.seed_method is None:
         return
     for model, drag in fit.seed_method.drag.items():
@@ -108,7 +72,7 @@ def _yaw_rows(fit: YawFit) -> Iterator[Row]:
         if model in fit.seed_method.inertia:
             found[fit.dof.symbols.inertia] = fit.seed_method.inertia[model].overall
         for name, one in found.items():
-            yield {"model": model, "method": "velocity error", "parameter": name} | _numbers(one)
+            yield {"model": model, "method": "velocity error", "parameter": name} | numbers(one)
 
 
 def _yaw_figures(fit: YawFit) -> Figures:
@@ -128,14 +92,14 @@ def _yaw_figures(fit: YawFit) -> Figures:
 
 def _thruster_lines(fit: ThrusterFit) -> Iterator[str]:
     law, chosen = fit.analysis, fit.analysis.selection.chosen.form.name
-    yield f"Thruster map of one thruster from {_counted(len(fit.points), 'point')}: F = a |n| n; form chosen: {chosen}"
-    yield from _aligned({f"a {side}": one for side, one in law.square.items()})
+    yield f"Thruster map of one thruster from {counted(len(fit.points), 'point')}: F = a |n| n; form chosen: {chosen}"
+    yield from aligned({f"a {side}": one for side, one in law.square.items()})
     yield f"  R² {number(law.r2)}, rmse {number(law.percent(law.law.rmse), 3)} % of full scale"
 
 
 def _thruster_rows(fit: ThrusterFit) -> Iterator[Row]:
     for side, one in fit.analysis.square.items():
-        yield {"direction": side, "form": "square", "parameter": "a"} | _numbers(one)
+        yield {"direction": side, "form": "square", "parameter": "a"} | numbers(one)
 
 
 # validate
@@ -143,7 +107,7 @@ def _thruster_rows(fit: ThrusterFit) -> Iterator[Row]:
 
 def _validation_lines(result: Validation) -> Iterator[str]:
     found, dof = result.comparison, result.stored.dof
-    runs, aside = _counted(len(found.runs), "run"), len(result.set_aside)
+    runs, aside = counted(len(found.runs), "run"), len(result.set_aside)
     yield f"Validation on {runs}: model {found.best} is best; {aside} set aside"
     for model, scored in found.models.items():
         score = scored.overall["rmse"]
@@ -179,14 +143,14 @@ def _diagnosis_lines(result: YawDiagnosis) -> Iterator[str]:
     yield diagnosis_tables.verdict_sentence(result.diagnosis)
     for effect in result.diagnosis.effects:
         yield f"  {effect.name}, confidence {effect.confidence:.0%}"
-        yield from (f"  {line}" for line in _aligned(effect.parameters))
+        yield from (f"  {line}" for line in aligned(effect.parameters))
         yield from (f"    or {rival.name}, {rival.confidence:.0%}" for rival in effect.rivals)
 
 
 def _diagnosis_rows(result: YawDiagnosis) -> Iterator[Row]:
     for effect in result.diagnosis.effects:
         for name, one in effect.parameters.items():
-            yield {"effect": effect.name, "confidence": effect.confidence, "parameter": name} | _numbers(one)
+            yield {"effect": effect.name, "confidence": effect.confidence, "parameter": name} | numbers(one)
 
 
 def _diagnosis_figures(result: YawDiagnosis) -> Figures:
@@ -203,7 +167,7 @@ def _thruster_diagnosis_rows(result: ThrusterDiagnosis) -> Iterator[Row]:
     for effect in result.to_json()["effects"]:  # type: ignore[attr-defined]
         for name, one in effect["parameters"].items():
             row = {"effect": effect["name"], "confidence": effect["confidence"], "parameter": name}
-            yield row | (_numbers(Estimate.from_json(one)) if isinstance(one, dict) else {"value": one})
+            yield row | (numbers(Estimate.from_json(one)) if isinstance(one, dict) else {"value": one})
 
 
 def _thruster_diagnosis_figures(result: ThrusterDiagnosis) -> Figures:
@@ -218,8 +182,8 @@ def _thruster_diagnosis_figures(result: ThrusterDiagnosis) -> Figures:
 
 
 def _check_lines(result: Check) -> Iterator[str]:
-    runs, tests = _counted(len(result.runs), "yaw run"), _counted(len(result.tests), "thruster test")
-    yield f"Look at {_counted(result.logs, 'log')}: {runs}, {tests}; {len(result.set_aside)} set aside"
+    runs, tests = counted(len(result.runs), "yaw run"), counted(len(result.tests), "thruster test")
+    yield f"Look at {counted(result.logs, 'log')}: {runs}, {tests}; {len(result.set_aside)} set aside"
     yield from (f"  {one.file}, run {one.run}: {one.why}" for one in result.set_aside)
 
 
@@ -231,7 +195,7 @@ def _check_rows(result: Check) -> Iterator[Row]:
 
 def _simulation_lines(result: Simulation) -> Iterator[str]:
     names = ", ".join(effect.name for effect in result.specification.effects) or "none"
-    yield f"Simulated campaign of {_counted(len(result.runs), 'run')}, seed {result.seed}; effects: {names}"
+    yield f"Simulated campaign of {counted(len(result.runs), 'run')}, seed {result.seed}; effects: {names}"
 
 
 def _simulation_rows(result: Simulation) -> Iterator[Row]:
@@ -240,8 +204,8 @@ def _simulation_rows(result: Simulation) -> Iterator[Row]:
 
 
 def _slices_lines(result: Slices) -> Iterator[str]:
-    cuts = _counted(len(result.cuts), "run")
-    yield f"{_counted(len(result.sources), 'log')} cut by {result.by} into {cuts}; {len(result.set_aside)} set aside"
+    cuts = counted(len(result.cuts), "run")
+    yield f"{counted(len(result.sources), 'log')} cut by {result.by} into {cuts}; {len(result.set_aside)} set aside"
 
 
 def _slices_rows(result: Slices) -> Iterator[Row]:
@@ -250,7 +214,7 @@ def _slices_rows(result: Slices) -> Iterator[Row]:
 
 def _comparison_rows(result: ResultComparison) -> Iterator[Row]:
     for one in result.differences:
-        row: Row = {"parameter": one.parameter, "of": one.of, "less": one.base} | _numbers(one.difference)
+        row: Row = {"parameter": one.parameter, "of": one.of, "less": one.base} | numbers(one.difference)
         yield row | {"p_value": one.p_value, "verdict": one.verdict}
 
 
@@ -261,7 +225,7 @@ def _plan_lines(result: Plan) -> Iterator[str]:
     yield from plan_tables.total_sentences(result.campaign)
     dof = result.campaign.fitting.model.dof
     yield "Predicted, of the new runs alone:"
-    yield from _aligned({plan_tables.in_print(name, dof): one for name, one in result.campaign.alone.items()})
+    yield from aligned({plan_tables.in_print(name, dof): one for name, one in result.campaign.alone.items()})
 
 
 def _plan_rows(result: Plan) -> Iterator[Row]:
@@ -271,6 +235,7 @@ def _plan_rows(result: Plan) -> Iterator[Row]:
 
 VIEWS: Mapping[type, View] = {
     YawFit: View(_yaw_lines, _yaw_rows, lambda fit: yaw_report.tables(fit, short=True), _yaw_figures),
+    **planar_views.VIEWS,
     ThrusterFit: View(
         _thruster_lines, _thruster_rows, thruster_tables.tables,
         lambda fit: {"map": lambda: thruster_figures.thruster_figure(fit)},

@@ -1,0 +1,146 @@
+"""A planar model made fit for a target: matrices in the target's frame, and what the target has no term for.
+
+Ours: M nu' + C(nu) nu + D nu = tau with every drag positive where it resists; (u, v, r) ahead, to starboard, clockwise.
+In ENU v and r, Y and N count the other way: an entry changes sign where it joins one of these with u or X.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli import __version__
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.errors import SettingError
+from automarine_cli.exports.base import FRAMES, LeftOut, Origin, Settings, number
+from automarine_cli.models.planar import FORCES, VELOCITIES, Inertia, PlanarModel
+from automarine_cli.models.yaw_model import Term
+
+Floats = NDArray[np.float64]
+
+LINEAR, QUADRATIC, CONSTANT = "linear-drag", "quadratic-drag", "bias-moment"
+CARRIED = frozenset({LINEAR, QUADRATIC, CONSTANT})
+SIDES = np.array([1.0, -1.0, -1.0])
+"""What a velocity or force is multiplied by from one frame to the other."""
+
+
+@dataclass(frozen=True)
+class PlanarSubject:
+    """A model to be written: M (3, 3), `linear` (3, 3) and `quadratic` (3, 3, 3) drag, and what always acts (3,).
+
+    Force i is -linear[i, j] nu_j - quadratic[i, k, j] |nu_k| nu_j + constant[i]; all in the `frame`. `water` is the
+    current of the runs north and east [m/s].
+    """
+
+    origin: Origin
+    frame: str
+    form: str
+    settings: Settings
+    inertia: Floats
+    linear: Floats
+    quadratic: Floats
+    constant: Floats
+    water: tuple[float, float] | None
+    left_out: tuple[LeftOut, ...] = ()
+
+    def drags(self) -> Iterator[tuple[str, tuple[int, ...], float]]:
+        """Every drag that there is: Fossen's letters (X_uu, N_vr), its places (force, along) or (force, size, along),
+        its value, positive where it resists."""
+        for (i, j), value in np.ndenumerate(self.linear):
+            if value:
+                yield f"{FORCES[i]}_{VELOCITIES[j]}", (i, j), float(value)
+        for (i, k, j), value in np.ndenumerate(self.quadratic):
+            if value:
+                yield f"{FORCES[i]}_{VELOCITIES[k]}{VELOCITIES[j]}", (i, k, j), float(value)
+
+    def head(self) -> list[str]:
+        """What every file begins with, letters of ASCII only."""
+        lines = [
+            f"Written by automarine {__version__} from {self.origin}.",
+            "Equation: M nu' + C(nu) nu + D(nu) nu = tau, nu = (u, v, r) through the water: surge, sway, yaw.",
+            f"Frame: {FRAMES[self.frame]}. Units: N, N m, m/s, rad/s, kg, kg m, kg m^2.",
+            "M is rigid and added inertia together; C follows from it, the Munk moment among it.",
+            *(f"Left out: {one.name}: {one.why}." for one in self.left_out),
+        ]
+        return [line.encode("ascii", "backslashreplace").decode("ascii") for line in lines]
+
+    def about_water(self) -> tuple[str, ...]:
+        """The note on the current of the runs, which is no part of the vehicle."""
+        if self.water is None:
+            return ()
+        north, east = (number(one) for one in self.water)
+        return (
+            f"The runs had a current of {north} m/s north and {east} m/s east; it is no part of the vehicle.",
+        )
+
+
+def planar_subject(
+    model: PlanarModel, origin: Origin, frame: str, form: str, settings: Settings, target: str
+) -> PlanarSubject:
+    """The model in matrices of the frame. Raises SettingError for terms that they cannot hold, unless a part is
+    allowed."""
+    linear, quadratic, constant = np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros(3)
+    left: list[LeftOut] = []
+    for i, (dof, terms) in enumerate(zip(PLANAR.dofs, (model.surge, model.sway, model.yaw))):
+        for term in terms:
+            if term.name not in CARRIED:
+                left.append(LeftOut(f"{dof.name}.{term.name}", "no entry of the matrices holds it"))
+            elif term.name == CONSTANT:
+                constant[i] += term.values[0]
+            elif term.name == LINEAR:
+                linear[i, i] += term.values[0]
+            else:
+                quadratic[i, i, i] += term.values[0]
+    for term in model.cross:
+        _add(term, linear, quadratic)
+    if left and not settings.allow_partial:
+        told = "; ".join(f"{one.name} ({one.why})" for one in left)
+        raise SettingError(
+            f"{origin.file}: {target} cannot represent {told}; give --allow-partial to write the file without"
+        )
+    side = SIDES if frame == "ENU" else np.ones(3)
+    both = np.outer(side, side)
+    return PlanarSubject(
+        origin, frame, form, settings, both * model.inertia.matrix, both * linear, both[:, None] * quadratic,
+        side * constant, model.water, tuple(left),
+    )  # fmt: skip
+
+
+def _add(term: Term, linear: Floats, quadratic: Floats) -> None:
+    """A cross drag into its matrix."""
+    force, _, letters = term.name.partition("_")
+    i, *along = (FORCES.index(force), *(VELOCITIES.index(one) for one in letters))
+    matrix = linear if len(along) == 1 else quadratic
+    matrix[(i, *along)] += term.values[0]
+
+
+def rigid_of(subject: PlanarSubject) -> Inertia:
+    """The vehicle's own inertia: the mass and the yaw inertia that the user gave.
+
+    Raises SettingError where they are lacking, or are no part of the total.
+    """
+    mass, turning = subject.settings.rigid_mass, subject.settings.rigid_inertia
+    if mass is None or turning is None:
+        raise SettingError(
+            f"{subject.origin.file}: the identified masses hold the water that moves along; as a link's own they would "
+            "weigh on the vehicle: give the vehicle's with --rigid-mass and --rigid-inertia"
+        )
+    (m_u, m_v, inertia) = np.diag(subject.inertia)
+    for option, found, most in (
+        ("--rigid-mass", mass, min(m_u, m_v)),
+        ("--rigid-inertia", turning, inertia),
+    ):
+        if not 0 < found <= most:
+            raise SettingError(
+                f"{option}: found {found:g}, expected more than 0 and no more than {most:.6g}, the total of rigid and "
+                f"added inertia in {subject.origin.file}"
+            )
+    return Inertia(mass, mass, turning)
+
+
+MEANING: Mapping[str, str] = {
+    **{f"{f}_{v}": "linear drag" for f, v in zip(FORCES, VELOCITIES)},
+    **{f"{f}_{v}{v}": "quadratic drag" for f, v in zip(FORCES, VELOCITIES)},
+}
+"""What a derivative is, for comments; all others couple."""

@@ -1,0 +1,225 @@
+"""What a planar model may be made of, given what the logs hold; the rest is tied to assumptions that have a name.
+
+A structure says which drags, couplings and current a model has. `neighbours` are those with one more term, or with
+another law of drag, so that a search by evidence can walk from the simplest one to the one that the logs ask for.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.errors import FitError
+from automarine_cli.models.planar import FORCES, Inertia, PlanarModel
+from automarine_cli.models.tied import Tied
+from automarine_cli.models.yaw_model import Term
+from automarine_cli.runs.run import Run
+
+Floats = NDArray[np.float64]
+
+CHANNELS = ("heading", "yaw_rate", "surge", "sway", "north", "east")
+PLACES = ("north", "east")
+LAWS = (("quadratic-drag",), ("linear-drag",), ("linear-drag", "quadratic-drag"))
+COUPLINGS = ("Y_r", "N_v", "N_ur", "Y_uv")
+"""Forces by the velocities of others that a hull alike on both sides has: sway force by turning, moment by drifting,
+turns that are damped by the speed ahead, and the lift of a hull at an angle (Fossen 2021, chapter 6)."""
+SETTLES = 1.0
+"""s in which an unmeasured translation dies out, as in the Otter of Fossen's MSS (T_sway)."""
+WINDOW = 1.0
+"""s over which velocities are told from positions."""
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """What the logs do not tell: `parameter` is taken as `equals` says, because."""
+
+    parameter: str
+    equals: str
+    because: str
+
+    def __str__(self) -> str:
+        return f"{self.parameter} = {self.equals}: {self.because}"
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What the logs of a campaign hold: the `channels` that have readings, the translations that these show."""
+
+    channels: tuple[str, ...]
+
+    @property
+    def dofs(self) -> tuple[Dof, ...]:
+        """The degrees of freedom of which something is measured."""
+        placed = set(PLACES) <= set(self.channels)
+        return tuple(dof for dof in PLANAR.dofs if dof is YAW or placed or dof.velocity in self.channels)
+
+    @property
+    def over_ground(self) -> bool:
+        """Whether places are measured: velocities alone may be those through the water."""
+        return set(PLACES) <= set(self.channels)
+
+
+def observed(runs: Sequence[Run]) -> Observed:
+    """The channels of which any run has readings. Raises FitError where nothing but the heading is measured."""
+    found = Observed(tuple(name for name in CHANNELS if any(_read(run, name) for run in runs)))
+    if len(found.dofs) == 1:
+        raise FitError(
+            "the logs hold no surge or sway speed (surge_m_s, sway_m_s) and no position on the water (north_m and "
+            "east_m): what couples them with yaw cannot be told. Name the columns with --columns, or give the logs to "
+            "automarine fit-yaw"
+        )
+    return found
+
+
+def _read(run: Run, quantity: str) -> bool:
+    column = run.channel(quantity)
+    summed = run.summed_up and quantity == run.dof.position
+    return column is not None and not summed and bool(np.isfinite(column).any())
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Laws of drag by degree of freedom, couplings, whether sway and yaw share inertia (m_vr), and a current.
+
+    `observed` says what of it the logs can tell.
+    """
+
+    observed: Observed
+    laws: Mapping[str, tuple[str, ...]]
+    couplings: tuple[str, ...] = ()
+    skewed: bool = False
+    current: bool = False
+
+    @classmethod
+    def simplest(cls, seen: Observed) -> "Structure":
+        """Quadratic drag of everything that is measured, nothing else."""
+        return cls(seen, {dof.name: LAWS[0] for dof in seen.dofs})
+
+    def neighbours(self) -> Iterator["Structure"]:
+        """Structures one step away: another law of one drag, one more coupling, a shared inertia, a current."""
+        for name, law in self.laws.items():
+            others = (other for other in LAWS if other != law and len(other) >= len(law))
+            yield from (replace(self, laws={**self.laws, name: other}) for other in others)
+        sideways = SWAY in self.observed.dofs
+        for name in COUPLINGS:
+            if name not in self.couplings and (sideways or name == "N_ur"):
+                yield replace(self, couplings=(*self.couplings, name))
+        if sideways and not self.skewed:
+            yield replace(self, skewed=True)
+        if self.observed.over_ground and not self.current:
+            yield replace(self, current=True)
+
+    def __str__(self) -> str:
+        drags = (
+            f"{name} drag {' and '.join(one.removesuffix('-drag') for one in law)}"
+            for name, law in self.laws.items()
+        )
+        more = [*self.couplings, *["m_vr"] * self.skewed, *["current"] * self.current]
+        return ", ".join([*drags, *more])
+
+    @property
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """What stands in for measurements that the logs lack."""
+        found: list[Assumption] = []
+        for dof, other in ((SURGE, SWAY), (SWAY, SURGE)):
+            if dof in self.observed.dofs:
+                continue
+            why = f"the logs hold no {dof.name} speed and no position on the water"
+            mass, its = dof.parameter("inertia"), other.parameter("inertia")
+            found.append(Assumption(mass, its, why))
+            rule = f"{its} / {SETTLES:g} s"
+            found.append(
+                Assumption(dof.parameter("linear"), rule, f"{dof.name} is taken to die out in {SETTLES:g} s")
+            )
+        if not self.skewed:
+            found.append(
+                Assumption("planar.m_vr", "0", "sway and yaw are taken about the centre of both masses")
+            )
+        found.append(
+            Assumption("planar.m_ur, planar.m_uv", "0", "the vehicle is taken to be alike on both sides")
+        )
+        return tuple(found)
+
+    def model(self, sizes: Mapping[str, float]) -> Tied:
+        """The model with start values `sizes` by qualified name: those of `rough_sizes`, and what is known better."""
+
+        def drags(dof: Dof) -> tuple[Term, ...]:
+            laws = self.laws.get(dof.name, ("linear-drag",))  # of what is tied
+            return tuple(
+                Term(law, (sizes[dof.parameter(law.removesuffix("-drag"))] / len(laws),)) for law in laws
+            )
+
+        m_u, m_v, inertia_r = (sizes[dof.parameter("inertia")] for dof in PLANAR.dofs)
+        surge, sway, yaw = (drags(dof) for dof in PLANAR.dofs)
+        cross = tuple(Term(name, (sizes.get(_of_force(name), 0.0),)) for name in self.couplings)
+        water = (sizes.get("current.north", 0.0), sizes.get("current.east", 0.0)) if self.current else None
+        inertia = Inertia(m_u, m_v, inertia_r, m_vr=sizes.get("planar.m_vr", 0.0))
+        model = PlanarModel(inertia, surge, sway, yaw, cross, water)
+        ties = dict(self._ties())
+        coupled = {"planar.m_ur", "planar.m_uv"} | (set() if self.skewed else {"planar.m_vr"})
+        free = tuple(name for name in model.parameter_names if name not in {*ties, *coupled})
+        tied = Tied(model, free, ties)
+        return tied.with_theta(tied.theta)
+
+    def _ties(self) -> Iterator[tuple[str, tuple[str, float]]]:
+        for dof, other in ((SURGE, SWAY), (SWAY, SURGE)):
+            if dof not in self.observed.dofs:
+                yield dof.parameter("inertia"), (other.parameter("inertia"), 1.0)
+                yield dof.parameter("linear"), (other.parameter("inertia"), 1.0 / SETTLES)
+
+
+def _of_force(derivative: str) -> str:
+    """Qualified name of a derivative: sway.Y_r."""
+    return f"{PLANAR.dofs[FORCES.index(derivative[0])].name}.{derivative}"
+
+
+def rough_velocities(run: Run) -> dict[str, Floats]:
+    """Surge, sway [m/s] and yaw rate [rad/s] of a run, each (N,): as read, else from places and heading over
+    `WINDOW`; NaN where neither tells."""
+    found: dict[str, Floats] = {}
+    if _read(run, YAW.position):
+        found[YAW.velocity] = _slope(run.time, run.position)
+    if all(_read(run, name) for name in PLACES):
+        north, east = (_slope(run.time, np.asarray(run.channel(name))) for name in PLACES)
+        cosine, sine = np.cos(run.position), np.sin(run.position)
+        found[SURGE.velocity] = cosine * north + sine * east
+        found[SWAY.velocity] = cosine * east - sine * north
+    for dof in PLANAR.dofs:
+        if _read(run, dof.velocity):
+            found[dof.velocity] = np.asarray(run.channel(dof.velocity))
+    return found
+
+
+def _slope(time: Floats, values: Floats) -> Floats:
+    """Central difference over `WINDOW`, (N,)."""
+    seen = np.isfinite(values)
+    ahead, behind = (np.clip(time + side * WINDOW / 2, time[0], time[-1]) for side in (1, -1))
+    there, back = (np.interp(at, time[seen], values[seen]) for at in (ahead, behind))
+    return np.asarray((there - back) / np.maximum(ahead - behind, 1e-9))
+
+
+def rough_sizes(runs: Sequence[Run]) -> dict[str, float]:
+    """Orders of size from which fits start, by qualified name: drag that balances the usual force at the usual
+    velocity, and an inertia that takes `SETTLES` to get there."""
+    sizes: dict[str, float] = {}
+    for dof in PLANAR.dofs:
+        forces = np.concatenate([run.command_of(dof) for run in runs])
+        columns = [v[dof.velocity] for run in runs if dof.velocity in (v := rough_velocities(run))]
+        speeds = np.abs(np.concatenate(columns)) if columns else np.zeros(0)
+        speeds = speeds[np.isfinite(speeds)]
+        speed = max(float(np.quantile(speeds, 0.9)) if len(speeds) else 0.0, dof.limits.still)
+        force = float(np.sqrt(np.mean(forces**2)))
+        linear = max(force, 1e-3) / speed
+        sizes |= {
+            dof.parameter("linear"): linear,
+            dof.parameter("quadratic"): linear / speed,
+            dof.parameter("inertia"): linear * SETTLES,
+        }
+    for dof, other in ((SURGE, SWAY), (SWAY, SURGE)):
+        if not any(run.command_of(dof).any() for run in runs):  # moved by the others alone
+            for role in ("linear", "quadratic", "inertia"):
+                sizes[dof.parameter(role)] = sizes[other.parameter(role)]
+    return sizes

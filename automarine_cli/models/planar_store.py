@@ -1,0 +1,228 @@
+"""`planar_model.json`: the model of surge, sway and yaw together, to and from plain data (automarine/planar-model/1).
+
+    {"schema": "automarine/planar-model/1", "force_unit": "N", "moment_unit": "N m",
+     "parameters": {"surge.m_u": ESTIMATE, "surge.X_uu": ESTIMATE, "sway.Y_r": ESTIMATE, "yaw.input-delay.t_d": 0.2,
+                    "current.north": ESTIMATE, ...},
+     "assumptions": [{"parameter": "sway.m_v", "equals": "surge.m_u", "because": "sentence"}],
+     "covariance": {"parameters": [...], "matrix": [[...]]}, "valid_range": {...}}
+
+Every parameter stands under its qualified name, and the names say what the model is made of: a term of drag or an
+effect is there if its parameters are. What was not identified is a plain number, and its assumption is told.
+"""
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from automarine_cli import effects
+from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.errors import ModelError
+from automarine_cli.models.entries import needed, number_at, object_at
+from automarine_cli.models.planar import (
+    FORCES,
+    OF_ROLE,
+    VELOCITIES,
+    Inertia,
+    PlanarModel,
+    derivative,
+    inertia_names,
+    parameters_of,
+)
+from automarine_cli.models.yaw_model import Term
+from automarine_cli.pipeline.plain_data import read_plain, told
+from automarine_cli.pipeline.words import LONGEST, printable
+
+SCHEMA = "automarine/planar-model/1"
+UNITS = {"force_unit": "N", "moment_unit": "N m"}
+KEYS = (
+    "schema", *UNITS, "parameters", "motion", "fitted_to", "assumptions", "covariance", "valid_range", "channels",
+    "disturbance", "noises", "log_likelihood", "structure", "structure_because", "effects", "predicts", "parent",
+    "warnings", "notes", "runs",
+)  # fmt: skip
+"""What the fit writes, the first ones being read. Any other key is a slip of somebody's hand."""
+CURRENT = ("current.north", "current.east")
+
+
+@dataclass(frozen=True)
+class StoredPlanar:
+    """The model of one file; `source` is its name, `data` all that the file says."""
+
+    model: PlanarModel
+    source: str
+    data: Mapping[str, object] = field(default_factory=dict, repr=False, compare=False)
+
+
+def is_planar(model: Path) -> bool:
+    """Whether a model file says that it is of motion in the plane; False for anything that cannot be read."""
+    try:
+        return read_plain(model, "JSON", ModelError).get("schema") == SCHEMA
+    except ModelError:
+        return False
+
+
+def load_planar_model(path: Path) -> StoredPlanar:
+    """The model of a `planar_model.json`. Raises ModelError with the file and the key's path."""
+    return planar_from_json(read_plain(path, "JSON", ModelError), printable(path.name))
+
+
+def planar_json(model: PlanarModel, estimates: Mapping[str, object] | None = None) -> dict[str, object]:
+    """What every file of a planar model begins with; `estimates` by qualified name as plain data, else the number."""
+    known = estimates or {}
+    values = zip(model.parameter_names, model.theta.tolist())
+    return {"schema": SCHEMA, **UNITS, "parameters": {name: known.get(name, value) for name, value in values}}
+
+
+def planar_from_json(data: object, where: str = "planar model") -> StoredPlanar:
+    """The model in the content of a `planar_model.json`; `where` names it for messages. Raises ModelError."""
+    top = object_at(data, where)
+    if top.get("schema") != SCHEMA:
+        hint = "give the planar_model.json that `automarine fit-planar` writes"
+        raise ModelError(f"{where}: schema: found {told(top.get('schema'))}, expected {told(SCHEMA)}; {hint}")
+    _refuse_unknown(top, KEYS, where)
+    for key, unit in UNITS.items():
+        if top.get(key, unit) != unit:
+            raise ModelError(
+                f"{where}: {key}: found {told(top[key])}, expected {told(unit)}: coupled motions are in newtons"
+            )
+    place = f"{where}: parameters"
+    entries = object_at(needed(top, "parameters", where, PLANAR.name), place)
+    values = {
+        name: number_at(one, f"{place}.{printable(name[:LONGEST])}", PLANAR.name)
+        for name, one in entries.items()
+    }
+    return StoredPlanar(_model(values, place), where, top)
+
+
+def units(model: PlanarModel) -> dict[str, str]:
+    """Unit of each parameter, by its qualified name."""
+    found = [dof.unit_of("inertia", _force(dof)) for dof in PLANAR.dofs] + ["kg m", "kg m", "kg"]
+    for dof, terms in zip(PLANAR.dofs, (model.surge, model.sway, model.yaw)):
+        for term in terms:
+            found += [dof.unit_in(one.unit, _force(dof)) for one in effects.get(term.name).parameters]
+    found += [_derivative_unit(term.name) for term in model.cross]
+    return dict(zip(model.parameter_names, [*found, *(["m/s"] * 2 if model.water else [])], strict=True))
+
+
+def _force(dof: Dof) -> str:
+    return dof.units.forces[1]
+
+
+def _derivative_unit(name: str) -> str:
+    """Unit of a derivative such as N_v or Y_rr: force by the product of velocities, m/s or rad/s each."""
+    letter, _, along = name.partition("_")
+    metres = (letter == "N") - sum(one != "r" for one in along)
+    of_seconds = "s" if len(along) == 1 else "s²"
+    of_metres = {1: " m", 0: "", -1: "/m", -2: "/m²"}[metres]
+    return f"N m {of_seconds}" if metres == 1 else f"N {of_seconds}{of_metres}"
+
+
+def _refuse_unknown(entry: Mapping[str, object], known: tuple[str, ...], where: str) -> None:
+    for key in entry:
+        if key not in known:
+            close = difflib.get_close_matches(key[:LONGEST], known, n=1, cutoff=0.8)
+            hint = f"did you mean {told(close[0])}?" if close else f"known are {', '.join(known)}"
+            raise ModelError(f"{where}: unknown key {told(key)}; {hint}")
+
+
+def _model(values: Mapping[str, float], where: str) -> PlanarModel:
+    """The model that has these parameters."""
+    left = dict(values)
+    inertia = _inertia(left, where)
+    water = [left.pop(name) for name in CURRENT if name in left]
+    if len(water) == 1:
+        lacking = next(name for name in CURRENT if name not in values)
+        raise ModelError(
+            f"{where}: key {told(lacking)} is missing; a current has {' and '.join(CURRENT)}, give both"
+        )
+    terms: dict[str, list[Term]] = {dof.name: [] for dof in PLANAR.dofs}
+    cross: list[Term] = []
+    while left:
+        name = next(iter(left))
+        motion, _, rest = name.partition(".")
+        if motion not in terms or not rest:
+            raise ModelError(f"{where}: {_unknown(name)}")
+        dof = DOFS[motion]
+        if (term := _own(dof, rest, left, where)) is not None:
+            terms[motion].append(term)
+        else:
+            cross.append(Term(_cross(dof, rest, name, where), (left.pop(name),)))
+    _refuse_drag(terms, where)
+    both = (water[0], water[1]) if water else None
+    surge, sway, yaw = (tuple(terms[dof.name]) for dof in PLANAR.dofs)
+    return PlanarModel(inertia, surge, sway, yaw, tuple(cross), both)
+
+
+def _inertia(left: dict[str, float], where: str) -> Inertia:
+    """The inertia, taken out of what is left to read."""
+    sizes = [dof.parameter("inertia") for dof in PLANAR.dofs]
+    for name in sizes:
+        value = needed(left, name, where, PLANAR.name)
+        if not isinstance(value, float) or value <= 0:
+            raise ModelError(f"{where}.{name}: found {value:g}, expected an inertia above zero")
+    couplings = [f"{PLANAR.name}.{name}" for name in inertia_names()[len(sizes) :]]
+    inertia = Inertia(*(left.pop(name) for name in sizes), *(left.pop(name, 0.0) for name in couplings))
+    inertia.refuse_unless_positive(where)
+    return inertia
+
+
+def _own(dof: Dof, rest: str, left: dict[str, float], where: str) -> Term | None:
+    """The term of the library that a parameter belongs to, its parameters taken out of what is left; None for none."""
+    role = {symbol: role for role, symbol in dof.parameters.items()}.get(rest)
+    name = OF_ROLE.get(role or "", rest.partition(".")[0])
+    if name not in effects.names():
+        return None
+    effect = effects.get(name)
+    if not effect.acts_in(dof):
+        raise ModelError(f"{where}.{dof.name}.{rest}: {name} does not act in {dof.name}; leave it out")
+    keys = tuple(parameters_of(dof, Term(name, ())))
+    if f"{dof.name}.{rest}" not in keys:
+        raise ModelError(f"{where}: unknown key {told(f'{dof.name}.{rest}')}; did you mean {told(keys[0])}?")
+    values = []
+    for key, parameter in zip(keys, effect.parameters):
+        if parameter.choices and key not in left:
+            values.append(parameter.start)
+            continue
+        needed(left, key, where, PLANAR.name)
+        value = left.pop(key)
+        free = parameter.name == "{linear}"  # beside quadratic drag it may come out below zero
+        if not (free or parameter.lower <= value <= parameter.upper):
+            raise ModelError(
+                f"{where}.{key}: found {value:g}, expected {parameter.lower:g} to {parameter.upper:g}"
+            )
+        values.append(value)
+    return Term(name, tuple(values))
+
+
+def _cross(dof: Dof, rest: str, name: str, where: str) -> str:
+    """A derivative by another's velocity, checked."""
+    letter = FORCES[PLANAR.index(dof)]
+    try:
+        derivative(rest)
+    except ModelError:
+        raise ModelError(f"{where}: {_unknown(name)}") from None
+    if not rest.startswith(letter):
+        raise ModelError(f"{where}.{name}: {rest} is no derivative of {letter}, the force of {dof.name}")
+    return rest
+
+
+def _unknown(name: str) -> str:
+    """The sentence for a name that means nothing."""
+    own = [name for dof in PLANAR.dofs for name in map(dof.parameter, dof.parameters)]
+    known = [*own, *(f"{PLANAR.name}.{one}" for one in inertia_names()[3:]), *CURRENT]
+    close = difflib.get_close_matches(name[:LONGEST], known, n=1, cutoff=0.8)
+    hint = f"did you mean {told(close[0])}?" if close else (
+        f"known are {', '.join(known)}, effects such as yaw.input-delay.t_d, and derivatives by the velocities "
+        f"{', '.join(VELOCITIES)} of others, such as sway.Y_r"
+    )  # fmt: skip
+    return f"unknown key {told(name)}; {hint}"
+
+
+def _refuse_drag(terms: Mapping[str, list[Term]], where: str) -> None:
+    """Refuse a linear drag that drives where no quadratic one brakes."""
+    for dof in PLANAR.dofs:
+        drags = {term.name: term.values[0] for term in terms[dof.name] if term.values}
+        if drags.get("linear-drag", 0.0) < 0 and "quadratic-drag" not in drags:
+            name, value = dof.parameter("linear"), drags["linear-drag"]
+            raise ModelError(f"{where}.{name}: found {value:g}, expected a drag of zero or more")

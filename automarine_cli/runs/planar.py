@@ -1,0 +1,135 @@
+"""Logs of motion in the plane -> runs: heading and moment as in yaw, beside them what else moves and drives.
+
+Of each run `extras` hold, where logged, `north` and `east` [m], `surge` and `sway` [m/s], `yaw_rate` [rad/s], `force_X`
+and `force_Y` [N]; NaN where a sensor has no reading of its own (see `held`).
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.errors import LogError
+from automarine_cli.logs import ColumnMap, LogFile, LogTable, read_log
+from automarine_cli.logs.canonical import driven
+from automarine_cli.runs.held import repeats
+from automarine_cli.runs.load import runs_of_table, unreadable
+from automarine_cli.runs.run import Run, SetAside
+
+Floats = NDArray[np.float64]
+
+EQUATORIAL_RADIUS, FLATTENING = 6_378_137.0, 1 / 298.257223563  # m; World Geodetic System 1984
+SENSORS = (("north", "east"), ("surge",), ("sway",), ("yaw_rate",))
+"""Quantities that come out of one sensor each."""
+
+
+def read_planar(
+    file: LogFile, columns: ColumnMap | None = None, *, dof: Dof = YAW
+) -> tuple[list[Run], list[SetAside]]:
+    """The runs of one log of motion in the plane, and those set aside.
+
+    Raises LogError or RunError if the log was named and is unreadable, or drives nothing but the heading.
+    """
+    try:
+        table = read_log(file, columns, dof=dof, motion=PLANAR)
+        _require_forces(table)
+    except LogError as error:
+        if file.named:
+            raise
+        return [], [unreadable(file, error)]
+    runs, aside = runs_of_table(_with_forces(table), file)
+    return [_with_fresh_readings(_on_the_water(run)) for run in runs], aside
+
+
+def local_plane(latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
+    """Metres north and east of the first fix, of latitudes and longitudes [rad] (N,) of which some may be NaN.
+
+    Radii of curvature of the meridian and the prime vertical at the first fix (WGS 84); Fossen (2021), chapter 2. A
+    kilometre away the error is below 0.2 m at the latitudes where ships go. A fix of exactly 0, 0 is none.
+    """
+    none = ~(np.isfinite(latitude) & np.isfinite(longitude)) | ((latitude == 0) & (longitude == 0))
+    if none.all():
+        return np.full(len(none), np.nan), np.full(len(none), np.nan)
+    first = int(np.argmin(none))
+    eccentricity2 = FLATTENING * (2.0 - FLATTENING)
+    below = 1.0 - eccentricity2 * np.sin(latitude[first]) ** 2
+    prime_vertical = EQUATORIAL_RADIUS / np.sqrt(below)
+    meridian = prime_vertical * (1.0 - eccentricity2) / below
+    east = (longitude - longitude[first] + np.pi) % (2.0 * np.pi) - np.pi  # across the date line too
+    north = meridian * (latitude - latitude[first])
+    east = prime_vertical * np.cos(latitude[first]) * east
+    return np.where(none, np.nan, north), np.where(none, np.nan, east)
+
+
+def _require_forces(table: LogTable) -> None:
+    """Refuse a table that drives nothing but the heading, or in normalised units, of which each has a scale of its
+    own."""
+    for dof in PLANAR.dofs:
+        unit, newtons = table.units.get(dof.command), dof.units.forces[1]
+        if unit not in (None, newtons):
+            name = dof.column(dof.command, str(unit))
+            raise LogError(
+                f"{table.source}: {dof.command.replace('_', ' ')} is normalised ({name}); motions that are coupled "
+                f"need newtons and newton metres. Map it with a scale, such as {dof.column(dof.command, newtons)} = "
+                f'{{ from = "{name}", scale = 40 }}, in a --columns file'
+            )
+    pushed = any(dof.command in table.columns for dof in (SURGE, SWAY))
+    if not pushed and not driven(YAW, table.columns.keys()):
+        wanted = " or ".join(dof.column(dof.command, "N") for dof in (SURGE, SWAY))
+        raise LogError(
+            f"{table.source}: no force in the log ({wanted}), by which surge and sway are driven; name its column "
+            "with --columns, or give the log to automarine fit-yaw"
+        )
+
+
+def _with_forces(table: LogTable) -> LogTable:
+    """The table without headings where a force is missing: `clean` drops these rows, and counts them."""
+    missing = np.zeros(len(table), dtype=bool)
+    for dof in (SURGE, SWAY):
+        if dof.command in table.columns:
+            missing |= np.isnan(table.columns[dof.command])
+    if not missing.any() or YAW.position not in table.columns:
+        return table
+    heading = np.where(missing, np.nan, table.columns[YAW.position])
+    return replace(table, columns={**table.columns, YAW.position: heading})
+
+
+def _on_the_water(run: Run) -> Run:
+    """The run with metres north and east for latitude and longitude, if it has only these."""
+    if not {"lat", "lon"} <= run.extras.keys() or {"north", "east"} <= run.extras.keys():
+        return run
+    north, east = local_plane(run.extras["lat"], run.extras["lon"])
+    left = {name: column for name, column in run.extras.items() if name not in ("lat", "lon")}
+    return replace(run, extras={**left, "north": north, "east": east})
+
+
+def _with_fresh_readings(run: Run) -> Run:
+    """The run without the readings that are held over from the rows before."""
+    changed: dict[str, Floats] = {}
+    told = []
+    for names, again in _repeated(run.extras):
+        changed |= {name: np.where(again, np.nan, run.extras[name]) for name in names}
+        share, which = 100 * float(again.mean()), " and ".join(names).replace("_", " ")
+        told.append(
+            f"{which}: {share:.0f} % of the rows repeat the reading before them, as of a slow sensor, and do not count"
+        )
+    if not changed:
+        return run
+    return replace(
+        run,
+        extras={**run.extras, **changed},
+        notes=(*run.notes, *told),
+        reading=(*run.reading, *told),
+    )
+
+
+def _repeated(extras: Mapping[str, Floats]) -> Iterator[tuple[tuple[str, ...], NDArray[np.bool_]]]:
+    """The sensors that were held, with the rows that repeat a reading."""
+    for names in SENSORS:
+        if all(name in extras for name in names):
+            again = repeats(*(extras[name] for name in names))
+            if again.any():
+                yield names, again

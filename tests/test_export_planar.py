@@ -1,0 +1,219 @@
+"""Exports of planar models: what each file says moves as our simulator does, in its frame; the rest is refused."""
+
+import json
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import Result
+from made_planar import FULL, driven
+from numpy.typing import NDArray
+
+from automarine_cli import exports as targets
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.errors import SettingError
+from automarine_cli.models.planar import PlanarModel
+from automarine_cli.models.planar_store import planar_json
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import Start, simulate
+from automarine_cli.workflows.export import export, export_targets
+
+Floats = NDArray[np.float64]
+Three = tuple[float, float, float]
+MODEL = replace(FULL, yaw=FULL.yaw[:3])
+"""Every drag, coupling and current, and a moment that always acts."""
+DRAGS = replace(MODEL, yaw=MODEL.yaw[:2])
+SIDES = np.array([1.0, -1.0, -1.0])
+RUNNER = """
+import importlib.util, sys
+import numpy as np
+spec = importlib.util.spec_from_file_location("made", sys.argv[1])
+module = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(module)
+data = np.load(sys.argv[2])
+np.save(sys.argv[3], np.stack(module.simulate(data["time"], *data["tau"], *data["start"])))
+"""
+
+
+def model_file(folder: Path, model: PlanarModel = MODEL) -> Path:
+    """The model as fit-planar writes it."""
+    path = folder / "planar_model.json"
+    path.write_text(json.dumps(planar_json(model)))
+    return path
+
+
+@pytest.mark.parametrize("frame", ["NED", "ENU"])
+def test_the_python_file_moves_as_the_simulator_does(tmp_path: Path, frame: str) -> None:
+    """To 1e-6, under commands that change at the samples."""
+    made = tmp_path / "made.py"
+    export(model_file(tmp_path), to="python", frame=frame, out=made)
+    run = driven(3, 12.0, 0.5)
+    tau = np.stack([run.extras["force_X"], run.extras["force_Y"], run.command])
+    first, moving = np.array([1.0, -2.0, 0.7]), np.array([0.4, -0.2, 0.3])
+    batch = make_batch([run], 0.01, motion=PLANAR)
+    start = Start(first.reshape(3, 1, 1), moving.reshape(3, 1, 1))
+    expected = simulate(MODEL, batch, start=start)
+    changes = np.flatnonzero(np.any(np.diff(tau, axis=1), axis=0))
+    middle = 0.5 * (run.time[changes] + run.time[changes + 1])  # where the simulator changes a command
+    time = np.unique(np.concatenate([np.arange(run.time[0], run.time[-1], 0.01), run.time, middle]))
+    held = tau[:, _sample(run.time, middle, time)]
+    enu = frame == "ENU"
+    given = held * (SIDES[:, None] if enu else 1.0)
+    begin = np.array(
+        [*first[:2], np.pi / 2 - first[2] if enu else first[2], *(moving * (SIDES if enu else 1.0))]
+    )
+    np.savez(tmp_path / "given.npz", time=time, tau=given, start=begin)
+    (tmp_path / "runner.py").write_text(RUNNER)
+    subprocess.run(
+        [sys.executable, "-W", "error", "runner.py", "made.py", "given.npz", "out.npy"], cwd=tmp_path, check=True,
+        env={"OPENBLAS_NUM_THREADS": "1"},
+    )  # fmt: skip
+    positions, velocities = np.load(tmp_path / "out.npy")[:, np.isin(time, run.time)]
+    if enu:
+        positions[:, 2], velocities = np.pi / 2 - positions[:, 2], velocities * SIDES
+    np.testing.assert_allclose(positions, expected.positions[0, 0], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(velocities, expected.velocities[0, 0], rtol=0, atol=1e-6)
+
+
+def _sample(samples: Floats, middle: Floats, time: Floats) -> NDArray[np.int64]:
+    """Which sample's command holds at each time: the first one after the change before it."""
+    edges = np.concatenate([[-np.inf], middle])
+    first = np.searchsorted(samples, edges)
+    return np.minimum(first[np.searchsorted(middle, time, side="right")], len(samples) - 1)
+
+
+def accelerations(model: PlanarModel, nu: Floats, tau: Floats) -> Floats:
+    """nu' of our simulator in still water, by a step of a microsecond."""
+    still, h = replace(model, water=None), 1e-6
+    run = driven(0)
+    run = replace(run.cut(0, 2), time=np.array([0.0, h]), moment=np.full(2, tau[2]))
+    run = replace(run, extras={"force_X": np.full(2, tau[0]), "force_Y": np.full(2, tau[1])})
+    found = simulate(still, make_batch([run], h, motion=PLANAR), start=Start(velocity=nu.reshape(3, 1, 1)))
+    return (found.velocities[0, 0, 1] - nu) / h
+
+
+STATES = [
+    ((0.7, -0.3, 0.4), (5.0, 2.0, -1.0)), ((-0.5, 0.2, -0.6), (0.0, -3.0, 1.0)), ((0.0, 0.0, 0.5), (1.0, 0.0, 0.0)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("nu", "tau"), STATES)
+def test_the_mss_function_has_our_accelerations(tmp_path: Path, nu: Three, tau: Three) -> None:
+    text = export(model_file(tmp_path), to="mss").text
+    numbers = {name: re.search(rf"^{name} = \[(.*)\]'?;", text, re.MULTILINE)[1] for name in ("M", "tau_0")}
+    inertia = np.array([[float(x) for x in row.split()] for row in numbers["M"].split(";")])
+    constant = np.array([float(x) for x in numbers["tau_0"].split()])
+    velocities, drag = dict(zip("uvr", nu)), np.zeros((3, 3))
+    entries = re.compile(r"^D\((\d),(\d)\) = D\(\d,\d\) \+ (\S+?)(?: \* abs\((\w)\))?;", re.MULTILINE)
+    for i, j, value, along in entries.findall(text):
+        drag[int(i) - 1, int(j) - 1] += float(value) * (abs(velocities[along]) if along else 1.0)
+    assert "C = [0 0 -p(2); 0 0 p(1); p(2) -p(1) 0];" in text
+    assert text.startswith("function [nu_dot, M, C, D] = vehicle3(")
+    p, state = inertia @ nu, np.array(nu)
+    coriolis = np.array([[0, 0, -p[1]], [0, 0, p[0]], [p[1], -p[0], 0]])
+    found = np.linalg.solve(inertia, np.array(tau) + constant - coriolis @ state - drag @ state)
+    np.testing.assert_allclose(found, accelerations(MODEL, state, np.array(tau)), rtol=1e-4, atol=1e-5)
+    lines = text.splitlines()
+    assert lines[-1] == "end" and text.count("\nif ") == 1 and text.count("\nend") == 2
+
+
+@pytest.mark.parametrize("frame", ["ENU", "NED"])
+@pytest.mark.parametrize(("nu", "tau"), STATES)
+def test_gazebo_has_our_accelerations(tmp_path: Path, frame: str, nu: Three, tau: Three) -> None:
+    """By the system's own sum of derivatives, and the engine's inertia."""
+    text = export(
+        model_file(tmp_path, DRAGS), to="gz-sim", frame=frame, rigid_mass=15.0, rigid_inertia=2.0
+    ).text
+    root, side = ET.fromstring(text), SIDES if frame == "ENU" else np.ones(3)
+    link = root.find(".//inertial")
+    fluid = np.zeros((3, 3))
+    for one in link.find("fluid_added_mass"):
+        i, j = ("xyr".index(letter) for letter in one.tag)
+        fluid[i, j] = fluid[j, i] = float(one.text)
+    rigid = np.diag([float(link.findtext("mass"))] * 2 + [float(link.findtext("inertia/izz"))])
+    state, force = side * nu, side * tau
+    velocity = dict(zip("UVR", state))
+    plugin = root.find(".//plugin")
+    assert plugin.findtext("disable_added_mass") == plugin.findtext("disable_coriolis") == "true"
+    for one in plugin:
+        if found := re.fullmatch(r"([xyn])([UVR])(?:abs([UVR]))?", one.tag):
+            size = abs(velocity[found[3]]) if found[3] else 1.0
+            force["xyn".index(found[1])] += float(one.text) * size * velocity[found[2]]
+    inertia = rigid + fluid
+    p, (u, v, r) = inertia @ state, state
+    found = np.linalg.solve(inertia, force - [-p[1] * r, p[0] * r, p[1] * u - p[0] * v])
+    np.testing.assert_allclose(
+        side * found, accelerations(DRAGS, np.array(nu), np.array(tau)), rtol=1e-4, atol=1e-5
+    )
+
+
+def test_every_file_says_its_frame_its_origin_and_the_current_it_leaves(tmp_path: Path) -> None:
+    path = model_file(tmp_path, DRAGS)
+    for name in ("gz-sim", "mss", "python"):
+        mass = {"rigid_mass": 15.0, "rigid_inertia": 2.0} if name == "gz-sim" else {}
+        found = export(path, to=name, **mass)
+        assert found.text.isascii() and "from planar_model.json (sha256 " in found.text
+        assert f"Frame: {found.frame} world" in found.text
+        assert "current of 0.25 m/s north and -0.15 m/s east" in " ".join(found.written.notes)
+        assert (
+            found.carried[0] == "inertia"
+            and "Y_r" in found.carried
+            and found.to_json()["moment_unit"] == "N m"
+        )
+
+
+@pytest.mark.parametrize("target", sorted(set(targets.names()) - {"gz-sim", "mss", "python"}))
+def test_other_targets_refuse_in_a_sentence(tmp_path: Path, target: str) -> None:
+    with pytest.raises(SettingError) as refusal:
+        export(model_file(tmp_path), to=target)
+    assert str(refusal.value).startswith(
+        "planar_model.json is a model of surge, sway and yaw together; --to "
+    )
+    assert str(refusal.value).endswith("take --to gz-sim or mss or python, or a model of one motion")
+
+
+@pytest.mark.parametrize(
+    ("target", "model", "settings", "says"),
+    [
+        ("python", FULL, {}, "python cannot represent yaw.input-delay (no entry of the matrices holds it); give"),
+        ("gz-sim", DRAGS, {}, "give the vehicle's with --rigid-mass and --rigid-inertia"),
+        ("gz-sim", DRAGS, {"rigid_mass": 25.0, "rigid_inertia": 1.0}, "found 25, expected more than 0"),
+        ("gz-sim", DRAGS, {"rigid_mass": 5.0, "rigid_inertia": 3.0}, "--rigid-inertia: found 3, expected more than 0"),
+        ("gz-sim", MODEL, {"rigid_mass": 5.0, "rigid_inertia": 1.0}, "cannot represent a force that always acts"),
+        ("python", MODEL, {"newton_metres_per_nu": 2.0}, "is in newtons already"),
+        ("python", MODEL, {"rigid_mass": 2.0}, "--rigid-mass means nothing to python; it is for gz-sim"),
+        ("mss", MODEL, {"frame": "ENU"}, "--frame of mss: found ENU, expected NED"),
+        ("mss", MODEL, {"form": "python"}, "--form of mss: found python, expected matlab"),
+    ],
+)  # fmt: skip
+def test_refusals(
+    tmp_path: Path, target: str, model: PlanarModel, settings: dict[str, object], says: str
+) -> None:
+    with pytest.raises(SettingError) as refusal:
+        export(model_file(tmp_path, model), to=target, **settings)  # type: ignore[arg-type]
+    assert says in str(refusal.value)
+
+
+def test_what_is_left_out_is_allowed_and_said(tmp_path: Path) -> None:
+    found = export(model_file(tmp_path, FULL), to="python", allow_partial=True)
+    assert [one.name for one in found.left_out] == [
+        "yaw.input-delay"
+    ] and "Left out: yaw.input-delay" in found.text
+
+
+def test_the_command_and_the_list(tmp_path: Path, run: Callable[..., Result]) -> None:
+    path, out = model_file(tmp_path, DRAGS), tmp_path / "vehicle.sdf"
+    result = run("export", path, "--to", "gz-sim", "--rigid-mass", 15, "--rigid-inertia", 2, "-o", out)
+    assert result.exit_code == 0 and out.read_text().startswith("<?xml")
+    assert (
+        run("export", path, "--to", "gz-sim", "--rigid-mass", 15, "--rigid-inertia", 2, "-o", out).exit_code
+        == 1
+    )
+    listed = {one["name"]: one["motions"] for one in export_targets().to_json()["targets"]}
+    assert [name for name, motions in listed.items() if "planar" in motions] == ["gz-sim", "mss", "python"]

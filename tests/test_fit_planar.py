@@ -1,0 +1,275 @@
+"""fit-planar around its estimator: channels, structures, ties, the search, what the result says. The estimator here is
+least squares of the free run, or scripted, on made runs."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_planar import Craft, driven, solved
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from automarine_cli.dofs import SURGE, SWAY, YAW
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.errors import FitError, RunError
+from automarine_cli.fits.planar_fit import Estimated, PlanarFit, Tried, search
+from automarine_cli.fits.planar_structure import (
+    LAWS,
+    Observed,
+    Structure,
+    observed,
+    rough_sizes,
+    rough_velocities,
+)
+from automarine_cli.logs import ColumnMap
+from automarine_cli.models.planar import Inertia, PlanarModel
+from automarine_cli.models.planar_store import load_planar_model, planar_from_json
+from automarine_cli.models.tied import Tied
+from automarine_cli.models.yaw_model import Term
+from automarine_cli.report import planar_report
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import Start, simulate
+from automarine_cli.workflows.fit_planar import fit_planar
+from automarine_cli.workflows.planar_runs import driven as driven_run
+from automarine_cli.workflows.planar_runs import load_planar
+
+Floats = NDArray[np.float64]
+NOISE = {"heading": 0.01, "north": 0.02, "east": 0.02, "surge": 0.01, "sway": 0.01}
+CRAFT = Craft(
+    np.diag([20.0, 32.0, 2.6]),
+    linear=np.array([[0, 0, 0], [0, 0, 4.0], [0, 0, 0]]),
+    by_own=np.diag([18.0, 60.0, 4.0]),
+)
+"""Quadratic drag and a sway force by turning, Y_r."""
+ALL = ("heading", "surge", "sway", "north", "east")
+
+
+def made(seed: int, channels: Sequence[str] = ALL, length: float = 16.0) -> Run:
+    """A run of the craft with these channels, from rest."""
+    run, rng = driven(seed, length, 0.2), np.random.default_rng(100 + seed)
+    positions, velocities = solved(CRAFT, run, (0, 0, 0.3), (0, 0, 0))
+    columns = dict(zip(("north", "east", "heading", "surge", "sway"), [*positions.T, *velocities.T[:2]]))
+    noisy = {name: columns[name] + NOISE[name] * rng.standard_normal(len(run)) for name in channels}
+    heading = noisy.pop("heading")
+    return replace(run, position=heading, extras={**run.extras, **noisy})
+
+
+def least_squares_of(model: Tied, runs: Sequence[Run], seen: Observed) -> Estimated:
+    """Free runs from the known start, by least squares."""
+    batch = make_batch(list(runs), 0.1, motion=PLANAR, channels=seen.channels)
+    start = Start(np.array([0, 0, 0.3]).reshape(3, 1, 1))
+
+    def misfit(theta: Floats) -> Floats:
+        found = simulate(model, batch, theta[None], start)
+        counted = [one for one in batch.channels if one.counts]
+        off = [((found.reading(c)[0] - c.values) / NOISE[c.quantity])[c.seen] for c in counted]
+        return np.nan_to_num(np.concatenate(off), nan=1e3, posinf=1e3, neginf=-1e3)
+
+    fit = least_squares(misfit, model.theta, x_scale=np.maximum(np.abs(model.theta), 1.0))
+    covariance = np.linalg.inv(fit.jac.T @ fit.jac)
+    return Estimated(model.with_theta(fit.x), covariance, -fit.cost, len(fit.fun), NOISE)
+
+
+def scripted(model: Tied, runs: Sequence[Run], seen: Observed) -> Estimated:
+    """An estimator without physics: what is named in `WORTH` explains so much, anything else explains nothing."""
+    count = len(model.free)
+    worth = sum(WORTH.get(name, 0.0) for name in model.free)
+    return Estimated(model, 0.01 * np.eye(count), worth, 1000, NOISE)
+
+
+WORTH = {"sway.Y_r": 30.0, "surge.X_u": 12.0, "yaw.N_v": 2.0, "current.north": 3.0}
+"""Log likelihood; a parameter costs half of ln 1000 = 6.9."""
+
+
+@pytest.fixture(scope="module")
+def fit() -> PlanarFit:
+    """The structure that made three runs, fitted by least squares."""
+    runs = tuple(made(seed) for seed in range(3))
+    seen = observed(runs)
+    structure = replace(Structure.simplest(seen), couplings=("Y_r",))
+    found = least_squares_of(structure.model(rough_sizes(runs)), runs, seen)
+    return PlanarFit((Tried(structure, found),), runs, seen)
+
+
+def test_a_structure_is_fitted_from_its_rough_sizes(fit: PlanarFit) -> None:
+    truth = {
+        "surge.m_u": 20.0, "sway.m_v": 32.0, "yaw.I_r": 2.6, "surge.X_uu": 18.0, "sway.Y_vv": 60.0, "yaw.k_rr": 4.0,
+        "sway.Y_r": 4.0,
+    }  # fmt: skip
+    assert fit.estimates.keys() == truth.keys()
+    for name, one in fit.estimates.items():
+        assert abs(one.value - truth[name]) < 4 * one.stderr < 0.2 * truth[name], name
+    assert fit.because == "No other structure was tried." and fit.warnings == ()
+
+
+def test_the_search_ends_where_nothing_more_is_worth_its_price() -> None:
+    runs = (made(0),)
+    seen = observed(runs)
+    tried = search(runs, seen, scripted)
+    assert tried[0].structure == replace(
+        Structure.simplest(seen), laws={**Structure.simplest(seen).laws, "surge": LAWS[1]}, couplings=("Y_r",)
+    )  # linear drag explains as much as both together
+    assert [one.found.criterion for one in tried] == sorted(one.found.criterion for one in tried)
+    assert len({str(one.structure) for one in tried}) == len(tried)
+    found = PlanarFit(tried, runs, seen)
+    assert found.because.startswith(f"Of {len(tried)} structures this one has the best evidence")
+
+
+def test_the_result_is_a_model_that_is_read_back(fit: PlanarFit) -> None:
+    data = json.loads(json.dumps(fit.to_json()))
+    assert planar_from_json(data).model == fit.model
+    assert data["parameters"]["surge.m_u"]["unit"] == "kg" and data["parameters"]["planar.m_vr"] == 0.0
+    assert data["covariance"]["parameters"] == list(fit.found.model.free)
+    assert [one["parameter"] for one in data["assumptions"]] == ["planar.m_vr", "planar.m_ur, planar.m_uv"]
+    low, high = data["valid_range"]["surge_m_s"]
+    assert -2 < low < 0 < high < 2 and data["valid_range"]["force_X_N"][1] <= 30
+    said = list(planar_report.sentences(fit))
+    assert said[0].startswith(
+        "Structure: surge drag quadratic, sway drag quadratic, yaw drag quadratic, Y_r. No"
+    )
+    table = planar_report.parameter_table(fit)
+    assert [row[0] for row in table.rows] == list(fit.estimates)
+    assert len(planar_report.structure_table(fit).rows) == len(fit.tried)
+
+
+def test_it_shows_itself_at_a_prompt(fit: PlanarFit) -> None:
+    lines = repr(fit).splitlines()
+    assert lines[0].startswith("Planar model (surge drag quadratic, ") and "fitted to 3 runs; 0 set" in repr(
+        fit
+    )
+    frame = fit.to_frame()
+    assert list(frame["parameter"]) == list(fit.estimates) and list(frame["unit"])[:3] == [
+        "kg",
+        "kg",
+        "N m s²",
+    ]
+
+
+def test_what_is_not_measured_is_tied_and_said() -> None:
+    """A boat with a log of its speed ahead."""
+    runs = [made(seed, ("heading", "surge")) for seed in range(2)]
+    seen = observed(runs)
+    assert seen == Observed(("heading", "surge")) and seen.dofs == (SURGE, YAW)
+    structure = Structure.simplest(seen)
+    assert [one.parameter for one in structure.assumptions][:2] == ["sway.m_v", "sway.Y_v"]
+    assert str(structure.assumptions[1]) == "sway.Y_v = surge.m_u / 1 s: sway is taken to die out in 1 s"
+    model = structure.model(rough_sizes(runs))
+    assert model.free == ("surge.m_u", "yaw.I_r", "surge.X_uu", "yaw.k_rr")
+    whole = model.with_theta([20.0, 3.0, 18.0, 4.0]).model
+    assert whole.inertia == Inertia(20.0, 20.0, 3.0) and whole.sway == (Term("linear-drag", (20.0,)),)
+    near = list(structure.neighbours())
+    assert {one.couplings for one in near} == {(), ("N_ur",)} and not any(
+        one.current or one.skewed for one in near
+    )
+    tried = search(runs, seen, scripted)
+    fit = PlanarFit(tried, tuple(runs), seen)
+    assert fit.estimates["sway.m_v"].value == fit.estimates["surge.m_u"].value
+    assert fit.estimates["sway.m_v"].stderr == fit.estimates["surge.m_u"].stderr > 0
+
+
+def test_sway_alone_ties_surge() -> None:
+    seen = observed([made(0, ("heading", "sway"))])
+    assert seen.dofs == (SWAY, YAW)
+    assert str(Structure.simplest(seen).assumptions[0]).startswith(
+        "surge.m_u = sway.m_v: the logs hold no surge speed"
+    )
+
+
+def test_places_show_both_and_allow_a_current() -> None:
+    seen = observed([made(0, ("heading", "north", "east"))])
+    assert seen.dofs == PLANAR.dofs and seen.over_ground
+    near = list(Structure.simplest(seen).neighbours())
+    assert len({str(one) for one in near}) == len(near) == 3 * 2 + 4 + 2
+    drifting = next(one for one in near if one.current).model(rough_sizes([made(0)]))
+    assert drifting.free[-2:] == ("current.north", "current.east")
+    both = replace(Structure.simplest(seen), laws={**Structure.simplest(seen).laws, "surge": LAWS[2]})
+    assert sum("surge drag" in str(one) and one.laws["surge"] != LAWS[2] for one in both.neighbours()) == 0
+
+
+def test_heading_alone_is_refused() -> None:
+    with pytest.raises(FitError, match=r"no surge or sway speed .* and no position on the water .* fit-yaw"):
+        observed([made(0, ("heading",))])
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_velocities_told_from_places(side: float) -> None:
+    run = driven(4, 16.0, 0.2)
+    run = replace(run, moment=side * run.command)
+    positions, velocities = solved(CRAFT, run, (3.0, -2.0, 0.3), (0.2, -0.1, 0))
+    run = replace(
+        run,
+        position=positions[:, 2],
+        extras={**run.extras, "north": positions[:, 0], "east": positions[:, 1]},
+    )
+    found = rough_velocities(run)
+    for name, column in zip(("surge", "sway", "yaw_rate"), velocities.T):
+        assert np.corrcoef(found[name], column)[0, 1] > 0.9, name
+        assert 0.7 < np.std(found[name]) / np.std(column) < 1.1, name
+    read = replace(run, extras={**run.extras, "surge": velocities[:, 0]})
+    np.testing.assert_array_equal(rough_velocities(read)["surge"], velocities[:, 0])
+
+
+def test_tied_models_simulate_as_what_they_stand_for() -> None:
+    model = PlanarModel(
+        Inertia(20.0, 20.0, 3.0), surge=(Term("linear-drag", (4.0,)),), sway=(Term("linear-drag", (20.0,)),)
+    )
+    tied = Tied(
+        model, ("surge.m_u", "surge.X_u"), {"sway.m_v": ("surge.m_u", 1.0), "sway.Y_v": ("surge.m_u", 1.0)}
+    )
+    batch = make_batch([driven(1)], 0.05, motion=PLANAR)
+    other = PlanarModel(
+        Inertia(30.0, 30.0, 3.0), surge=(Term("linear-drag", (5.0,)),), sway=(Term("linear-drag", (30.0,)),)
+    )
+    found = simulate(tied, batch, np.array([tied.theta, [30.0, 5.0]]))
+    for p, whole in enumerate((model, other)):
+        np.testing.assert_array_equal(found.positions[p], simulate(whole, batch).positions[0])
+    assert tied.with_theta([30.0, 5.0]).model == other
+    with pytest.raises(KeyError, match=r"no parameter surge.X_uu"):
+        Tied(model, ("surge.X_uu",), {})
+
+
+def log(run: Run, folder: Path, name: str = "", **columns: object) -> Path:
+    """The run as a CSV log."""
+    table = {
+        "time_s": run.time, "heading_deg": np.rad2deg(run.position) % 360, "tau_Nm": run.moment,
+        "force_X_N": run.extras["force_X"], "force_Y_N": run.extras["force_Y"],
+        **{f"{name}_m": run.extras[name] for name in ("north", "east") if name in run.extras},
+        **{f"{name}_m_s": run.extras[name] for name in ("surge", "sway") if name in run.extras}, **columns,
+    }  # fmt: skip
+    path = folder / f"{name or run.name}.csv"
+    pd.DataFrame({key: column for key, column in table.items() if column is not None}).to_csv(
+        path, index=False
+    )
+    return path
+
+
+def test_logs_to_a_folder_of_results(tmp_path: Path) -> None:
+    for seed in range(2):
+        log(made(seed), tmp_path)
+    fit = fit_planar([tmp_path], estimate=scripted, out=tmp_path / "out")
+    assert load_planar_model(tmp_path / "out" / "planar_model.json").model == fit.model
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "planar_model.json", "planar.csv", "planar.md", "planar.tex", "manifest.json",
+    }  # fmt: skip
+    assert "surge.m_u" in (tmp_path / "out" / "planar.md").read_text()
+
+
+def test_a_force_that_no_log_holds_is_none_and_is_told(tmp_path: Path) -> None:
+    path = log(made(0), tmp_path, force_Y_N=None)
+    (run,) = load_planar([path], columns=ColumnMap()).runs
+    assert not run.extras["force_Y"].any()
+    assert "no sway force in the log: none is taken to act" in run.reading
+
+
+def test_a_run_whose_commands_are_zero_is_refused() -> None:
+    zero = np.zeros(len(made(0)))
+    run = replace(made(0), moment=zero, extras={"force_X": zero, "force_Y": zero})
+    with pytest.raises(
+        RunError, match="every command is zero: something that is not logged steers the vehicle"
+    ):
+        driven_run(run)

@@ -1,0 +1,126 @@
+"""planar_model.json: written and read back, what units its parameters have, and the sentence for what is wrong."""
+
+import json
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from made_planar import FULL
+
+from automarine_cli.errors import ModelError
+from automarine_cli.models.planar import Inertia, PlanarModel
+from automarine_cli.models.planar_store import (
+    is_planar,
+    load_planar_model,
+    planar_from_json,
+    planar_json,
+    units,
+)
+from automarine_cli.models.yaw_model import Term
+
+
+@pytest.fixture
+def data() -> dict[str, Any]:
+    return json.loads(json.dumps(planar_json(FULL)))
+
+
+def test_a_model_is_read_as_it_was_written(tmp_path: Path, data: dict[str, Any]) -> None:
+    path = tmp_path / "planar_model.json"
+    path.write_text(json.dumps(data))
+    stored = load_planar_model(path)
+    assert stored.model == FULL and stored.source == "planar_model.json" and is_planar(path)
+    assert stored.data["moment_unit"] == "N m"
+    assert pickle.loads(pickle.dumps(stored)) == stored
+    path.write_text('{"schema": "automarine/yaw-model/1"}')
+    assert not is_planar(path) and not is_planar(tmp_path / "none.json")
+
+
+def test_estimates_are_read_by_their_value(data: dict[str, Any]) -> None:
+    estimate = {"value": 21.5, "stderr": 0.5, "ci95": [20.5, 22.5], "unit": "kg"}
+    written = planar_json(FULL, {"surge.m_u": estimate})
+    assert written["parameters"]["surge.m_u"] == estimate  # type: ignore[index]
+    assert planar_from_json(written).model.inertia.m_u == 21.5
+
+
+def test_the_order_of_terms_is_the_file_s(data: dict[str, Any]) -> None:
+    given = data["parameters"]
+    given = {"sway.Y_v": 5.0, "sway.Y_vv": 40.0} | {k: v for k, v in given.items() if "Y_v" not in k}
+    assert [one.name for one in planar_from_json(data | {"parameters": given}).model.sway] == [
+        "linear-drag", "quadratic-drag",
+    ]  # fmt: skip
+
+
+def test_the_least_model() -> None:
+    given = {"surge.m_u": 20, "sway.m_v": 30.0, "yaw.I_r": {"value": 2}}
+    found = planar_from_json({"schema": "automarine/planar-model/1", "parameters": given}).model
+    assert found == PlanarModel(Inertia(20.0, 30.0, 2.0))
+
+
+def test_units() -> None:
+    assert units(FULL) == {
+        "surge.m_u": "kg", "sway.m_v": "kg", "yaw.I_r": "N m s²", "planar.m_vr": "kg m", "planar.m_ur": "kg m",
+        "planar.m_uv": "kg", "surge.X_u": "N s/m", "surge.X_uu": "N s²/m²", "sway.Y_vv": "N s²/m²",
+        "sway.Y_v": "N s/m", "yaw.k_r": "N m s", "yaw.k_rr": "N m s²", "yaw.constant_force": "N m",
+        "yaw.input-delay.t_d": "s", "sway.Y_r": "N s", "yaw.N_v": "N s", "yaw.N_vv": "N s²/m", "sway.Y_rr": "N s²",
+        "yaw.N_vr": "N s²", "sway.Y_rv": "N s²/m", "surge.X_v": "N s/m", "current.north": "m/s",
+        "current.east": "m/s",
+    }  # fmt: skip
+
+
+def put(name: str, value: object) -> Callable[[dict[str, Any]], None]:
+    """A change of one parameter."""
+
+    def change(data: dict[str, Any]) -> None:
+        data["parameters"][name] = value
+
+    return change
+
+
+def without(name: str) -> Callable[[dict[str, Any]], None]:
+    """One parameter less."""
+
+    def change(data: dict[str, Any]) -> None:
+        del data["parameters"][name]
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda d: d.update(schema="automarine/yaw-model/1"), 'schema: found "automarine/yaw-model/1", expected'),
+        (lambda d: d.update(vehicle={}), 'unknown key "vehicle"; known are schema'),
+        (lambda d: d.update(warning=[]), 'unknown key "warning"; did you mean "warnings"?'),
+        (lambda d: d.update(force_unit="nu"), 'force_unit: found "nu", expected "N": coupled motions are in newtons'),
+        (lambda d: d.pop("parameters"), 'key "parameters" is missing; give a file as `automarine fit-planar`'),
+        (put("surge.X_uuX", 1.0), 'parameters: unknown key "surge.X_uuX"; did you mean "surge.X_uu"?'),
+        (put("roll.K_p", 1.0), 'parameters: unknown key "roll.K_p"; known are surge.m_u'),
+        (put("yaw.N_r", 1.0), 'parameters: unknown key "yaw.N_r"'),  # its own drag is k_r
+        (put("sway.N_v", 1.0), "parameters.sway.N_v: N_v is no derivative of Y, the force of sway"),
+        (put("surge.m_u", -3.0), "parameters.surge.m_u: found -3, expected an inertia above zero"),
+        (without("sway.m_v"), 'parameters: key "sway.m_v" is missing'),
+        (put("planar.m_vr", 90.0), "parameters: found an inertia of m_u = 20, m_v = 32, I_r = 2.6, m_vr = 90"),
+        (put("sway.Y_vv", -1.0), "parameters.sway.Y_vv: found -1, expected 0 to inf"),
+        (put("yaw.I_r", "heavy"), 'parameters.yaw.I_r: found "heavy", expected a number'),
+        (put("yaw.I_r", {"stderr": 1.0}), 'parameters.yaw.I_r: key "value" is missing'),
+        (without("current.east"), 'key "current.east" is missing; a current has current.north and current.east'),
+        (put("yaw.input-delay.t_x", 0.1), 'unknown key "yaw.input-delay.t_x"; did you mean "yaw.input-delay.t_d"?'),
+        (put("yaw.dead-bend.width", 0.1), 'unknown key "yaw.dead-bend.width"'),
+        (put("surge.tether-spring.x", 0.1), 'surge.tether-spring.x"; did you mean "surge.tether-spring.kappa"?'),
+    ],
+)  # fmt: skip
+def test_refusals(data: dict[str, Any], change: Callable[[dict[str, Any]], Any], says: str) -> None:
+    change(data)
+    with pytest.raises(ModelError) as refusal:
+        planar_from_json(data, "planar_model.json")
+    assert str(refusal.value).startswith("planar_model.json: ") and says in str(refusal.value)
+
+
+def test_linear_drag_drives_only_beside_a_quadratic_one(data: dict[str, Any]) -> None:
+    put("surge.X_u", -1.0)(data)
+    assert planar_from_json(data).model.surge[0] == Term("linear-drag", (-1.0,))
+    without("surge.X_uu")(data)
+    with pytest.raises(ModelError, match=r"surge\.X_u: found -1, expected a drag of zero or more"):
+        planar_from_json(data)
