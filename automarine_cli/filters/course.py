@@ -72,13 +72,29 @@ class Course:
 
     def averaged(self, delivered: Floats) -> Floats:
         """Means over the filter's steps (P, R, K) of what is held on the fine grid (P, R, M)."""
-        impulse = np.concatenate(
-            [np.zeros((*delivered.shape[:2], 1)), np.cumsum(delivered * self.width, axis=2)], axis=2
+        return (
+            np.diff(self._summed(delivered)[0], axis=2) / np.maximum(self.length, 1e-12) * (self.length > 0)
         )
+
+    def leaning(self, delivered: Floats) -> Floats:
+        """What the ends of the filter's steps have more and the beginnings less than their means (P, R, K), if a
+        straight line over each step is to move what has no drag as far as what is held on the fine grid (P, R, M)."""
+        impulse, gone = self._summed(delivered)
+        length = np.maximum(self.length, 1e-12)
+        early = np.diff(gone, axis=2) - 0.5 * (impulse[..., 1:] + impulse[..., :-1]) * self.length
+        return -6.0 * early / length**2 * (self.length > 0)
+
+    def _summed(self, delivered: Floats) -> tuple[Floats, Floats]:
+        """Integrals from the start to the nodes, once and twice, of what is held on the fine grid: (P, R, K + 1)."""
+        none, gained = np.zeros((*delivered.shape[:2], 1)), delivered * self.width
+        impulse = np.concatenate([none, np.cumsum(gained, axis=2)], axis=2)
+        moved = np.cumsum((impulse[..., :-1] + 0.5 * gained) * self.width, axis=2)
         at = np.broadcast_to(self.at, (len(delivered), *self.at.shape))
-        here = np.take_along_axis(impulse, at, axis=2)
-        rate = np.take_along_axis(delivered * self.width, np.minimum(at, delivered.shape[2] - 1), axis=2)
-        return np.diff(here + self.part * rate, axis=2) / np.maximum(self.length, 1e-12) * (self.length > 0)
+        inside = np.minimum(at, delivered.shape[2] - 1)
+        here, rate = np.take_along_axis(impulse, at, axis=2), np.take_along_axis(gained, inside, axis=2)
+        passed = self.part * np.take_along_axis(self.width, inside[0], axis=1)
+        gone = np.take_along_axis(np.concatenate([none, moved], axis=2), at, axis=2)
+        return here + self.part * rate, gone + (here + 0.5 * self.part * rate) * passed
 
     def only(self, run: int) -> "Course":
         """One run of these, without what only others need."""
@@ -142,7 +158,7 @@ def make_course(
         for quantity in (position, dof.velocity)
         if (quantity in channels if channels is not None else quantity == position)
     ]
-    nodes = [_nodes(run, step) for run in runs]
+    nodes = [_nodes(run, step, _slowest(run, [quantity for _, quantity, _ in quantities])) for run in runs]
     steps, fine = max(len(n) for n in nodes) - 1, max(len(_fine(run)[0]) - 1 for run in runs)
     length, width = np.zeros((len(runs), steps)), np.zeros((len(runs), fine))
     held = np.zeros((len(motion.dofs), len(runs), fine))
@@ -168,9 +184,8 @@ def make_course(
             if read is None or (run.summed_up and quantity == run.dof.position):
                 continue
             floor = motion.dofs[d].limits.least_noise * (1.0 if not velocity else 0.0)
-            found = _readings(run.time, read, node, floor)
-            here, noise[c, r] = found[0], found[2]
-            values[c, r, here], seen[c, r, here] = found[1], True
+            here, found, noise[c, r] = _readings(run.time, read, node, floor)
+            values[c, r, here], seen[c, r, here] = found, True
     return Course(
         motion=motion,
         names=tuple(run.name for run in runs),
@@ -193,13 +208,24 @@ def make_course(
     )
 
 
-def _nodes(run: Run, step: float) -> Floats:
-    """Clock of the filter's nodes: samples about `step` apart, and what divides longer intervals."""
-    kept, last = [0], 0
+def _slowest(run: Run, quantities: Sequence[str]) -> NDArray[np.bool_]:
+    """The samples (N,) at which the slowest of a run's sensors has a reading of its own."""
+    read = [channel for channel in map(run.channel, quantities) if channel is not None]
+    return min((_fresh(one) for one in read), key=np.count_nonzero, default=np.ones(len(run), dtype=bool))
+
+
+def _nodes(run: Run, step: float, slow: NDArray[np.bool_]) -> Floats:
+    """Clock of the filter's nodes: samples about `step` apart, and what divides longer intervals; the samples of the
+    slowest sensor, `slow` (N,), come first."""
+    read = np.append(run.time[slow], np.inf)
+    wait = read[np.searchsorted(read, run.time, side="right")] - run.time
+    kept, last, firm = [0], run.time[0], run.time[0]
     for i in range(1, len(run)):
-        if run.time[i] - run.time[last] > 0.999 * step or i == len(run) - 1:
+        now = run.time[i]
+        own = slow[i] and now - firm > 0.999 * step
+        if own or (now - last > 0.999 * step and wait[i] > 0.5 * step) or i == len(run) - 1:
             kept.append(i)
-            last = i
+            last, firm = now, now if own else firm
     gaps = np.diff(run.time[kept])
     count = np.maximum(np.ceil(gaps / step - 0.25).astype(int), 1)
     which = np.repeat(np.arange(len(gaps)), count)
@@ -231,35 +257,31 @@ def _readings(
     time: Floats, read: Floats, node: Floats, floor: float
 ) -> tuple[NDArray[np.int64], Floats, float]:
     """Which nodes have a reading, the readings, and their noise, of which less than `floor` is a filter's."""
-    have = np.isfinite(read)
-    fresh = have & ~_repeats(read, have)
+    fresh = _fresh(read)
     noise = position_noise(time[fresh], read[fresh])
     apart = APART if noise < floor else 0.0
-    at = np.searchsorted(node, time - 1e-9)
-    at = np.minimum(at, len(node) - 1)
+    at = np.minimum(np.searchsorted(node, time - 1e-9), len(node) - 1)
     own = fresh & (np.abs(node[at] - time) < 1e-6)
-    kept, last = [], -np.inf
-    for i in np.flatnonzero(own):
-        if time[i] - last > 0.999 * apart:
+    kept: list[int] = []
+    for i in np.flatnonzero(own).tolist():
+        if not kept or time[i] - time[kept[-1]] > 0.999 * apart:
             kept.append(i)
-            last = time[i]
     return at[kept], read[kept], noise
 
 
-def _repeats(read: Floats, have: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Readings that only hold the one before, because the sensor is slower than the log.
+def _fresh(read: Floats) -> NDArray[np.bool_]:
+    """The samples (N,) whose readings do not only hold the one before, because the sensor is slower than the log.
 
     A quantised sensor repeats itself honestly; its steps are then mostly of one quantum.
     """
-    found = np.zeros(len(read), dtype=bool)
-    at = np.flatnonzero(have)
+    found = np.isfinite(read)
+    at = np.flatnonzero(found)
     if len(at) < 3:
         return found
-    moved = np.abs(np.diff(read[at]))
-    same = moved < 1e-9
+    same = (moved := np.abs(np.diff(read[at]))) < 1e-9
     if same.mean() < HELD or same.all() or np.median(moved[~same]) < FLAT * moved[~same].min():
         return found
-    found[at[1:][same]] = True
+    found[at[1:][same]] = False
     return found
 
 
@@ -268,11 +290,9 @@ def _fastest(runs: Sequence[Run], position: str) -> float:
     found = 0.0
     for run in runs:
         read = run.channel(position)
-        if read is None or len(run) < 2:
+        if read is None or np.isfinite(read).sum() < 2:
             continue
         have = np.isfinite(read)
-        if have.sum() < 2:
-            continue
         grid = np.arange(run.time[0], run.time[-1], 1.0)
         found = max(
             found, float(np.abs(np.diff(np.interp(grid, run.time[have], read[have]))).max(initial=0.0))
