@@ -95,7 +95,7 @@ def test_information_is_the_scatter_of_scores() -> None:
 
 def test_a_quiet_course_is_a_pool() -> None:
     """Steps from rest in still water: the same estimates, and the same evidence between models, as the mixed model."""
-    runs = steered(8, 3, Sea(k_r=0.03, size=0.0, thrust=0.0), length=20.0, free=True, held=7.0)
+    runs = steered(8, 3, Sea(k_r=0.004, size=0.0, thrust=0.0), length=20.0, free=True, held=7.0)
     rest, gains = np.ones(8, dtype=bool), list[tuple[float, float]]()
     course, batch = make_course(runs, rest), make_batch(runs, 0.05)
     assert course.channels[0].seen.sum() == sum(map(len, runs))
@@ -114,7 +114,7 @@ def test_a_quiet_course_is_a_pool() -> None:
             assert own == pytest.approx(other, rel=0.3), name
         gains.append((found.log_likelihood, mixed.log_likelihood))
     filtered, whole_runs = np.diff(gains, axis=0)[0]
-    assert whole_runs > 2.0 and filtered == pytest.approx(whole_runs, abs=0.3)
+    assert whole_runs > 0.5 and filtered == pytest.approx(whole_runs, abs=0.3)
 
 
 @cache
@@ -159,12 +159,12 @@ def test_the_evidence_asks_for_a_disturbance_where_there_is_one() -> None:
 
 def unrelated() -> list[Run]:
     """Runs whose logged commands are those of other runs: nothing in the motion answers them."""
-    runs, others = steered(3, 1, Sea(size=0.3), length=30.0), steered(3, 2, length=30.0)
-    return [run.with_moment(other.command, "nu") for run, other in zip(runs, others)]
+    runs, others = steered(3, 1, Sea(size=1.0), length=33.0), steered(3, 2, length=33.0, free=True, held=2.0)
+    return [run.with_moment(other.command, "nu").cut(12, len(run)) for run, other in zip(runs, others)]
 
 
 def test_commands_that_move_nothing_give_no_model() -> None:
-    course = make_course(unrelated(), np.ones(3, dtype=bool))
+    course = make_course(unrelated(), np.zeros(3, dtype=bool))
     with pytest.raises(
         FitError, match=r"these runs leave the model open: .* add runs with larger and quicker"
     ):
