@@ -1,5 +1,6 @@
 """Likelihood of driven and disturbed runs: its slopes, its limit in a quiet pool, known truths, and what it refuses."""
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -11,8 +12,10 @@ from click.testing import Result
 from made_campaigns import shifted
 from made_driven import Sea, steered, turned
 from made_runs import written
+from made_sequences import model_file, sequence_run
 from numpy.typing import NDArray
 
+from automarine_cli.comparison.ahead import ahead_of
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import make_course
@@ -22,6 +25,7 @@ from automarine_cli.fits.innovations import InnovationsFit, fit_innovations
 from automarine_cli.fits.innovations_problem import DrivenProblem
 from automarine_cli.fits.mixed_model import fit_mixed
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem
+from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -32,6 +36,14 @@ RANDOM = {
     "yaw.disturbance": 0.1, "yaw.disturbance-time": 2.0, "yaw.thrust-noise": 0.02, "gain-scatter": 0.03,
     "noise.heading": np.deg2rad(1.0),
 }  # fmt: skip
+
+
+def quantity(value: float, unit: str) -> dict[str, object]:
+    """An estimate as files have it."""
+    return {"value": value, "stderr": 0.01, "ci95": [0.9 * value, 1.1 * value], "unit": unit}
+
+
+DRAGS = {"1": {"k_r": quantity(0.8, "nu s")}, "3": {"k_rr": quantity(1.2, "nu s²")}}
 
 
 def problem_of(runs: list[Run], model: YawModel, *, quiet: bool = False) -> DrivenProblem:
@@ -185,3 +197,36 @@ def test_starts_lie_about_rough_values() -> None:
     starts = base_starts(problem)
     assert {round(float(x), 9) for x in starts[:, 0]} == {0.3, 1.0, 3.0}
     assert np.all(starts >= problem.bounds[:, 0]) and np.all(starts <= problem.bounds[:, 1])
+
+
+def test_validate_predicts_from_filtered_states_of_driven_runs(
+    run: Callable[..., Result], tmp_path: Path
+) -> None:
+    for i, one in enumerate(steered(4, 30)):
+        written(one, tmp_path / "logs" / f"{i}.csv")
+    for inertia, says in (
+        (1.0, "Model 1 predicts 5 s ahead to "),
+        (60.0, "No model is of use on these runs: "),
+    ):
+        models = {number: {"I_r": quantity(inertia, "nu s²"), **drag} for number, drag in DRAGS.items()}
+        model = model_file(tmp_path / f"{inertia:g}.json", models=models)
+        out = tmp_path / f"out_{inertia:g}"
+        result = run("validate", tmp_path / "logs", "--model", model, "-o", out, "--no-figures")
+        assert result.exit_code == 0, result.output
+        assert result.stdout.startswith(says), result.stdout
+        text = (out / "validation.md").read_text()
+        assert text.startswith(says) and "Predictions from the filtered state" in text
+        data = json.loads((out / "validation.json").read_text())["prediction"]
+        assert list(data) == ["1", "3"]
+        for each in data.values():
+            assert [one["horizon_s"] for one in each] == [2.0, 5.0, 15.0]
+            for one in each:
+                still = min(one["constant_rate_deg"], one["constant_heading_deg"])
+                assert one["horizon_s"] > 5.0 or (one["rmse_deg"] < still) == (inertia == 1.0)
+                assert one["predictions"] > 500
+
+
+def test_validate_of_quiet_runs_is_as_it_was(tmp_path: Path) -> None:
+    stored = load_yaw_models(model_file(tmp_path / "model.json"))
+    quiet = [sequence_run(noise_deg=1.0, seed=seed) for seed in range(2)]
+    assert ahead_of(stored, quiet, None) is None
