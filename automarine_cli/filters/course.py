@@ -70,15 +70,29 @@ class Course:
             for force, before in zip(self.held, self.before)
         )
 
-    def averaged(self, delivered: Floats) -> Floats:
-        """Means over the filter's steps (P, R, K) of what is held on the fine grid (P, R, M)."""
-        impulse = np.concatenate(
-            [np.zeros((*delivered.shape[:2], 1)), np.cumsum(delivered * self.width, axis=2)], axis=2
-        )
-        at = np.broadcast_to(self.at, (len(delivered), *self.at.shape))
+    def averaged(self, delivered: Floats, late: Floats | None = None) -> tuple[Floats, Floats]:
+        """What is held on the fine grid (P, R, M) as a straight line over each of the filter's steps: its means and its
+        slopes [per s], (P, R, K), which give every rate and position at their ends as what is held does. `late` (P,) is
+        by how many fine steps all of it acts after it is held."""
+        sets = len(delivered) if late is None else max(len(delivered), len(late))
+        delivered = np.broadcast_to(delivered, (sets, *delivered.shape[1:]))
+        place = np.broadcast_to(self.at + self.part, (sets, *self.at.shape))
+        if late is not None:
+            place = place - late[:, None, None]
+        at = np.clip(np.floor(place).astype(np.int64), 0, delivered.shape[2] - 1)
+        width = np.broadcast_to(self.width, delivered.shape)
+        impulse, twice = np.zeros((2, *delivered.shape[:2], delivered.shape[2] + 1))
+        np.cumsum(delivered * width, axis=2, out=impulse[..., 1:])
+        np.cumsum((impulse[..., :-1] + 0.5 * delivered * width) * width, axis=2, out=twice[..., 1:])
+        held, passed = np.take_along_axis(delivered, at, axis=2), place - at
+        passed = passed * np.take_along_axis(width, at, axis=2)
         here = np.take_along_axis(impulse, at, axis=2)
-        rate = np.take_along_axis(delivered * self.width, np.minimum(at, delivered.shape[2] - 1), axis=2)
-        return np.diff(here + self.part * rate, axis=2) / np.maximum(self.length, 1e-12) * (self.length > 0)
+        way = np.take_along_axis(twice, at, axis=2) + (here + 0.5 * held * passed) * passed
+        here = here + held * passed
+        length = np.maximum(self.length, 1e-12)
+        mean = np.diff(here, axis=2) / length * (self.length > 0)
+        behind = np.diff(way, axis=2) - here[..., :-1] * self.length
+        return mean, 12.0 * (0.5 * mean * length**2 - behind) / length**3 * (self.length > 0)
 
     def only(self, run: int) -> "Course":
         """One run of these, without what only others need."""
@@ -104,7 +118,7 @@ class Course:
     @cached_property
     def averaged_signals(self) -> dict[str, Floats]:
         """The other logged columns, averaged over the filter's steps (R, K)."""
-        return {name: self.averaged(column[None])[0] for name, column in self.signals.items()}
+        return {name: self.averaged(column[None])[0][0] for name, column in self.signals.items()}
 
 
 def make_course(
