@@ -33,7 +33,7 @@ class Course:
     """R runs of one motion of D degrees of freedom on the filter's layout; K steps at most, shorter ones are padded.
 
     `length` (R, K) of the steps [s], 0 in the padding. `held` (D, R, M) are the commands on a finer grid of steps of
-    `width` (R, M), each held over its own; node k of the filter lies in fine step `at` (R, K + 1), at the share `part`
+    `width` (R, M), each held over its own, and begin `early` (R,) before the first sample [s]; node k of the filter lies in fine step `at` (R, K + 1), at the share `part`
     of it. `before` (D, R, 1) was held before, `start` (R,) is the clock of the first sample [s], `signals` (R, M) other
     logged columns on the fine grid. `channels` are the readings, (R, K + 1) each, `still` (R,) says which runs begin at
     rest, `fastest` (D,) the largest velocities [per s], as means over a second, and `noise` (C,) of each channel,
@@ -45,6 +45,7 @@ class Course:
     length: Floats
     held: Floats
     width: Floats
+    early: Floats
     at: NDArray[np.int64]
     part: Floats
     before: Floats
@@ -64,7 +65,7 @@ class Course:
     @cached_property
     def commands(self) -> tuple[Commands, ...]:
         """The commands of each degree of freedom on the fine grid."""
-        begins = np.cumsum(self.width, axis=1) - self.width
+        begins = np.cumsum(self.width, axis=1) - self.width - self.early[:, None]
         return tuple(
             Commands(force[None], begins[None], self.width[None], before, self.start[:, None], self.signals)
             for force, before in zip(self.held, self.before)
@@ -103,6 +104,7 @@ class Course:
             length=self.length[rows, :steps],
             held=self.held[:, rows],
             width=self.width[rows],
+            early=self.early[rows],
             at=self.at[rows, : steps + 1],
             part=self.part[rows, : steps + 1],
             before=self.before[:, rows],
@@ -159,6 +161,7 @@ def make_course(
     nodes = [_nodes(run, step) for run in runs]
     steps, fine = max(len(n) for n in nodes) - 1, max(len(_fine(run)[0]) - 1 for run in runs)
     length, width = np.zeros((len(runs), steps)), np.zeros((len(runs), fine))
+    early = np.zeros(len(runs))
     held = np.zeros((len(motion.dofs), len(runs), fine))
     columns = {name: np.zeros((len(runs), fine)) for name in signals}
     at, part = np.zeros((len(runs), steps + 1), dtype=np.int64), np.zeros((len(runs), steps + 1))
@@ -168,7 +171,7 @@ def make_course(
     for r, (run, node) in enumerate(zip(runs, nodes)):
         edges, mean = _fine(run)
         length[r, : len(node) - 1] = np.diff(node)
-        width[r, : len(edges) - 1] = np.diff(edges)
+        width[r, : len(edges) - 1], early[r] = np.diff(edges), run.time[0] - edges[0]
         for d, dof in enumerate(motion.dofs):
             held[d, r, : len(edges) - 1] = mean(run.command_of(dof))
         for name in signals:
@@ -191,6 +194,7 @@ def make_course(
         length=length,
         held=held,
         width=width,
+        early=early,
         at=at,
         part=part,
         before=np.array([[[run.command_of(dof)[0]] for run in runs] for dof in motion.dofs]),
@@ -222,15 +226,17 @@ def _nodes(run: Run, step: float) -> Floats:
 
 
 def _fine(run: Run):  # type: ignore[no-untyped-def]
-    """Edges of the fine steps, in the middle between samples, and what averages a held column over them.
+    """Edges of the fine steps, in the middle between samples and as far beyond the first and the last, and what
+    averages a held column over them.
 
     A command is first seen by the sample after its change, which happened anywhere in the interval before: on average
     in its middle.
     """
     time = run.time
-    edges = np.concatenate([time[:1], 0.5 * (time[1:] + time[:-1]), time[-1:]])
+    middle = 0.5 * (time[1:] + time[:-1])
+    edges = np.concatenate([[2.0 * time[0] - middle[0]], middle, [2.0 * time[-1] - middle[-1]]])
     every = max(1, round(FINEST / max(run.sample_period, 1e-9)))
-    if every == 1:
+    if every == 1 or len(time) < 2 * every:
         return edges, lambda column: column
     coarse = np.append(edges[:-1:every], edges[-1])
 

@@ -202,7 +202,7 @@ def randomness(
         found.append(Randomness(f"{dof.name}.thrust-noise", *thrust, 0.03, 2.0))
     found.append(Randomness("gain-scatter", 1e-3, 0.3, 0.04, 0.5))
     most = 0.0 if delayed else 0.5
-    found.append(Randomness(SWITCH, -most, most, 0.0, 0.3, signed=True))
+    found.append(Randomness(SWITCH, -most, most, 0.0, 3.0, signed=True))
     for channel, noise in zip(course.channels, course.noise):
         limits = course.motion.dofs[channel.dof].limits
         floor = 0.1 * limits.least_noise if channel.velocity else limits.least_noise
