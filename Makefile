@@ -12,7 +12,7 @@ MAKEFLAGS += --no-print-directory
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test check fit-thrusters fit-yaw validate diagnose run reproduce sample-runs paper pictures bench blind clean
+.PHONY: help demo test check fit-thrusters fit-yaw validate diagnose run reproduce sample-runs paper pictures bench blind real clean
 
 help: ## Show this list
 	echo "make TARGET, where TARGET is one of"
@@ -99,6 +99,9 @@ bench: $(READY) ## Accuracy against the Cramer-Rao bound, speed, start-up time
 
 blind: $(READY) ## Does diagnose name what is hidden? Campaigns with a known truth made without the library; hours
 	$(BIN)/python tests/benchmarks/blind.py --out $(OUT)/blind.json
+
+real: $(READY) ## Real logs, halves exchanged: predictions against least squares and constants, what is named; AUTOMARINE_DATA
+	$(BIN)/python tests/benchmarks/real.py --out $(OUT)
 
 clean: ## Remove results, caches and the virtual environment
 	rm -rf out $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
