@@ -229,9 +229,8 @@ def main() -> None:
                 rows.append(row)
                 text = kept(options.out, rows, before, contacts)
     if not text:
-        raise SystemExit(
-            f"no data set with {options.only!r} in its name is at hand; AUTOMARINE_DATA names the folder that has them"
-        )
+        which = f" with {options.only!r} in its name" if options.only else ""
+        raise SystemExit(f"no data set{which} is at hand; AUTOMARINE_DATA names the folder that has them")
     print(text)
 
 
