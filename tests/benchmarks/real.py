@@ -152,7 +152,7 @@ def use_of(error: float, row: Row, same: float) -> str:
     """One word on a model at 5 s."""
     if not error < min(row["constant_rate"][AT], row["constant_position"][AT]):
         return "no better than constant"
-    return "as least squares" if error <= ALLOWED * same else "better than constant"
+    return "no worse than least squares" if error <= ALLOWED * same else "better than constant"
 
 
 def models_table(rows: Sequence[Row]) -> Table:
