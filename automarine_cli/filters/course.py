@@ -33,11 +33,11 @@ class Course:
     """R runs of one motion of D degrees of freedom on the filter's layout; K steps at most, shorter ones are padded.
 
     `length` (R, K) of the steps [s], 0 in the padding. `held` (D, R, M) are the commands on a finer grid of steps of
-    `width` (R, M), each held over its own, and begin `early` (R,) before the first sample [s]; node k of the filter lies in fine step `at` (R, K + 1), at the share `part`
-    of it. `before` (D, R, 1) was held before, `start` (R,) is the clock of the first sample [s], `signals` (R, M) other
-    logged columns on the fine grid. `channels` are the readings, (R, K + 1) each, `still` (R,) says which runs begin at
-    rest, `fastest` (D,) the largest velocities [per s], as means over a second, and `noise` (C,) of each channel,
-    measured apart from any model.
+    `width` (R, M), each held over its own, that begin `early` (R,) before the first sample [s]; node k of the filter
+    lies in fine step `at` (R, K + 1), at the share `part` of it. `before` (D, R, 1) was held before, `start` (R,) is
+    the clock of the first sample [s], `signals` (R, M) other logged columns on the fine grid. `channels` are the
+    readings, (R, K + 1) each, `still` (R,) says which runs begin at rest, `fastest` (D,) the largest velocities
+    [per s], as means over a second, and `noise` (C,) of each channel, measured apart from any model.
     """
 
     motion: Motion

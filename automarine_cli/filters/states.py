@@ -79,7 +79,8 @@ class Step:
     """One model on one course for P parameter sets: commands delivered, steps, readings.
 
     `delivered` (D, P, R, K) is what the actuators give without the runs' gain, the mean over each step, and `tilt` how
-    it rises over the step [per s]; `inverse` (P, D, D) is that of the inertia, `columns` are the states on which the dynamic ones depend nonlinearly, or that push them.
+    it rises over the step [per s]; `inverse` (P, D, D) is that of the inertia, `columns` are the states on which the
+    dynamic ones depend nonlinearly, or that push them.
     """
 
     def __init__(self, model: Vehicle, course: Course, theta: Floats, late: Floats) -> None:

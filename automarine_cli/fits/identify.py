@@ -27,6 +27,7 @@ from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, half_turns
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import find_steps, released
 from automarine_cli.runs.stuck import without_stuck
+from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
 
@@ -193,14 +194,15 @@ def _fit_whole(
     channels: str,
     with_effects: Sequence[str],
 ) -> YawFit:
-    serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in runs]
-    kept, stuck = without_stuck([run for run, good in zip(runs, serves) if good])
+    driven, undriven = without_undriven(runs)
+    serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in driven]
+    kept, stuck = without_stuck([run for run, good in zip(driven, serves) if good])
     chosen = choose_channels(kept, kept[0].dof, channels) if kept else NOTHING_TO_CHOOSE
     moving = tuple(chosen.cleaned(run) for run in kept)
     short = tuple(
-        SetAside(run.source, run.name, _too_little(run)) for run, good in zip(runs, serves) if not good
+        SetAside(run.source, run.name, _too_little(run)) for run, good in zip(driven, serves) if not good
     )
-    short += stuck
+    short += undriven + stuck
     if not moving:
         raise RunError(
             f"none of {_counted(len(runs), 'run')} serves for a fit; {_reasons(short)}look at them with "

@@ -32,6 +32,7 @@ from automarine_cli.runs.channels import AUTO, asked_channels, wanted_channels
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.runs.stuck import without_stuck
+from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.workflows.diagnose_thrusters import ThrusterDiagnosis, diagnose_thrusters, is_thruster_map
 from automarine_cli.workflows.moments import with_moments
 
@@ -306,8 +307,9 @@ def _runs(
             f"{', '.join(sorted(units))}; fit a model to these logs first, or map their {dof.words.force} with "
             "--columns"
         )
-    moving, stuck = without_stuck(runs)
-    aside = (*campaign.set_aside, *stuck)
+    driven, undriven = without_undriven(runs)
+    moving, stuck = without_stuck(driven)
+    aside = (*campaign.set_aside, *undriven, *stuck)
     if strict and aside:
         raise refused_by_strict(aside[0])
     return moving, aside, campaign.inputs
