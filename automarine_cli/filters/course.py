@@ -10,22 +10,14 @@ from numpy.typing import NDArray
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Commands
 from automarine_cli.errors import RunError
-from automarine_cli.runs.noise import position_noise
+from automarine_cli.filters.nodes import nodes_of, readings_of, step_of
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import Channel
 
 Floats = NDArray[np.float64]
 
-STEP = 0.25
-"""Longest step of the filter [s], unless the vehicle is faster; also the least time between two noisy readings."""
-APART = 0.5
-"""Least time [s] between readings whose noise is below what sensors have: such were filtered, or hang together."""
 FINEST = 0.05
 """Shortest time [s] over which a command is held as it is; those of faster logs are averaged over that."""
-HELD = 0.2
-"""Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings."""
-FLAT = 3.0
-"""Times the smallest step of a quantised sensor that its usual steps have to have for repeats to be held values."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +25,11 @@ class Course:
     """R runs of one motion of D degrees of freedom on the filter's layout; K steps at most, shorter ones are padded.
 
     `length` (R, K) of the steps [s], 0 in the padding. `held` (D, R, M) are the commands on a finer grid of steps of
-    `width` (R, M), each held over its own; node k of the filter lies in fine step `at` (R, K + 1), at the share `part`
-    of it. `before` (D, R, 1) was held before, `start` (R,) is the clock of the first sample [s], `signals` (R, M) other
-    logged columns on the fine grid. `channels` are the readings, (R, K + 1) each, `still` (R,) says which runs begin at
-    rest, `fastest` (D,) the largest velocities [per s], as means over a second, and `noise` (C,) of each channel,
-    measured apart from any model.
+    `width` (R, M), each held over its own, that begin `early` (R,) before the first sample [s]; node k of the filter
+    lies in fine step `at` (R, K + 1), at the share `part` of it. `before` (D, R, 1) was held before, `start` (R,) is
+    the clock of the first sample [s], `signals` (R, M) other logged columns on the fine grid. `channels` are the
+    readings, (R, K + 1) each, `still` (R,) says which runs begin at rest, `fastest` (D,) the largest velocities
+    [per s], as means over a second, and `noise` (C,) of each channel, measured apart from any model.
     """
 
     motion: Motion
@@ -45,6 +37,7 @@ class Course:
     length: Floats
     held: Floats
     width: Floats
+    early: Floats
     at: NDArray[np.int64]
     part: Floats
     before: Floats
@@ -64,37 +57,35 @@ class Course:
     @cached_property
     def commands(self) -> tuple[Commands, ...]:
         """The commands of each degree of freedom on the fine grid."""
-        begins = np.cumsum(self.width, axis=1) - self.width
+        begins = np.cumsum(self.width, axis=1) - self.width - self.early[:, None]
         return tuple(
             Commands(force[None], begins[None], self.width[None], before, self.start[:, None], self.signals)
             for force, before in zip(self.held, self.before)
         )
 
-    def averaged(self, delivered: Floats) -> Floats:
-        """Means over the filter's steps (P, R, K) of what is held on the fine grid (P, R, M)."""
-        return (
-            np.diff(self._summed(delivered)[0], axis=2) / np.maximum(self.length, 1e-12) * (self.length > 0)
-        )
-
-    def leaning(self, delivered: Floats) -> Floats:
-        """What the ends of the filter's steps have more and the beginnings less than their means (P, R, K), if a
-        straight line over each step is to move what has no drag as far as what is held on the fine grid (P, R, M)."""
-        impulse, gone = self._summed(delivered)
+    def averaged(self, delivered: Floats, late: Floats | None = None) -> tuple[Floats, Floats]:
+        """What is held on the fine grid (P, R, M) as a straight line over each of the filter's steps: its means and its
+        slopes [per s], (P, R, K), which give every rate and position at their ends as what is held does. `late` (P,) is
+        by how many fine steps all of it acts after it is held."""
+        sets = len(delivered) if late is None else max(len(delivered), len(late))
+        delivered = np.broadcast_to(delivered, (sets, *delivered.shape[1:]))
+        place = np.broadcast_to(self.at + self.part, (sets, *self.at.shape))
+        if late is not None:
+            place = place - late[:, None, None]
+        at = np.clip(np.floor(place).astype(np.int64), 0, delivered.shape[2] - 1)
+        width = np.broadcast_to(self.width, delivered.shape)
+        impulse, twice = np.zeros((2, *delivered.shape[:2], delivered.shape[2] + 1))
+        np.cumsum(delivered * width, axis=2, out=impulse[..., 1:])
+        np.cumsum((impulse[..., :-1] + 0.5 * delivered * width) * width, axis=2, out=twice[..., 1:])
+        held, passed = np.take_along_axis(delivered, at, axis=2), place - at
+        passed = passed * np.take_along_axis(width, at, axis=2)
+        here = np.take_along_axis(impulse, at, axis=2)
+        way = np.take_along_axis(twice, at, axis=2) + (here + 0.5 * held * passed) * passed
+        here = here + held * passed
         length = np.maximum(self.length, 1e-12)
-        early = np.diff(gone, axis=2) - 0.5 * (impulse[..., 1:] + impulse[..., :-1]) * self.length
-        return -6.0 * early / length**2 * (self.length > 0)
-
-    def _summed(self, delivered: Floats) -> tuple[Floats, Floats]:
-        """Integrals from the start to the nodes, once and twice, of what is held on the fine grid: (P, R, K + 1)."""
-        none, gained = np.zeros((*delivered.shape[:2], 1)), delivered * self.width
-        impulse = np.concatenate([none, np.cumsum(gained, axis=2)], axis=2)
-        moved = np.cumsum((impulse[..., :-1] + 0.5 * gained) * self.width, axis=2)
-        at = np.broadcast_to(self.at, (len(delivered), *self.at.shape))
-        inside = np.minimum(at, delivered.shape[2] - 1)
-        here, rate = np.take_along_axis(impulse, at, axis=2), np.take_along_axis(gained, inside, axis=2)
-        passed = self.part * np.take_along_axis(self.width, inside[0], axis=1)
-        gone = np.take_along_axis(np.concatenate([none, moved], axis=2), at, axis=2)
-        return here + self.part * rate, gone + (here + 0.5 * self.part * rate) * passed
+        mean = np.diff(here, axis=2) / length * (self.length > 0)
+        behind = np.diff(way, axis=2) - here[..., :-1] * self.length
+        return mean, 12.0 * (0.5 * mean * length**2 - behind) / length**3 * (self.length > 0)
 
     def only(self, run: int) -> "Course":
         """One run of these, without what only others need."""
@@ -105,6 +96,7 @@ class Course:
             length=self.length[rows, :steps],
             held=self.held[:, rows],
             width=self.width[rows],
+            early=self.early[rows],
             at=self.at[rows, : steps + 1],
             part=self.part[rows, : steps + 1],
             before=self.before[:, rows],
@@ -120,7 +112,7 @@ class Course:
     @cached_property
     def averaged_signals(self) -> dict[str, Floats]:
         """The other logged columns, averaged over the filter's steps (R, K)."""
-        return {name: self.averaged(column[None])[0] for name, column in self.signals.items()}
+        return {name: self.averaged(column[None])[0][0] for name, column in self.signals.items()}
 
 
 def make_course(
@@ -130,9 +122,10 @@ def make_course(
     *,
     motion: Motion | None = None,
     channels: Sequence[str] | None = None,
-    step: float = STEP,
+    step: float | None = None,
 ) -> Course:
-    """Lay `runs` out with steps of at most `step` [s]; `still` (R,) says which begin at rest.
+    """Lay `runs` out with steps of about `step` [s], by default as their sensors ask; `still` (R,) says which begin at
+    rest.
 
     `motion` is by default that of the runs' one degree of freedom; `channels` names the quantities that count, by
     default the positions. Raises RunError for no runs, a run without a command, commands in different units, or a
@@ -158,9 +151,12 @@ def make_course(
         for quantity in (position, dof.velocity)
         if (quantity in channels if channels is not None else quantity == position)
     ]
-    nodes = [_nodes(run, step, _slowest(run, [quantity for _, quantity, _ in quantities])) for run in runs]
+    wanted = [quantity for _, quantity, _ in quantities]
+    step = step_of(runs, motion, wanted) if step is None else step
+    nodes = [nodes_of(run, step, wanted) for run in runs]
     steps, fine = max(len(n) for n in nodes) - 1, max(len(_fine(run)[0]) - 1 for run in runs)
     length, width = np.zeros((len(runs), steps)), np.zeros((len(runs), fine))
+    early = np.zeros(len(runs))
     held = np.zeros((len(motion.dofs), len(runs), fine))
     columns = {name: np.zeros((len(runs), fine)) for name in signals}
     at, part = np.zeros((len(runs), steps + 1), dtype=np.int64), np.zeros((len(runs), steps + 1))
@@ -170,7 +166,7 @@ def make_course(
     for r, (run, node) in enumerate(zip(runs, nodes)):
         edges, mean = _fine(run)
         length[r, : len(node) - 1] = np.diff(node)
-        width[r, : len(edges) - 1] = np.diff(edges)
+        width[r, : len(edges) - 1], early[r] = np.diff(edges), run.time[0] - edges[0]
         for d, dof in enumerate(motion.dofs):
             held[d, r, : len(edges) - 1] = mean(run.command_of(dof))
         for name in signals:
@@ -184,14 +180,16 @@ def make_course(
             if read is None or (run.summed_up and quantity == run.dof.position):
                 continue
             floor = motion.dofs[d].limits.least_noise * (1.0 if not velocity else 0.0)
-            here, found, noise[c, r] = _readings(run.time, read, node, floor)
-            values[c, r, here], seen[c, r, here] = found, True
+            found = readings_of(run.time, read, node, floor)
+            here, noise[c, r] = found[0], found[2]
+            values[c, r, here], seen[c, r, here] = found[1], True
     return Course(
         motion=motion,
         names=tuple(run.name for run in runs),
         length=length,
         held=held,
         width=width,
+        early=early,
         at=at,
         part=part,
         before=np.array([[[run.command_of(dof)[0]] for run in runs] for dof in motion.dofs]),
@@ -208,41 +206,18 @@ def make_course(
     )
 
 
-def _slowest(run: Run, quantities: Sequence[str]) -> NDArray[np.bool_]:
-    """The samples (N,) at which the slowest of a run's sensors has a reading of its own."""
-    read = [channel for channel in map(run.channel, quantities) if channel is not None]
-    return min((_fresh(one) for one in read), key=np.count_nonzero, default=np.ones(len(run), dtype=bool))
-
-
-def _nodes(run: Run, step: float, slow: NDArray[np.bool_]) -> Floats:
-    """Clock of the filter's nodes: samples about `step` apart, and what divides longer intervals; the samples of the
-    slowest sensor, `slow` (N,), come first."""
-    read = np.append(run.time[slow], np.inf)
-    wait = read[np.searchsorted(read, run.time, side="right")] - run.time
-    kept, last, firm = [0], run.time[0], run.time[0]
-    for i in range(1, len(run)):
-        now = run.time[i]
-        own = slow[i] and now - firm > 0.999 * step
-        if own or (now - last > 0.999 * step and wait[i] > 0.5 * step) or i == len(run) - 1:
-            kept.append(i)
-            last, firm = now, now if own else firm
-    gaps = np.diff(run.time[kept])
-    count = np.maximum(np.ceil(gaps / step - 0.25).astype(int), 1)
-    which = np.repeat(np.arange(len(gaps)), count)
-    order = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    return np.append(run.time[kept][which] + order * (gaps / count)[which], run.time[-1])
-
-
 def _fine(run: Run):  # type: ignore[no-untyped-def]
-    """Edges of the fine steps, in the middle between samples, and what averages a held column over them.
+    """Edges of the fine steps, in the middle between samples and as far beyond the first and the last, and what
+    averages a held column over them.
 
     A command is first seen by the sample after its change, which happened anywhere in the interval before: on average
     in its middle.
     """
     time = run.time
-    edges = np.concatenate([time[:1], 0.5 * (time[1:] + time[:-1]), time[-1:]])
+    middle = 0.5 * (time[1:] + time[:-1])
+    edges = np.concatenate([[2.0 * time[0] - middle[0]], middle, [2.0 * time[-1] - middle[-1]]])
     every = max(1, round(FINEST / max(run.sample_period, 1e-9)))
-    if every == 1:
+    if every == 1 or len(time) < 2 * every:
         return edges, lambda column: column
     coarse = np.append(edges[:-1:every], edges[-1])
 
@@ -253,46 +228,16 @@ def _fine(run: Run):  # type: ignore[no-untyped-def]
     return coarse, mean
 
 
-def _readings(
-    time: Floats, read: Floats, node: Floats, floor: float
-) -> tuple[NDArray[np.int64], Floats, float]:
-    """Which nodes have a reading, the readings, and their noise, of which less than `floor` is a filter's."""
-    fresh = _fresh(read)
-    noise = position_noise(time[fresh], read[fresh])
-    apart = APART if noise < floor else 0.0
-    at = np.minimum(np.searchsorted(node, time - 1e-9), len(node) - 1)
-    own = fresh & (np.abs(node[at] - time) < 1e-6)
-    kept: list[int] = []
-    for i in np.flatnonzero(own).tolist():
-        if not kept or time[i] - time[kept[-1]] > 0.999 * apart:
-            kept.append(i)
-    return at[kept], read[kept], noise
-
-
-def _fresh(read: Floats) -> NDArray[np.bool_]:
-    """The samples (N,) whose readings do not only hold the one before, because the sensor is slower than the log.
-
-    A quantised sensor repeats itself honestly; its steps are then mostly of one quantum.
-    """
-    found = np.isfinite(read)
-    at = np.flatnonzero(found)
-    if len(at) < 3:
-        return found
-    same = (moved := np.abs(np.diff(read[at]))) < 1e-9
-    if same.mean() < HELD or same.all() or np.median(moved[~same]) < FLAT * moved[~same].min():
-        return found
-    found[at[1:][same]] = False
-    return found
-
-
 def _fastest(runs: Sequence[Run], position: str) -> float:
     """Largest velocity of the runs [per s], each as the mean over a second; 0 where the position is not logged."""
     found = 0.0
     for run in runs:
         read = run.channel(position)
-        if read is None or np.isfinite(read).sum() < 2:
+        if read is None or len(run) < 2:
             continue
         have = np.isfinite(read)
+        if have.sum() < 2:
+            continue
         grid = np.arange(run.time[0], run.time[-1], 1.0)
         found = max(
             found, float(np.abs(np.diff(np.interp(grid, run.time[have], read[have]))).max(initial=0.0))
