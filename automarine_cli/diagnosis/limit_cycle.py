@@ -52,8 +52,8 @@ class LimitCycle:
         return (
             f"Command and {position} swing together every {self.period:.2g} s ({self.share:.0%} of the commanded "
             f"{force}), the {position} {np.degrees(self.phase):.0f} degrees of the cycle behind the {force}: a limit "
-            "cycle of the controller. A lag, a delay or a dead-band makes one; a periodic disturbance of that period is "
-            "not believed."
+            "cycle of the controller. A lag, a delay or a dead-band makes one; a periodic disturbance of that period "
+            "is not believed."
         )
 
 

@@ -1,6 +1,6 @@
 """Of what use a model of driven runs is: whether it predicts better than somebody who expects no change."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -38,9 +38,7 @@ class Use:
     @property
     def judged(self) -> Worth | None:
         """Over the horizon that decides, or the longest below it."""
-        return max(
-            (one for one in self.worth if one.horizon <= JUDGED), key=lambda w: w.horizon, default=None
-        )
+        return judged_of(self.worth)
 
     @property
     def of_use(self) -> bool:
@@ -49,19 +47,14 @@ class Use:
 
     def sentence(self, dof: Dof) -> str:
         """One line: of what use the model is."""
-        one, unit = self.judged, dof.units.shown
+        one = self.judged
         if one is None:
             return "The runs are too short to judge predictions."
-        error, rate, still = (f"{dof.shown(x):.3g}" for x in (one.error, one.constant_rate, one.constant))
-        beside = (
-            f"{one.horizon:g} s ahead to {error} {unit} where a constant {dof.words.speed} misses by {rate} and a "
-            f"constant {dof.words.position} by {still}"
-        )
         if one.of_use:
-            return f"The model predicts {beside} (runs left out of the fit)."
+            return f"The model predicts {one.beside(dof)} (runs left out of the fit)."
         return (
-            f"This model is of no use: it predicts {beside} (runs left out of the fit). Do not simulate or control "
-            "with it; `automarine diagnose` looks for what it lacks."
+            f"This model is of no use: it predicts {one.beside(dof)} (runs left out of the fit). Do not simulate or "
+            "control with it; `automarine diagnose` looks for what it lacks."
         )
 
     def warnings(self, dof: Dof) -> tuple[str, ...]:
@@ -75,6 +68,11 @@ class Use:
             for name, gain in self.proposed.items()
         )
         return (*found, f"The evidence asks for more than drag: {asks}. Fit it with --with {names}.")
+
+
+def judged_of(worth: Sequence[Worth]) -> Worth | None:
+    """What decides of several horizons: JUDGED, or the longest below it."""
+    return max((one for one in worth if one.horizon <= JUDGED), key=lambda w: w.horizon, default=None)
 
 
 def left_out(course: Course, fits: Mapping[str, OutputErrorFit]) -> dict[str, tuple[Predicted, ...]]:
