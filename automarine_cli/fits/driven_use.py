@@ -17,8 +17,8 @@ from automarine_cli.fits.output_error import OutputErrorFit, Preference
 
 Floats = NDArray[np.float64]
 
-JUDGED = 5.0
-"""Seconds ahead over which a model has to be of use."""
+JUDGED, PREFERRED = 5.0, 2.0
+"""Seconds ahead over which a model has to be of use, and over which one is preferred to another."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +87,13 @@ def left_out(course: Course, fits: Mapping[str, OutputErrorFit]) -> dict[str, tu
 def prefer_driven(
     fits: Mapping[str, OutputErrorFit], ahead: Mapping[str, tuple[Predicted, ...]], dof: Dof
 ) -> Preference | None:
-    """The model that predicts runs left out of its fit best, JUDGED seconds ahead; of two that do not differ by two
+    """The model that predicts runs left out of its fit best, PREFERRED seconds ahead; of two that do not differ by two
     standard errors over runs, the simpler. None where the runs are too short, or one alone, to tell.
 
     Likelihood would weigh what happens within a reading or two; where none of the models has the law of nature, that is
-    not what they are used for.
+    not what they are used for. Over longer horizons the logged command answers disturbances that no model knows of.
     """
-    judged = {number: next((p for p in one if p.horizon == JUDGED), None) for number, one in ahead.items()}
+    judged = {number: next((p for p in one if p.horizon == PREFERRED), None) for number, one in ahead.items()}
     runs = max((len(fit.mixed.left_out) for fit in fits.values()), default=0)
     if runs < 2 or any(one is None or not len(one.error) for one in judged.values()):
         return None
@@ -115,7 +115,7 @@ def prefer_driven(
     how = "best" if chosen == best else "as well as any with more parameters"
     return Preference(
         chosen,
-        f"Model {chosen} predicts runs left out of the fit {how} {JUDGED:g} s ahead: it misses by {', '.join(told)}.",
+        f"Model {chosen} predicts runs left out of the fit {how} {PREFERRED:g} s ahead, to {', '.join(told)}.",
     )
 
 

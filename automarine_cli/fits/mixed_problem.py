@@ -178,7 +178,10 @@ class MixedFit(Outcome):
     @property
     def information(self) -> Floats:
         """What each run says of phi, (R, p, p)."""
-        return linear_mixed.weigh(self.gram, self.effects, self.variances).hessian
+        free = np.setdiff1d(np.arange(len(self.phi)), self.at_bound)
+        found = np.zeros((len(self.left_out), len(self.phi), len(self.phi)))
+        found[:, free[:, None], free] = linear_mixed.weigh(self.gram, self.effects, self.variances).hessian
+        return found
 
     @property
     def variances(self) -> Floats:

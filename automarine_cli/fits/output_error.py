@@ -125,8 +125,7 @@ def fit_whole_runs(
     """
     alone = len(batch.names) == 1
     rough, dof = rough_model(number, batch, sided), batch.dof
-    whole = whole_run_problem(rough, batch, at_rest)
-    problem = replace(whole, effects=whole.effects.with_scale(disturbance=0.0))
+    problem = whole_run_problem(rough, batch, at_rest)
     pooled = without_gain(problem)
     begins = {GAIN: 0.01, SWITCHES: 0.5, DISTURBANCE: 0.03}
     factors = np.array([begins[name] for name in problem.effects.factor_names])
