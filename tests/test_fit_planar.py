@@ -75,11 +75,28 @@ def least_squares_of(model: Tied, runs: Sequence[Run], seen: Observed) -> Estima
     return Estimated(model.with_theta(fit.x), covariance, -fit.cost, len(fit.fun), NOISE)
 
 
-def scripted(model: Tied, runs: Sequence[Run], seen: Observed) -> Estimated:
+class Scripted:
     """An estimator without physics: what is named in `WORTH` explains so much, anything else explains nothing."""
-    count = len(model.free)
-    worth = sum(WORTH.get(name, 0.0) for name in model.free)
-    return Estimated(model, 0.01 * np.eye(count), worth, 1000, NOISE)
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+    def estimate(self, model: Tied, near: Estimated | None = None) -> Estimated:
+        """Its values as they are."""
+        count = len(model.free)
+        return Estimated(model, 0.01 * np.eye(count), sum(worth(model.free)), 1000, NOISE)
+
+    def gains(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[float]:
+        """What is named."""
+        return [sum(worth(names)) for names in added]
+
+    def use(self, found: Estimated) -> None:
+        """None that could be told."""
+
+
+def worth(names: Sequence[str]) -> list[float]:
+    """Log likelihood of each parameter."""
+    return [WORTH.get(name, 0.0) for name in names]
 
 
 WORTH = {"sway.Y_r": 30.0, "surge.X_u": 12.0, "yaw.N_v": 2.0, "current.north": 3.0}
@@ -110,7 +127,7 @@ def test_a_structure_is_fitted_from_its_rough_sizes(fit: PlanarFit) -> None:
 def test_the_search_ends_where_nothing_more_is_worth_its_price() -> None:
     runs = (made(0),)
     seen = observed(runs)
-    tried = search(runs, seen, scripted)
+    tried = search(runs, seen, Scripted())
     assert tried[0].structure == replace(
         Structure.simplest(seen), laws={**Structure.simplest(seen).laws, "surge": LAWS[1]}, couplings=("Y_r",)
     )  # linear drag explains as much as both together
@@ -166,7 +183,7 @@ def test_what_is_not_measured_is_tied_and_said() -> None:
     assert {one.couplings for one in near} == {(), ("N_ur",)} and not any(
         one.current or one.skewed for one in near
     )
-    tried = search(runs, seen, scripted)
+    tried = search(runs, seen, Scripted())
     fit = PlanarFit(tried, tuple(runs), seen)
     assert fit.estimates["sway.m_v"].value == fit.estimates["surge.m_u"].value
     assert fit.estimates["sway.m_v"].stderr == fit.estimates["surge.m_u"].stderr > 0
@@ -251,7 +268,7 @@ def log(run: Run, folder: Path, name: str = "", **columns: object) -> Path:
 def test_logs_to_a_folder_of_results(tmp_path: Path) -> None:
     for seed in range(2):
         log(made(seed), tmp_path)
-    fit = fit_planar([tmp_path], estimate=scripted, out=tmp_path / "out")
+    fit = fit_planar([tmp_path], estimating=Scripted, out=tmp_path / "out")
     assert load_planar_model(tmp_path / "out" / "planar_model.json").model == fit.model
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "planar_model.json", "planar.csv", "planar.md", "planar.tex", "manifest.json",

@@ -98,6 +98,16 @@ class Structure:
         """Quadratic drag of everything that is measured, nothing else."""
         return cls(seen, {dof.name: LAWS[0] for dof in seen.dofs})
 
+    @property
+    def widest(self) -> "Structure":
+        """Everything that the logs can tell of."""
+        couplings = tuple(name for name in COUPLINGS if SWAY in self.observed.dofs or name == "N_ur")
+        sideways = SWAY in self.observed.dofs
+        laws = dict.fromkeys(self.laws, LAWS[-1])
+        return replace(
+            self, laws=laws, couplings=couplings, skewed=sideways, current=self.observed.over_ground
+        )
+
     def neighbours(self) -> Iterator["Structure"]:
         """Structures one step away: another law of one drag, one more coupling, a shared inertia, a current."""
         for name, law in self.laws.items():
@@ -148,9 +158,7 @@ class Structure:
 
         def drags(dof: Dof) -> tuple[Term, ...]:
             laws = self.laws.get(dof.name, ("linear-drag",))  # of what is tied
-            return tuple(
-                Term(law, (sizes[dof.parameter(law.removesuffix("-drag"))] / len(laws),)) for law in laws
-            )
+            return tuple(Term(law, (sizes[dof.parameter(law.removesuffix("-drag"))],)) for law in laws)
 
         m_u, m_v, inertia_r = (sizes[dof.parameter("inertia")] for dof in PLANAR.dofs)
         surge, sway, yaw = (drags(dof) for dof in PLANAR.dofs)
@@ -163,6 +171,20 @@ class Structure:
         free = tuple(name for name in model.parameter_names if name not in {*ties, *coupled})
         tied = Tied(model, free, ties)
         return tied.with_theta(tied.theta)
+
+    def beside(self, known: Mapping[str, float], rough: Mapping[str, float]) -> Tied:
+        """The model with values `known` of another structure by qualified name: what that lacks is zero, or takes over
+        at the usual velocity where one law of drag stands for another."""
+        sizes = {**rough, **known}
+        for dof in self.observed.dofs:
+            laws = {role: dof.parameter(role) for role in ("linear", "quadratic")}
+            lacking = [role for role, name in laws.items() if name not in known]
+            for role in lacking:
+                (other,) = set(laws) - {role}
+                share = rough[laws[role]] / rough[laws[other]]
+                taken_over = f"{other}-drag" not in self.laws[dof.name]
+                sizes[laws[role]] = share * known[laws[other]] if taken_over else 0.0
+        return self.model(sizes)
 
     def _ties(self) -> Iterator[tuple[str, tuple[str, float]]]:
         for dof, other in ((SURGE, SWAY), (SWAY, SURGE)):

@@ -23,6 +23,7 @@ from automarine_cli.workflows.check import check
 from automarine_cli.workflows.compare import compare
 from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.diagnose_thrusters import diagnose_thrusters, is_thruster_map
+from automarine_cli.workflows.fit_planar import fit_planar
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
 from automarine_cli.workflows.fit_yaw import FITS
 from automarine_cli.workflows.plan import plan
@@ -37,6 +38,7 @@ COMMANDS: Mapping[str, Callable[..., object]] = {
     "check": check,
     "fit-thrusters": fit_thrusters,
     **{f"fit-{name}": fit for name, fit in FITS.items()},
+    "fit-planar": fit_planar,
     "validate": validate,
     "diagnose": diagnose,
     "simulate": simulate,
