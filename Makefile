@@ -12,7 +12,7 @@ MAKEFLAGS += --no-print-directory
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test check fit-thrusters fit-yaw validate diagnose run reproduce sample-runs paper pictures bench blind closed-loop clean
+.PHONY: help demo test check fit-thrusters fit-yaw validate diagnose run reproduce sample-runs paper pictures bench blind closed-loop real clean
 
 help: ## Show this list
 	echo "make TARGET, where TARGET is one of"
@@ -102,6 +102,8 @@ blind: $(READY) ## Does diagnose name what is hidden? Campaigns with a known tru
 
 closed-loop: $(READY) ## The same where a controller steers and the water disturbs
 	$(BIN)/python tests/benchmarks/closed_loop.py --jobs $(JOBS) --out $(OUT)/closed_loop.json
+real: $(READY) ## Real logs, halves exchanged: predictions against least squares and constants, what is named; AUTOMARINE_DATA
+	$(BIN)/python tests/benchmarks/real.py --out $(OUT)
 
 clean: ## Remove results, caches and the virtual environment
 	rm -rf out $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

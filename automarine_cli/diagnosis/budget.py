@@ -3,6 +3,7 @@
 import numpy as np
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.given import missed
 from automarine_cli.diagnosis.study import Study, without_scatter
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.dofs import Dof
@@ -58,7 +59,7 @@ def _stages(study: Study, base: Trial, final: Trial) -> list[Trial]:
 def _alike(study: Study, trial: Trial) -> float:
     """Mean square gap [rad²] when nothing differs between runs but their starts and what an effect lets vary."""
     if isinstance(trial.fit, InnovationsFit):
-        left = study.missed(trial.model, trial.fit)
+        left = missed(study, trial.model, trial.fit)
         return float((left**2).sum() / max(int((left != 0.0).sum()), 1))
     problem = study.problem(trial.model)
     left = study.residual(problem.readings(trial.fit.phi, without_scatter(trial.fit)))

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.diagnosis.study import Study, run_effects_given
+from automarine_cli.diagnosis.given import missed, run_effects_given
+from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.fits.innovations import InnovationsFit
 
@@ -38,7 +39,7 @@ def residuals(study: Study, trial: Trial, fitted: bool = False) -> Floats:
     """Measured less simulated headings (R, N) [rad] with each run's own effects at their posterior means; of driven
     runs measured less predicted ones, JUDGED seconds ahead from the filtered state."""
     if isinstance(trial.fit, InnovationsFit):
-        return study.missed(trial.model, trial.fit)
+        return missed(study, trial.model, trial.fit)
     problem = study.problem(trial.model)
     if fitted:
         return study.residual(trial.fit.fitted)

@@ -11,12 +11,11 @@ from automarine_cli import effects
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.prediction import Predicted, predict
-from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem, starts_near
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import InnovationsFit, fit_innovations
 from automarine_cli.fits.innovations_problem import DrivenProblem
-from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives, fit_mixed
+from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.output_error import run_covariance
 from automarine_cli.fits.run_effects import DISTURBANCE, GAIN, SWITCHES
@@ -255,33 +254,6 @@ class Study:
         """Log density of each driven run (R,) under a fit to other runs."""
         return self.driven_problem(model).follow(fit.phi[None]).log_density[0]
 
-    def at_samples(self, values: Sequence[Floats], at: Sequence[Floats]) -> Floats:
-        """What is known of each run at some times [s since its first sample], at all its samples (R, N): straight
-        lines between, zero before the first and in the padding."""
-        out = np.zeros(self.batch.seen.shape)
-        for row, run, value, when in zip(out, self.runs, values, at):
-            if len(when):
-                time = run.time - run.time[0]
-                row[: len(run)] = np.where(time >= when[0] - 1e-9, np.interp(time, when, value), 0.0)
-        return out
-
-    def missed(self, model: YawModel, fit: InnovationsFit) -> Floats:
-        """Measured less predicted positions (R, N), those predicted JUDGED seconds before; zero where none was."""
-        found = next(one for one in self.predictions(model, fit) if one.horizon == JUDGED)
-        each = [found.run == r for r in range(len(self.runs))]
-        when = [self.course.time[r, found.target[own]] for r, own in enumerate(each)]
-        return self.at_samples([found.error[own] for own in each], when)
-
-    def disturbance(self, model: YawModel, fit: InnovationsFit) -> Floats:
-        """The disturbing moment or force that the filter sees at each sample, (R, N)."""
-        followed = self.driven_problem(model).follow(fit.phi[None], keep=True)
-        assert followed.states is not None
-        pushed = followed.states[followed.places.pushed[0], 0]
-        ends = [int((length > 0).sum()) + 1 for length in self.course.length]
-        return fit.theta[0] * self.at_samples(
-            [row[:end] for row, end in zip(pushed, ends)], [t[:end] for t, end in zip(self.course.time, ends)]
-        )
-
     def told(self, model: YawModel, fit: Fit) -> YawModel:
         """The fitted model; effects that vary from run to run tell the amplitude that the runs' own share."""
         model = model.with_theta(fit.of_model)
@@ -314,38 +286,3 @@ def study_of(
     have = set.intersection(*(set(run.extras) for run in runs))
     needed = {name for effect in effects.names() for name in effects.get(effect).needs}
     return Study(tuple(runs), base, driven, tuple(sorted(needed & have)), channels=channels)
-
-
-def run_effects_given(
-    problem: Problem, phi: Floats, variances: Floats, rounds: int = 12
-) -> tuple[Floats, Floats]:
-    """Posterior means of the run effects (R, q) of runs that were not fitted, and the headings with them (R, N).
-
-    `phi` and `variances` come from other runs. Each round linearises about the last run effects and takes, run by
-    run, the share of the step that fits best, so that no run can wander.
-    """
-    scale = problem.effects.deviation(variances)
-    shares = np.array([1.0, 0.5, 0.2])[:, None, None]
-
-    def costs(fitted: Floats, b: Floats) -> Floats:
-        penalty = np.divide(b, scale, out=np.zeros_like(b), where=scale > 0) ** 2
-        found = problem.squares(problem.residual(fitted), variances) + penalty.sum(axis=-1)
-        return np.where(np.isfinite(found), found, np.inf)
-
-    b = np.zeros_like(problem.effects.scale)
-    fitted, by_phi, by_run = derivatives(problem, phi, b)
-    for _ in range(rounds):
-        data = problem.residual(fitted) + by_phi @ phi + np.einsum("rnq,rq->rn", by_run, b)
-        gram = problem.inner(by_phi, by_run, data)
-        step = linear_mixed.posterior_mean(gram, problem.effects, variances, phi) - b
-        trials = b + shares * step
-        tried = problem.response(np.tile(problem.natural(phi), (len(trials), 1)), trials)
-        found = np.stack([costs(h, e) for h, e in zip(tried, trials)])
-        best, now = found.argmin(axis=0), costs(fitted, b)
-        better = found.min(axis=0) < now * (1.0 - 1e-6)
-        if not better.any():
-            break
-        runs = np.arange(len(b))
-        b = np.where(better[:, None], trials[best, runs], b)
-        fitted, by_phi, by_run = derivatives(problem, phi, b)
-    return b, fitted

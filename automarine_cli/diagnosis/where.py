@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.bins import THRUST, Variable, of_runs, of_samples, over_variables
+from automarine_cli.diagnosis.given import disturbance, missed
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.diagnosis.variables import Column, columns, direction
@@ -138,7 +139,7 @@ def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
     The disturbances are the windows of `whole_runs`, their size estimated with everything else at the trial's fit.
     """
     if isinstance(trial.fit, InnovationsFit):
-        return study.missed(trial.model, trial.fit), study.disturbance(trial.model, trial.fit)
+        return missed(study, trial.model, trial.fit), disturbance(study, trial.model, trial.fit)
     problem, batch = study.problem(trial.model), study.batch
     residual = study.residual(trial.fit.fitted)
     b = trial.fit.run_effects
@@ -160,7 +161,7 @@ def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
 def without_gains(study: Study, trial: Trial) -> Floats:
     """Measured less simulated headings (R, N) [rad] if every run had the same thrust: what a gain could hide."""
     if isinstance(trial.fit, InnovationsFit):
-        return study.missed(trial.model, trial.fit)
+        return missed(study, trial.model, trial.fit)
     problem = study.problem(trial.model)
     b = trial.fit.run_effects.copy()
     trial.fit.effects.of(b, GAIN)[...] = 0.0

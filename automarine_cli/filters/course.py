@@ -33,11 +33,11 @@ class Course:
     """R runs of one motion of D degrees of freedom on the filter's layout; K steps at most, shorter ones are padded.
 
     `length` (R, K) of the steps [s], 0 in the padding. `held` (D, R, M) are the commands on a finer grid of steps of
-    `width` (R, M), each held over its own; node k of the filter lies in fine step `at` (R, K + 1), at the share `part`
-    of it. `before` (D, R, 1) was held before, `start` (R,) is the clock of the first sample [s], `signals` (R, M) other
-    logged columns on the fine grid. `channels` are the readings, (R, K + 1) each, `still` (R,) says which runs begin at
-    rest, `fastest` (D,) the largest velocities [per s], as means over a second, and `noise` (C,) of each channel,
-    measured apart from any model.
+    `width` (R, M), each held over its own, that begin `early` (R,) before the first sample [s]; node k of the filter
+    lies in fine step `at` (R, K + 1), at the share `part` of it. `before` (D, R, 1) was held before, `start` (R,) is
+    the clock of the first sample [s], `signals` (R, M) other logged columns on the fine grid. `channels` are the
+    readings, (R, K + 1) each, `still` (R,) says which runs begin at rest, `fastest` (D,) the largest velocities
+    [per s], as means over a second, and `noise` (C,) of each channel, measured apart from any model.
     """
 
     motion: Motion
@@ -45,6 +45,7 @@ class Course:
     length: Floats
     held: Floats
     width: Floats
+    early: Floats
     at: NDArray[np.int64]
     part: Floats
     before: Floats
@@ -64,21 +65,35 @@ class Course:
     @cached_property
     def commands(self) -> tuple[Commands, ...]:
         """The commands of each degree of freedom on the fine grid."""
-        begins = np.cumsum(self.width, axis=1) - self.width
+        begins = np.cumsum(self.width, axis=1) - self.width - self.early[:, None]
         return tuple(
             Commands(force[None], begins[None], self.width[None], before, self.start[:, None], self.signals)
             for force, before in zip(self.held, self.before)
         )
 
-    def averaged(self, delivered: Floats) -> Floats:
-        """Means over the filter's steps (P, R, K) of what is held on the fine grid (P, R, M)."""
-        impulse = np.concatenate(
-            [np.zeros((*delivered.shape[:2], 1)), np.cumsum(delivered * self.width, axis=2)], axis=2
-        )
-        at = np.broadcast_to(self.at, (len(delivered), *self.at.shape))
+    def averaged(self, delivered: Floats, late: Floats | None = None) -> tuple[Floats, Floats]:
+        """What is held on the fine grid (P, R, M) as a straight line over each of the filter's steps: its means and its
+        slopes [per s], (P, R, K), which give every rate and position at their ends as what is held does. `late` (P,) is
+        by how many fine steps all of it acts after it is held."""
+        sets = len(delivered) if late is None else max(len(delivered), len(late))
+        delivered = np.broadcast_to(delivered, (sets, *delivered.shape[1:]))
+        place = np.broadcast_to(self.at + self.part, (sets, *self.at.shape))
+        if late is not None:
+            place = place - late[:, None, None]
+        at = np.clip(np.floor(place).astype(np.int64), 0, delivered.shape[2] - 1)
+        width = np.broadcast_to(self.width, delivered.shape)
+        impulse, twice = np.zeros((2, *delivered.shape[:2], delivered.shape[2] + 1))
+        np.cumsum(delivered * width, axis=2, out=impulse[..., 1:])
+        np.cumsum((impulse[..., :-1] + 0.5 * delivered * width) * width, axis=2, out=twice[..., 1:])
+        held, passed = np.take_along_axis(delivered, at, axis=2), place - at
+        passed = passed * np.take_along_axis(width, at, axis=2)
         here = np.take_along_axis(impulse, at, axis=2)
-        rate = np.take_along_axis(delivered * self.width, np.minimum(at, delivered.shape[2] - 1), axis=2)
-        return np.diff(here + self.part * rate, axis=2) / np.maximum(self.length, 1e-12) * (self.length > 0)
+        way = np.take_along_axis(twice, at, axis=2) + (here + 0.5 * held * passed) * passed
+        here = here + held * passed
+        length = np.maximum(self.length, 1e-12)
+        mean = np.diff(here, axis=2) / length * (self.length > 0)
+        behind = np.diff(way, axis=2) - here[..., :-1] * self.length
+        return mean, 12.0 * (0.5 * mean * length**2 - behind) / length**3 * (self.length > 0)
 
     def only(self, run: int) -> "Course":
         """One run of these, without what only others need."""
@@ -89,6 +104,7 @@ class Course:
             length=self.length[rows, :steps],
             held=self.held[:, rows],
             width=self.width[rows],
+            early=self.early[rows],
             at=self.at[rows, : steps + 1],
             part=self.part[rows, : steps + 1],
             before=self.before[:, rows],
@@ -104,7 +120,7 @@ class Course:
     @cached_property
     def averaged_signals(self) -> dict[str, Floats]:
         """The other logged columns, averaged over the filter's steps (R, K)."""
-        return {name: self.averaged(column[None])[0] for name, column in self.signals.items()}
+        return {name: self.averaged(column[None])[0][0] for name, column in self.signals.items()}
 
 
 def make_course(
@@ -145,6 +161,7 @@ def make_course(
     nodes = [_nodes(run, step) for run in runs]
     steps, fine = max(len(n) for n in nodes) - 1, max(len(_fine(run)[0]) - 1 for run in runs)
     length, width = np.zeros((len(runs), steps)), np.zeros((len(runs), fine))
+    early = np.zeros(len(runs))
     held = np.zeros((len(motion.dofs), len(runs), fine))
     columns = {name: np.zeros((len(runs), fine)) for name in signals}
     at, part = np.zeros((len(runs), steps + 1), dtype=np.int64), np.zeros((len(runs), steps + 1))
@@ -154,7 +171,7 @@ def make_course(
     for r, (run, node) in enumerate(zip(runs, nodes)):
         edges, mean = _fine(run)
         length[r, : len(node) - 1] = np.diff(node)
-        width[r, : len(edges) - 1] = np.diff(edges)
+        width[r, : len(edges) - 1], early[r] = np.diff(edges), run.time[0] - edges[0]
         for d, dof in enumerate(motion.dofs):
             held[d, r, : len(edges) - 1] = mean(run.command_of(dof))
         for name in signals:
@@ -177,6 +194,7 @@ def make_course(
         length=length,
         held=held,
         width=width,
+        early=early,
         at=at,
         part=part,
         before=np.array([[[run.command_of(dof)[0]] for run in runs] for dof in motion.dofs]),
@@ -208,15 +226,17 @@ def _nodes(run: Run, step: float) -> Floats:
 
 
 def _fine(run: Run):  # type: ignore[no-untyped-def]
-    """Edges of the fine steps, in the middle between samples, and what averages a held column over them.
+    """Edges of the fine steps, in the middle between samples and as far beyond the first and the last, and what
+    averages a held column over them.
 
     A command is first seen by the sample after its change, which happened anywhere in the interval before: on average
     in its middle.
     """
     time = run.time
-    edges = np.concatenate([time[:1], 0.5 * (time[1:] + time[:-1]), time[-1:]])
+    middle = 0.5 * (time[1:] + time[:-1])
+    edges = np.concatenate([[2.0 * time[0] - middle[0]], middle, [2.0 * time[-1] - middle[-1]]])
     every = max(1, round(FINEST / max(run.sample_period, 1e-9)))
-    if every == 1:
+    if every == 1 or len(time) < 2 * every:
         return edges, lambda column: column
     coarse = np.append(edges[:-1:every], edges[-1])
 

@@ -30,17 +30,20 @@ FAR = 5.0
 
 @dataclass(frozen=True)
 class Noises:
-    """Sizes of everything random, for P parameter sets.
+    """Sizes of everything random, for P parameter sets, and what the logger adds.
 
     `size` (D, P) standard deviation of the disturbing accelerations [per s²] and `time` (D, P) their time constants
     [s]; `thrust` (D, P) the noise of thrust as a share of it [s^1/2]; `gain` (P,) standard deviation of the runs' log
-    gain; `reading` (C, P) noise of each channel [its unit]; `own` (P,) by effect the size of what it lets vary.
+    gain; `late` (P,) by how many samples commands act after the middle of the interval in which they changed: the
+    logger's convention; `reading` (C, P) noise of each channel [its unit]; `own` (P,) by effect the size of what it
+    lets vary.
     """
 
     size: Floats
     time: Floats
     thrust: Floats
     gain: Floats
+    late: Floats
     reading: Floats
     own: Mapping[str, Floats]
 
@@ -68,7 +71,7 @@ class Followed:
 
 def follow(model: Vehicle, course: Course, theta: Floats, noises: Noises, keep: bool = False) -> Followed:
     """Filter all runs of `course` under all parameter sets `theta` (P, p); with `keep` the states are returned too."""
-    step = Step(model, course, theta)
+    step = Step(model, course, theta, noises.late)
     places = step.places
     sets, runs, nodes = len(theta), len(course.names), course.length.shape[1] + 1
     mean, covariance = _start(step, course, noises, sets)

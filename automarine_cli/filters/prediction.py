@@ -134,7 +134,7 @@ def _carried(
     """What the channel shows from each origin on, (A, longest + 1), every prediction being a run of its own."""
     longest = int(np.max(last - origin, initial=0))
     at = np.minimum(origin[:, None] + np.arange(longest), course.length.shape[1] - 1)
-    step = Step(model, course, theta[None])
+    step = Step(model, course, theta[None], noises.late)
     cut = replace(
         course,
         names=tuple(course.names[r] for r in run),

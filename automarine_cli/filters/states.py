@@ -78,11 +78,12 @@ def _places(dofs: int, terms: list[Bound], course: Course) -> States:
 class Step:
     """One model on one course for P parameter sets: commands delivered, steps, readings.
 
-    `delivered` (D, P, R, K) is what the actuators give without the runs' gain, `inverse` (P, D, D) that of the inertia,
-    `columns` are the states on which the dynamic ones depend nonlinearly, or that push them.
+    `delivered` (D, P, R, K) is what the actuators give without the runs' gain, the mean over each step, and `tilt` how
+    it rises over the step [per s]; `inverse` (P, D, D) is that of the inertia, `columns` are the states on which the
+    dynamic ones depend nonlinearly, or that push them.
     """
 
-    def __init__(self, model: Vehicle, course: Course, theta: Floats) -> None:
+    def __init__(self, model: Vehicle, course: Course, theta: Floats, late: Floats) -> None:
         self.course, self.sets, self.runs = course, len(theta), len(course.names)
         dofs, terms = len(model.motion.dofs), list(model.forces(theta))
         self.places = _places(dofs, terms, course)
@@ -90,7 +91,7 @@ class Step:
         self.sensors = [t for t in terms if t.effect.place is Place.SENSOR and not t.effect.remembers]
         self.clock, self.signals = course.time, course.averaged_signals
         self.inverse = np.linalg.inv(model.inertia_matrix(theta))
-        self.delivered = _delivered(terms, course, self.sets)
+        self.delivered, self.tilt = _delivered(terms, course, late)
         self.water_moves = model.current(theta)
         places = self.places
         placed = bool(self.places.memory) or any(t.effect.steered for t in terms)
@@ -120,7 +121,7 @@ class Step:
         is when they begin in their `run` (A,), and `at` (A, K) are the steps that they are made of."""
         own = copy(self)
         own.course, own.runs = cut, len(run)
-        own.delivered = self.delivered[:, :, run[:, None], at]
+        own.delivered, own.tilt = (x[:, :, run[:, None], at] for x in (self.delivered, self.tilt))
         own.clock = begin[:, None] + np.concatenate(
             [0.0 * begin[:, None], np.cumsum(cut.length, axis=1)], axis=1
         )
@@ -175,21 +176,24 @@ class Step:
         half = 0.5 * (begin + end)
         signals = {name: column[:, m] for name, column in self.signals.items()}
         gain = np.exp(every[places.gain])
-        force = tuple((one[:, :, m] * gain).reshape(flat.shape[1:]) for one in self.delivered)
+        force = [(one[:, :, m] * gain).reshape(flat.shape[1:]) for one in self.delivered]
+        rise = [(0.5 * h * one[:, :, m] * gain).reshape(flat.shape[1:]) for one in self.tilt]
+        first = tuple(middle - half for middle, half in zip(force, rise))
+        last = tuple(middle + half for middle, half in zip(force, rise))
         pushed = flat[self._pushed]
         x, v, w = flat[:dofs], flat[dofs : 2 * dofs], [flat[place] for place in places.water]
 
-        def slope(x, v, w, time):  # type: ignore[no-untyped-def]
+        def slope(x, v, w, force, time):  # type: ignore[no-untyped-def]
             swing, move, stirred = self._slope(x, v, w, force, time, signals)
             return swing + pushed, move, stirred
 
         def ahead(w, step, slopes):  # type: ignore[no-untyped-def]
             return [a + step * b for a, b in zip(w, slopes)]
 
-        a1, m1, w1 = slope(x, v, w, begin)
-        a2, m2, w2 = slope(x + 0.5 * h * m1, v + 0.5 * h * a1, ahead(w, 0.5 * h, w1), half)
-        a3, m3, w3 = slope(x + 0.5 * h * m2, v + 0.5 * h * a2, ahead(w, 0.5 * h, w2), half)
-        a4, m4, w4 = slope(x + h * m3, v + h * a3, ahead(w, h, w3), end)
+        a1, m1, w1 = slope(x, v, w, first, begin)
+        a2, m2, w2 = slope(x + 0.5 * h * m1, v + 0.5 * h * a1, ahead(w, 0.5 * h, w1), force, half)
+        a3, m3, w3 = slope(x + 0.5 * h * m2, v + 0.5 * h * a2, ahead(w, 0.5 * h, w2), force, half)
+        a4, m4, w4 = slope(x + h * m3, v + h * a3, ahead(w, h, w3), last, end)
         out = np.empty((places.dynamic, *flat.shape[1:]))
         out[:dofs] = x + h / 6.0 * (m1 + 2.0 * (m2 + m3) + m4)
         out[dofs : 2 * dofs] = v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
@@ -233,12 +237,13 @@ def _first_readings(course: Course) -> Floats:
     return first
 
 
-def _delivered(terms: list[Bound], course: Course, sets: int) -> Floats:
-    """What the actuators deliver, averaged over the filter's steps, (D, P, R, K)."""
+def _delivered(terms: list[Bound], course: Course, late: Floats) -> tuple[Floats, Floats]:
+    """What the actuators deliver over the filter's steps, `late` (P,) fine steps after the log has it: means and
+    slopes, (D, P, R, K)."""
     commands = list(course.commands)
     for term in terms:
         if term.effect.place is Place.ACTUATOR:
             here = commands[term.dof]
             commands[term.dof] = replace(here, force=term.effect.deliver(here, term.wide()))
-    means = [course.averaged(one.force) for one in commands]
-    return np.stack([np.broadcast_to(one, (sets, *one.shape[1:])) for one in means])
+    lines = [course.averaged(one.force, late) for one in commands]
+    return np.stack([mean for mean, _ in lines]), np.stack([slope for _, slope in lines])

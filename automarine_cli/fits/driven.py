@@ -49,13 +49,14 @@ def driven_problem(
             scale.append(max(parameter.scaled(parameter.start, largest), 1e-6))
     varying = [term.name for term in model.terms if effects.get(term.name).varies(term.values)]
     pushes = [largest / max(model.inertia, 1e-9)]
-    random = randomness(course, pushes, varying, quiet)
+    delayed = any(effects.get(term.name).delays for term in model.terms)
+    random = randomness(course, pushes, varying, quiet, delayed)
     return DrivenProblem(
         model,
         course,
         (*model.parameter_names, *(one.name for one in random)),
         np.array([*bounds, *((one.lower, one.upper) for one in random)]),
-        np.array([*positive, *[True] * len(random)]),
+        np.array([*positive, *(not one.signed for one in random)]),
         np.array([*scale, *[1.0] * len(random)]),
         random,
     )

@@ -9,16 +9,14 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.filters.course import Course, make_course
+from automarine_cli.filters.course import make_course
 from automarine_cli.fits.drag import FEWEST_A_WAY
-from automarine_cli.fits.driven import disturbed
-from automarine_cli.fits.driven_fit import fit_driven
+from automarine_cli.fits.driven_models import STEPS, both_ways, fitted_driven, is_driven
 from automarine_cli.fits.driven_use import use_of
 from automarine_cli.fits.output_error import MANY_RUNS, OutputErrorFit, fit_half_turns, fit_whole_runs, prefer
 from automarine_cli.fits.step_response import Known, StepData, half_turn_data
 from automarine_cli.fits.velocity_error import VelocityErrorFit, fit_velocity_error
 from automarine_cli.fits.ways import by_way
-from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.fits.yaw_cautions import design_cautions, fit_cautions, seed_cautions
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.fits.yaw_warnings import fit_warnings, step_warnings, told
@@ -27,6 +25,7 @@ from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, half_turns
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import find_steps, released
 from automarine_cli.runs.stuck import without_stuck
+from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
 
@@ -36,11 +35,6 @@ NOTHING_KNOWN = Known()
 
 FEWEST_STEPS = 3
 FEWEST_SAMPLES = 20  # of a whole run
-LEAST_WAY = 0.1
-
-
-STEPS = (0.1, 0.025)
-"""Largest simulation steps [s] for whole runs, tried in turn."""
 
 
 def identify(
@@ -193,14 +187,15 @@ def _fit_whole(
     channels: str,
     with_effects: Sequence[str],
 ) -> YawFit:
-    serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in runs]
-    kept, stuck = without_stuck([run for run, good in zip(runs, serves) if good])
+    steered, undriven = without_undriven(runs)
+    serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in steered]
+    kept, stuck = without_stuck([run for run, good in zip(steered, serves) if good])
     chosen = choose_channels(kept, kept[0].dof, channels) if kept else NOTHING_TO_CHOOSE
     moving = tuple(chosen.cleaned(run) for run in kept)
     short = tuple(
-        SetAside(run.source, run.name, _too_little(run)) for run, good in zip(runs, serves) if not good
+        SetAside(run.source, run.name, _too_little(run)) for run, good in zip(steered, serves) if not good
     )
-    short += stuck
+    short += undriven + stuck
     if not moving:
         raise RunError(
             f"none of {_counted(len(runs), 'run')} serves for a fit; {_reasons(short)}look at them with "
@@ -208,10 +203,10 @@ def _fit_whole(
         )
     dof = moving[0].dof
     at_rest = np.array([starts_at_rest(run) for run in moving])
-    driven = _is_driven(moving, at_rest, chosen.names, with_effects)
+    driven = is_driven(moving, at_rest, chosen.names, with_effects)
     if driven:
         course = make_course(moving, at_rest, channels=chosen.names)
-        fits = _fitted_driven(moving, course, each, with_effects)
+        fits = fitted_driven(moving, course, each, with_effects)
     else:
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names)
         fits = dict(zip("123", each(ask, ("1", "2", "3"))))
@@ -236,49 +231,6 @@ def _fit_whole(
     )
 
 
-def _is_driven(
-    runs: Sequence[Run],
-    at_rest: NDArray[np.bool_],
-    channels: tuple[str, ...] | None,
-    with_effects: Sequence[str],
-) -> bool:
-    """Whether whole runs are fitted by innovations: where the evidence asks, or effects beside drag are wanted."""
-    if with_effects:
-        return True
-    try:
-        rough = rough_model("2", make_batch(runs, STEPS[0]))
-        return disturbed(runs, rough, at_rest, channels)
-    except FitError:  # what is wrong with them, their fit will say
-        return False
-
-
-def _fitted_driven(
-    runs: Sequence[Run], course: Course, each: Map, with_effects: Sequence[str]
-) -> dict[str, OutputErrorFit]:
-    """The models that driven runs can carry; with none, the first one's refusal."""
-    ask = partial(_fit_driven_model, runs=runs, course=course, with_effects=tuple(with_effects))
-    found = dict(zip("123", each(ask, ("1", "2", "3"))))
-    kept = {number: one for number, one in found.items() if isinstance(one, OutputErrorFit)}
-    if not kept:
-        raise next(one for one in found.values() if isinstance(one, FitError))
-    return kept
-
-
-def _fit_driven_model(
-    number: str, runs: Sequence[Run], course: Course, with_effects: tuple[str, ...]
-) -> OutputErrorFit | FitError:
-    """One model, or why the runs do not carry it; finer steps where it turns out to be fast."""
-    batch, both = make_batch(runs, STEPS[0]), _both_ways(runs)
-
-    def fit(sided: bool) -> OutputErrorFit:
-        return fit_driven(course, rough_model(number, batch, sided), number, sided, with_effects)
-
-    try:
-        return by_way(fit, batch.dof, both)
-    except FitError as error:
-        return error
-
-
 def _too_little(run: Run) -> str:
     words, longer = run.dof.words, f"log for longer, at least {FEWEST_SAMPLES} samples"
     if len(run) < FEWEST_SAMPLES:
@@ -291,7 +243,7 @@ def _fit_whole_model(
 ) -> OutputErrorFit:
     """Fit, and fit again with finer steps where the model turns out to be faster than the first ones."""
     largest = max(float(np.abs(run.command).max()) for run in runs)
-    both = _both_ways(runs)
+    both = both_ways(runs)
     for step in STEPS:
         batch = make_batch(runs, step, channels=channels)
         fit = by_way(partial(fit_whole_runs, batch, number, at_rest), batch.dof, both)
@@ -302,13 +254,6 @@ def _fit_whole_model(
         "can show; "
         f"check the units of {runs[0].dof.words.force} and time"
     )
-
-
-def _both_ways(runs: Sequence[Run]) -> bool:
-    """Whether a tenth of all that the runs went, or more, went each way."""
-    steps = np.concatenate([np.diff(run.position[:: max(1, round(1.0 / run.sample_period))]) for run in runs])
-    gone = float(steps[steps > 0].sum()), float(-steps[steps < 0].sum())
-    return min(gone) > LEAST_WAY * sum(gone)
 
 
 def starts_at_rest(run: Run) -> bool:

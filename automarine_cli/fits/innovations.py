@@ -18,6 +18,7 @@ from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.innovations_problem import DrivenProblem, Slopes
+from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.outcome import Outcome
 from automarine_cli.fits.run_effects import GAIN
 
@@ -200,6 +201,12 @@ def random_estimates(found: InnovationsFit, covariance: Floats, dof: Dof) -> dic
     stored: dict[str, dict[str, object]] = {}
     for i, name in enumerate(found.names[found.parameters :], found.parameters):
         kind = name.rpartition(".")[2]
+        if name == SWITCH:
+            half = 1.96 * float(np.sqrt(max(covariance[i, i], 0.0)))
+            value = float(found.theta[i])
+            ends = (value - half, value + half)
+            stored[name] = Estimate(value, half / 1.96, ends, "sample interval").to_json()
+            continue
         unit = units.get(kind, f"{base}/s" if kind == dof.velocity else base)
         stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
         one = Estimate.from_log(float(found.theta[i]), stderr, max(len(found.left_out) - 1.0, 1.0), unit)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import FAR, Followed, Noises, follow
+from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.outcome import natural_of, search_of
 from automarine_cli.models.vehicle import Vehicle
 
@@ -22,13 +23,15 @@ LEAST_SIZE = 1e-4
 
 @dataclass(frozen=True)
 class Randomness:
-    """One parameter of what is random: its name, limits, and a log-normal prior (median, spread of the logarithm)."""
+    """One parameter of what is random: its name, limits, and a log-normal prior (median, spread of the logarithm), or
+    a normal one where it may be negative (`signed`)."""
 
     name: str
     lower: float
     upper: float
     median: float
     spread: float
+    signed: bool = False
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,8 @@ class DrivenProblem:
         mean, precision = np.zeros(len(self.names)), np.zeros(len(self.names))
         first = len(self.names) - len(self.random)
         for i, one in enumerate(self.random):
-            mean[first + i], precision[first + i] = np.log(one.median), one.spread**-2
+            mean[first + i] = one.median if one.signed else np.log(one.median)
+            precision[first + i] = one.spread**-2
         return mean, precision
 
     def natural(self, phi: Floats) -> Floats:
@@ -76,12 +80,12 @@ class DrivenProblem:
         dofs, channels = len(self.course.motion.dofs), len(self.course.channels)
         rest = list(theta[:, len(self.names) - len(self.random) :].T)
         size, time, thrust = (np.array([rest[3 * d + i] for d in range(dofs)]) for i in range(3))
-        gain, at = rest[3 * dofs], 3 * dofs + 1
+        gain, late, at = rest[3 * dofs], rest[3 * dofs + 1], 3 * dofs + 2
         own = {
             one.name.partition(".")[0]: rest[i]
             for i, one in enumerate(self.random[at + channels :], at + channels)
         }
-        return Noises(size, time, thrust, gain, np.array(rest[at : at + channels]), own)
+        return Noises(size, time, thrust, gain, late, np.array(rest[at : at + channels]), own)
 
     def follow(self, phi: Floats, keep: bool = False) -> Followed:
         """Filter the runs under phi (P, p)."""
@@ -180,12 +184,12 @@ class Slopes:
 
 
 def randomness(
-    course: Course, accelerations: Sequence[float], varying: Sequence[str], quiet: bool
+    course: Course, accelerations: Sequence[float], varying: Sequence[str], quiet: bool, delayed: bool = False
 ) -> tuple[Randomness, ...]:
     """What is random on a course, in the order of `DrivenProblem.noises`.
 
     `accelerations` (D,) are those that the largest commands give. A `quiet` course has no disturbance and no unsteady
-    thrust: the limit of a pool.
+    thrust: the limit of a pool. Where a model is `delayed`, the logger's own delay is part of that.
     """
     found = []
     for dof, push in zip(course.motion.dofs, accelerations):
@@ -197,6 +201,8 @@ def randomness(
         thrust = (0.0, 0.0) if quiet else (1e-3, 3.0)
         found.append(Randomness(f"{dof.name}.thrust-noise", *thrust, 0.03, 2.0))
     found.append(Randomness("gain-scatter", 1e-3, 0.3, 0.04, 0.5))
+    most = 0.0 if delayed else 0.5
+    found.append(Randomness(SWITCH, -most, most, 0.0, 3.0, signed=True))
     for channel, noise in zip(course.channels, course.noise):
         limits = course.motion.dofs[channel.dof].limits
         floor = 0.1 * limits.least_noise if channel.velocity else limits.least_noise

@@ -19,6 +19,7 @@ from automarine_cli.runs.noise import slope
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.sense import longest_repeat
 from automarine_cli.runs.steps import Step, find_steps, start_position
+from automarine_cli.runs.undriven import undriven
 
 Floats = NDArray[np.float64]
 
@@ -147,14 +148,15 @@ def half_turns(
 
 
 def first_half_turn(run: Run, trim: Trim = UNTRIMMED) -> tuple[HalfTurn | None, str]:
-    """Of a run with several steps the first that serves; if none does, None and the first one's reason."""
+    """Of a run with several steps the first that serves; if none does, None and the first one's reason, or what
+    says that the run was not moved by its commands."""
     why = ""
     for step in find_steps(run):
         turn = half_turn(run, step, trim)
         if turn.serves:
             return turn, ""
         why = why or turn.why
-    return None, why or run.dof.fill(NO_STEP)
+    return None, undriven(run) or why or run.dof.fill(NO_STEP)
 
 
 @dataclass(frozen=True)

@@ -9,17 +9,13 @@ from typing import Any
 import numpy as np
 
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
-from automarine_cli.diagnosis.study import Study
-from automarine_cli.diagnosis.trials import Trial
-from automarine_cli.diagnosis.verdict import NamedEffect, base_estimates, gap_json, parameter_estimates
+from automarine_cli.diagnosis.verdict import NamedEffect, base_estimates, gap_json
 from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import SettingError
 from automarine_cli.fits.channel_noise import channels_json, fit_sentences
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.linear_mixed import in_words_of
-from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
-from automarine_cli.models.store import StoredModels, load_yaw_models, schema_of
+from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import lasting_map
@@ -32,7 +28,9 @@ from automarine_cli.runs.channels import AUTO, asked_channels, wanted_channels
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.runs.stuck import without_stuck
+from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.workflows.diagnose_thrusters import ThrusterDiagnosis, diagnose_thrusters, is_thruster_map
+from automarine_cli.workflows.extended_model import extended_model
 from automarine_cli.workflows.moments import with_moments
 
 FILES = ("diagnosis.json", "extended_model.json", "diagnosis.md", "where.png", "why.png", "before_after.png")
@@ -120,50 +118,6 @@ class YawDiagnosis(Shown):
         study, named = self.diagnosis.study, self.diagnosis.verdict == "named"
         trial = self.diagnosis.found.final if named else self.diagnosis.found.base
         return extended_model(study, trial, self.stored, self.parent_sha256)
-
-
-def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha256: str) -> dict[str, Any]:
-    """A yaw-model file of one model with its effects, and the hash of the file that it grew from."""
-    base, model, dof = base_estimates(study, trial), trial.model, study.base.dof
-    roles = ("quadratic", "linear", "inertia", "constant", "difference")
-    own = {role: dof.parameters[role] for role in roles if dof.parameter(role) in model.parameter_names}
-    drag = {name: base[name].to_json() for name in own.values()}
-    ratio, covariance, fit = None, study.covariance(model, trial.fit), trial.fit
-    told = drag | {"covariance": covariance_json(model.short_names, fit.theta, fit.positive, covariance)}
-    if "quadratic" in own and base[own["quadratic"]].value > 0:
-        i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
-        spread = float(np.sqrt(max(covariance[i, i] + covariance[k, k] - 2.0 * covariance[i, k], 0.0)))
-        ratio = Estimate.from_log(
-            base[own["inertia"]].value / base[own["quadratic"]].value,
-            spread,
-            len(study.runs) - 1,
-            dof.unit_of("ratio"),
-        ).to_json()
-    added = [term.name for term in model.terms if not term.own]
-    return {
-        "schema": schema_of(dof),
-        **({} if dof.wraps else {"motion": dof.name}),
-        f"{dof.words.force}_unit": stored.moment_unit,
-        "fitted_to": "whole runs",
-        "models": {stored.preferred: {**drag, "output_error": told, "velocity_error": None, "sse": None}},
-        "preferred": stored.preferred,
-        "preferred_because": f"Model {stored.preferred} was the base of the diagnosis.",
-        dof.ratio_key: ratio,
-        "valid_range": valid_range(
-            (end for run in study.runs for end in (run.command.min(), run.command.max())), model
-        ),
-        "effects": [
-            {
-                "name": name,
-                "parameters": {k: e.to_json() for k, e in parameter_estimates(study, trial, name).items()},
-            }
-            for name in added
-        ],
-        f"{dof.words.position}_noise_{dof.units.key}": float(dof.shown(trial.fit.noise))
-        if study.position_counts
-        else None,
-        "parent": {"file": stored.source, "sha256": parent_sha256},
-    }
 
 
 def _effect_json(effect: NamedEffect) -> dict[str, Any]:
@@ -306,8 +260,9 @@ def _runs(
             f"{', '.join(sorted(units))}; fit a model to these logs first, or map their {dof.words.force} with "
             "--columns"
         )
-    moving, stuck = without_stuck(runs)
-    aside = (*campaign.set_aside, *stuck)
+    driven, undriven = without_undriven(runs)
+    moving, stuck = without_stuck(driven)
+    aside = (*campaign.set_aside, *undriven, *stuck)
     if strict and aside:
         raise refused_by_strict(aside[0])
     return moving, aside, campaign.inputs

@@ -37,6 +37,7 @@ from automarine_cli.runs.channels import (
 )
 from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
 from automarine_cli.runs.run import Run, SetAside, readings
+from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.workflows.moments import moment_maker
 
 SCHEMA = "automarine/validation/1"
@@ -198,21 +199,23 @@ def validate(
 def _usable(
     runs: Sequence[Run], stored: StoredModels, drive: Callable[[Run], Run] | None
 ) -> tuple[list[Run], list[SetAside]]:
-    """The runs that every model can be driven by, and the others with their reasons."""
+    """The runs that every model can be driven by and that their commands may have moved, and the others with their
+    reasons."""
     signals = dict.fromkeys(name for model in stored.models.values() for name in needed_signals(model))
     good: list[Run] = []
     aside: list[SetAside] = []
     for run in runs:
         try:
-            driven = run if drive is None else drive(run)
-            _ = driven.command  # refused where there is none
-            _complete(driven, tuple(signals))
+            commanded = run if drive is None else drive(run)
+            _ = commanded.command  # refused where there is none
+            _complete(commanded, tuple(signals))
         except AutomarineError as error:
             why = str(error).removeprefix(f"{run.source}, run {run.name!r}: ")
             aside.append(SetAside(run.source, run.name, why))
         else:
-            good.append(driven)
-    return good, aside
+            good.append(commanded)
+    driven, undriven = without_undriven(good)
+    return driven, [*aside, *undriven]
 
 
 def _complete(run: Run, signals: Sequence[str]) -> None:
