@@ -1,5 +1,5 @@
-"""fit-planar around its estimator: channels, structures, ties, the search, what the result says. The estimator here is
-least squares of the free run, or scripted, on made runs."""
+"""fit-planar: channels, structures, ties, the search, what the result says, with an estimator that is least squares of
+the free run, or scripted, on made runs; then its own estimator, by innovations, on runs of an independent solver."""
 
 import json
 from collections.abc import Sequence
@@ -9,14 +9,17 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 from made_planar import Craft, driven, solved
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from automarine_cli.cli import automarine
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.planar_fit import Estimated, PlanarFit, Tried, search
+from automarine_cli.fits.planar_likelihood import PlanarLikelihood
 from automarine_cli.fits.planar_structure import (
     LAWS,
     Observed,
@@ -290,3 +293,87 @@ def test_a_run_whose_commands_are_zero_is_refused() -> None:
         RunError, match="every command is zero: something that is not logged steers the vehicle"
     ):
         driven_run(run)
+
+
+def mirrored(run: Run) -> Run:
+    """Port and starboard exchanged."""
+    changed = {name: -run.extras[name] for name in ("force_Y", "sway", "east") if name in run.extras}
+    assert run.moment is not None
+    return replace(run, position=-run.position, moment=-run.moment, extras={**run.extras, **changed})
+
+
+@pytest.mark.parametrize("channels", [ALL, ("heading", "north", "east")])
+def test_innovations_find_the_truth(channels: Sequence[str]) -> None:
+    runs = tuple(made(seed, channels, 12.0) for seed in range(2))
+    likelihood = PlanarLikelihood(runs, observed(runs))
+    structure = replace(Structure.simplest(likelihood.seen), couplings=("Y_r",))
+    found = likelihood.estimate(structure.model(rough_sizes(runs)))
+    truth = dict(zip(found.model.free, (20.0, 32.0, 2.6, 18.0, 60.0, 4.0, 4.0)))
+    deviations = np.sqrt(np.diagonal(found.covariance))
+    for (name, value), one, deviation in zip(truth.items(), found.model.theta, deviations):
+        assert abs(one - value) < 3.0 * deviation < 0.3 * value, (name, one, deviation)
+    assert set(found.disturbance) == {"surge", "sway", "yaw"}
+    for name, noise in found.noises.items():
+        assert noise == pytest.approx(NOISE[name], rel=0.3), name
+
+
+def test_the_mirrored_campaign_gives_the_mirrored_model() -> None:
+    runs = (made(0, ("heading", "north", "east")),)
+    found = []
+    for own in (runs, tuple(mirrored(run) for run in runs)):
+        likelihood = PlanarLikelihood(own, observed(own))
+        structure = replace(Structure.simplest(likelihood.seen), couplings=("Y_r",), current=True)
+        model = structure.model({**rough_sizes(own), "current.east": 0.0})
+        problem = likelihood.problem(model)
+        (start,) = problem.search(likelihood.starts(problem, None)[:1])
+        found.append((problem.value(start[None])[0], problem.slopes(start[None])[0].gradient.sum(axis=0)))
+    names = [problem.names[i] for i in problem.free]
+    sides = np.where(np.array(names) == "current.east", -1.0, 1.0)
+    assert found[0][0] == pytest.approx(found[1][0], rel=1e-9)
+    np.testing.assert_allclose(found[0][1], sides * found[1][1], rtol=1e-3, atol=1e-2)
+
+
+@pytest.mark.parametrize("channels", [ALL, ("heading", "surge")])
+def test_gradients_are_those_of_differences(channels: Sequence[str]) -> None:
+    runs = tuple(made(seed, channels, 8.0) for seed in range(2))
+    likelihood = PlanarLikelihood(runs, observed(runs))
+    model = Structure.simplest(likelihood.seen).widest.beside({}, rough_sizes(runs))
+    problem = likelihood.problem(model)
+    (phi,) = problem.search(likelihood.starts(problem, None)[:1])
+    gradient = problem.slopes(phi[None])[0].gradient.sum(axis=0)
+    steps = np.zeros((len(problem.free), len(phi)))
+    steps[np.arange(len(steps)), problem.free] = 10.0 * problem.steps(phi)
+
+    def density(at: Floats) -> Floats:
+        return np.asarray(problem.follow(at).log_density.sum(axis=1))
+
+    brute = (density(phi + steps) - density(phi - steps)) / (20.0 * problem.steps(phi))
+    np.testing.assert_allclose(gradient, brute, rtol=2e-2, atol=0.5)
+
+
+def test_a_promise_is_the_gain_of_the_fit() -> None:
+    """Y_r, which is there, promises much; what is not there promises no more than chance."""
+    runs = (made(0, ("heading", "surge", "sway")),)
+    likelihood = PlanarLikelihood(runs, observed(runs))
+    simplest, rough = Structure.simplest(likelihood.seen), rough_sizes(runs)
+    found = likelihood.estimate(replace(simplest, couplings=("Y_r",)).model(rough))
+    wide = simplest.widest.beside(found.known, rough)
+    gains = likelihood.gains(wide, found, [("surge.X_u",), ("yaw.N_v",), ("planar.m_vr",)])
+    assert all(0 <= gain < 6 for gain in gains)
+    without = likelihood.estimate(simplest.model(rough))
+    (promised,) = likelihood.gains(simplest.widest.beside(without.known, rough), without, [("sway.Y_r",)])
+    assert promised > 10 and found.log_likelihood - without.log_likelihood > 10
+
+
+def test_the_command_says_of_what_use_the_model_is(tmp_path: Path) -> None:
+    for seed in range(2):
+        log(made(seed, ("heading", "surge"), 10.0), tmp_path)
+    done = CliRunner().invoke(automarine, ["fit-planar", str(tmp_path), "-o", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    assert "the heading 5 s ahead to" in done.output and "yaw alone" in done.output.lower()
+    written = json.loads((tmp_path / "out" / "planar_model.json").read_text())
+    horizons = [one["horizon_s"] for one in written["prediction"]["left_out_runs"]]
+    assert horizons == [2.0, 5.0] and "surge.disturbance" in written["random"]
+    assert (tmp_path / "out" / "planar_runs.png").stat().st_size > 10_000
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert "warnings" not in manifest and manifest["command"] == "fit-planar"
