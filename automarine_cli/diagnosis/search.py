@@ -114,8 +114,9 @@ def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> R
     """Score all candidates, fit all (the first time) or the ones within reach."""
     scores = score(study, current.model, current.fit, candidates(study, current.model), seed)
     likely = max(0.0, LIKELY * scores.ranked[0].penalised) if scores.ranked else 0.0
+    every = whole and not study.driven
     ranked = (
-        scores.ranked if whole else [s for i, s in enumerate(scores.ranked) if i < 6 or s.penalised > likely]
+        scores.ranked if every else [s for i, s in enumerate(scores.ranked) if i < 6 or s.penalised > likely]
     )
     work = [(s.effect, start) for s in ranked for start in (s.start, *s.others)]
     found = each(partial(add_effect, study, current, iterations=BRIEF), work, "trying effects")

@@ -16,10 +16,11 @@ from automarine_cli.simulation.batch import Channel
 
 Floats = NDArray[np.float64]
 
-STEP = 0.25
-"""Longest step of the filter [s], unless the vehicle is faster; also the least time between two noisy readings."""
+STEP, LEAST_STEP = 0.25, 0.1
+"""Longest step of the filter [s] where readings hang together; and the shortest, where each tells something new: a
+controller answers every reading, and the commands would tell of one that was left out."""
 APART = 0.5
-"""Least time [s] between readings whose noise is below what sensors have: such were filtered, or hang together."""
+"""Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
 FINEST = 0.05
 """Shortest time [s] over which a command is held as it is; those of faster logs are averaged over that."""
 HELD = 0.2
@@ -130,9 +131,10 @@ def make_course(
     *,
     motion: Motion | None = None,
     channels: Sequence[str] | None = None,
-    step: float = STEP,
+    step: float | None = None,
 ) -> Course:
-    """Lay `runs` out with steps of at most `step` [s]; `still` (R,) says which begin at rest.
+    """Lay `runs` out with steps of about `step` [s], by default as their sensors ask; `still` (R,) says which begin at
+    rest.
 
     `motion` is by default that of the runs' one degree of freedom; `channels` names the quantities that count, by
     default the positions. Raises RunError for no runs, a run without a command, commands in different units, or a
@@ -158,6 +160,7 @@ def make_course(
         for quantity in (position, dof.velocity)
         if (quantity in channels if channels is not None else quantity == position)
     ]
+    step = _step(runs, motion, [quantity for _, quantity, _ in quantities]) if step is None else step
     nodes = [_nodes(run, step) for run in runs]
     steps, fine = max(len(n) for n in nodes) - 1, max(len(_fine(run)[0]) - 1 for run in runs)
     length, width = np.zeros((len(runs), steps)), np.zeros((len(runs), fine))
@@ -209,6 +212,23 @@ def make_course(
         noise=np.array([float(np.median(n[np.isfinite(n)])) if np.isfinite(n).any() else 0.0 for n in noise]),
         moment_unit=units.pop(),
     )
+
+
+def _step(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> float:
+    """LEAST_STEP where the readings of positions are noisy, or there are velocities; else STEP."""
+    for dof, position in zip(motion.dofs, motion.positions):
+        if dof.velocity in quantities:
+            return LEAST_STEP
+        noises = []
+        for run in runs:
+            read = run.channel(position)
+            if position in quantities and read is not None:
+                have = np.isfinite(read)
+                fresh = have & ~_repeats(read, have)
+                noises.append(position_noise(run.time[fresh], read[fresh]))
+        if noises and np.median(noises) >= dof.limits.least_noise:
+            return LEAST_STEP
+    return STEP
 
 
 def _nodes(run: Run, step: float) -> Floats:
