@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from automarine_cli.cli import automarine
+from automarine_cli.diagnosis.planar import base_of, candidates
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError, RunError
@@ -30,7 +31,7 @@ from automarine_cli.fits.planar_structure import (
 )
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.planar import Inertia, PlanarModel
-from automarine_cli.models.planar_store import load_planar_model, planar_from_json
+from automarine_cli.models.planar_store import StoredPlanar, load_planar_model, planar_from_json
 from automarine_cli.models.tied import Tied
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.report import planar_report
@@ -377,3 +378,22 @@ def test_the_command_says_of_what_use_the_model_is(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "planar_runs.png").stat().st_size > 10_000
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert "warnings" not in manifest and manifest["command"] == "fit-planar"
+
+
+def test_what_may_be_missing_of_a_planar_model() -> None:
+    """The candidates that the logs can tell; a mass abeam that equals that ahead is tied, and may be freed."""
+    model = PlanarModel(
+        Inertia(20.0, 20.0, 2.6), (Term("quadratic-drag", (18.0,)),), (Term("linear-drag", (20.0,)),),
+        (Term("quadratic-drag", (4.0,)),),
+    )  # fmt: skip
+    speed = Observed(("heading", "surge"))
+    base = base_of(StoredPlanar(model, "by hand"), speed)
+    assert base.free == ("surge.m_u", "yaw.I_r", "surge.X_uu", "yaw.k_rr")
+    found = {one.name: one for one in candidates(base, speed, 3.0)}
+    assert list(found) == ["cross-coupling", "munk-moment", "input-delay", "thruster-lag", "dead-band"]
+    assert found["cross-coupling"].added == ("yaw.N_ur",) and found["munk-moment"].added == ("sway.m_v",)
+    for one in found.values():
+        assert set(one.model.free) == {*base.free, *one.added}
+    every = Observed(ALL)
+    names = [one.name for one in candidates(base_of(StoredPlanar(model, "by hand"), every), every, 3.0)]
+    assert names.count("cross-coupling") == 4 and "current" in names

@@ -12,7 +12,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.filters.course import Course, make_course
-from automarine_cli.fits.innovations import fit_innovations
+from automarine_cli.fits.innovations import ITERATIONS, fit_innovations
 from automarine_cli.fits.innovations_problem import DrivenProblem, Randomness, randomness
 from automarine_cli.fits.linear_mixed import bounded_solution
 from automarine_cli.fits.planar_fit import Estimated
@@ -28,6 +28,8 @@ INERTIAS = (0.5, 1.0, 2.0)
 """Shares of rough inertias from which a first fit starts."""
 SIZES = (0.02, 0.2)
 """Disturbances, as shares of the acceleration of the largest command, to start from."""
+BRIEF = 6
+"""Iterations of a brief fit."""
 FASTEST_WATER = 5.0
 """m/s; no tidal current of a place where vehicles are tested is faster."""
 
@@ -83,11 +85,12 @@ class PlanarLikelihood:
                 starts.append([*np.where(heavy, inertia * model.theta, model.theta), *pushed.values()])
         return np.clip(np.array(starts), problem.bounds[:, 0], problem.bounds[:, 1])
 
-    def estimate(self, model: Tied, near: Estimated | None = None) -> Estimated:
-        """The model fitted, from its own values, or from what was found `near` it. Raises FitError where no start
-        leads anywhere."""
+    def estimate(self, model: Tied, near: Estimated | None = None, brief: bool = False) -> Estimated:
+        """The model fitted, from its own values, or from what was found `near` it; a `brief` fit ends early, and leaves
+        no run out. Raises FitError where no start leads anywhere."""
         problem = self.problem(model)
-        found = fit_innovations(problem, self.starts(problem, near))
+        iterations = BRIEF if brief else ITERATIONS
+        found = fit_innovations(problem, self.starts(problem, near), iterations, brief)
         own = slice(0, found.parameters)
         slopes = np.where(found.positive[own], found.theta[own], 1.0)
         random = found.of_chance

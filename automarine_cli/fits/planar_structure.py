@@ -166,7 +166,7 @@ class Structure:
         water = (sizes.get("current.north", 0.0), sizes.get("current.east", 0.0)) if self.current else None
         inertia = Inertia(m_u, m_v, inertia_r, m_vr=sizes.get("planar.m_vr", 0.0))
         model = PlanarModel(inertia, surge, sway, yaw, cross, water)
-        ties = dict(self._ties())
+        ties = self.ties
         coupled = {"planar.m_ur", "planar.m_uv"} | (set() if self.skewed else {"planar.m_vr"})
         free = tuple(name for name in model.parameter_names if name not in {*ties, *coupled})
         tied = Tied(model, free, ties)
@@ -186,11 +186,15 @@ class Structure:
                 sizes[laws[role]] = share * known[laws[other]] if taken_over else 0.0
         return self.model(sizes)
 
-    def _ties(self) -> Iterator[tuple[str, tuple[str, float]]]:
+    @property
+    def ties(self) -> dict[str, tuple[str, float]]:
+        """What the logs do not tell, and which parameter stands for it times which factor."""
+        found = {}
         for dof, other in ((SURGE, SWAY), (SWAY, SURGE)):
             if dof not in self.observed.dofs:
-                yield dof.parameter("inertia"), (other.parameter("inertia"), 1.0)
-                yield dof.parameter("linear"), (other.parameter("inertia"), 1.0 / SETTLES)
+                found[dof.parameter("inertia")] = (other.parameter("inertia"), 1.0)
+                found[dof.parameter("linear")] = (other.parameter("inertia"), 1.0 / SETTLES)
+        return found
 
 
 def _of_force(derivative: str) -> str:
