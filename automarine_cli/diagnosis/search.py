@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
+from automarine_cli.diagnosis.limit_cycle import LimitCycle
 from automarine_cli.diagnosis.physical import drag_drives
 from automarine_cli.diagnosis.scores import candidates, fitted_parameters, law_of, penalty, score
 from automarine_cli.diagnosis.study import ITERATIONS, Fit, Study
@@ -42,6 +43,8 @@ TRIFLE = 0.05
 """Share of all evidence gained below which one of MOST_EFFECTS effects counts as mending the form of another."""
 SETTLED_EVIDENCE = 0.5
 """Gain in evidence below which a swap is not worth another look: fits are settled to less."""
+PERIODIC, PERIOD = "periodic-disturbance", 2
+"""The effect that a limit cycle imitates, and the place of its period."""
 CLEAR = 2.0
 """Standard errors over runs by which driven runs have to gain in the mean."""
 REACH = 60.0
@@ -62,7 +65,7 @@ def search(study: Study, seed: int, each: Map) -> Found:
         rounds.append(this)
         current = this.before
         least = max(this.threshold, TRUST * (rounds[0].before.evidence - current.evidence))
-        able = [t for t in this.trials if this.gain(t) > least and may_stand(t, current)]
+        able = [t for t in this.trials if this.gain(t) > least and may_stand(t, current, study.cycle)]
         best = min(able, key=lambda trial: trial.evidence, default=None)
         if best is None:
             break
@@ -174,14 +177,17 @@ def _fitted(
     return _trial(study, model, (*current.added, model.terms[-1].name), fit)
 
 
-def may_stand(trial: Trial, current: Trial) -> bool:
+def may_stand(trial: Trial, current: Trial, cycle: LimitCycle | None = None) -> bool:
     """Whether runs left out of the fit are predicted better with the effect than without, and its size is its own: a
     size that only a bound stops says that the runs want something else. Of driven runs the gain has to repeat itself
-    from run to run: its mean is more than CLEAR standard errors."""
+    from run to run: its mean is more than CLEAR standard errors; and nothing that comes with the period of a
+    controller's limit cycle stands."""
     predicts = float(trial.fit.predictive.sum()) > float(current.fit.predictive.sum())
     if isinstance(trial.fit, InnovationsFit) and isinstance(current.fit, InnovationsFit):
         predicts = predicts and clear(trial.fit.density - current.fit.density)
     term, end = trial.model.terms[-1], len(trial.model.theta)
+    if cycle is not None and term.name == PERIODIC and cycle.holds(term.values[PERIOD]):
+        return False
     effect, places = effects.get(term.name), range(end - len(term.values), end)
     own = zip(places, effect.parameters, term.values, effect.held(term.values))
     stopped = (
@@ -234,7 +240,7 @@ def _reconsider(
             this = _round(study, without, seed + steps, each, whole=False)
         except FitError:  # simulations beside this fit run away: it cannot be asked
             continue
-        able = [trial for trial in this.trials if may_stand(trial, without)]
+        able = [trial for trial in this.trials if may_stand(trial, without, study.cycle)]
         best = min((*able, current), key=lambda trial: trial.evidence)
         least = max(this.threshold, TRUST * (first.before.evidence - without.evidence))
         if without.evidence - best.evidence <= least:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
+from automarine_cli.diagnosis.limit_cycle import LimitCycle, limit_cycle
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.prediction import Predicted, predict
@@ -153,6 +154,11 @@ class Study:
     def course(self) -> Course:
         """All runs laid out for the filter."""
         return make_course(self.runs, self.at_rest, self.signals, channels=self.channels)
+
+    @cached_property
+    def cycle(self) -> LimitCycle | None:
+        """The limit cycle of driven runs, if they show one."""
+        return limit_cycle(self.runs) if self.driven else None
 
     def driven_problem(self, model: YawModel) -> DrivenProblem:
         """Likelihood of driven runs under `model`."""

@@ -10,23 +10,14 @@ from numpy.typing import NDArray
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Commands
 from automarine_cli.errors import RunError
-from automarine_cli.runs.noise import position_noise
+from automarine_cli.filters.nodes import nodes_of, readings_of, step_of
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import Channel
 
 Floats = NDArray[np.float64]
 
-STEP, LEAST_STEP = 0.25, 0.1
-"""Longest step of the filter [s] where readings hang together; and the shortest, where each tells something new: a
-controller answers every reading, and the commands would tell of one that was left out."""
-APART = 0.5
-"""Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
 FINEST = 0.05
 """Shortest time [s] over which a command is held as it is; those of faster logs are averaged over that."""
-HELD = 0.2
-"""Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings."""
-FLAT = 3.0
-"""Times the smallest step of a quantised sensor that its usual steps have to have for repeats to be held values."""
 
 
 @dataclass(frozen=True)
@@ -160,8 +151,9 @@ def make_course(
         for quantity in (position, dof.velocity)
         if (quantity in channels if channels is not None else quantity == position)
     ]
-    step = _step(runs, motion, [quantity for _, quantity, _ in quantities]) if step is None else step
-    nodes = [_nodes(run, step) for run in runs]
+    wanted = [quantity for _, quantity, _ in quantities]
+    step = step_of(runs, motion, wanted) if step is None else step
+    nodes = [nodes_of(run, step, wanted) for run in runs]
     steps, fine = max(len(n) for n in nodes) - 1, max(len(_fine(run)[0]) - 1 for run in runs)
     length, width = np.zeros((len(runs), steps)), np.zeros((len(runs), fine))
     early = np.zeros(len(runs))
@@ -188,7 +180,7 @@ def make_course(
             if read is None or (run.summed_up and quantity == run.dof.position):
                 continue
             floor = motion.dofs[d].limits.least_noise * (1.0 if not velocity else 0.0)
-            found = _readings(run.time, read, node, floor)
+            found = readings_of(run.time, read, node, floor)
             here, noise[c, r] = found[0], found[2]
             values[c, r, here], seen[c, r, here] = found[1], True
     return Course(
@@ -214,37 +206,6 @@ def make_course(
     )
 
 
-def _step(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> float:
-    """LEAST_STEP where the readings of positions are noisy, or there are velocities; else STEP."""
-    for dof, position in zip(motion.dofs, motion.positions):
-        if dof.velocity in quantities:
-            return LEAST_STEP
-        noises = []
-        for run in runs:
-            read = run.channel(position)
-            if position in quantities and read is not None:
-                have = np.isfinite(read)
-                fresh = have & ~_repeats(read, have)
-                noises.append(position_noise(run.time[fresh], read[fresh]))
-        if noises and np.median(noises) >= dof.limits.least_noise:
-            return LEAST_STEP
-    return STEP
-
-
-def _nodes(run: Run, step: float) -> Floats:
-    """Clock of the filter's nodes: samples about `step` apart, and what divides longer intervals."""
-    kept, last = [0], 0
-    for i in range(1, len(run)):
-        if run.time[i] - run.time[last] > 0.999 * step or i == len(run) - 1:
-            kept.append(i)
-            last = i
-    gaps = np.diff(run.time[kept])
-    count = np.maximum(np.ceil(gaps / step - 0.25).astype(int), 1)
-    which = np.repeat(np.arange(len(gaps)), count)
-    order = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    return np.append(run.time[kept][which] + order * (gaps / count)[which], run.time[-1])
-
-
 def _fine(run: Run):  # type: ignore[no-untyped-def]
     """Edges of the fine steps, in the middle between samples and as far beyond the first and the last, and what
     averages a held column over them.
@@ -265,42 +226,6 @@ def _fine(run: Run):  # type: ignore[no-untyped-def]
         return np.asarray(np.diff(np.interp(coarse, edges, passed)) / np.diff(coarse))
 
     return coarse, mean
-
-
-def _readings(
-    time: Floats, read: Floats, node: Floats, floor: float
-) -> tuple[NDArray[np.int64], Floats, float]:
-    """Which nodes have a reading, the readings, and their noise, of which less than `floor` is a filter's."""
-    have = np.isfinite(read)
-    fresh = have & ~_repeats(read, have)
-    noise = position_noise(time[fresh], read[fresh])
-    apart = APART if noise < floor else 0.0
-    at = np.searchsorted(node, time - 1e-9)
-    at = np.minimum(at, len(node) - 1)
-    own = fresh & (np.abs(node[at] - time) < 1e-6)
-    kept, last = [], -np.inf
-    for i in np.flatnonzero(own):
-        if time[i] - last > 0.999 * apart:
-            kept.append(i)
-            last = time[i]
-    return at[kept], read[kept], noise
-
-
-def _repeats(read: Floats, have: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Readings that only hold the one before, because the sensor is slower than the log.
-
-    A quantised sensor repeats itself honestly; its steps are then mostly of one quantum.
-    """
-    found = np.zeros(len(read), dtype=bool)
-    at = np.flatnonzero(have)
-    if len(at) < 3:
-        return found
-    moved = np.abs(np.diff(read[at]))
-    same = moved < 1e-9
-    if same.mean() < HELD or same.all() or np.median(moved[~same]) < FLAT * moved[~same].min():
-        return found
-    found[at[1:][same]] = True
-    return found
 
 
 def _fastest(runs: Sequence[Run], position: str) -> float:

@@ -63,7 +63,7 @@ class Followed:
         """Log density of the readings of each run, (P, R)."""
         read = self.variance > 0
         z = np.abs(self.innovation) / np.sqrt(np.where(read, self.variance, 1.0))
-        square = np.where(z <= FAR, z**2, FAR * (2.0 * z - FAR))
+        square = np.where(z <= FAR, np.minimum(z, FAR) ** 2, FAR * (2.0 * z - FAR))
         return -0.5 * np.where(
             read, square + np.log(2 * np.pi * np.where(read, self.variance, 1.0)), 0.0
         ).sum(axis=(0, 3))

@@ -67,7 +67,7 @@ def predict(
     run, origin = np.nonzero(of.seen & (time >= SETTLING))
     targets = {h: _targets(of.seen, time, run, origin, h) for h in horizons}
     last = np.max([np.where(at >= 0, at, 0) for at in targets.values()], axis=0)
-    path = _carried(model, course, theta, noises, followed.states[:, 0], of, run, origin, last)
+    path = carried(model, course, theta, noises, followed.states[:, 0], of, run, origin, last)
     rates = _rates(of, time, run, origin, targets)
     here = of.values[run, origin]
     found = []
@@ -96,7 +96,7 @@ def free_run(model: Vehicle, course: Course, theta: Floats, noises: Noises, chan
     run = np.flatnonzero(late.any(axis=1))
     origin = late[run].argmax(axis=1)
     last = late.shape[1] - 1 - late[run, ::-1].argmax(axis=1)
-    path = _carried(model, course, theta, noises, followed.states[:, 0], of, run, origin, last)
+    path = carried(model, course, theta, noises, followed.states[:, 0], of, run, origin, last)
     out = np.full(late.shape, np.nan)
     for r, begin, end, shown in zip(run, origin, last, path):
         out[r, begin : end + 1] = shown[: end - begin + 1]
@@ -120,7 +120,7 @@ def _targets(
     return out
 
 
-def _carried(
+def carried(
     model: Vehicle,
     course: Course,
     theta: Floats,

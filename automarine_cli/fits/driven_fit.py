@@ -45,6 +45,14 @@ class Worth:
         """Whether the model predicts better than both constants do."""
         return self.error < min(self.constant_rate, self.constant)
 
+    def beside(self, dof: Dof) -> str:
+        """How far ahead, to what, and by how much the constants miss: the end of a sentence."""
+        error, rate, still = (f"{dof.shown(x):.3g}" for x in (self.error, self.constant_rate, self.constant))
+        return (
+            f"{self.horizon:g} s ahead to {error} {dof.units.shown} where a constant {dof.words.speed} misses by "
+            f"{rate} and a constant {dof.words.position} by {still}"
+        )
+
     def to_json(self, dof: Dof) -> dict[str, object]:
         """For a result file, in the unit in which people see positions."""
         key = dof.units.key

@@ -1,6 +1,6 @@
 """Of what use a model of driven runs is: whether it predicts better than somebody who expects no change."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +13,7 @@ from automarine_cli.filters.prediction import Predicted, free_run
 from automarine_cli.fits.driven import driven_problem
 from automarine_cli.fits.driven_fit import Worth, left_out_predictions, proposals, worth_of
 from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.fits.output_error import OutputErrorFit
+from automarine_cli.fits.output_error import OutputErrorFit, Preference
 
 Floats = NDArray[np.float64]
 
@@ -38,9 +38,7 @@ class Use:
     @property
     def judged(self) -> Worth | None:
         """Over the horizon that decides, or the longest below it."""
-        return max(
-            (one for one in self.worth if one.horizon <= JUDGED), key=lambda w: w.horizon, default=None
-        )
+        return judged_of(self.worth)
 
     @property
     def of_use(self) -> bool:
@@ -49,19 +47,14 @@ class Use:
 
     def sentence(self, dof: Dof) -> str:
         """One line: of what use the model is."""
-        one, unit = self.judged, dof.units.shown
+        one = self.judged
         if one is None:
             return "The runs are too short to judge predictions."
-        error, rate, still = (f"{dof.shown(x):.3g}" for x in (one.error, one.constant_rate, one.constant))
-        beside = (
-            f"{one.horizon:g} s ahead to {error} {unit} where a constant {dof.words.speed} misses by {rate} and a "
-            f"constant {dof.words.position} by {still}"
-        )
         if one.of_use:
-            return f"The model predicts {beside} (runs left out of the fit)."
+            return f"The model predicts {one.beside(dof)} (runs left out of the fit)."
         return (
-            f"This model is of no use: it predicts {beside} (runs left out of the fit). Do not simulate or control "
-            "with it; `automarine diagnose` looks for what it lacks."
+            f"This model is of no use: it predicts {one.beside(dof)} (runs left out of the fit). Do not simulate or "
+            "control with it; `automarine diagnose` looks for what it lacks."
         )
 
     def warnings(self, dof: Dof) -> tuple[str, ...]:
@@ -77,12 +70,60 @@ class Use:
         return (*found, f"The evidence asks for more than drag: {asks}. Fit it with --with {names}.")
 
 
-def use_of(course: Course, fit: OutputErrorFit) -> Use:
+def judged_of(worth: Sequence[Worth]) -> Worth | None:
+    """What decides of several horizons: JUDGED, or the longest below it."""
+    return max((one for one in worth if one.horizon <= JUDGED), key=lambda w: w.horizon, default=None)
+
+
+def left_out(course: Course, fits: Mapping[str, OutputErrorFit]) -> dict[str, tuple[Predicted, ...]]:
+    """Predictions of each driven run by each model fitted to the other runs."""
+    found = {}
+    for number, fit in fits.items():
+        assert isinstance(fit.mixed, InnovationsFit)
+        found[number] = left_out_predictions(driven_problem(fit.model, course), fit.mixed)
+    return found
+
+
+def prefer_driven(
+    fits: Mapping[str, OutputErrorFit], ahead: Mapping[str, tuple[Predicted, ...]], dof: Dof
+) -> Preference | None:
+    """The model that predicts runs left out of its fit best, JUDGED seconds ahead; of two that do not differ by two
+    standard errors over runs, the simpler. None where the runs are too short, or one alone, to tell.
+
+    Likelihood would weigh what happens within a reading or two; where none of the models has the law of nature, that is
+    not what they are used for.
+    """
+    judged = {number: next((p for p in one if p.horizon == JUDGED), None) for number, one in ahead.items()}
+    runs = max((len(fit.mixed.left_out) for fit in fits.values()), default=0)
+    if runs < 2 or any(one is None or not len(one.error) for one in judged.values()):
+        return None
+    squares = {number: one.by_run(one.error, runs) for number, one in judged.items() if one is not None}
+    sizes = {number: one.rmse() for number, one in judged.items() if one is not None}
+    best = min(sizes, key=lambda number: sizes[number])
+    chosen = best
+    parameters = {number: len(fit.model.theta) for number, fit in fits.items()}
+    for number in sorted(sizes, key=lambda n: parameters[n]):
+        worse = squares[number] - squares[best]
+        worse = worse[np.isfinite(worse)]
+        error = float(np.std(worse, ddof=1)) / np.sqrt(len(worse)) if len(worse) > 1 else np.inf
+        if parameters[number] < parameters[chosen] and worse.mean() <= 2.0 * error:
+            chosen = number
+    told = [f"{dof.shown(sizes[chosen]):.3g} {dof.units.shown}"]
+    told += [
+        f"model {number} {dof.shown(size):.3g}" for number, size in sorted(sizes.items()) if number != chosen
+    ]
+    how = "best" if chosen == best else "as well as any with more parameters"
+    return Preference(
+        chosen,
+        f"Model {chosen} predicts runs left out of the fit {how} {JUDGED:g} s ahead: it misses by {', '.join(told)}.",
+    )
+
+
+def use_of(course: Course, fit: OutputErrorFit, predictions: tuple[Predicted, ...]) -> Use:
     """Judge a fit of driven runs on each run by the others."""
     found = fit.mixed
     assert isinstance(found, InnovationsFit)
     problem = driven_problem(fit.model, course)
-    predictions = left_out_predictions(problem, found)
     followed = problem.follow(found.phi[None], keep=True)
     assert followed.states is not None
     return Use(

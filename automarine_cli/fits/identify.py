@@ -12,7 +12,7 @@ from automarine_cli.errors import FitError, RunError
 from automarine_cli.filters.course import make_course
 from automarine_cli.fits.drag import FEWEST_A_WAY
 from automarine_cli.fits.driven_models import STEPS, both_ways, fitted_driven, is_driven
-from automarine_cli.fits.driven_use import use_of
+from automarine_cli.fits.driven_use import left_out, prefer_driven, use_of
 from automarine_cli.fits.output_error import MANY_RUNS, OutputErrorFit, fit_half_turns, fit_whole_runs, prefer
 from automarine_cli.fits.step_response import Known, StepData, half_turn_data
 from automarine_cli.fits.velocity_error import VelocityErrorFit, fit_velocity_error
@@ -219,11 +219,13 @@ def _fit_whole(
         else f"{len(turns)} of {len(runs)} runs hold a constant {words.force} from rest through a {words.step}, too "
         f"few for steady {words.speed}s and velocity errors; the whole runs were fitted {how}"
     )
-    preference = prefer(fits)
+    ahead = left_out(course, fits) if driven else {}
+    preference = (prefer_driven(fits, ahead, dof) if driven else None) or prefer(fits)
     unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
     cautions = (*design_cautions(levels.tolist(), unit, dof, of_steps=False), *fit_cautions(fits))
     warnings = (*fit_warnings(fits, preference, [run.name for run in moving]), *told(cautions, preference))
-    use = use_of(course, fits[preference.number]) if driven else None
+    number = preference.number
+    use = use_of(course, fits[number], ahead[number]) if driven else None
     if use is not None:
         warnings = (*use.warnings(dof), *warnings)
     return YawFit(

@@ -147,8 +147,9 @@ def innovations_of(
         )
         error, variance = error[:, 1:], variance[:, 1:]
     step = np.broadcast_to(steps, error.shape[1])[:, None, None]
-    by = np.where(base.read[:, None], (error - base.error[:, None]) / step, 0.0)
-    spread = np.where(base.read[:, None], (variance - base.variance[:, None]) / step, 0.0)
+    with np.errstate(over="ignore", invalid="ignore"):  # where a filter runs away
+        by = np.where(base.read[:, None], (error - base.error[:, None]) / step, 0.0)
+        spread = np.where(base.read[:, None], (variance - base.variance[:, None]) / step, 0.0)
     sane = np.isfinite(np.sum(by + spread, axis=(0, 2, 3), keepdims=True))[0]
     return replace(base, by=np.where(sane, by, 0.0), spread=np.where(sane, spread, 0.0))
 
@@ -179,7 +180,8 @@ class Slopes:
         gradient += 0.5 * np.einsum("crk,cfrk->rf", np.where(base.read, bounded * z - 1.0, 0.0), spreads)
         c, f, r, k = columns.shape
         flat, wide = (np.moveaxis(x, 2, 0).swapaxes(1, 2).reshape(r, f, c * k) for x in (columns, spreads))
-        information = flat @ flat.swapaxes(1, 2) + 0.5 * wide @ wide.swapaxes(1, 2)
+        with np.errstate(over="ignore", invalid="ignore"):  # where a filter runs away
+            information = flat @ flat.swapaxes(1, 2) + 0.5 * wide @ wide.swapaxes(1, 2)
         return cls(base.density, gradient, information)
 
 

@@ -164,6 +164,8 @@ def _why(diagnosis: Diagnosis, key: NamingKey | None) -> str:
     said = [f"The naming key ({drift}) could not be formed."]
     if driven:
         said = ["Driven runs hold no steps, and so no naming key."]
+        if diagnosis.study.cycle is not None:
+            said.append(diagnosis.study.cycle.sentence(dof))
     if key is not None:
         said = [_drift(key.best("k"), "drag", dof), _drift(key.best("I/k"), ratio, dof)]
     return "\n\n".join([table.to_markdown(), " ".join(said)])

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from automarine_cli.comparison.ahead import Ahead
 from automarine_cli.comparison.scores import SCORES, Overall, score_key
 from automarine_cli.comparison.validation import Comparison
 from automarine_cli.dofs import Dof
@@ -61,6 +62,31 @@ def run_table(comparison: Comparison) -> Table:
         f"{dof.position.capitalize()} error of each run: rmse in {dof.words.units}, free run and restarted"
     )
     return Table(title, header, tuple(rows))
+
+
+def ahead_table(ahead: Ahead) -> Table:
+    """One line for each model and horizon: its error beside those of somebody who expects no change."""
+    dof, unit = ahead.dof, ahead.dof.units.shown
+    header = (
+        "model",
+        "s ahead",
+        f"error {unit}",
+        f"constant {dof.words.speed} {unit}",
+        f"constant {dof.position} {unit}",
+        "predictions",
+    )
+    rows = []
+    for model, worth in ahead.worth.items():
+        for one in worth:
+            sizes = (number(float(dof.shown(x)), 3) for x in (one.error, one.constant_rate, one.constant))
+            rows.append((model, f"{one.horizon:g}", *sizes, str(one.count)))
+    notes = (
+        "Root mean square errors on these driven and disturbed runs. The filter knows the readings until each "
+        "prediction begins, and the commands after that; how large disturbances and noise are is fitted on these runs, "
+        "the models are left as they are.",
+        f"A constant {dof.words.speed} is the slope of the last readings, over the time that predicts best.",
+    )
+    return Table("Predictions from the filtered state", header, tuple(rows), notes=notes)
 
 
 def score_table(comparison: Comparison) -> Table:

@@ -96,11 +96,13 @@ class YawDiagnosis(Shown):
         if fitted is None:
             return {}
         dof = self.stored.dof
+        cycle = self.diagnosis.study.cycle
         return {
+            **({} if cycle is None else {"limit_cycle": cycle.to_json()}),
             "prediction": {
                 "fitted_runs": fitted.to_json(dof),
                 "held_out_runs": None if held is None else held.to_json(dof),
-            }
+            },
         }
 
     def tables(self) -> list[Table | str]:
@@ -112,6 +114,8 @@ class YawDiagnosis(Shown):
                 f"Not excluded is {rival.name} (weight {rival.confidence:.0%}): {rival.split_by}"
                 for rival in effect.rivals
             ]
+        if self.diagnosis.study.cycle is not None:
+            lines.append(self.diagnosis.study.cycle.sentence(self.stored.dof))
         lines += fit_sentences(self.diagnosis.channels, self.diagnosis.found.final.fit, self.stored.dof)
         return [*lines, *diagnosis_tables.tables(self.diagnosis)]
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from automarine_cli.comparison.ahead import Ahead, ahead_of
 from automarine_cli.comparison.residuals import FreeRun
 from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.comparison.scores import SCORES, RunScore, rate_source, score_key
@@ -26,7 +27,7 @@ from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.figures.files import Files, drawn, refuse_unknown, write_figure
 from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.tables import Table
-from automarine_cli.report.validation_tables import overall_table, run_table, score_table
+from automarine_cli.report.validation_tables import ahead_table, overall_table, run_table, score_table
 from automarine_cli.runs.channels import (
     AUTO,
     NOTHING_TO_CHOOSE,
@@ -52,12 +53,14 @@ MEANING = {
 
 @dataclass(frozen=True, repr=False)
 class Validation(Shown):
-    """What `validate` found: the models and their effects, the comparison, the runs left out."""
+    """What `validate` found: the models and their effects, the comparison, the runs left out; predictions from filtered
+    states where the runs are driven."""
 
     stored: StoredModels
     comparison: Comparison
     set_aside: tuple[SetAside, ...]
     channels: ChannelChoice = NOTHING_TO_CHOOSE
+    ahead: Ahead | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The result: schema automarine/validation/1."""
@@ -74,6 +77,7 @@ class Validation(Shown):
             f"{dof.words.force}_unit": self.stored.moment_unit,
             "switch_offset": self.stored.switch_offset,
             **channels_of(self.channels, measured_noises(found.runs, dof)),
+            **({} if self.ahead is None else {"prediction": self.ahead.to_json()}),
             "scores": {score_key(name, dof): dof.fill(meaning) for name, meaning in MEANING.items()},
             "logs": {run.name: self._log_json(i) for i, run in enumerate(found.runs)},
             "runs": {
@@ -84,8 +88,9 @@ class Validation(Shown):
         }
 
     def tables(self) -> tuple[Table | str, ...]:
-        """Models over all runs, then run by run; sensors where there was a choice."""
-        return *self.score_tables(), *self.sensors()
+        """Models over all runs, then run by run; sensors where there was a choice. Of driven runs predictions first."""
+        first = () if self.ahead is None else (self.ahead.sentence,)
+        return *first, *self.score_tables(), *self.sensors()
 
     def sensors(self) -> list[str]:
         """Which sensors count, and why others do not."""
@@ -94,7 +99,8 @@ class Validation(Shown):
 
     def score_tables(self) -> tuple[Table, ...]:
         """The tables alone."""
-        return overall_table(self.comparison), run_table(self.comparison)
+        first = () if self.ahead is None else (ahead_table(self.ahead),)
+        return *first, overall_table(self.comparison), run_table(self.comparison)
 
     def _model_json(self, scored: Scored) -> dict[str, Any]:
         data: dict[str, Any] = {}
@@ -174,8 +180,13 @@ def validate(
     left_out = (*campaign.set_aside, *aside)
     chosen = choose_channels(runs, stored.dof, channels, late_position=True)
     runs = [chosen.believed(run) for run in runs]
+
+    def work() -> Validation:
+        compared = compare(stored, runs, seed, progress)
+        return Validation(stored, compared, left_out, chosen, ahead_of(stored, runs, chosen.names))
+
     if out is None:
-        return Validation(stored, compare(stored, runs, seed, progress), left_out, chosen)
+        return work()
     options = {
         "model": model,
         "columns": columns,
@@ -191,7 +202,7 @@ def validate(
     with result_folder(
         out, command="validate", options=options, inputs=inputs, seed=seed, overwrite=overwrite
     ) as folder:
-        result = Validation(stored, compare(stored, runs, seed, progress), left_out, chosen)
+        result = work()
         _write(folder, result, figure_formats if figures else (), jobs, progress)
     return result
 
@@ -250,8 +261,10 @@ def _write(
     folder.write_json("validation.json", result.to_json())
     folder.write("validation.csv", score_table(found).to_csv())
     tables, sensors = result.score_tables(), result.sensors()
+    first = [] if result.ahead is None else [result.ahead.sentence, ""]
     folder.write(
-        "validation.md", "\n".join([*(one.to_markdown() for one in tables), *sensors, *[""] * bool(sensors)])
+        "validation.md",
+        "\n".join([*first, *(one.to_markdown() for one in tables), *sensors, *[""] * bool(sensors)]),
     )
     folder.write("validation.tex", "\n".join(table.to_latex() for table in tables))
     if not formats:

@@ -109,6 +109,8 @@ def _validation_lines(result: Validation) -> Iterator[str]:
     found, dof = result.comparison, result.stored.dof
     runs, aside = counted(len(found.runs), "run"), len(result.set_aside)
     yield f"Validation on {runs}: model {found.best} is best; {aside} set aside"
+    if result.ahead is not None:
+        yield f"  {result.ahead.sentence}"
     for model, scored in found.models.items():
         score = scored.overall["rmse"]
         ends = "" if score.ci95 is None else f" [{number(score.ci95[0], 3)}, {number(score.ci95[1], 3)}]"

@@ -11,7 +11,13 @@ from real_baseline import HORIZONS, Anchors
 from automarine_cli.comparison.residuals import free_runs
 from automarine_cli.comparison.rollouts import roll
 from automarine_cli.diagnosis.diagnose import diagnose_runs
-from automarine_cli.fits.identify import identify
+from automarine_cli.filters.course import Course, make_course
+from automarine_cli.filters.kalman import follow
+from automarine_cli.filters.prediction import carried
+from automarine_cli.fits.driven import driven_problem
+from automarine_cli.fits.identify import identify, starts_at_rest
+from automarine_cli.fits.innovations import InnovationsFit
+from automarine_cli.fits.innovations_problem import DrivenProblem
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 
@@ -20,10 +26,18 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Fitted:
-    """One model fitted to a half: `offset` is the instant of its commands [sample intervals]."""
+    """One model fitted to a half: `offset` is the instant of its commands [sample intervals], `driven` the fit by
+    innovations where it is one."""
 
     model: YawModel
     offset: float = 0.0
+    driven: InnovationsFit | None = None
+
+    def on(self, runs: Sequence[Run]) -> tuple[DrivenProblem, Course]:
+        """The likelihood of other runs, and these as the filter has them."""
+        channels = None if self.driven is None else tuple(self.driven.read)
+        course = make_course(runs, np.array([starts_at_rest(run) for run in runs]), channels=channels)
+        return driven_problem(self.model, course), course
 
 
 @dataclass(frozen=True)
@@ -37,12 +51,20 @@ class Fits:
 def library_fits(runs: Sequence[Run]) -> Fits:
     """The paper's models fitted as `fit-yaw` and its kin fit such logs. Raises FitError, RunError."""
     found = identify(runs, fit_to="whole-runs")
-    models = {number: Fitted(one.model, one.offset.value) for number, one in found.output_error.items()}
+    models = {
+        number: Fitted(
+            one.model, one.offset.value, one.mixed if isinstance(one.mixed, InnovationsFit) else None
+        )
+        for number, one in found.output_error.items()
+    }
     return Fits(models, found.preference.number)
 
 
 def library_predictions(fitted: Fitted, runs: Sequence[Run], anchors: Anchors) -> Floats:
-    """Positions predicted from the anchors at the horizons (A, H) [base units], not finite past a run's end."""
+    """Positions predicted from the anchors at the horizons (A, H) [base units], not finite past a run's end; of driven
+    fits from the filtered state."""
+    if fitted.driven is not None:
+        return _from_filtered_states(fitted, fitted.driven, runs, anchors)
     pieces = []
     for i, k in zip(anchors.run, anchors.sample):
         run = runs[i]
@@ -56,6 +78,31 @@ def library_predictions(fitted: Fitted, runs: Sequence[Run], anchors: Anchors) -
     return np.array(rows)
 
 
+def _from_filtered_states(
+    fitted: Fitted, found: InnovationsFit, runs: Sequence[Run], anchors: Anchors
+) -> Floats:
+    problem, course = fitted.on(runs)
+    noises = problem.noises(found.theta[None])
+    followed = follow(fitted.model, course, found.of_model[None], noises, keep=True)
+    assert followed.states is not None
+    begin = np.array([runs[i].time[k] - runs[i].time[0] for i, k in zip(anchors.run, anchors.sample)])
+    ends = np.array([int((length > 0).sum()) for length in course.length])
+    time = np.where(np.arange(course.time.shape[1]) <= ends[:, None], course.time, np.inf)
+    origin = np.array([np.searchsorted(time[i], t + 1e-9) - 1 for i, t in zip(anchors.run, begin)])
+    last = np.array(
+        [min(np.searchsorted(time[i], t + HORIZONS[-1] + 1.0), ends[i]) for i, t in zip(anchors.run, begin)]
+    )
+    path = carried(
+        fitted.model, course, found.of_model, noises, followed.states[:, 0], course.channels[0],
+        np.asarray(anchors.run), origin, last,
+    )  # fmt: skip
+    rows = [
+        np.interp(t + np.array(HORIZONS), time[i, o : e + 1], row[: e - o + 1], right=np.nan)
+        for i, t, o, e, row in zip(anchors.run, begin, origin, last, path)
+    ]
+    return np.array(rows)
+
+
 def library_free_run(fitted: Fitted, runs: Sequence[Run]) -> float:
     """Root mean square error of the free runs from start to end [base unit]."""
     errors = np.concatenate([one.error for one in free_runs(fitted.model, runs, fitted.offset)])
@@ -63,8 +110,12 @@ def library_free_run(fitted: Fitted, runs: Sequence[Run]) -> float:
 
 
 def library_log_likelihood(fitted: Fitted, runs: Sequence[Run]) -> float | None:
-    """Log density of runs that were not fitted, under the fit to the others; None: the fit of whole runs has none."""
-    return None
+    """Log density of runs that were not fitted, under the fit to the others; None for fits to whole runs, which have
+    none."""
+    if fitted.driven is None:
+        return None
+    problem, _ = fitted.on(runs)
+    return float(problem.follow(fitted.driven.phi[None]).log_density.sum())
 
 
 def library_diagnosis(fitted: Fitted, runs: Sequence[Run], kept: Sequence[Run]) -> str:

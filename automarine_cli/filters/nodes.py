@@ -1,0 +1,94 @@
+"""Where the filter's steps begin and end, and which samples are readings that tell something new."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.dofs.motion import Motion
+from automarine_cli.runs.noise import position_noise
+from automarine_cli.runs.run import Run
+
+Floats = NDArray[np.float64]
+
+STEP, LEAST_STEP = 0.25, 0.1
+"""Longest step of the filter [s] where readings hang together; and the shortest, where each tells something new: a
+controller answers every reading, and the commands would tell of one that was left out."""
+APART = 0.5
+"""Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
+HELD = 0.2
+"""Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings."""
+FLAT = 3.0
+"""Times the smallest step of a quantised sensor that its usual steps have to have for repeats to be held values."""
+
+
+def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> float:
+    """LEAST_STEP where the readings of positions are noisy, or there are velocities; else STEP."""
+    for dof, position in zip(motion.dofs, motion.positions):
+        if dof.velocity in quantities:
+            return LEAST_STEP
+        noises = []
+        for run in runs:
+            read = run.channel(position)
+            if position in quantities and read is not None:
+                fresh = _fresh(read)
+                noises.append(position_noise(run.time[fresh], read[fresh]))
+        if noises and np.median(noises) >= dof.limits.least_noise:
+            return LEAST_STEP
+    return STEP
+
+
+def nodes_of(run: Run, step: float, quantities: Sequence[str]) -> Floats:
+    """Clock of the filter's nodes: samples about `step` apart, and what divides longer intervals. Where a sensor is
+    slower than the log, the samples of the slowest come first."""
+    read = [channel for channel in map(run.channel, quantities) if channel is not None]
+    slow = min((_fresh(one) for one in read), key=np.count_nonzero, default=np.ones(len(run), dtype=bool))
+    own = np.append(run.time[slow], np.inf)
+    wait = own[np.searchsorted(own, run.time, side="right")] - run.time
+    kept, last, firm = [0], run.time[0], run.time[0]
+    for i in range(1, len(run)):
+        now = run.time[i]
+        first = slow[i] and now - firm > 0.999 * step
+        if first or (now - last > 0.999 * step and wait[i] > 0.5 * step) or i == len(run) - 1:
+            kept.append(i)
+            last, firm = now, now if first else firm
+    gaps = np.diff(run.time[kept])
+    count = np.maximum(np.ceil(gaps / step - 0.25).astype(int), 1)
+    which = np.repeat(np.arange(len(gaps)), count)
+    order = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    return np.append(run.time[kept][which] + order * (gaps / count)[which], run.time[-1])
+
+
+def readings_of(
+    time: Floats, read: Floats, node: Floats, floor: float
+) -> tuple[NDArray[np.int64], Floats, float]:
+    """Which nodes have a reading, the readings, and their noise, of which less than `floor` is a filter's."""
+    fresh = _fresh(read)
+    noise = position_noise(time[fresh], read[fresh])
+    apart = APART if noise < floor else 0.0
+    at = np.searchsorted(node, time - 1e-9)
+    at = np.minimum(at, len(node) - 1)
+    own = fresh & (np.abs(node[at] - time) < 1e-6)
+    kept, last = [], -np.inf
+    for i in np.flatnonzero(own):
+        if time[i] - last > 0.999 * apart:
+            kept.append(i)
+            last = time[i]
+    return at[kept], read[kept], noise
+
+
+def _fresh(read: Floats) -> NDArray[np.bool_]:
+    """The samples (N,) whose readings do not only hold the one before, because the sensor is slower than the log.
+
+    A quantised sensor repeats itself honestly; its steps are then mostly of one quantum.
+    """
+    found = np.isfinite(read)
+    at = np.flatnonzero(found)
+    if len(at) < 3:
+        return found
+    moved = np.abs(np.diff(read[at]))
+    same = moved < 1e-9
+    if same.mean() < HELD or same.all() or np.median(moved[~same]) < FLAT * moved[~same].min():
+        return found
+    found[at[1:][same]] = False
+    return found

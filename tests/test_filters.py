@@ -1,0 +1,248 @@
+"""Layout of driven runs, the filter against an independent one, and predictions against sums by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_driven import Sea, steered, turned
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from automarine_cli.dofs import YAW
+from automarine_cli.filters.course import make_course
+from automarine_cli.filters.kalman import Followed, Noises, follow
+from automarine_cli.filters.nodes import APART, LEAST_STEP
+from automarine_cli.filters.prediction import SETTLING, predict
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.runs.run import Run
+
+Floats = NDArray[np.float64]
+REST = np.array([True])
+INERTIA, LINEAR = 1.3, 0.9
+MODEL = YawModel.base("1", INERTIA, [LINEAR], "nu", YAW)
+
+
+def noises(size: float = 0.1, time: float = 2.0, thrust: float = 0.03, reading: float = 0.02) -> Noises:
+    """One parameter set of a run with the gain as logged."""
+    return Noises(
+        np.array([[size]]),
+        np.array([[time]]),
+        np.array([[thrust]]),
+        np.zeros(1),
+        np.zeros(1),
+        np.array([[reading]]),
+        {},
+    )
+
+
+def logged(time: Floats, heading: Floats, command: Floats, **extras: Floats) -> Run:
+    """A run by hand."""
+    return Run("run", "run.csv", 40.0 + time, heading, command, "nu", extras, dof=YAW)
+
+
+def noisy(run: Run, degrees: float = 1.0) -> Run:
+    """The same run with white noise on the heading."""
+    noise = np.random.default_rng(1).standard_normal(len(run))
+    return replace(run, position=run.position + np.deg2rad(degrees) * noise)
+
+
+def uneven_run() -> Run:
+    """Commands at random on a clock that wanders, with a gap of three seconds; the battery's voltage beside them."""
+    rng = np.random.default_rng(0)
+    time = np.cumsum(rng.uniform(0.06, 0.4, 90))
+    time[50:] += 3.0
+    return logged(time, np.sin(time), rng.uniform(-1, 1, 90), voltage=rng.uniform(14, 16, 90))
+
+
+def by_hand(run: Run, column: Floats, begin: float, end: float) -> tuple[float, float]:
+    """Impulse between two instants, and how far it moves one unit of inertia from rest: each value is held between the
+    middles of the intervals on its either side."""
+    edges = np.concatenate([run.time[:1], 0.5 * (run.time[1:] + run.time[:-1]), run.time[-1:]])
+    first, last = np.clip(edges[:-1], begin, end), np.clip(edges[1:], begin, end)
+    pushed = column * (last - first)
+    return float(pushed.sum()), float((pushed * (end - 0.5 * (first + last))).sum())
+
+
+def test_commands_and_signals_are_averaged_exactly_on_uneven_clocks_with_gaps() -> None:
+    run = noisy(uneven_run())
+    course = make_course([run], REST, ("voltage",))
+    force = course.commands[0].force
+    (mean, slope), length = (x[0, 0] for x in course.averaged(force)), course.length[0]
+    voltage = course.averaged_signals["voltage"][0]
+    assert length.max() < 0.4 and length.sum() == pytest.approx(run.time[-1] - run.time[0])
+    node = run.time[0] + course.time[0]
+    for k in range(len(length)):
+        impulse, moved = by_hand(run, run.command, node[k], node[k + 1])
+        assert mean[k] * length[k] == pytest.approx(impulse, abs=1e-12)
+        straight = 0.5 * mean[k] * length[k] ** 2 - slope[k] * length[k] ** 3 / 12.0
+        assert straight == pytest.approx(moved, abs=1e-12)
+        assert voltage[k] * length[k] == pytest.approx(
+            by_hand(run, run.extras["voltage"], *node[k : k + 2])[0]
+        )
+
+
+def test_a_change_of_command_acts_in_the_middle_of_its_interval() -> None:
+    time = 0.25 * np.arange(41)
+    run = noisy(logged(time, 0.0 * time, np.where(time >= 5.0, 0.8, 0.0)))
+    course = make_course([run], REST, step=0.25)
+    mean, slope = (x[0, 0] for x in course.averaged(course.commands[0].force))
+    np.testing.assert_allclose(mean, np.where(time[:-1] >= 5.0, 0.8, np.where(time[:-1] >= 4.75, 0.4, 0.0)))
+    np.testing.assert_allclose(slope, np.where(time[:-1] == 4.75, 1.5 * 0.8 / 0.25, 0.0), atol=1e-9)
+    later, _ = course.averaged(course.commands[0].force, np.array([0.5]))
+    np.testing.assert_allclose(later[0, 0], np.where(time[:-1] >= 5.0, 0.8, 0.0), atol=1e-12)
+
+
+def test_fast_logs_keep_their_impulse() -> None:
+    rng = np.random.default_rng(3)
+    time = 0.01 * np.arange(2001)
+    run = noisy(logged(time, np.sin(time), rng.uniform(-1, 1, len(time))))
+    course = make_course([run], REST)
+    assert course.width.shape[1] < 0.25 * len(time)
+    impulse = np.cumsum(course.averaged(course.commands[0].force)[0][0, 0] * course.length[0])
+    truth = [by_hand(run, run.command, 40.0, 40.0 + end)[0] for end in course.time[0, 1:]]
+    assert np.abs(impulse - truth).max() < 0.05
+
+
+def test_repeats_are_no_readings_and_smooth_ones_are_thinned() -> None:
+    time = 0.1 * np.arange(301)
+    heading = np.deg2rad(np.random.default_rng(2).standard_normal(301)) + np.sin(time)
+    slow = logged(time, heading[5 * (np.arange(301) // 5)], np.cos(time))
+    read = make_course([slow], REST)
+    np.testing.assert_allclose(read.time[0][read.channels[0].seen[0]], time[::5], atol=1e-9)
+    quiet, loud = (
+        make_course([noisy(logged(time, np.sin(time), np.cos(time)), d)], REST) for d in (0.02, 1.0)
+    )
+    assert quiet.noise[0] < YAW.limits.least_noise < loud.noise[0]
+    for course, apart in ((quiet, APART), (loud, LEAST_STEP)):
+        here = course.time[0][course.channels[0].seen[0]]
+        assert apart - 1e-6 < np.diff(here).min() < apart + 0.101 and len(here) > 0.9 * 30.0 / (apart + 0.1)
+        np.testing.assert_allclose(np.round(10 * here), 10 * here, atol=1e-6)
+
+
+def textbook(run: Run, of: Noises, swift: float) -> tuple[Floats, Floats]:
+    """Innovations and variances at the samples, by a Kalman filter of (heading, rate, disturbance) whose transition and
+    noise over each half of an interval are exact (Van Loan 1978)."""
+    size, time, thrust, reading = (float(x.flat[0]) for x in (of.size, of.time, of.thrust, of.reading))
+    system = np.array([[0, 1, 0], [0, -LINEAR / INERTIA, 1], [0, 0, -1 / time]])
+    mean = np.array([run.position[0], 0.0, 0.0])
+    covariance = np.diag([0.5**2, swift**2, size**2])
+    error, variance = np.zeros(len(run)), np.zeros(len(run))
+    for i, seen in enumerate(run.position):
+        error[i], variance[i] = seen - mean[0], covariance[0, 0] + reading**2
+        gain = covariance[:, 0] / variance[i]
+        mean, covariance = mean + gain * error[i], covariance - np.outer(gain, covariance[0])
+        if i == len(run) - 1:
+            break
+        half = 0.5 * (run.time[i + 1] - run.time[i])
+        for push in run.command[i : i + 2] / INERTIA:
+            noise = np.diag([0.0, (thrust * push) ** 2, 2.0 * size**2 / time])
+            twice = expm(half * np.block([[-system, noise], [np.zeros((3, 3)), system.T]]))
+            move = twice[3:, 3:].T
+            forced = expm(half * np.block([[system, np.array([[0], [push], [0]])], [np.zeros((1, 4))]]))[
+                :3, 3
+            ]
+            mean, covariance = move @ mean + forced, move @ covariance @ move.T + move @ twice[:3, 3:]
+    return error, variance
+
+
+def test_the_filter_of_a_linear_model_is_kalmans() -> None:
+    """Innovations and density, up to what finite steps cost: half the step, less than two thirds of the difference."""
+    sea = Sea(inertia=INERTIA, k_r=LINEAR, k_rr=0.0, scatter=0.0)
+    (run,) = steered(1, 5, sea, length=30.0, period=0.5)
+    swift = float(make_course([run], ~REST).fastest[0])
+    error, variance = textbook(run, noises(), swift)
+    density = -0.5 * (error**2 / variance + np.log(2 * np.pi * variance)).sum()
+    off = []
+    for step in (0.25, 0.125, 0.05, 0.025):
+        course = make_course([run], ~REST, step=step)
+        found = follow(MODEL, course, MODEL.theta[None], noises())
+        read = course.channels[0].seen[0]
+        assert read.sum() == len(run)
+        wrong = np.abs(found.innovation[0, 0, 0, read] - error) / np.sqrt(variance)
+        spread = np.abs(found.variance[0, 0, 0, read] / variance - 1.0)
+        off.append((wrong.max(), spread.max(), abs(float(found.log_density[0, 0]) - density)))
+    sizes = np.array(off)
+    assert np.all(sizes[0] < (0.1, 0.05, 0.3)), sizes
+    assert np.all(sizes[-1] < (0.01, 0.01, 0.05)), sizes
+    assert np.all(sizes[2] < 0.67 * sizes[1]) and np.all(sizes[3] < 0.67 * sizes[2]), sizes
+
+
+def jumped(degrees: float) -> tuple[Followed, int]:
+    """A run with one reading that is off by so much, and the node of that reading."""
+    (run,) = steered(1, 2, Sea(inertia=INERTIA, k_r=LINEAR, k_rr=0.0, scatter=0.0), length=30.0)
+    heading = run.position.copy()
+    heading[60] += np.deg2rad(degrees)
+    course = make_course([replace(run, position=heading)], REST, step=0.25)
+    return follow(MODEL, course, MODEL.theta[None], noises(), keep=True), 60
+
+
+def test_one_jump_costs_linearly_and_is_forgotten() -> None:
+    (clean, at), (jump, _), (twice, _) = jumped(0.0), jumped(60.0), jumped(120.0)
+    assert np.rad2deg(jump.innovation[0, 0, 0, at]) == pytest.approx(60.0, abs=5.0)
+    cost = [float(clean.log_density[0, 0] - one.log_density[0, 0]) for one in (jump, twice)]
+    expected = 5.0 * np.deg2rad(60.0) / np.sqrt(clean.variance[0, 0, 0, at])
+    assert cost[1] - cost[0] == pytest.approx(expected, rel=0.05)
+    assert clean.states is not None and jump.states is not None
+    moved = np.abs(jump.states[0, 0, 0] - clean.states[0, 0, 0])
+    assert np.rad2deg(moved[at]) < 5.0 and np.rad2deg(moved[at + 12 :]).max() < 1.0
+
+
+def test_the_filter_is_the_same_to_both_sides() -> None:
+    (run,) = steered(1, 3)
+    found = [
+        follow(MODEL, make_course([one], REST), MODEL.theta[None], noises()) for one in (run, turned(run))
+    ]
+    np.testing.assert_allclose(found[0].innovation, -found[1].innovation, atol=1e-12)
+
+
+def test_predictions_without_noise_are_exact() -> None:
+    time = 0.5 * np.arange(81)
+    command = np.where((time // 8.0) % 2 == 0, 0.6, -0.3) * (time >= 1.0)
+    a, b = LINEAR / INERTIA, 1.0 / INERTIA
+    heading, rate, x, r = np.zeros(81), 0.0, 0.0, 0.0
+    for i in range(80):
+        for u in command[i : i + 2] * b:
+            steady, fade = u / a, np.exp(-0.25 * a)
+            x, r = x + 0.25 * steady + (r - steady) * (1.0 - fade) / a, steady + (r - steady) * fade
+        heading[i + 1] = x
+    assert rate == 0.0
+    course = make_course([logged(time, heading, command)], REST)
+    for one in predict(MODEL, course, MODEL.theta, noises(1e-6, thrust=0.0, reading=1e-5)):
+        assert np.rad2deg(np.abs(one.error).max()) < 0.01, one.horizon
+        assert np.rad2deg(one.rmse(one.constant)) > 5.0
+
+
+def test_constants_by_hand() -> None:
+    """Of x = 0.02 t² at 2 Hz the line over the last half second is best: it misses 0.02 (h² + h/2)."""
+    time = 0.5 * np.arange(61)
+    course = make_course([logged(time, 0.02 * time**2, 0.0 * time)], REST)
+    for one in predict(MODEL, course, MODEL.theta, noises()):
+        start = course.time[0, one.origin]
+        h = course.time[0, one.target] - start
+        np.testing.assert_allclose(one.constant_rate, 0.02 * (h**2 + 0.5 * h), atol=1e-9)
+        np.testing.assert_allclose(one.constant, 0.02 * (2.0 * start * h + h**2), atol=1e-9)
+        assert one.rmse(one.constant_rate) == pytest.approx(np.sqrt(np.mean((0.02 * (h**2 + 0.5 * h)) ** 2)))
+
+
+def test_predictions_stay_where_readings_are() -> None:
+    """Two runs, one with a gap of twelve seconds: each reading after the first two seconds predicts the one nearest to
+    the horizon, if it lies within a fifth of it."""
+    time = np.concatenate([0.5 * np.arange(30), 26.5 + 0.5 * np.arange(40)])
+    long = noisy(logged(time, np.sin(time), np.cos(time)))
+    short = replace(noisy(logged(time[:25], np.sin(time[:25]), np.cos(time[:25]))), name="short")
+    course = make_course([long, short], np.array([True, True]))
+    seen = course.channels[0].seen
+    for one in predict(MODEL, course, MODEL.theta, noises()):
+        wanted = []
+        for r in range(2):
+            read = course.time[r][seen[r]]
+            for begin in read[read >= SETTLING]:
+                after = read[read > begin]
+                if len(after) and np.abs(after - begin - one.horizon).min() < 0.2 * one.horizon:
+                    wanted.append((r, begin, after[np.abs(after - begin - one.horizon).argmin()]))
+        got = zip(one.run, course.time[one.run, one.origin], course.time[one.run, one.target])
+        np.testing.assert_allclose(sorted(got), wanted, atol=1e-9)
+        assert len(wanted) > (20 if one.horizon == 15.0 else 50)
+        squares = one.by_run(one.error, 2)
+        assert squares[0] == pytest.approx(np.mean(one.error[one.run == 0] ** 2))
+        assert np.isnan(squares[1]) == (not (one.run == 1).any())
