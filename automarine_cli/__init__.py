@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         compare,
         diagnose,
         export,
+        fit_planar,
         fit_thrusters,
         plan,
         simulate,
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 _FITS = tuple(f"fit_{name}" for name in DOFS)
 __all__ = [
-    "__version__", "check", "compare", "diagnose", "effects", "export", "fit_thrusters", "plan", "simulate",
-    "slice_log", "validate", *_FITS,
+    "__version__", "check", "compare", "diagnose", "effects", "export", "fit_planar", "fit_thrusters", "plan",
+    "simulate", "slice_log", "validate", *_FITS,
 ]  # fmt: skip
 
 

@@ -1,5 +1,5 @@
-"""fit-planar around its estimator: channels, structures, ties, the search, what the result says. The estimator here is
-least squares of the free run, or scripted, on made runs."""
+"""fit-planar: channels, structures, ties, the search, what the result says, with an estimator that is least squares of
+the free run, or scripted, on made runs; then its own estimator, by innovations, on runs of an independent solver."""
 
 import json
 from collections.abc import Sequence
@@ -9,14 +9,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 from made_planar import Craft, driven, solved
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from automarine_cli.cli import automarine
+from automarine_cli.diagnosis.planar import base_of, candidates
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.planar_fit import Estimated, PlanarFit, Tried, search
+from automarine_cli.fits.planar_likelihood import PlanarLikelihood
 from automarine_cli.fits.planar_structure import (
     LAWS,
     Observed,
@@ -27,7 +31,7 @@ from automarine_cli.fits.planar_structure import (
 )
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.planar import Inertia, PlanarModel
-from automarine_cli.models.planar_store import load_planar_model, planar_from_json
+from automarine_cli.models.planar_store import StoredPlanar, load_planar_model, planar_from_json
 from automarine_cli.models.tied import Tied
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.report import planar_report
@@ -75,11 +79,28 @@ def least_squares_of(model: Tied, runs: Sequence[Run], seen: Observed) -> Estima
     return Estimated(model.with_theta(fit.x), covariance, -fit.cost, len(fit.fun), NOISE)
 
 
-def scripted(model: Tied, runs: Sequence[Run], seen: Observed) -> Estimated:
+class Scripted:
     """An estimator without physics: what is named in `WORTH` explains so much, anything else explains nothing."""
-    count = len(model.free)
-    worth = sum(WORTH.get(name, 0.0) for name in model.free)
-    return Estimated(model, 0.01 * np.eye(count), worth, 1000, NOISE)
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+    def estimate(self, model: Tied, near: Estimated | None = None) -> Estimated:
+        """Its values as they are."""
+        count = len(model.free)
+        return Estimated(model, 0.01 * np.eye(count), sum(worth(model.free)), 1000, NOISE)
+
+    def gains(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[float]:
+        """What is named."""
+        return [sum(worth(names)) for names in added]
+
+    def use(self, found: Estimated) -> None:
+        """None that could be told."""
+
+
+def worth(names: Sequence[str]) -> list[float]:
+    """Log likelihood of each parameter."""
+    return [WORTH.get(name, 0.0) for name in names]
 
 
 WORTH = {"sway.Y_r": 30.0, "surge.X_u": 12.0, "yaw.N_v": 2.0, "current.north": 3.0}
@@ -110,7 +131,7 @@ def test_a_structure_is_fitted_from_its_rough_sizes(fit: PlanarFit) -> None:
 def test_the_search_ends_where_nothing_more_is_worth_its_price() -> None:
     runs = (made(0),)
     seen = observed(runs)
-    tried = search(runs, seen, scripted)
+    tried = search(runs, seen, Scripted())
     assert tried[0].structure == replace(
         Structure.simplest(seen), laws={**Structure.simplest(seen).laws, "surge": LAWS[1]}, couplings=("Y_r",)
     )  # linear drag explains as much as both together
@@ -166,7 +187,7 @@ def test_what_is_not_measured_is_tied_and_said() -> None:
     assert {one.couplings for one in near} == {(), ("N_ur",)} and not any(
         one.current or one.skewed for one in near
     )
-    tried = search(runs, seen, scripted)
+    tried = search(runs, seen, Scripted())
     fit = PlanarFit(tried, tuple(runs), seen)
     assert fit.estimates["sway.m_v"].value == fit.estimates["surge.m_u"].value
     assert fit.estimates["sway.m_v"].stderr == fit.estimates["surge.m_u"].stderr > 0
@@ -251,7 +272,7 @@ def log(run: Run, folder: Path, name: str = "", **columns: object) -> Path:
 def test_logs_to_a_folder_of_results(tmp_path: Path) -> None:
     for seed in range(2):
         log(made(seed), tmp_path)
-    fit = fit_planar([tmp_path], estimate=scripted, out=tmp_path / "out")
+    fit = fit_planar([tmp_path], estimating=Scripted, out=tmp_path / "out")
     assert load_planar_model(tmp_path / "out" / "planar_model.json").model == fit.model
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "planar_model.json", "planar.csv", "planar.md", "planar.tex", "manifest.json",
@@ -273,3 +294,106 @@ def test_a_run_whose_commands_are_zero_is_refused() -> None:
         RunError, match="every command is zero: something that is not logged steers the vehicle"
     ):
         driven_run(run)
+
+
+def mirrored(run: Run) -> Run:
+    """Port and starboard exchanged."""
+    changed = {name: -run.extras[name] for name in ("force_Y", "sway", "east") if name in run.extras}
+    assert run.moment is not None
+    return replace(run, position=-run.position, moment=-run.moment, extras={**run.extras, **changed})
+
+
+@pytest.mark.parametrize("channels", [ALL, ("heading", "north", "east")])
+def test_innovations_find_the_truth(channels: Sequence[str]) -> None:
+    runs = tuple(made(seed, channels, 12.0) for seed in range(2))
+    likelihood = PlanarLikelihood(runs, observed(runs))
+    structure = replace(Structure.simplest(likelihood.seen), couplings=("Y_r",))
+    found = likelihood.estimate(structure.model(rough_sizes(runs)))
+    truth = dict(zip(found.model.free, (20.0, 32.0, 2.6, 18.0, 60.0, 4.0, 4.0)))
+    deviations = np.sqrt(np.diagonal(found.covariance))
+    for (name, value), one, deviation in zip(truth.items(), found.model.theta, deviations):
+        assert abs(one - value) < 3.0 * deviation < 0.3 * value, (name, one, deviation)
+    assert set(found.disturbance) == {"surge", "sway", "yaw"}
+    for name, noise in found.noises.items():
+        assert noise == pytest.approx(NOISE[name], rel=0.3), name
+
+
+def test_the_mirrored_campaign_gives_the_mirrored_model() -> None:
+    runs = (made(0, ("heading", "north", "east")),)
+    found = []
+    for own in (runs, tuple(mirrored(run) for run in runs)):
+        likelihood = PlanarLikelihood(own, observed(own))
+        structure = replace(Structure.simplest(likelihood.seen), couplings=("Y_r",), current=True)
+        model = structure.model({**rough_sizes(own), "current.east": 0.0})
+        problem = likelihood.problem(model)
+        (start,) = problem.search(likelihood.starts(problem, None)[:1])
+        found.append((problem.value(start[None])[0], problem.slopes(start[None])[0].gradient.sum(axis=0)))
+    names = [problem.names[i] for i in problem.free]
+    sides = np.where(np.array(names) == "current.east", -1.0, 1.0)
+    assert found[0][0] == pytest.approx(found[1][0], rel=1e-9)
+    np.testing.assert_allclose(found[0][1], sides * found[1][1], rtol=1e-3, atol=1e-2)
+
+
+@pytest.mark.parametrize("channels", [ALL, ("heading", "surge")])
+def test_gradients_are_those_of_differences(channels: Sequence[str]) -> None:
+    runs = tuple(made(seed, channels, 8.0) for seed in range(2))
+    likelihood = PlanarLikelihood(runs, observed(runs))
+    model = Structure.simplest(likelihood.seen).widest.beside({}, rough_sizes(runs))
+    problem = likelihood.problem(model)
+    (phi,) = problem.search(likelihood.starts(problem, None)[:1])
+    gradient = problem.slopes(phi[None])[0].gradient.sum(axis=0)
+    steps = np.zeros((len(problem.free), len(phi)))
+    steps[np.arange(len(steps)), problem.free] = 10.0 * problem.steps(phi)
+
+    def density(at: Floats) -> Floats:
+        return np.asarray(problem.follow(at).log_density.sum(axis=1))
+
+    brute = (density(phi + steps) - density(phi - steps)) / (20.0 * problem.steps(phi))
+    np.testing.assert_allclose(gradient, brute, rtol=2e-2, atol=0.5)
+
+
+def test_a_promise_is_the_gain_of_the_fit() -> None:
+    """Y_r, which is there, promises much; what is not there promises no more than chance."""
+    runs = (made(0, ("heading", "surge", "sway")),)
+    likelihood = PlanarLikelihood(runs, observed(runs))
+    simplest, rough = Structure.simplest(likelihood.seen), rough_sizes(runs)
+    found = likelihood.estimate(replace(simplest, couplings=("Y_r",)).model(rough))
+    wide = simplest.widest.beside(found.known, rough)
+    gains = likelihood.gains(wide, found, [("surge.X_u",), ("yaw.N_v",), ("planar.m_vr",)])
+    assert all(0 <= gain < 6 for gain in gains)
+    without = likelihood.estimate(simplest.model(rough))
+    (promised,) = likelihood.gains(simplest.widest.beside(without.known, rough), without, [("sway.Y_r",)])
+    assert promised > 10 and found.log_likelihood - without.log_likelihood > 10
+
+
+def test_the_command_says_of_what_use_the_model_is(tmp_path: Path) -> None:
+    for seed in range(2):
+        log(made(seed, ("heading", "surge"), 10.0), tmp_path)
+    done = CliRunner().invoke(automarine, ["fit-planar", str(tmp_path), "-o", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    assert "the heading 5 s ahead to" in done.output and "yaw alone" in done.output.lower()
+    written = json.loads((tmp_path / "out" / "planar_model.json").read_text())
+    horizons = [one["horizon_s"] for one in written["prediction"]["left_out_runs"]]
+    assert horizons == [2.0, 5.0] and "surge.disturbance" in written["random"]
+    assert (tmp_path / "out" / "planar_runs.png").stat().st_size > 10_000
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert "warnings" not in manifest and manifest["command"] == "fit-planar"
+
+
+def test_what_may_be_missing_of_a_planar_model() -> None:
+    """The candidates that the logs can tell; a mass abeam that equals that ahead is tied, and may be freed."""
+    model = PlanarModel(
+        Inertia(20.0, 20.0, 2.6), (Term("quadratic-drag", (18.0,)),), (Term("linear-drag", (20.0,)),),
+        (Term("quadratic-drag", (4.0,)),),
+    )  # fmt: skip
+    speed = Observed(("heading", "surge"))
+    base = base_of(StoredPlanar(model, "by hand"), speed)
+    assert base.free == ("surge.m_u", "yaw.I_r", "surge.X_uu", "yaw.k_rr")
+    found = {one.name: one for one in candidates(base, speed, 3.0)}
+    assert list(found) == ["cross-coupling", "munk-moment", "input-delay", "thruster-lag", "dead-band"]
+    assert found["cross-coupling"].added == ("yaw.N_ur",) and found["munk-moment"].added == ("sway.m_v",)
+    for one in found.values():
+        assert set(one.model.free) == {*base.free, *one.added}
+    every = Observed(ALL)
+    names = [one.name for one in candidates(base_of(StoredPlanar(model, "by hand"), every), every, 3.0)]
+    assert names.count("cross-coupling") == 4 and "current" in names

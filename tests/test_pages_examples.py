@@ -17,8 +17,8 @@ from test_readme import PAGES, fences
 from automarine_cli.cli import automarine
 
 ALLOWED = ("automarine", "cp", "mkdir", "sed", "echo", "head")
-SLOW = "automarine run sample_runs/pool_day.toml -o out/pool_day"
-"""Lines that begin so take half a minute; they are run with AUTOMARINE_EVERY_EXAMPLE=1."""
+SLOW = ("automarine run sample_runs/pool_day.toml -o out/pool_day", "automarine fit-planar ")
+"""Lines that begin so take half a minute or more; they are run with AUTOMARINE_EVERY_EXAMPLE=1."""
 CLOSE = 0.01  # numbers may differ by so much on another machine, or by one in the last decimal
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
 ANYTHING = "..."

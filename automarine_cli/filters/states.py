@@ -94,10 +94,11 @@ class Step:
         self.delivered, self.tilt = _delivered(terms, course, late)
         self.water_moves = model.current(theta)
         places = self.places
-        turned = model.motion.turns or bool(self.places.memory) or any(t.effect.steered for t in terms)
+        placed = bool(self.places.memory) or any(t.effect.steered for t in terms)
+        turning = places.position[-1:] if model.motion.turns else ()
         own = [place for group in places.own.values() for place in group]
         self.columns = np.array([
-            *(places.position if turned else ()), *places.velocity, *places.water, *places.memory,
+            *(places.position if placed else turning), *places.velocity, *places.water, *places.memory,
             *places.pushed, places.gain, *own,
         ])  # fmt: skip
         self._pushed = np.array(places.pushed)

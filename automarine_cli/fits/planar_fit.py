@@ -1,14 +1,16 @@
 """The fit of surge, sway and yaw together: which structure the logs ask for, its parameters, and what they rest on."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.planar_structure import (
     Assumption,
     Observed,
@@ -16,6 +18,7 @@ from automarine_cli.fits.planar_structure import (
     rough_sizes,
     rough_velocities,
 )
+from automarine_cli.fits.planar_use import PlanarUse
 from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.planar_store import planar_json, units
 from automarine_cli.models.tied import Tied
@@ -24,13 +27,17 @@ from automarine_cli.runs.run import Run, SetAside, readings
 
 Floats = NDArray[np.float64]
 
+FULLY = 3
+"""Neighbours of a structure that are fitted, at most."""
+
 
 @dataclass(frozen=True)
 class Estimated:
     """What an estimator found for one model: values in `model`, `covariance` (f, f) of its free parameters.
 
     `log_likelihood` is that of so many `readings`; `noises` of the channels [base units], `disturbance` by degree of
-    freedom and what it is (size, time constant).
+    freedom and what it is (size, time constant). `random` are all sizes of what is random, by name; `fit` is what an
+    estimator by innovations made of the runs.
     """
 
     model: Tied
@@ -40,6 +47,13 @@ class Estimated:
     noises: Mapping[str, float] = field(default_factory=dict)
     disturbance: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     converged: bool = True
+    random: Mapping[str, float] = field(default_factory=dict, repr=False)
+    fit: InnovationsFit | None = field(default=None, repr=False)
+
+    @property
+    def known(self) -> dict[str, float]:
+        """Values of all parameters of the model by qualified name."""
+        return dict(zip(self.model.model.parameter_names, self.model.model.theta.tolist()))
 
     @property
     def criterion(self) -> float:
@@ -47,7 +61,18 @@ class Estimated:
         return float(-2.0 * self.log_likelihood + len(self.model.free) * np.log(max(self.readings, 2)))
 
 
-Estimator = Callable[[Tied, Sequence[Run], Observed], Estimated]
+class Estimator(Protocol):
+    """What tells how likely models make the runs."""
+
+    def estimate(self, model: Tied, near: Estimated | None = None) -> Estimated:
+        """The model fitted, from its own values, or from what was found `near` it."""
+
+    def gains(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[float]:
+        """The gain in log likelihood to be expected of each group of free parameters of `wide` beside those of an
+        estimate `near` it, of which it has the values."""
+
+    def use(self, found: Estimated) -> PlanarUse | None:
+        """Of what use an estimate is; None where that cannot be told."""
 
 
 @dataclass(frozen=True)
@@ -57,39 +82,64 @@ class Tried:
     structure: Structure
     found: Estimated
 
+    @property
+    def criterion(self) -> float:
+        """That of the estimate."""
+        return self.found.criterion
 
-def search(runs: Sequence[Run], seen: Observed, estimate: Estimator) -> tuple[Tried, ...]:
+
+def search(runs: Sequence[Run], seen: Observed, estimator: Estimator) -> tuple[Tried, ...]:
     """Structures that were tried, the best one first, then in the order of their criterion.
 
-    From the simplest one on, the best neighbour is taken as long as it is better.
+    From the simplest one on, those neighbours are fitted that promise most by the slope and curvature of the
+    likelihood, and the best of them is taken as long as it is better.
     """
+    simplest = Structure.simplest(seen)
     rough = rough_sizes(runs)
-
-    def judged(structure: Structure, known: Mapping[str, float]) -> Tried:
-        return Tried(structure, estimate(structure.model({**rough, **known}), runs, seen))
-
-    best = judged(Structure.simplest(seen), {})
-    tried = [best]
+    best = Tried(simplest, estimator.estimate(simplest.model(rough)))
+    tried = {str(simplest): best}
     while True:
-        model = best.found.model.model
-        known = dict(zip(model.parameter_names, model.theta.tolist()))
-        new = [one for one in best.structure.neighbours() if one not in [old.structure for old in tried]]
-        beside = [judged(structure, known) for structure in new]
-        tried += beside
-        better = min(beside, key=lambda one: one.found.criterion, default=best)
-        if better.found.criterion >= best.found.criterion:
-            return tuple(sorted(tried, key=lambda one: one.found.criterion))
+        new = [one for one in best.structure.neighbours() if str(one) not in tried]
+        chosen = [
+            Tried(one, estimator.estimate(model, best.found))
+            for one, model in _promising(best, new, rough, estimator)
+        ]
+        tried |= {str(one.structure): one for one in chosen}
+        better = min(chosen, key=lambda one: one.criterion, default=best)
+        if better.criterion >= best.criterion:
+            return tuple(sorted(tried.values(), key=lambda one: one.criterion))
         best = better
+
+
+def _promising(
+    best: Tried, new: Sequence[Structure], rough: Mapping[str, float], estimator: Estimator
+) -> list[tuple[Structure, Tied]]:
+    """The neighbours of the best structure that promise to be better, with where their fits begin.
+
+    What a law of drag gains in place of another is at most what it gains beside it.
+    """
+    known = best.found.known
+    models = [one.beside(known, rough) for one in new]
+    added = [tuple(name for name in model.free if name not in best.found.model.free) for model in models]
+    gains = estimator.gains(best.structure.widest.beside(known, rough), best.found, added)
+    have, price = len(best.found.model.free), np.log(max(best.found.readings, 2))
+    promised = [
+        2.0 * gain - price * (len(model.free) - have) if 2.0 * gain > price * len(names) else -np.inf
+        for gain, model, names in zip(gains, models, added)
+    ]
+    order = np.argsort(promised)[::-1][:FULLY]
+    return [(new[i], models[i]) for i in order if np.isfinite(promised[i])]
 
 
 @dataclass(frozen=True, repr=False)
 class PlanarFit(Shown):
-    """The structures that were `tried`, the best one first, on `runs`; what was set aside."""
+    """The structures that were `tried` on `runs`, the best one first, and of what `use` that is; what was set aside."""
 
     tried: tuple[Tried, ...]
     runs: tuple[Run, ...]
     seen: Observed
     set_aside: tuple[SetAside, ...] = ()
+    use: PlanarUse | None = None
 
     @property
     def found(self) -> Estimated:
@@ -163,6 +213,8 @@ class PlanarFit(Shown):
             "channels": list(self.seen.channels),
             "noises": dict(found.noises),
             "disturbance": {name: dict(one) for name, one in found.disturbance.items()},
+            "random": dict(found.random),
+            **({"prediction": self.use.to_json()} if self.use else {}),
             "log_likelihood": found.log_likelihood,
             "covariance": {"parameters": list(found.model.free), "matrix": found.covariance.tolist()},
             "valid_range": self.valid_range,
@@ -177,7 +229,7 @@ class PlanarFit(Shown):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user must not miss."""
-        found = []
+        found = [] if self.use is None or self.use.of_use else [self.use.sentences[0]]
         if not self.found.converged:
             found.append(
                 "The search for the best parameters ended before it settled; give more or longer runs."

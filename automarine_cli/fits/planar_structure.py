@@ -98,6 +98,16 @@ class Structure:
         """Quadratic drag of everything that is measured, nothing else."""
         return cls(seen, {dof.name: LAWS[0] for dof in seen.dofs})
 
+    @property
+    def widest(self) -> "Structure":
+        """Everything that the logs can tell of."""
+        couplings = tuple(name for name in COUPLINGS if SWAY in self.observed.dofs or name == "N_ur")
+        sideways = SWAY in self.observed.dofs
+        laws = dict.fromkeys(self.laws, LAWS[-1])
+        return replace(
+            self, laws=laws, couplings=couplings, skewed=sideways, current=self.observed.over_ground
+        )
+
     def neighbours(self) -> Iterator["Structure"]:
         """Structures one step away: another law of one drag, one more coupling, a shared inertia, a current."""
         for name, law in self.laws.items():
@@ -148,9 +158,7 @@ class Structure:
 
         def drags(dof: Dof) -> tuple[Term, ...]:
             laws = self.laws.get(dof.name, ("linear-drag",))  # of what is tied
-            return tuple(
-                Term(law, (sizes[dof.parameter(law.removesuffix("-drag"))] / len(laws),)) for law in laws
-            )
+            return tuple(Term(law, (sizes[dof.parameter(law.removesuffix("-drag"))],)) for law in laws)
 
         m_u, m_v, inertia_r = (sizes[dof.parameter("inertia")] for dof in PLANAR.dofs)
         surge, sway, yaw = (drags(dof) for dof in PLANAR.dofs)
@@ -158,17 +166,35 @@ class Structure:
         water = (sizes.get("current.north", 0.0), sizes.get("current.east", 0.0)) if self.current else None
         inertia = Inertia(m_u, m_v, inertia_r, m_vr=sizes.get("planar.m_vr", 0.0))
         model = PlanarModel(inertia, surge, sway, yaw, cross, water)
-        ties = dict(self._ties())
+        ties = self.ties
         coupled = {"planar.m_ur", "planar.m_uv"} | (set() if self.skewed else {"planar.m_vr"})
         free = tuple(name for name in model.parameter_names if name not in {*ties, *coupled})
         tied = Tied(model, free, ties)
         return tied.with_theta(tied.theta)
 
-    def _ties(self) -> Iterator[tuple[str, tuple[str, float]]]:
+    def beside(self, known: Mapping[str, float], rough: Mapping[str, float]) -> Tied:
+        """The model with values `known` of another structure by qualified name: what that lacks is zero, or takes over
+        at the usual velocity where one law of drag stands for another."""
+        sizes = {**rough, **known}
+        for dof in self.observed.dofs:
+            laws = {role: dof.parameter(role) for role in ("linear", "quadratic")}
+            lacking = [role for role, name in laws.items() if name not in known]
+            for role in lacking:
+                (other,) = set(laws) - {role}
+                share = rough[laws[role]] / rough[laws[other]]
+                taken_over = f"{other}-drag" not in self.laws[dof.name]
+                sizes[laws[role]] = share * known[laws[other]] if taken_over else 0.0
+        return self.model(sizes)
+
+    @property
+    def ties(self) -> dict[str, tuple[str, float]]:
+        """What the logs do not tell, and which parameter stands for it times which factor."""
+        found = {}
         for dof, other in ((SURGE, SWAY), (SWAY, SURGE)):
             if dof not in self.observed.dofs:
-                yield dof.parameter("inertia"), (other.parameter("inertia"), 1.0)
-                yield dof.parameter("linear"), (other.parameter("inertia"), 1.0 / SETTLES)
+                found[dof.parameter("inertia")] = (other.parameter("inertia"), 1.0)
+                found[dof.parameter("linear")] = (other.parameter("inertia"), 1.0 / SETTLES)
+        return found
 
 
 def _of_force(derivative: str) -> str:

@@ -39,7 +39,7 @@ UNITS = {"force_unit": "N", "moment_unit": "N m"}
 KEYS = (
     "schema", *UNITS, "parameters", "motion", "fitted_to", "assumptions", "covariance", "valid_range", "channels",
     "disturbance", "noises", "log_likelihood", "structure", "structure_because", "effects", "predicts", "parent",
-    "warnings", "notes", "runs",
+    "warnings", "notes", "runs", "random", "prediction",
 )  # fmt: skip
 """What the fit writes, the first ones being read. Any other key is a slip of somebody's hand."""
 CURRENT = ("current.north", "current.east")

@@ -1,9 +1,14 @@
 """The tables and sentences of `fit-planar`."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
+from automarine_cli.dofs import YAW
+from automarine_cli.fits.driven_fit import Worth
 from automarine_cli.fits.planar_fit import PlanarFit
-from automarine_cli.report.tables import Table, number
+from automarine_cli.fits.planar_use import PlanarUse
+from automarine_cli.report.figures.files import Draw
+from automarine_cli.report.figures.planar_runs import planar_runs_figure
+from automarine_cli.report.tables import MISSING, Table, number
 
 WORDS = {
     "surge.m_u": "mass with added mass, ahead", "sway.m_v": "mass with added mass, abeam",
@@ -16,9 +21,49 @@ WORDS = {
 }  # fmt: skip
 
 
-def tables(fit: PlanarFit) -> tuple[Table, Table]:
-    """Parameters, then the structures that were tried."""
-    return parameter_table(fit), structure_table(fit)
+def tables(fit: PlanarFit) -> tuple[Table, ...]:
+    """Parameters, predictions where they were judged, then the structures that were tried."""
+    predictions = () if fit.use is None else (prediction_table(fit.use),)
+    return (parameter_table(fit), *predictions, structure_table(fit))
+
+
+def drawings(fit: PlanarFit) -> dict[str, Draw]:
+    """What draws each figure, by the name of its file."""
+    use = fit.use
+    return {} if use is None else {"planar_runs": lambda: planar_runs_figure(fit.runs, use)}
+
+
+def prediction_table(use: PlanarUse) -> Table:
+    """One row a horizon and quantity: errors of the model beside those of whoever expects no change."""
+    alone = {one.horizon: number(float(YAW.shown(one.error)), 3) for one in use.yaw_only}
+    rows = [
+        (
+            "heading, deg",
+            f"{one.horizon:g}",
+            *_errors(one, YAW.shown),
+            alone.get(one.horizon, MISSING),
+            str(one.count),
+        )
+        for one in use.heading
+    ]
+    rows += [
+        ("place, m", f"{one.horizon:g}", *_errors(one, float), MISSING, str(one.count)) for one in use.place
+    ]  # fmt: skip
+    header = ("of", "s ahead", "model", "constant rate", "constant", "yaw alone", "predictions")
+    whose = (
+        "Each run is predicted by the parameters that the other runs give"
+        if use.runs > 1
+        else "Of the run of the fit"
+    )
+    notes = (
+        f"Root mean square errors. {whose}, from its filtered state, which knows the readings until then, by the "
+        "commands as they were logged. Yaw alone: the best of models 1 to 3 of these runs' yaw.",
+    )
+    return Table("Predictions", header, tuple(rows), notes=notes)
+
+
+def _errors(one: Worth, shown: Callable[[float], object]) -> list[str]:
+    return [number(float(str(shown(x))), 3) for x in (one.error, one.constant_rate, one.constant)]
 
 
 def parameter_table(fit: PlanarFit) -> Table:
@@ -53,10 +98,12 @@ def structure_table(fit: PlanarFit) -> Table:
 
 
 def sentences(fit: PlanarFit) -> Iterator[str]:
-    """Structure and why, assumptions, sensors, warnings."""
+    """Of what use it is, structure and why, assumptions, sensors, warnings."""
+    if fit.use is not None:
+        yield from fit.use.sentences
     yield f"Structure: {fit.structure}. {fit.because}"
     yield from (f"Assumed: {one}." for one in fit.assumptions)
     noises = fit.found.noises
     told = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.seen.channels]
     yield f"Sensors that count (noise in rad, m and seconds): {', '.join(told)}."
-    yield from fit.warnings
+    yield from (one for one in fit.warnings if fit.use is None or one not in fit.use.sentences)

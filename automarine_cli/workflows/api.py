@@ -19,6 +19,7 @@ from automarine_cli.workflows import check as _check
 from automarine_cli.workflows import compare as _compare
 from automarine_cli.workflows import diagnose as _diagnose
 from automarine_cli.workflows import export as _export
+from automarine_cli.workflows import fit_planar as _fit_planar
 from automarine_cli.workflows import fit_thrusters as _fit_thrusters
 from automarine_cli.workflows import fit_yaw as _fit_yaw
 from automarine_cli.workflows import plan as _plan
@@ -76,6 +77,7 @@ def _plain(name: str, value: object, stack: ExitStack) -> object:
 
 check = at_a_prompt(_check.check, "logs")
 fit_thrusters = at_a_prompt(_fit_thrusters.fit_thrusters, "logs")
+fit_planar = at_a_prompt(_fit_planar.fit_planar, "logs")
 FITS = {f"fit_{name}": at_a_prompt(fit, "logs") for name, fit in _fit_yaw.FITS.items()}
 """`fit_yaw`, `fit_surge` and their like, by name."""
 validate = at_a_prompt(_validate.validate_any, "logs")

@@ -15,6 +15,7 @@ from automarine_cli.errors import SettingError
 from automarine_cli.fits.channel_noise import channels_json, fit_sentences
 from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.logs import ColumnMap, LogFile, given_columns
+from automarine_cli.models.planar_store import is_planar
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
@@ -29,6 +30,7 @@ from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.runs.stuck import without_stuck
 from automarine_cli.runs.undriven import without_undriven
+from automarine_cli.workflows.diagnose_planar import PlanarDiagnosis, diagnose_planar
 from automarine_cli.workflows.diagnose_thrusters import ThrusterDiagnosis, diagnose_thrusters, is_thruster_map
 from automarine_cli.workflows.extended_model import extended_model
 from automarine_cli.workflows.moments import with_moments
@@ -217,10 +219,14 @@ def diagnose_any(
     cluster: str | None = None,
     channels: str = AUTO,
     **settings: Any,
-) -> "YawDiagnosis | ThrusterDiagnosis":
-    """`diagnose` for a yaw model, `diagnose_thrusters` for a thruster map (here, it is quick), by the schema of the
-    file `model`.
+) -> "YawDiagnosis | ThrusterDiagnosis | PlanarDiagnosis":
+    """`diagnose` for a model of one motion, `diagnose_planar` for those of three together, `diagnose_thrusters` for a
+    thruster map (here, they are quick), by the schema of the file `model`.
     """
+    if is_planar(model):
+        if channels != AUTO:
+            raise SettingError(f"{model.name} is a planar model: every channel counts; leave --channels out")
+        return diagnose_planar(logs, model=model, thrusters=thrusters, arm=arm, **settings)
     if is_thruster_map(model):
         if thrusters is not None or arm is not None:
             raise SettingError(
@@ -236,9 +242,11 @@ def diagnose_any(
     )
 
 
-def terminal(result: "YawDiagnosis | ThrusterDiagnosis") -> list[Table | str]:
+def terminal(result: "YawDiagnosis | ThrusterDiagnosis | PlanarDiagnosis") -> list[Table | str]:
     """What the terminal shows of either kind of diagnosis."""
     if isinstance(result, YawDiagnosis):
+        return result.tables()
+    if isinstance(result, PlanarDiagnosis):
         return result.tables()
     return [*thruster_diagnosis.sentences(result), *thruster_diagnosis.tables(result)]
 

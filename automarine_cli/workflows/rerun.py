@@ -22,7 +22,9 @@ from automarine_cli.workflows.campaigns import run_campaigns
 from automarine_cli.workflows.check import check
 from automarine_cli.workflows.compare import compare
 from automarine_cli.workflows.diagnose import diagnose
+from automarine_cli.workflows.diagnose_planar import diagnose_planar
 from automarine_cli.workflows.diagnose_thrusters import diagnose_thrusters, is_thruster_map
+from automarine_cli.workflows.fit_planar import fit_planar
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
 from automarine_cli.workflows.fit_yaw import FITS
 from automarine_cli.workflows.plan import plan
@@ -37,6 +39,7 @@ COMMANDS: Mapping[str, Callable[..., object]] = {
     "check": check,
     "fit-thrusters": fit_thrusters,
     **{f"fit-{name}": fit for name, fit in FITS.items()},
+    "fit-planar": fit_planar,
     "validate": validate,
     "diagnose": diagnose,
     "simulate": simulate,
@@ -157,6 +160,8 @@ def _recipe(
     work = COMMANDS[manifest.command]
     if work is diagnose and "model" in roles and is_thruster_map(roles["model"][0].path or Path()):
         work = diagnose_thrusters
+    if work is diagnose and "model" in roles and is_planar(roles["model"][0].path or Path()):
+        work = diagnose_planar
     if work is validate and "model" in roles and is_planar(roles["model"][0].path or Path()):
         work = validate_planar
     known, hints = inspect.signature(work).parameters, typing.get_type_hints(work)
