@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.study import JUDGED, Study
 from automarine_cli.diagnosis.trials import Trial
@@ -11,20 +12,26 @@ from automarine_cli.dofs import Dof
 from automarine_cli.filters.prediction import Predicted
 from automarine_cli.fits.innovations import InnovationsFit
 
+Floats = NDArray[np.float64]
+
 DECIDING = 5.0
-"""Horizons [s] up to this have a veto, if predictions over all of them get worse: over one alone the true effect may
-lose by chance. Over longer ones the logged command answers disturbances that a prediction does not know."""
+"""Horizons [s] up to this have a veto, if predictions over all of them get worse by CLEARLY standard errors over runs:
+the true effect may lose a little by chance. Over longer ones the logged command answers disturbances that a prediction does not know."""
+
+CLEARLY = 1.0
 
 
 @dataclass(frozen=True)
 class Ahead:
-    """Root mean square errors of positions predicted `horizon` seconds ahead from the filtered state [rad or m]."""
+    """Root mean square errors of positions predicted `horizon` seconds ahead from the filtered state [rad or m];
+    `worse` is by how many standard errors over runs the mean square grew from before to after."""
 
     horizon: float
     before: float
     after: float
     constant_rate: float
     constant: float
+    worse: float
 
     def to_json(self, dof: Dof) -> dict[str, float]:
         """The contract's form, in the unit in which people see positions."""
@@ -55,7 +62,7 @@ class Outlook:
         if self.density_gain <= 0:
             return f"their log density falls by {-self.density_gain:.1f}"
         deciding = [one for one in self.ahead if one.horizon <= DECIDING]
-        if any(one.after < one.before for one in deciding):
+        if not deciding or any(one.worse < CLEARLY for one in deciding):
             return ""
         one, unit = deciding[-1], dof.units.shown
         return (
@@ -82,6 +89,17 @@ def outlook(study: Study, base: Trial, final: Trial) -> Outlook | None:
         return None
     gained = study.log_density(final.model, last) - study.log_density(base.model, first)
     ahead = tuple(
-        Ahead(b.horizon, b.rmse(), a.rmse(), b.rmse(b.constant_rate), b.rmse(b.constant)) for b, a in pairs
-    )
+        Ahead(
+            b.horizon, b.rmse(), a.rmse(), b.rmse(b.constant_rate), b.rmse(b.constant),
+            _growth(b.by_run(b.error, len(study.runs)), a.by_run(a.error, len(study.runs))),
+        )
+        for b, a in pairs
+    )  # fmt: skip
     return Outlook(ahead, float(np.sum(gained)))
+
+
+def _growth(before: Floats, after: Floats) -> float:
+    """By how many standard errors over runs mean squares (R,) grew; their sign alone for a single run."""
+    grown = (after - before)[np.isfinite(after - before)]
+    error = float(np.std(grown, ddof=1)) / np.sqrt(len(grown)) if len(grown) > 1 else 0.0
+    return float(grown.mean()) / error if error > 0 else float(np.sign(grown.sum()) * np.inf)
