@@ -15,10 +15,11 @@ from automarine_cli.fits.innovations import InnovationsFit
 Floats = NDArray[np.float64]
 
 DECIDING = 5.0
-"""Horizons [s] up to this have a veto, if predictions over all of them get worse by CLEARLY standard errors over runs:
-the true effect may lose a little by chance. Over longer ones the logged command answers disturbances that a prediction does not know."""
-
+"""Horizons [s] up to this have a veto. Over longer ones the logged command answers disturbances that a prediction does
+not know."""
 CLEARLY = 1.0
+"""Standard errors over runs by which predictions over all of these have to get worse: the true effect may lose a little
+by chance."""
 
 
 @dataclass(frozen=True)
