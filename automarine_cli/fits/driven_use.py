@@ -50,11 +50,13 @@ class Use:
         one = self.judged
         if one is None:
             return "The runs are too short to judge predictions."
+        alone = len(self.course.names) == 1
+        of = "the run that was fitted: others may be predicted worse" if alone else "runs left out of the fit"
         if one.of_use:
-            return f"The model predicts {one.beside(dof)} (runs left out of the fit)."
+            return f"The model predicts {one.beside(dof)} ({of})."
         return (
-            f"This model is of no use: it predicts {one.beside(dof)} (runs left out of the fit). Do not simulate or "
-            "control with it; `automarine diagnose` looks for what it lacks."
+            f"This model is of no use: it predicts {one.beside(dof)} ({of}). Do not simulate or control with it; "
+            "`automarine diagnose` looks for what it lacks."
         )
 
     def warnings(self, dof: Dof) -> tuple[str, ...]:
