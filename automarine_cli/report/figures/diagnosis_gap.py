@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.budget import LEFT, SCATTER, noise_of
 from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.where import Where
-from automarine_cli.dofs import Dof
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, in_words
 from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure
@@ -34,8 +34,11 @@ def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str,
     errors = [dof.shown(pick[k]) for pick in picks for k in (3, 4)]
     most = 1.08 * max((float(np.abs(e).max()) for e in errors), default=1.0)
     floor = dof.shown(diagnosis.gap.floor)
+    ahead = f", {JUDGED:g} s ahead" if diagnosis.study.driven else ""
     for column, (title, time, heading, before, after) in enumerate(picks):
         top, bottom = grid[0, column], grid[1, column]
+        if diagnosis.study.driven:  # nothing is predicted before the first filtered state
+            before, after = (np.where(missed == 0.0, np.nan, missed) for missed in (before, after))
         measured = dof.shown(heading - heading[0])
         top.plot(time, measured, "o", color=MEASURED, markersize=1.6, label="measured")
         top.plot(
@@ -44,9 +47,9 @@ def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str,
             color=BEFORE,
             linewidth=1.0,
             linestyle="--",
-            label="base model",
+            label=f"base model{ahead}",
         )
-        top.plot(time, measured - dof.shown(after), color=AFTER, linewidth=1.0, label="after")
+        top.plot(time, measured - dof.shown(after), color=AFTER, linewidth=1.0, label=f"after{ahead}")
         top.set_title(title, fontsize=6.5, parse_math=False)
         bottom.axhspan(-2 * floor, 2 * floor, color="0.9", linewidth=0, label="± 2 × noise")
         bottom.plot(time, dof.shown(before), color=BEFORE, linewidth=0.6)
@@ -56,7 +59,8 @@ def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str,
         if column:
             bottom.set_yticklabels([])
     grid[0, 0].set_ylabel(f"{dof.words.moved} [{dof.units.shown}]")
-    grid[1, 0].set_ylabel(f"measured − sim. [{dof.units.shown}]")
+    less = "predicted" if diagnosis.study.driven else "sim."
+    grid[1, 0].set_ylabel(f"measured − {less} [{dof.units.shown}]")
     place = grid[0, 0].get_gridspec()
     for axes in grid[2:].ravel():
         axes.remove()
@@ -65,7 +69,7 @@ def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str,
     if count > 1:
         _by_variable(figure.add_subplot(place[2, half:]), diagnosis, where)
     if shares is not None:
-        _budget(figure.add_subplot(place[3, :]), shares, dof)
+        _budget(figure.add_subplot(place[3, :]), shares, diagnosis)
     figure.suptitle(textwrap.fill(_sizes_in_words(diagnosis), WIDEST))
     handles = [h for axes in (grid[0, 0], grid[1, 0]) for h in axes.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
@@ -87,6 +91,8 @@ def _sizes_in_words(diagnosis: Diagnosis) -> str:
         else "Nothing added"
     )
     noise = f"{dof.shown(diagnosis.gap.floor):.2f} {dof.units.shown}"
+    if diagnosis.study.driven:
+        return f"Predictions {JUDGED:g} s ahead from filtered states: {', '.join(parts)}. {added}"
     return f"Gap: {', '.join(parts)} (noise {noise}). {added}"
 
 
@@ -185,8 +191,9 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis, where: Where) -> None:
     axes.legend(loc="best", fontsize=6.5)
 
 
-def _budget(axes: Axes, shares: Mapping[str, float], dof: Dof) -> None:
+def _budget(axes: Axes, shares: Mapping[str, float], diagnosis: Diagnosis) -> None:
     """One stacked bar of the whole gap."""
+    dof = diagnosis.study.base.dof
     fixed = {noise_of(dof): "0.6", SCATTER: "0.82", LEFT: COLOURS["black"]}
     others = [COLOURS[name] for name in ("blue", "sky", "green")]
     at, used = 0.0, 0
@@ -197,9 +204,12 @@ def _budget(axes: Axes, shares: Mapping[str, float], dof: Dof) -> None:
         at += 100 * share
     axes.set_xlim(0.0, 100.0)
     axes.set_yticks([])
-    axes.set_xlabel(
-        "share of the mean square gap of the base model, all runs with equal thrust [%]", labelpad=1
+    of = (
+        "error of the base model's predictions"
+        if diagnosis.study.driven
+        else "gap of the base model, all runs with equal thrust"
     )
+    axes.set_xlabel(f"share of the mean square {of} [%]", labelpad=1)
     labels = axes.get_legend_handles_labels()[1]
     columns = len(labels) if sum(len(one) + 5 for one in labels) <= WIDEST_LEGEND else -(-len(labels) // 2)
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, fontsize=6.5, frameon=False)

@@ -1,6 +1,7 @@
 """Why: the evidence of every candidate, and the naming key."""
 
 import textwrap
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,23 +24,43 @@ Floats = NDArray[np.float64]
 def why_figure(diagnosis: Diagnosis, key: NamingKey | None) -> Figure:
     """Evidence of every candidate in the first round against the threshold, and the naming key, if there is one."""
     count = len(diagnosis.found.rounds[0].trials)
+    if diagnosis.study.driven:  # no steps, and no naming key
+        return _evidence_alone(diagnosis, count)
     figure, grid = new_figure(2, 2, PAGE_IN, max(4.2, 0.17 * count + 1.2), width_ratios=(1.25, 1.0))
     place = grid[0, 0].get_gridspec()
     for axes in grid[:, 0]:
         axes.remove()
     _evidence(figure.add_subplot(place[:, 0]), diagnosis)
     _drifts(grid[0, 1], grid[1, 1], key, diagnosis.study.base.dof, bool(diagnosis.found.final.added))
-    chance = f"reached by chance in {1000 * LEVEL:.0f} of 1000 campaigns"
     handles = [
-        Patch(color=AFTER, label="named"),
-        Patch(color=COLOURS["sky"], label="rival not excluded"),
-        Patch(color="0.72", label="not needed"),
-        Line2D([], [], linestyle="--", color=BEFORE, label=chance),
+        *_handles(),
         *grid[0, 1].get_legend_handles_labels()[0],
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     figure.suptitle(f"Which missing effect would explain the gap. Verdict: {verdict(diagnosis)}")
     return figure
+
+
+def _evidence_alone(diagnosis: Diagnosis, count: int) -> Figure:
+    """The evidence of every candidate on driven runs."""
+    figure, grid = new_figure(1, 1, PAGE_IN, max(3.2, 0.17 * count + 1.2))
+    _evidence(grid[0, 0], diagnosis)
+    figure.legend(handles=_handles(), loc="outside lower center", ncols=4)
+    figure.suptitle(
+        f"Which missing effect would explain the innovations of driven runs.\nVerdict: {verdict(diagnosis)}"
+    )
+    return figure
+
+
+def _handles() -> list[Any]:
+    """What the colours of the bars mean, and the threshold."""
+    chance = f"reached by chance in {1000 * LEVEL:.0f} of 1000 campaigns"
+    return [
+        Patch(color=AFTER, label="named"),
+        Patch(color=COLOURS["sky"], label="rival not excluded"),
+        Patch(color="0.72", label="not needed"),
+        Line2D([], [], linestyle="--", color=BEFORE, label=chance),
+    ]
 
 
 def _evidence(axes: Axes, diagnosis: Diagnosis) -> None:
