@@ -26,7 +26,9 @@ Floats = NDArray[np.float64]
 
 SETTLED = 0.02
 """Gain in log likelihood still to be expected below which a fit has converged."""
-ITERATIONS = 30
+ITERATIONS = 60
+LOOK, WAYS = 6, 3
+"""Iterations from each of so many starting inertias, before the best goes on to the end: filters have wrong summits."""
 SIZES = {GAIN: "gain-scatter"}
 """What run effects are called whose sizes are parameters."""
 LEAST_DAMPING, MOST_DAMPING, SHARES = 1e-4, 1e3, (1.0, 30.0)
@@ -96,20 +98,41 @@ def fit_innovations(
     Raises FitError where no start leads anywhere.
     """
     phis = np.clip(problem.search(starts), problem.limits[:, 0], problem.limits[:, 1])
-    phi = phis[0]
     if len(phis) > 1:
         values = problem.value(phis)
         if not np.isfinite(values).any():
             raise FitError(NO_START)
-        phi = phis[int(np.argmax(values))]
+        firsts = dict.fromkeys(
+            phis[np.argsort(-values, kind="stable"), 0]
+        )  # distinct inertias, the best one first
+        best = [int(np.argmax(np.where(phis[:, 0] == first, values, -np.inf))) for first in firsts]
+        tried = [_climb(problem, phis[k], LOOK) for k in best[:WAYS] if np.isfinite(values[k])]
+        phis = max(tried, key=lambda climb: climb.value).phi[None]
+    reached = _climb(problem, phis[0], iterations)
+    if not np.isfinite(reached.value):
+        raise FitError(NO_START)
+    return _report(problem, reached, brief)
+
+
+@dataclass(frozen=True)
+class _Climb:
+    """Where a search got to."""
+
+    phi: Floats
+    value: float
+    slopes: Slopes
+    iterations: int
+    converged: bool
+
+
+def _climb(problem: DrivenProblem, phi: Floats, iterations: int) -> _Climb:
+    """Fisher scoring from phi (p,), damped where the likelihood is no parabola."""
     (slopes,) = problem.slopes(phi[None])
     value = slopes.value(problem, phi)
-    if not np.isfinite(value):
-        raise FitError(NO_START)
     free, limits = problem.free, problem.limits
     mean, precision = problem.priors
     converged, done, damping = False, 0, LEAST_DAMPING
-    while done < iterations:
+    while done < iterations and np.isfinite(value):
         done += 1
         gradient = slopes.gradient.sum(axis=0) - ((phi - mean) * precision)[free]
         hessian = slopes.information.sum(axis=0) + np.diag(precision[free])
@@ -136,12 +159,11 @@ def fit_innovations(
         else:
             converged = expected < 1.0
             break
-    return _report(problem, phi, slopes, done, converged, brief)
+    return _Climb(phi, value, slopes, done, converged)
 
 
-def _report(
-    problem: DrivenProblem, phi: Floats, slopes: Slopes, iterations: int, converged: bool, brief: bool
-) -> InnovationsFit:
+def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> InnovationsFit:
+    phi, slopes = reached.phi, reached.slopes
     free, limits, count = problem.free, problem.limits, len(problem.names)
     _, precision = problem.priors
     at_bound = (phi - limits[:, 0] < 1e-9) | (limits[:, 1] - phi < 1e-9)
@@ -174,8 +196,8 @@ def _report(
         log_likelihood=float(density[0].sum()),
         predictive=density[0] if brief else _finite(density[1:])[np.arange(runs), np.arange(runs)],
         at_bound=tuple(int(i) for i in np.flatnonzero(at_bound)),
-        iterations=iterations,
-        converged=converged,
+        iterations=reached.iterations,
+        converged=reached.converged,
         density=density[0],
         gains=every.states[every.places.gain, 0, :, -1],
         read_of=tuple((one.quantity, int(one.seen.sum())) for one in problem.course.channels),
