@@ -1,17 +1,19 @@
 """Ten closed-loop runs of a Kingfisher boat on a lake: whole runs, moving starts, a delay, headings the other way."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from automarine_cli.comparison.residuals import free_runs
-from automarine_cli.comparison.restart import find_restarts, restarted_errors
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.output_error import fit_whole_runs
+from automarine_cli.filters.course import make_course
+from automarine_cli.fits.driven_fit import fit_driven
+from automarine_cli.fits.innovations import InnovationsFit
+from automarine_cli.fits.whole_runs import rough_model
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.logs import read_column_map
 from automarine_cli.models.yaw_model import YawModel
@@ -80,16 +82,18 @@ def test_drag_and_inertia_are_positive_and_of_the_size_of_a_small_boat(nominal: 
     assert nominal.output_error["3"].estimates["k_rr"].value > 0
 
 
-def test_the_model_follows_the_measured_headings(nominal: YawFit) -> None:
-    assert nominal.preference.number in ("1", "2")
-    scatter = nominal.preferred.gain_scatter
-    assert 0.03 < scatter.value <= 0.3
+def test_the_model_is_of_use(nominal: YawFit) -> None:
+    """Runs left out of the fit are predicted 5 s ahead better than by a constant rate or a constant heading."""
+    assert nominal.use is not None and nominal.use.of_use
+    judged = nominal.use.judged
+    assert judged is not None and judged.horizon == 5.0
+    assert np.degrees(judged.error) < 12.0 < np.degrees(judged.constant) < np.degrees(judged.constant_rate)
+    assert nominal.use.sentence(YAW).startswith("The model predicts 5 s ahead to ")
 
 
-def test_the_delay_of_the_thrusters_is_warned_of(nominal: YawFit) -> None:
-    assert any(
-        "half a sample interval or more after the log shows it" in warning for warning in nominal.warnings
-    )
+def test_the_delay_of_the_thrusters_is_proposed(nominal: YawFit) -> None:
+    (asks,) = [warning for warning in nominal.warnings if "The evidence asks for more than drag" in warning]
+    assert "input-delay" in asks and "--with " in asks
 
 
 def test_the_run_whose_heading_jumps_is_split(nominal: YawFit) -> None:
@@ -108,7 +112,8 @@ def test_commands_through_our_own_bollard_map_agree(nominal: YawFit, tmp_path: P
         load_runs([str(LAKE / "run_*.csv")], columns, dof=YAW).runs, thrusters, ARM, columns, YAW
     )
     assert {run.moment_unit for run in runs} == {"N m"}
-    fit = fit_whole_runs(make_batch(runs, 0.1), "1", np.zeros(len(runs), dtype=bool))
+    moving = np.zeros(len(runs), dtype=bool)
+    fit = fit_driven(make_course(runs, moving), rough_model("1", make_batch(runs, 0.1)), "1")
     for name, estimate in fit.estimates.items():
         assert estimate.value == pytest.approx(nominal.output_error["1"].estimates[name].value, rel=0.25)
 
@@ -121,27 +126,24 @@ def halves(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Run], list[Ru
     return list(load_runs(fitted, columns, dof=YAW).runs), list(load_runs(kept, columns, dof=YAW).runs)
 
 
-def restarted(model: YawModel, runs: list[Run]) -> float:
-    """Heading error [deg] over windows of 15 s, each begun from the measured state."""
-    restarts = [find_restarts(run) for run in runs]
-    assert {one.rule for one in restarts} == {"every 15 s, because the moment changes all the time"}
-    errors = np.concatenate(list(restarted_errors(model, list(free_runs(model, runs)), restarts)))
-    return float(np.degrees(np.sqrt(np.mean(errors**2))))
-
-
 def test_delay_and_surge_halve_the_error_on_runs_left_out(halves: tuple[list[Run], list[Run]]) -> None:
     """What is known of the boat: a delay of 0.4 to 0.6 s; and the faster it goes the more its hulls resist a turn."""
     study = study_of(halves[0], YawModel.base("1", 25.0, [15.0], "N m", YAW))
-    assert study.disturbed
+    assert study.driven
     base = study.fit(study.base)
-    model = study.base.with_theta(base.theta[:-1]).with_effect("input-delay", [0.5])
+    model = study.base.with_theta(base.of_model).with_effect("input-delay", [0.5])
     model = model.with_effect("cross-coupling", [-10.0])
-    fit = study.fit(model, np.append(model.theta, 0.0), base)
-    found = model.with_theta(fit.theta[:-1])
+    fit = study.fit(model, None, base)
+    found = model.with_theta(fit.of_model)
     values = dict(zip(found.parameter_names, found.theta))
-    assert 0.4 < values["input-delay.t_d"] < 0.7 and values["cross-coupling.c"] < -10.0
-    assert fit.predictive.sum() > base.predictive.sum() + 100.0
-    before, after = (restarted(m, halves[1]) for m in (study.base.with_theta(base.theta[:-1]), found))
+    assert 0.3 < values["input-delay.t_d"] < 0.7 and values["cross-coupling.c"] < -10.0
+    kept = replace(study, runs=tuple(halves[1]))
+    assert isinstance(base, InnovationsFit) and isinstance(fit, InnovationsFit)
+    assert kept.log_density(found, fit).sum() > kept.log_density(study.base, base).sum() + 10.0
+    before, after = (
+        next(one for one in kept.predictions(m, f) if one.horizon == 5.0).rmse()
+        for m, f in ((study.base.with_theta(base.of_model), base), (found, fit))
+    )
     assert after < 0.7 * before
 
 
@@ -154,5 +156,4 @@ def test_a_diagnosis_names_the_delay_and_the_gap_on_runs_left_out_shrinks(
     named = {effect.name for effect in found.effects}
     assert named & {"input-delay", "thruster-lag", "dead-band", "cross-coupling"}
     assert found.held_out_gap.after < found.held_out_gap.before
-    base, final = found.found.base.model, found.found.final.model
-    assert restarted(final, halves[1]) < restarted(base, halves[1])
+    assert found.held_out_outlook is not None and found.held_out_outlook.density_gain > 0
