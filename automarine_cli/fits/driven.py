@@ -14,7 +14,7 @@ from automarine_cli.fits.innovations import fit_innovations
 from automarine_cli.fits.innovations_problem import DrivenProblem, randomness
 from automarine_cli.models.yaw_model import YawModel, base_roles
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.steps import find_steps, segments
+from automarine_cli.runs.steps import segments
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ SURE = 10.0
 ENOUGH = 16
 """Runs that show whether there is one."""
 HELD, NEARLY = 1.0, 0.8
-"""Seconds for which a step holds its command, and share of a run of steps that they make."""
+"""Seconds for which a run holds its command, and share of the run that such stretches make."""
 
 
 def driven_problem(
@@ -102,10 +102,7 @@ def starts_near(problem: DrivenProblem, thetas: Sequence[Floats], random: dict[s
 
 
 def stepped(run: Run) -> bool:
-    """Whether a run begins at rest and holds its command for HELD seconds at a time, nearly all of the time."""
-    steps = find_steps(run)
-    if not steps or not steps[0].from_rest:
-        return False
+    """Whether a run holds its command for HELD seconds at a time, nearly all of the time."""
     held = [run.time[stop - 1] - run.time[first] for first, stop, _ in segments(run.command)]
     return sum(length for length in held if length >= HELD) > NEARLY * (run.time[-1] - run.time[0])
 
@@ -115,8 +112,8 @@ def disturbed(
 ) -> bool:
     """Whether the evidence asks for a disturbance that is a process, or for unsteady thrust.
 
-    Runs from rest at one command repeat themselves: what differs in a pool is in their gains, and a disturbance would
-    absorb just what is looked for. Where half of the runs are such, the question is not asked. Of others the deviance
+    Runs of held commands answer nothing: what differs in a pool is in their gains, and a disturbance would absorb just
+    what is looked for. Where half of the runs are such, the question is not asked. Of others the deviance
     of a model with both drags, with a disturbance and without, is compared.
     """
     if 2 * sum(stepped(run) for run in runs) >= len(runs):
