@@ -171,7 +171,7 @@ def test_the_evidence_asks_for_a_disturbance_where_there_is_one() -> None:
 
 def unrelated() -> list[Run]:
     """Runs whose logged commands are those of other runs: nothing in the motion answers them."""
-    runs, others = steered(3, 1, Sea(size=1.0), length=33.0), steered(3, 2, length=33.0, free=True, held=2.0)
+    runs, others = steered(3, 1, Sea(size=1.0), length=33.0), steered(3, 2, length=33.0, free=True, held=0.5)
     return [run.with_moment(other.command, "nu").cut(12, len(run)) for run, other in zip(runs, others)]
 
 
@@ -188,7 +188,8 @@ def test_the_command_line_says_so(run: Callable[..., Result], tmp_path: Path) ->
         written(one, tmp_path / "logs" / f"{i}.csv")
     result = run("fit-yaw", tmp_path / "logs", "--fit-to", "whole-runs", "-o", tmp_path / "out")
     assert result.exit_code == 1
-    assert "check that the logged commands are those of this vehicle" in " ".join(result.stderr.split())
+    told = " ".join(result.stderr.split())
+    assert "these runs leave the model open" in told or "no motion of a vehicle fits these runs" in told
     assert not (tmp_path / "out" / "yaw_model.json").exists()
 
 
