@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Commands
-from automarine_cli.errors import RunError
 from automarine_cli.filters.nodes import nodes_of, readings_of, step_of
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.batch import Channel
+from automarine_cli.simulation.batch import Channel, padded, unit_of
 
 Floats = NDArray[np.float64]
 
@@ -131,78 +130,91 @@ def make_course(
     default the positions. Raises RunError for no runs, a run without a command, commands in different units, or a
     missing signal.
     """
-    if not runs:
-        raise RunError("no runs to follow; give at least one log")
+    unit = unit_of(runs, signals)
     motion = motion or alone(runs[0].dof)
-    units = {run.moment_unit for run in runs}
-    if len(units) > 1:
-        raise RunError(
-            f"the logs give moments in different units ({', '.join(sorted(units))}); map them to one with --columns"
-        )
-    for run in runs:
-        for name in signals:
-            if name not in run.extras:
-                raise RunError(
-                    f"{run.source}, run {run.name!r}: the model needs column {name!r}, which the log lacks"
-                )
-    quantities = [
+    sensors = [
         (d, quantity, quantity == dof.velocity)
         for d, (dof, position) in enumerate(zip(motion.dofs, motion.positions))
         for quantity in (position, dof.velocity)
         if (quantity in channels if channels is not None else quantity == position)
     ]
-    wanted = [quantity for _, quantity, _ in quantities]
+    wanted = [quantity for _, quantity, _ in sensors]
     step = step_of(runs, motion, wanted) if step is None else step
-    nodes = [nodes_of(run, step, wanted) for run in runs]
-    steps, fine = max(len(n) for n in nodes) - 1, max(len(_fine(run)[0]) - 1 for run in runs)
-    length, width = np.zeros((len(runs), steps)), np.zeros((len(runs), fine))
-    early = np.zeros(len(runs))
-    held = np.zeros((len(motion.dofs), len(runs), fine))
-    columns = {name: np.zeros((len(runs), fine)) for name in signals}
-    at, part = np.zeros((len(runs), steps + 1), dtype=np.int64), np.zeros((len(runs), steps + 1))
-    values = np.zeros((len(quantities), len(runs), steps + 1))
-    seen = np.zeros(values.shape, dtype=bool)
-    noise = np.full((len(quantities), len(runs)), np.nan)
-    for r, (run, node) in enumerate(zip(runs, nodes)):
-        edges, mean = _fine(run)
-        length[r, : len(node) - 1] = np.diff(node)
-        width[r, : len(edges) - 1], early[r] = np.diff(edges), run.time[0] - edges[0]
-        for d, dof in enumerate(motion.dofs):
-            held[d, r, : len(edges) - 1] = mean(run.command_of(dof))
-        for name in signals:
-            columns[name][r, : len(edges) - 1] = mean(run.extras[name])
-        at[r] = len(edges) - 1
-        inside = np.clip(np.searchsorted(edges, node, side="right") - 1, 0, len(edges) - 2)
-        at[r, : len(node)] = inside
-        part[r, : len(node)] = np.clip((node - edges[inside]) / np.diff(edges)[inside], 0.0, 1.0)
-        for c, (d, quantity, velocity) in enumerate(quantities):
-            read = run.channel(quantity)
-            if read is None or (run.summed_up and quantity == run.dof.position):
-                continue
-            floor = motion.dofs[d].limits.least_noise * (1.0 if not velocity else 0.0)
-            found = readings_of(run.time, read, node, floor)
-            here, noise[c, r] = found[0], found[2]
-            values[c, r, here], seen[c, r, here] = found[1], True
+    laid = [_lay(run, nodes_of(run, step, wanted), motion, signals, sensors) for run in runs]
+    nodes, fine = max(len(one.at) for one in laid), max(len(one.width) for one in laid)
+    at = padded([one.at for one in laid], nodes)
+    for row, one in zip(at, laid):
+        row[len(one.at) :] = len(one.width)  # nodes behind the end lie there
+    noise = np.array([one.noise for one in laid])
     return Course(
         motion=motion,
         names=tuple(run.name for run in runs),
-        length=length,
-        held=held,
-        width=width,
-        early=early,
+        length=padded([one.length for one in laid], nodes - 1),
+        held=np.stack([padded([one.held[d] for one in laid], fine) for d in range(len(motion.dofs))]),
+        width=padded([one.width for one in laid], fine),
+        early=np.array([one.early for one in laid]),
         at=at,
-        part=part,
+        part=padded([one.part for one in laid], nodes),
         before=np.array([[[run.command_of(dof)[0]] for run in runs] for dof in motion.dofs]),
         start=np.array([run.time[0] for run in runs]),
-        signals=columns,
+        signals={name: padded([one.signals[name] for one in laid], fine) for name in signals},
         channels=tuple(
-            Channel(quantity, d, velocity, v, s)
-            for (d, quantity, velocity), v, s in zip(quantities, values, seen)
+            Channel(
+                quantity, d, velocity, padded([one.values[c] for one in laid], nodes),
+                padded([one.seen[c] for one in laid], nodes),
+            )
+            for c, (d, quantity, velocity) in enumerate(sensors)
         ),
         still=still,
         fastest=np.array([_fastest(runs, position) for position in motion.positions]),
-        noise=np.array([float(np.median(n[np.isfinite(n)])) if np.isfinite(n).any() else 0.0 for n in noise]),
-        moment_unit=units.pop(),
+        noise=np.array([float(np.median(n[np.isfinite(n)])) if np.isfinite(n).any() else 0.0 for n in noise.T]),
+        moment_unit=unit,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Laid:
+    """One run on its own layout, as `Course` has it of all; `values` and `seen` (C, K + 1), `noise` (C,), not a number
+    where a channel was not read."""
+
+    length: Floats
+    held: Floats
+    width: Floats
+    early: float
+    at: NDArray[np.int64]
+    part: Floats
+    signals: Mapping[str, Floats]
+    values: Floats
+    seen: NDArray[np.bool_]
+    noise: Floats
+
+
+def _lay(
+    run: Run, node: Floats, motion: Motion, signals: Sequence[str], sensors: Sequence[tuple[int, str, bool]]
+) -> _Laid:
+    """Lay one run out with the filter's nodes at `node` [s]."""
+    edges, mean = _fine(run)
+    at = np.clip(np.searchsorted(edges, node, side="right") - 1, 0, len(edges) - 2)
+    values, seen = np.zeros((len(sensors), len(node))), np.zeros((len(sensors), len(node)), dtype=bool)
+    noise = np.full(len(sensors), np.nan)
+    for c, (d, quantity, velocity) in enumerate(sensors):
+        read = run.channel(quantity)
+        if read is None or (run.summed_up and quantity == run.dof.position):
+            continue
+        floor = 0.0 if velocity else motion.dofs[d].limits.least_noise
+        here, found, noise[c] = readings_of(run.time, read, node, floor)
+        values[c, here], seen[c, here] = found, True
+    return _Laid(
+        length=np.diff(node),
+        held=np.stack([mean(run.command_of(dof)) for dof in motion.dofs]),
+        width=np.diff(edges),
+        early=float(run.time[0] - edges[0]),
+        at=at,
+        part=np.clip((node - edges[at]) / np.diff(edges)[at], 0.0, 1.0),
+        signals={name: mean(run.extras[name]) for name in signals},
+        values=values,
+        seen=seen,
+        noise=noise,
     )
 
 

@@ -71,7 +71,6 @@ def fit_driven(
     number: str,
     sided: bool = False,
     with_effects: Sequence[str] = (),
-    near: InnovationsFit | None = None,
 ) -> OutputErrorFit:
     """Fit one model to driven runs, from `rough` values; `with_effects` names what it has beside its drag.
 
@@ -80,16 +79,17 @@ def fit_driven(
     model = rough
     largest = float(np.abs(course.held).max()) or 1.0
     for name in with_effects:
-        effect = effects.get(name)
-        start = [p.scaled(p.start, largest) if not p.held else float(p.off) for p in effect.parameters]
-        model = model.with_effect(name, start)
+        model = model.with_effect(name, _start(name, largest))
     problem = driven_problem(model, course)
-    starts = base_starts(problem)
-    if near is not None:
-        starts = np.concatenate([starts, starts_near(problem, [model.theta], near.of_chance)])
-    found = fit_innovations(problem, starts)
+    found = fit_innovations(problem, base_starts(problem))
     _refuse_runaways(model.with_theta(found.of_model), found, course)
     return _outcome(problem, found, number, sided)
+
+
+def _start(name: str, largest: float) -> list[float]:
+    """Where a fit of an effect starts, for logs whose largest command is `largest`."""
+    own = effects.get(name).parameters
+    return [p.off if p.held else p.scaled(p.start, largest) for p in own]
 
 
 def _refuse_runaways(model: YawModel, found: InnovationsFit, course: Course) -> None:
@@ -188,8 +188,7 @@ def proposals(course: Course, fit: OutputErrorFit) -> Mapping[str, float]:
     for name in PROPOSED:
         if name in have:
             continue
-        effect = effects.get(name)
-        start = [p.scaled(p.start, largest) if not p.held else float(p.off) for p in effect.parameters]
+        start = _start(name, largest)
         wider = driven_problem(fit.model.with_effect(name, start), course)
         theta = np.array([*fit.mixed.of_model, *start])
         found = fit_innovations(wider, starts_near(wider, [theta], fit.mixed.of_chance))

@@ -1,5 +1,6 @@
 """What every maximum-likelihood fit returns, whichever likelihood it rests on, and the coordinates of its search."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ SMALLEST = 1e-9
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(ABC):
     """Outcome of one fit.
 
     `theta` (p,) and `phi` (p,), the same in the search's coordinates, in which are `covariance` (p, p) from
@@ -38,41 +39,41 @@ class Outcome:
         return float(self.theta[self.names.index(name)])
 
     @property
+    @abstractmethod
     def of_model(self) -> Floats:
         """The model's own entries of theta."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def information(self) -> Floats:
         """What each run says of phi, (R, p, p)."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def noise_of(self) -> dict[str, float]:
         """Noise of each channel that counts, by its quantity [its unit]."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def read(self) -> dict[str, int]:
         """How many readings each of these channels has."""
-        raise NotImplementedError
 
     @property
     def noise(self) -> float:
         """Noise of the first of these channels [its unit]."""
         return next(iter(self.noise_of.values()))
 
+    @abstractmethod
     def factor(self, block: str) -> float:
         """Estimated size of one kind of run effect."""
-        raise NotImplementedError
 
+    @abstractmethod
     def factor_interval(self, block: str) -> tuple[float, float]:
         """95 % interval of that size."""
-        raise NotImplementedError
 
+    @abstractmethod
     def own(self, block: str) -> Floats:
         """Each run's own effects (R, k) of one kind."""
-        raise NotImplementedError
 
     @property
     def jackknife_covariance(self) -> Floats:

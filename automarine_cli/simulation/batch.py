@@ -143,9 +143,41 @@ def make_batch(
     without `hold` nobody holds a vehicle. Raises RunError for no runs, a run without a moment, runs with moments in
     different units, or a missing signal.
     """
+    unit = unit_of(runs, signals)
+    motion = motion or alone(runs[0].dof)
+    commanded = [np.stack([run.command_of(dof) for dof in motion.dofs]) for run in runs]
+    grids = [_grid(run, force, max_step) for run, force in zip(runs, commanded)]
+    if hold and any(dof.has_constant for dof in motion.dofs):
+        grids = [_held(run, grid) for run, grid in zip(runs, grids)]
+    steps = max(len(g.length) for g in grids)
+    samples = max(len(run) for run in runs)
+    switches = max(1, *(len(g.interval) for g in grids))
+    lengths = padded([g.length for g in grids], steps)
+    held = [force[:, g.held] for force, g in zip(commanded, grids)]
+    return Batch(
+        motion=motion,
+        names=tuple(run.name for run in runs),
+        length=lengths,
+        stretch=padded([g.stretch for g in grids], steps),
+        switch=padded([g.switch for g in grids], steps),
+        force=np.stack([padded([force[d] for force in held], steps) for d in range(len(motion.dofs))]),
+        node=padded([g.node for g in grids], samples),
+        seen=padded([np.ones(len(run), dtype=bool) for run in runs], samples),
+        channels=tuple(_channels(runs, motion, samples, channels)),
+        interval=padded([g.interval for g in grids], switches),
+        start=np.array([run.time[0] for run in runs]),
+        before=np.array([[[_held_before(run, dof)] for run in runs] for dof in motion.dofs]),
+        window=((np.cumsum(lengths, axis=1) - 0.5 * lengths) / WINDOW).astype(int),
+        moment_unit=unit,
+        signals={n: padded([run.extras[n][g.held] for run, g in zip(runs, grids)], steps) for n in signals},
+    )
+
+
+def unit_of(runs: Sequence[Run], signals: Sequence[str] = ()) -> str:
+    """The one unit of the runs' moments or forces. Raises RunError for no runs, several units, or a signal that a run
+    lacks."""
     if not runs:
         raise RunError("no runs to simulate; give at least one log")
-    motion = motion or alone(runs[0].dof)
     units = {run.moment_unit for run in runs}
     if len(units) > 1:
         raise RunError(
@@ -158,35 +190,11 @@ def make_batch(
             raise RunError(
                 f"{run.source}, run {run.name!r}: the model needs column {missing[0]!r}, which the log lacks"
             )
-    commanded = [np.stack([run.command_of(dof) for dof in motion.dofs]) for run in runs]
-    grids = [_grid(run, force, max_step) for run, force in zip(runs, commanded)]
-    if hold and any(dof.has_constant for dof in motion.dofs):
-        grids = [_held(run, grid) for run, grid in zip(runs, grids)]
-    steps = max(len(g.length) for g in grids)
-    samples = max(len(run) for run in runs)
-    switches = max(1, *(len(g.interval) for g in grids))
-    lengths = _padded([g.length for g in grids], steps)
-    held = [force[:, g.held] for force, g in zip(commanded, grids)]
-    return Batch(
-        motion=motion,
-        names=tuple(run.name for run in runs),
-        length=lengths,
-        stretch=_padded([g.stretch for g in grids], steps),
-        switch=_padded([g.switch for g in grids], steps),
-        force=np.stack([_padded([force[d] for force in held], steps) for d in range(len(motion.dofs))]),
-        node=_padded([g.node for g in grids], samples),
-        seen=_padded([np.ones(len(run), dtype=bool) for run in runs], samples),
-        channels=tuple(_channels(runs, motion, samples, channels)),
-        interval=_padded([g.interval for g in grids], switches),
-        start=np.array([run.time[0] for run in runs]),
-        before=np.array([[[_held_before(run, dof)] for run in runs] for dof in motion.dofs]),
-        window=((np.cumsum(lengths, axis=1) - 0.5 * lengths) / WINDOW).astype(int),
-        moment_unit=units.pop(),
-        signals={n: _padded([run.extras[n][g.held] for run, g in zip(runs, grids)], steps) for n in signals},
-    )
+    return units.pop()
 
 
-def _padded(rows: Sequence[NDArray[Any]], width: int) -> NDArray[Any]:
+def padded(rows: Sequence[NDArray[Any]], width: int) -> NDArray[Any]:
+    """Rows (n,) of different lengths as one array (R, width), zero behind their ends."""
     out = np.zeros((len(rows), width), dtype=np.result_type(*rows))
     for row, values in zip(out, rows):
         row[: len(values)] = values
@@ -206,8 +214,8 @@ def _channels(
             if not (first or asked) or (wanted is None and all(column is None for column in columns)):
                 continue
             values = [np.full(len(run), np.nan) if c is None else c for run, c in zip(runs, columns)]
-            seen = _padded([np.isfinite(column) for column in values], samples)
-            filled = _padded([np.nan_to_num(column) for column in values], samples)
+            seen = padded([np.isfinite(column) for column in values], samples)
+            filled = padded([np.nan_to_num(column) for column in values], samples)
             if asked and quantity == position:
                 seen &= np.array([[not run.summed_up] for run in runs])
             yield Channel(quantity, d, quantity == dof.velocity, filled, seen, counts=asked)

@@ -52,7 +52,7 @@ def judged(one: RealSet, motion: str, scratch: Path, quick: bool) -> Iterator[Ro
             "set_aside": [f"{each.run}: {each.why}" for each in aside], **references(one, fitted, kept),
         }  # fmt: skip
         try:
-            fits = library.library_fits(fitted)
+            fits = library.tool_fits(fitted)
             models = {
                 number: scored(fits.models[number], kept) for number in one.numbers if number in fits.models
             }
@@ -91,19 +91,19 @@ def shown(dof: Any, values: Sequence[float]) -> list[float]:
 def scored(fitted: library.Fitted, kept: Sequence[Run]) -> Row:
     """What a fitted model misses by on the half kept."""
     dof, anchors = kept[0].dof, plain.anchors_of(kept)
-    errors = anchors.errors_of(library.library_predictions(fitted, kept, anchors))
+    errors = anchors.errors_of(library.tool_predictions(fitted, kept, anchors))
     return {
         "parameters": dict(zip(fitted.model.parameter_names, fitted.model.theta.tolist())),
         "rmse": shown(dof, plain.by_horizon(errors)),
-        "free_run": shown(dof, [library.library_free_run(fitted, kept)])[0],
-        "log_likelihood": library.library_log_likelihood(fitted, kept),
+        "free_run": shown(dof, [library.tool_free_run(fitted, kept)])[0],
+        "log_likelihood": library.tool_log_likelihood(fitted, kept),
     }
 
 
 def named(fitted: library.Fitted, runs: Sequence[Run], kept: Sequence[Run]) -> str:
     """What is named on one half, or the refusal."""
     try:
-        return library.library_diagnosis(fitted, runs, kept)
+        return library.tool_diagnosis(fitted, runs, kept)
     except AutomarineError as refusal:
         return f"refused: {refusal}"
 

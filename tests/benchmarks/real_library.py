@@ -48,7 +48,7 @@ class Fits:
     preferred: str
 
 
-def library_fits(runs: Sequence[Run]) -> Fits:
+def tool_fits(runs: Sequence[Run]) -> Fits:
     """The paper's models fitted as `fit-yaw` and its kin fit such logs. Raises FitError, RunError."""
     found = identify(runs, fit_to="whole-runs")
     models = {
@@ -60,7 +60,7 @@ def library_fits(runs: Sequence[Run]) -> Fits:
     return Fits(models, found.preference.number)
 
 
-def library_predictions(fitted: Fitted, runs: Sequence[Run], anchors: Anchors) -> Floats:
+def tool_predictions(fitted: Fitted, runs: Sequence[Run], anchors: Anchors) -> Floats:
     """Positions predicted from the anchors at the horizons (A, H) [base units], not finite past a run's end; of driven
     fits from the filtered state."""
     if fitted.driven is not None:
@@ -103,13 +103,13 @@ def _from_filtered_states(
     return np.array(rows)
 
 
-def library_free_run(fitted: Fitted, runs: Sequence[Run]) -> float:
+def tool_free_run(fitted: Fitted, runs: Sequence[Run]) -> float:
     """Root mean square error of the free runs from start to end [base unit]."""
     errors = np.concatenate([one.error for one in free_runs(fitted.model, runs, fitted.offset)])
     return float(np.sqrt(np.mean(errors**2)))
 
 
-def library_log_likelihood(fitted: Fitted, runs: Sequence[Run]) -> float | None:
+def tool_log_likelihood(fitted: Fitted, runs: Sequence[Run]) -> float | None:
     """Log density of runs that were not fitted, under the fit to the others; None for fits to whole runs, which have
     none."""
     if fitted.driven is None:
@@ -118,7 +118,7 @@ def library_log_likelihood(fitted: Fitted, runs: Sequence[Run]) -> float | None:
     return float(problem.follow(fitted.driven.phi[None]).log_density.sum())
 
 
-def library_diagnosis(fitted: Fitted, runs: Sequence[Run], kept: Sequence[Run]) -> str:
+def tool_diagnosis(fitted: Fitted, runs: Sequence[Run], kept: Sequence[Run]) -> str:
     """What `diagnose` says of the model and one half, told nothing of the other: a verdict and names. Raises FitError,
     RunError."""
     found = diagnose_runs(runs, fitted.model, hold_out=kept)
