@@ -17,11 +17,11 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.planar_store import SCHEMA as MODEL_SCHEMA
 from automarine_cli.models.planar_store import planar_from_json
-from automarine_cli.pipeline.plain_data import everything, in_words, told
+from automarine_cli.pipeline.plain_data import told
 from automarine_cli.pipeline.recipe import from_mapping
 from automarine_cli.simulation.checks import at_least_zero, positive, safe_path
 from automarine_cli.simulation.run_groups import Format
-from automarine_cli.simulation.specification import LARGEST, SCHEMA, SMALLEST
+from automarine_cli.simulation.specification import refuse_unlikely
 
 SENSORS = ("heading_deg", "yaw_rate_deg_s", "surge_m_s", "sway_m_s", "north_m", "east_m")
 MOST_RUNS, MOST_SAMPLES = 10_000, 20_000_000
@@ -202,14 +202,5 @@ def is_planar(mapping: Mapping[str, object]) -> bool:
 
 def planar_specification_from(mapping: Mapping[str, object], where: str) -> PlanarSpecification:
     """The specification held by plain data; `where` names it in messages. Raises SettingError with the key's path."""
-    if mapping.get("schema") != SCHEMA:
-        raise SettingError(
-            f'{where}: schema: found {told(mapping.get("schema"))}, expected the line schema = "{SCHEMA}"'
-        )
-    for value, place in everything(mapping):
-        number = isinstance(value, (int, float)) and value and place != ("seed",)
-        if number and not SMALLEST <= abs(value) <= LARGEST:  # type: ignore[arg-type]
-            raise SettingError(
-                f"{where}: {in_words(place)}found {told(value)}, expected 0 or a size of {SMALLEST:g} to {LARGEST:g}"
-            )
+    refuse_unlikely(mapping, where)
     return from_mapping(PlanarSpecification, {**mapping, "source": where}, where)

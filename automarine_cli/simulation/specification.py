@@ -152,7 +152,8 @@ def _with_defaults(mapping: Mapping[str, object], dof: Dof) -> dict[str, object]
     }
 
 
-def _specification(mapping: Mapping[str, object], where: str, dof: Dof) -> Specification:
+def refuse_unlikely(mapping: Mapping[str, object], where: str) -> None:
+    """Refuse another schema, and numbers that no campaign has. Raises SettingError with the key's path."""
     if mapping.get("schema") != SCHEMA:
         raise SettingError(
             f'{where}: schema: found {told(mapping.get("schema"))}, expected the line schema = "{SCHEMA}"'
@@ -163,6 +164,10 @@ def _specification(mapping: Mapping[str, object], where: str, dof: Dof) -> Speci
             raise SettingError(
                 f"{where}: {in_words(place)}found {told(value)}, expected 0 or a size of {SMALLEST:g} to {LARGEST:g}"
             )
+
+
+def _specification(mapping: Mapping[str, object], where: str, dof: Dof) -> Specification:
+    refuse_unlikely(mapping, where)
     raw = from_mapping(_Raw, mapping, where, dof)
     kind = Vehicle if dof.wraps else TranslatingVehicle
     vehicle = from_mapping(kind, raw.vehicle, f"{where}: vehicle", dof)
