@@ -10,7 +10,6 @@ from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.budget import LEFT, SCATTER, budget, noise_of
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.naming_key import NamingKey, naming_key
-from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_page import escape, page
@@ -25,7 +24,7 @@ from automarine_cli.simulation.rollout import Start, simulate
 
 TRUTH = YawModel.base("3", 1.018, (1.257,), "nu", YAW)
 TRIED = ("thruster-lag", "input-delay", "dead-band", "bias-moment")
-Shown = tuple[Diagnosis, Where, NamingKey, dict[str, float]]
+Shown = tuple[Diagnosis, NamingKey, dict[str, float]]
 
 
 def campaign(model: YawModel, name: str, seed: int, runs: int = 12) -> list[Run]:
@@ -58,8 +57,7 @@ def shown(model: YawModel, name: str, seed: int) -> Shown:
         )
         diagnosis = diagnose_runs(campaign(model, name, seed), TRUTH)
     found = diagnosis.found
-    where = find_where(diagnosis.study, found.base, 0)
-    return diagnosis, where, naming_key(diagnosis.study, found.base, found.final), budget(diagnosis)
+    return diagnosis, naming_key(diagnosis.study, found.base, found.final), budget(diagnosis)
 
 
 @pytest.fixture(scope="module")
@@ -74,17 +72,19 @@ def nothing() -> Shown:
 
 
 def test_the_budget_is_whole(lag: Shown, nothing: Shown) -> None:
-    for diagnosis, _, _, shares in (lag, nothing):
+    for diagnosis, _, shares in (lag, nothing):
         assert sum(shares.values()) == pytest.approx(1.0, abs=1e-12)
         assert all(share >= 0.0 for share in shares.values())
         assert set(shares) == {noise_of(YAW), SCATTER, LEFT, *diagnosis.found.final.added}
-    assert lag[0].found.final.added and lag[3][lag[0].found.final.added[0]] > 0.05
-    assert lag[3][LEFT] < 0.02
+    assert lag[0].found.final.added and lag[2][lag[0].found.final.added[0]] > 0.05
+    assert lag[2][LEFT] < 0.02
 
 
 def test_a_missing_lag_is_seen_and_the_page_says_so(lag: Shown) -> None:
-    diagnosis, where, _, _ = lag
-    assert {"time-since-command-change", "time-in-run"} & {region.variable for region in where.regions}
+    diagnosis, _, _ = lag
+    assert {"time-since-command-change", "time-in-run"} & {
+        region.variable for region in diagnosis.where.regions
+    }
     text = page(*lag)
     assert diagnosis.verdict == "named"
     for effect in diagnosis.effects:
@@ -96,15 +96,15 @@ def test_a_missing_lag_is_seen_and_the_page_says_so(lag: Shown) -> None:
 
 
 def test_names_of_runs_are_shown_as_they_are(lag: Shown) -> None:
-    assert any(region.runs for region in lag[1].regions)
+    assert any(region.runs for region in lag[0].where.regions)
     text = page(*lag)
     assert "<b>" not in text.replace("\\<b\\>", "") and "lap|" not in text
     assert escape("a|<b>_1*\n# c") == r"a\|\<b\>\_1\* \# c"
 
 
 def test_nothing_missing_says_what_would_have_been_seen(nothing: Shown) -> None:
-    diagnosis, where, _, _ = nothing
-    assert diagnosis.verdict == "nothing-missing" and where.regions == ()
+    diagnosis, _, _ = nothing
+    assert diagnosis.verdict == "nothing-missing" and diagnosis.where.regions == ()
     text = page(*nothing)
     assert text.startswith("# Diagnosis") and "Nothing is missing that these runs could show" in text
     assert "## What these runs would have shown" in text and "| dead-band | width |" in text
@@ -120,18 +120,18 @@ def test_the_table_of_the_gap_counts_what_was_closed(lag: Shown) -> None:
 
 
 def test_where_marks_what_stands_out_and_draws_every_variable(lag: Shown) -> None:
-    diagnosis, where, _, _ = lag
-    figure = where_figure(where, diagnosis)
+    diagnosis, _, _ = lag
+    figure = where_figure(diagnosis)
     titles = [axes.get_title() for axes in figure.axes]
-    out = sum(bool(variable.stands_out.any()) for variable in where.variables)
+    out = sum(bool(variable.stands_out.any()) for variable in diagnosis.where.variables)
     assert sum(title.startswith("p = ") for title in titles) == out > 0
-    assert sum(title == "within chance" for title in titles) == len(where.variables) - out
+    assert sum(title == "within chance" for title in titles) == len(diagnosis.where.variables) - out
     image = next(axes for axes in figure.axes if axes.images)
     assert len(np.asarray(image.images[0].get_array())) == len(diagnosis.study.runs)
 
 
 def test_why_sorts_candidates_and_marks_those_named(lag: Shown) -> None:
-    diagnosis, _, key, _ = lag
+    diagnosis, key, _ = lag
     figure = why_figure(diagnosis, key)
     bars = max(figure.axes, key=lambda axes: len(axes.patches))
     lengths = [bar.get_width() for bar in bars.patches if isinstance(bar, Rectangle)]
@@ -143,8 +143,8 @@ def test_why_sorts_candidates_and_marks_those_named(lag: Shown) -> None:
 
 
 def test_before_and_after_share_their_axes(lag: Shown) -> None:
-    diagnosis, where, _, shares = lag
-    figure = before_after_figure(diagnosis, where, shares)
+    diagnosis, _, shares = lag
+    figure = before_after_figure(diagnosis, shares)
     errors = [axes for axes in figure.axes if axes.get_xlabel() == "time [s]"]
     assert len(errors) == 4 and len({axes.get_ylim() for axes in errors}) == 1
     square = next(axes for axes in figure.axes if axes.get_xlabel().startswith("gap before"))
@@ -152,18 +152,18 @@ def test_before_and_after_share_their_axes(lag: Shown) -> None:
 
 
 def test_figures_are_the_same_bytes_each_time(nothing: Shown) -> None:
-    diagnosis, where, key, shares = nothing
-    assert png(where_figure(where, diagnosis))[:4] == b"\x89PNG"
+    diagnosis, key, shares = nothing
+    assert png(where_figure(diagnosis))[:4] == b"\x89PNG"
     for draw in (
         lambda: why_figure(diagnosis, key),
-        lambda: before_after_figure(diagnosis, where, shares),
+        lambda: before_after_figure(diagnosis, shares),
     ):
         first = png(draw())
         assert first[:4] == b"\x89PNG" and first == png(draw())
 
 
 def test_figures_and_page_do_without_held_out_runs(lag: Shown) -> None:
-    diagnosis, where, key, shares = lag
+    diagnosis, key, shares = lag
     alone = replace(diagnosis, held_out=None, held_out_gap=None)
-    assert before_after_figure(alone, where, shares).axes
-    assert "held out" not in page(alone, where, key, shares)
+    assert before_after_figure(alone, shares).axes
+    assert "held out" not in page(alone, key, shares)

@@ -10,10 +10,10 @@ from effect_contract import Floats, base_for, long_plans, measured, short_plans,
 from automarine_cli import effects
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import diagnose_runs
+from automarine_cli.diagnosis.estimates import parameter_estimates
 from automarine_cli.diagnosis.scores import fitted_parameters
 from automarine_cli.diagnosis.study import Study, study_of
 from automarine_cli.diagnosis.trials import Trial
-from automarine_cli.diagnosis.verdict import parameter_estimates
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch

@@ -195,7 +195,7 @@ def diagnosis(made: Path) -> YawDiagnosis:
 def written(result: YawDiagnosis, out: Path) -> str:
     """The page of a diagnosis, written with its figures."""
     with result_folder(out, command="diagnose", options={}, inputs=[], seed=0, overwrite=False) as folder:
-        diagnosis_report.write(folder, result.diagnosis, result.where)
+        diagnosis_report.write(folder, result.diagnosis)
     assert all((out / f"{name}.png").is_file() for name in ("where", "why", "before_after"))
     return (out / "diagnosis.md").read_text()
 

@@ -12,7 +12,6 @@ from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.naming_key import naming_key
-from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.dofs import HEAVE, SURGE, SWAY, Dof
 from automarine_cli.fits.identify import identify
 from automarine_cli.fits.yaw_fit import YawFit
@@ -114,7 +113,7 @@ def test_figures_of_a_fit_are_labelled_in_letters_and_units_of_the_motion(
 
 
 @pytest.fixture(scope="module")
-def diagnosed(fits: dict[str, YawFit]) -> dict[str, tuple[Diagnosis, Where]]:
+def diagnosed(fits: dict[str, YawFit]) -> dict[str, Diagnosis]:
     found = {}
     with pytest.MonkeyPatch.context() as patch:  # a few candidates will do for drawing
         patch.setattr(
@@ -122,21 +121,20 @@ def diagnosed(fits: dict[str, YawFit]) -> dict[str, tuple[Diagnosis, Where]]:
             lambda study, model: [n for n in TRIED if n not in {term.name for term in model.terms}],
         )  # fmt: skip
         for name in ("surge", "heave"):
-            diagnosis = diagnose_runs(runs_of(name)[:16], fits[name].preferred.model)
-            found[name] = diagnosis, find_where(diagnosis.study, diagnosis.found.base, 0)
+            found[name] = diagnose_runs(runs_of(name)[:16], fits[name].preferred.model)
     return found
 
 
 @pytest.mark.parametrize("name", ["surge", "heave"])
-def test_a_diagnosis_speaks_of_its_motion(diagnosed: dict[str, tuple[Diagnosis, Where]], name: str) -> None:
-    (diagnosis, where), dof = diagnosed[name], FORCES[name]
+def test_a_diagnosis_speaks_of_its_motion(diagnosed: dict[str, Diagnosis], name: str) -> None:
+    diagnosis, dof = diagnosed[name], FORCES[name]
     last = diagnosis.found
     key, shares = naming_key(diagnosis.study, last.base, last.final), budget(diagnosis)
-    refuse_strange(dof, page(diagnosis, where, key, shares).splitlines())
+    refuse_strange(dof, page(diagnosis, key, shares).splitlines())
     refuse_strange(dof, [diagnosis_tables.verdict_sentence(diagnosis)])
     refuse_strange(dof, [table.to_markdown() for table in diagnosis_tables.tables(diagnosis)])
     figures = (
-        before_after_figure(diagnosis, where, shares), where_figure(where, diagnosis), why_figure(diagnosis, key),
+        before_after_figure(diagnosis, shares), where_figure(diagnosis), why_figure(diagnosis, key),
     )  # fmt: skip
     for figure in figures:
         refuse_strange(dof, labels(figure))

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automarine_cli.diagnosis import verdict as judge
-from automarine_cli.diagnosis.advice import split_by
+from automarine_cli.diagnosis.estimates import detectable
 from automarine_cli.diagnosis.gap import Gap, gap
 from automarine_cli.diagnosis.outlook import Outlook, outlook
 from automarine_cli.diagnosis.search import Map, search
 from automarine_cli.diagnosis.study import Study, study_of
 from automarine_cli.diagnosis.trials import Found
-from automarine_cli.diagnosis.verdict import NamedEffect
+from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED, NamedEffect, Verdict, named_effects, verdict_of
+from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import RunError
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
@@ -26,21 +26,31 @@ FEWEST_TO_HOLD_OUT = 8
 class Diagnosis:
     """What a diagnosis found; `held_out` and `held_out_gap` are None where too few runs were left to hold any out.
 
-    `why` says what keeps effects that are "suspected" from being named; the outlooks are those of driven runs.
+    `said` is the verdict, and `effects` what it names or suspects; `where` is the gap of the base model; the outlooks
+    are those of driven runs.
     """
 
-    verdict: str
     study: Study
-    found: Found
+    said: Verdict
     effects: tuple[NamedEffect, ...]
+    where: Where
     gap: Gap
     held_out: Study | None
     held_out_gap: Gap | None
     detectable: dict[str, float]
-    why: str = ""
     outlook: Outlook | None = None
     held_out_outlook: Outlook | None = None
     channels: ChannelChoice = NOTHING_TO_CHOOSE
+
+    @property
+    def verdict(self) -> str:
+        """ "named", "suspected", "nothing-missing" or "unexplained"."""
+        return self.said.word
+
+    @property
+    def found(self) -> Found:
+        """The search, as far as the verdict holds."""
+        return self.said.found
 
 
 def split_off(runs: Sequence[Run], seed: int) -> tuple[list[Run], list[Run]]:
@@ -87,23 +97,21 @@ def diagnose_runs(
     study = found.study
     signals, sensors = study.signals, study.channels
     held_out = Study(tuple(kept), base, study.driven, signals, channels=sensors) if kept else None
-    held_out_gap = None if held_out is None else gap(held_out, found.base, found.final)
-    ahead = outlook(study, found.base, found.final)
-    held_out_ahead = None if held_out is None else outlook(held_out, found.base, found.final)
-    word, why = judge.verdict_of(study, found, held_out_gap, held_out_ahead)
-    listed = word in ("named", "suspected")
-    named = judge.named_effects(study, found, split_by(study, found)) if listed else ()
+    where = find_where(study, found.base, seed)
+    last = found if found.final.added else found.doubtful or found
+    held_out_ahead = None if held_out is None else outlook(held_out, last.base, last.final)
+    said = verdict_of(study, found, where, held_out, held_out_ahead)
+    before, after = said.found.base, said.found.final
     return Diagnosis(
-        verdict=word,
         study=study,
-        found=found,
-        effects=named,
-        gap=gap(study, found.base, found.final, fitted=True),
+        said=said,
+        effects=named_effects(study, said.found) if said.word in (NAMED, SUSPECTED) else (),
+        where=where,
+        gap=gap(study, before, after, fitted=True),
         held_out=held_out,
-        held_out_gap=held_out_gap,
-        detectable=judge.detectable(study, found),
-        why=why,
-        outlook=ahead,
-        held_out_outlook=held_out_ahead,
+        held_out_gap=None if held_out is None else gap(held_out, before, after),
+        detectable=detectable(study, found),
+        outlook=outlook(study, before, after),
+        held_out_outlook=None if held_out is None else outlook(held_out, before, after),
         channels=chosen,
     )

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from automarine_cli.diagnosis.given import missed, run_effects_given
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.dofs import Dof
 from automarine_cli.fits.innovations import InnovationsFit
 
 Floats = NDArray[np.float64]
@@ -27,6 +28,25 @@ class Gap:
     floor: float
     residuals_before: Floats
     residuals_after: Floats
+
+    def above(self, size: float) -> float:
+        """By how much a gap's mean square is above the noise [rad²]."""
+        return size**2 - self.floor**2
+
+    @property
+    def in_noises(self) -> str:
+        """Both in units of the noise, in words."""
+        floor = max(self.floor, 1e-12)
+        return f"{self.after / floor:.1f} times the noise, and was {self.before / floor:.1f} times"
+
+    def to_json(self, dof: Dof) -> dict[str, float]:
+        """The contract's form, in the unit in which people see positions."""
+        key = dof.units.key
+        return {
+            f"before_{key}": float(dof.shown(self.before)),
+            f"after_{key}": float(dof.shown(self.after)),
+            f"noise_floor_{key}": float(dof.shown(self.floor)),
+        }
 
 
 def gap(study: Study, base: Trial, final: Trial, fitted: bool = False) -> Gap:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.study import JUDGED, Study
+from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.mixed_model import Problem, derivatives
@@ -41,6 +42,20 @@ def _at_samples(study: Study, values: Sequence[Floats], at: Sequence[Floats]) ->
             time = run.time - run.time[0]
             row[: len(run)] = np.where(time >= when[0] - 1e-9, np.interp(time, when, value), 0.0)
     return out
+
+
+def log_density(study: Study, trial: Trial) -> Floats:
+    """Log density of each run of `study` (R,) under a trial that was fitted to others, linearised at the run effects'
+    posterior means as fits are."""
+    if isinstance(trial.fit, InnovationsFit):
+        return study.log_density(trial.model, trial.fit)
+    problem, variances = study.problem(trial.model), trial.fit.variances
+    phi = problem.search(trial.fit.theta)
+    b, _ = run_effects_given(problem, phi, variances)
+    fitted, by_phi, by_run = derivatives(problem, phi, b)
+    gram = problem.gram(by_phi, by_run, fitted, b)
+    weighted = linear_mixed.weigh(gram, problem.effects, variances)
+    return linear_mixed.predictive(gram, weighted, np.zeros((len(b), len(phi))))
 
 
 def run_effects_given(

@@ -7,6 +7,7 @@ in which nothing is missing; runs predicted from the others have a veto.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -18,7 +19,17 @@ from automarine_cli.diagnosis.limit_cycle import LimitCycle
 from automarine_cli.diagnosis.physical import drag_drives
 from automarine_cli.diagnosis.scores import candidates, fitted_parameters, law_of, penalty, score
 from automarine_cli.diagnosis.study import ITERATIONS, Fit, Study
-from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Rival, Round, Trial
+from automarine_cli.diagnosis.trials import (
+    CLEAR,
+    LEVEL,
+    MOST_EFFECTS,
+    WEAK,
+    Found,
+    Rival,
+    Round,
+    Trial,
+    clear,
+)
 from automarine_cli.errors import FitError
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.models.yaw_model import YawModel
@@ -45,8 +56,6 @@ SETTLED_EVIDENCE = 0.5
 """Gain in evidence below which a swap is not worth another look: fits are settled to less."""
 PERIODIC, PERIOD = "periodic-disturbance", 2
 """The effect that a limit cycle imitates, and the place of its period."""
-CLEAR = 2.0
-"""Standard errors over runs by which driven runs have to gain in the mean."""
 REACH = 60.0
 """Candidates this far behind the best by a full fit are no rivals of it."""
 
@@ -82,7 +91,21 @@ def search(study: Study, seed: int, each: Map) -> Found:
         if 0.0 < next_gain <= MATTERS * total:
             current, around = _without_menders(study, current, around, TRIFLE * total)
     names = {name: p_values.get(name, LEVEL) for name in current.added}
-    return Found(study, base, current, tuple(rounds), names, _rivals(current, around), more)
+    found = Found(study, base, current, tuple(rounds), names, _rivals(current, around), more)
+    return found if current.added else replace(found, doubtful=_doubtful(found))
+
+
+def _doubtful(found: Found) -> Found | None:
+    """What would be added if what chance reaches in WEAK of all campaigns were enough."""
+    (first,) = found.rounds
+    least = max(first.scores.threshold(WEAK), 0.0)
+    able = [t for t in first.trials if first.gain(t) > least and may_stand(t, found.base, found.study.cycle)]
+    best = min(able, key=lambda trial: trial.evidence, default=None)
+    if best is None:
+        return None
+    (name,) = best.added
+    p_values = {name: first.scores.p_value(first.gain(best))}
+    return replace(found, final=best, p_values=p_values, rivals=_rivals(best, {name: first}))
 
 
 def _next_gain(study: Study, current: Trial, seed: int) -> float:
@@ -196,12 +219,6 @@ def may_stand(trial: Trial, current: Trial, cycle: LimitCycle | None = None) -> 
         if not held and (not p.scan or effect.varies(term.values))
     )  # fmt: skip
     return predicts and not any(stopped)
-
-
-def clear(gains: Floats) -> bool:
-    """Whether gains in log density (R,) are more than CLEAR standard errors above nothing in the mean."""
-    error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains)) if len(gains) > 1 else np.inf
-    return bool(gains.mean() > CLEAR * error)
 
 
 def _without(study: Study, trial: Trial, out: str) -> Trial | None:

@@ -1,15 +1,22 @@
 """What a search for missing effects tries and finds: trials, the rounds they compete in, rivals, and the outcome."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.scores import Scores
 from automarine_cli.diagnosis.study import Fit, Study
 from automarine_cli.models.yaw_model import YawModel
 
+Floats = NDArray[np.float64]
+
 LEVEL = 0.005
 """Share of campaigns with nothing missing in which something may still be claimed."""
+WEAK = 0.05
+"""The same of what is suspected."""
+CLEAR = 2.0
+"""Standard errors over runs by which runs have to gain in the mean."""
 MOST_EFFECTS = 3
 
 
@@ -51,7 +58,8 @@ class Rival:
 class Found:
     """Outcome of a search: the study as judged, base and final model, rounds, p-value of each effect added, rivals.
 
-    `more` says that after MOST_EFFECTS effects another candidate would still beat chance.
+    `more` says that after MOST_EFFECTS effects another candidate would still beat chance; `doubtful` is the outcome if
+    what chance reaches in WEAK of all campaigns were enough, where nothing was added.
     """
 
     study: Study
@@ -61,8 +69,20 @@ class Found:
     p_values: dict[str, float]
     rivals: tuple[Rival, ...]
     more: bool = False
+    doubtful: "Found | None" = None
+
+    @property
+    def without_effects(self) -> "Found":
+        """The same with nothing added."""
+        return replace(self, final=self.base, p_values={}, rivals=(), doubtful=None)
 
     def weight(self, name: str) -> float:
         """Weight of an effect of the final model against its rivals."""
         others = sum(float(np.exp(-0.5 * rival.behind)) for rival in self.rivals if rival.replaces == name)
         return 1.0 / (1.0 + others)
+
+
+def clear(gains: Floats, errors: float = CLEAR) -> bool:
+    """Whether gains in log density (R,) are more than so many standard errors above nothing in the mean."""
+    error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains)) if len(gains) > 1 else np.inf
+    return bool(gains.mean() > errors * error)

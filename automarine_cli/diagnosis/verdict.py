@@ -1,6 +1,6 @@
-"""Named, nothing missing, or unexplained: what a search is entitled to say, and how sure it is."""
+"""Named, suspected, nothing missing, or unexplained: what a search is entitled to say, and how sure it is."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,18 +8,20 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.gap import Gap, residuals
+from automarine_cli.diagnosis.advice import split_by
+from automarine_cli.diagnosis.estimates import parameter_estimates
+from automarine_cli.diagnosis.gap import Gap, gap, residuals
+from automarine_cli.diagnosis.given import log_density
 from automarine_cli.diagnosis.outlook import Outlook
-from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.study import Study
-from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Trial
-from automarine_cli.dofs import Dof
+from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, WEAK, Found, Trial, clear
+from automarine_cli.diagnosis.where import Region, Where
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.fits.output_error import estimate_of
 from automarine_cli.fits.run_effects import GAIN
-from automarine_cli.fits.whole_runs import varying_terms
 
 Floats = NDArray[np.float64]
+
+NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
 
 WELL_ABOVE = 0.05
 FLOOR_ERROR = 1.5
@@ -28,13 +30,18 @@ root of the samples), before runs may hold something more."""
 LEFT_OVER = 0.3
 """Share of the excess variance over the floor that may stay when an effect is named."""
 STANDS = 1.3
-"""Times the floor above which residuals that hang together are unexplained, however much larger they were before."""
+"""Times the floor above which what is left is said, and above which residuals that hang together are unexplained,
+however much larger they were before."""
+MOST_LEFT = 0.5
+"""Share of the gap's variance above the noise, on runs held out, that a name has to close."""
 ASTRAY = 1.1
 """Growth of the gap on runs held out at which an explanation cannot be right."""
+LOUDEST = 5.0
+"""Log density for which a run speaks at most when runs are asked whether they are predicted better: one in which an
+effect shows plainly says no more than that."""
 MANY = 0.25
 """Excess variance that the base must leave before as many effects as may be named are believed: small gaps that take
 three are rather one effect that the library lacks."""
-
 FEWEST_GAINS = 10
 """Runs from which the order of their gains says anything."""
 
@@ -60,57 +67,154 @@ class NamedEffect:
     rivals: tuple[NamedRival, ...]
 
 
-def verdict_of(
-    study: Study, found: Found, held_out: Gap | None = None, ahead: Outlook | None = None
-) -> tuple[str, str]:
-    """ "named", "suspected", "nothing-missing" or "unexplained", and why effects are only suspected.
+@dataclass(frozen=True)
+class Verdict:
+    """What may be said; `found` is the search as far as that holds: without effects where none is named or suspected.
 
-    Of driven runs `ahead`, the outlook on runs held out, has a veto. See `_of_whole_runs` for the others.
+    `why` says what keeps effects from being named, or what is unexplained; `left` what stays beside named ones.
     """
+
+    word: str
+    found: Found
+    why: str = ""
+    left: str = ""
+
+    @property
+    def leaves(self) -> Trial:
+        """The model that is left behind: the base with what is named, and only that."""
+        return self.found.final if self.word == NAMED else self.found.base
+
+
+def verdict_of(
+    study: Study, found: Found, where: Where, held_out: Study | None, ahead: Outlook | None
+) -> Verdict:
+    """The verdict on a search over the runs of `study`, whose base model has its gap at `where`.
+
+    A name needs more evidence than chance gives, and runs that are predicted better than without it by more than
+    chance: those of `held_out`, and each fitted run from the others. Of driven runs `ahead`, the outlook on the runs
+    held out, has a veto. What is beyond chance at WEAK only, or is not borne out, is suspected.
+    """
+    last = found if found.final.added else found.doubtful
+    kept = None if held_out is None or last is None else gap(held_out, last.base, last.final)
     if not study.driven:
-        return _of_whole_runs(study, found, held_out), ""
-    if not found.final.added:
-        return "nothing-missing", ""
-    doubt = "" if ahead is None else ahead.doubt(study.base.dof)
+        reason = _unexplained(study, found, where, kept if last is found else None)
+        if reason:
+            return Verdict(UNEXPLAINED, found.without_effects, f"{reason} {_nearest(study, found)}")
+    if last is None:
+        return Verdict(NOTHING, found)
+    doubt = _beyond_chance(last) if last is not found else _borne_out(study, last, held_out, kept, ahead)
     if doubt:
-        return "suspected", f"The runs that were held out do not bear it out: {doubt}."
-    return "named", ""
+        return Verdict(SUSPECTED, last, doubt)
+    if kept is None or study.driven or not _something_left(kept):
+        return Verdict(NAMED, found)
+    left = f"Something else is left: on the runs that were held out the gap is {kept.in_noises}."
+    return Verdict(NAMED, found, left=left)
 
 
-def _of_whole_runs(study: Study, found: Found, held_out: Gap | None) -> str:
-    """The verdict on runs that are simulated whole.
+def _beyond_chance(doubtful: Found) -> str:
+    """How often chance does as well as what it reaches more often than a name may leave."""
+    (p_value,) = doubtful.p_values.values()
+    return f"Chance would gain as much in {100 * p_value:.1f} of 100 campaigns laid out like this one."
 
-    Unexplained are runs whose residuals stand well above the floor and hang together in time, when what was added
+
+def _borne_out(
+    study: Study, found: Found, held_out: Study | None, kept: Gap | None, ahead: Outlook | None
+) -> str:
+    """Why runs that were not fitted do not bear the effects of a search out; empty where they do."""
+    if study.driven:
+        doubt = "" if ahead is None else ahead.doubt(study.base.dof)
+        return f"The runs that were held out do not bear it out: {doubt}." if doubt else ""
+    gained = _heard(found.final.fit.predictive - found.base.fit.predictive)
+    if held_out is not None:
+        more = _heard(log_density(held_out, found.final) - log_density(held_out, found.base))
+        if _beyond_doubt(-more):
+            worse = f"{(more < 0).sum()} of {len(more)} are less likely with it"
+            return f"The runs that were held out speak against it: {worse}."
+        gained = np.concatenate([gained, more])
+    if not _beyond_doubt(gained):
+        return (
+            f"Runs that were left out of the fit are not predicted better beyond chance: {(gained > 0).sum()} of "
+            f"{len(gained)} are more likely with it, and chance gains as much in more than {100 * WEAK:.0f} of 100."
+        )
+    if (
+        kept is not None
+        and _something_left(kept)
+        and kept.above(kept.after) > MOST_LEFT * kept.above(kept.before)
+    ):
+        return f"Most of the gap stays on the runs that were held out: it is {kept.in_noises}."
+    return ""
+
+
+def _beyond_doubt(gained: Floats) -> bool:
+    """Whether runs gain in the mean (Student's test, the run as the unit)."""
+    return len(gained) > 1 and clear(gained, float(stats.t.isf(WEAK, len(gained) - 1)))
+
+
+def _heard(gained: Floats) -> Floats:
+    return np.clip(gained, -LOUDEST, LOUDEST)
+
+
+def _something_left(kept: Gap) -> bool:
+    return kept.after > STANDS * kept.floor
+
+
+def _unexplained(study: Study, found: Found, where: Where, kept: Gap | None) -> str:
+    """Why runs that are simulated whole hold something that nothing in the library explains; empty if that is not so.
+
+    So are runs whose residuals stand well above the floor and hang together in time, when what was added
     closes less than most of that gap: the candidate then only fits least badly. So are runs whose own gains of thrust
     wander with the campaign's clock, for a gain a run can follow anything that changes slowly, and no residual shows;
     and runs that would take more effects than anybody should believe; and an explanation that leads runs held out
-    astray.
+    astray; and a variable against which the gap stands out where no effect gains anything.
     """
-    if held_out is not None and held_out.after > ASTRAY * held_out.before:
-        return "unexplained"
-    excess = [
-        max((trial.fit.noise / study.sensor_floor) ** 2 - 1.0, 0.0) for trial in (found.base, found.final)
-    ]
+    final = found.final
+    if kept is not None and kept.after > ASTRAY * kept.before:
+        return f"What explains the fitted runs leads those astray that were held out: their gap is {kept.in_noises}."
+    excess = [max((trial.fit.noise / study.sensor_floor) ** 2 - 1.0, 0.0) for trial in (found.base, final)]
     margin = max(WELL_ABOVE, 3.0 * FLOOR_ERROR / float(np.sqrt(study.batch.seen.sum())))
-    loud = found.final.fit.noise > (1.0 + margin) * study.sensor_floor
-    if (
-        loud
-        and hangs_together(study, found.final)
-        and (
-            not found.final.added
-            or excess[1] > LEFT_OVER * excess[0]
-            or found.final.fit.noise > STANDS * study.sensor_floor
+    times = final.fit.noise / study.sensor_floor
+    closed = bool(final.added) and excess[1] <= LEFT_OVER * excess[0] and times <= STANDS
+    if times > 1.0 + margin and not closed and hangs_together(study, final):
+        return f"What is left hangs together in time and is {times:.2f} times the noise{_beside(where)}."
+    scatter = [trial.fit.factor(GAIN) ** 2 for trial in (found.base, final)]
+    unnamed = not final.added or scatter[1] > LEFT_OVER * scatter[0]
+    if unnamed and gains_wander(study, final):
+        return (
+            f"The runs' own thrust wanders with the campaign's clock more than chance allows{_beside(where)}."
         )
-    ):
-        return "unexplained"
-    scatter = [trial.fit.factor(GAIN) ** 2 for trial in (found.base, found.final)]
-    unnamed = not found.final.added or scatter[1] > LEFT_OVER * scatter[0]
-    if unnamed and gains_wander(study, found.final):
-        return "unexplained"
-    many = len(found.final.added) == MOST_EFFECTS and excess[0] < MANY
-    if found.more or many:
-        return "unexplained"
-    return "named" if found.final.added else "nothing-missing"
+    if found.more or (len(final.added) == MOST_EFFECTS and excess[0] < MANY):
+        more = " or more" if found.more else ""
+        return f"The runs would take {MOST_EFFECTS} effects{more}, which is more than they can vouch for."
+    if not final.added and found.doubtful is None and (regions := _outstanding(where)):
+        return f"The gap stands out against chance {_stretch(regions[0])}."
+    return ""
+
+
+def _outstanding(where: Where) -> Sequence[Region]:
+    """Regions that stand out as clearly as a name has to."""
+    return [region for region in where.regions if region.p_value <= LEVEL]
+
+
+def _beside(where: Where) -> str:
+    regions = _outstanding(where)
+    return f", most clearly {_stretch(regions[0])}" if regions else ""
+
+
+def _stretch(region: Region) -> str:
+    unit = f" {region.unit}" if region.unit else ""
+    return f"where {region.variable} is {region.low:.3g} to {region.high:.3g}{unit}"
+
+
+def _nearest(study: Study, found: Found) -> str:
+    """What comes nearest to an explanation."""
+    if not found.final.added:
+        return "No effect of the library gains more than chance."
+    names, dof = " and ".join(found.final.added), study.base.dof
+    before, after = (dof.shown(trial.fit.noise) for trial in (found.base, found.final))
+    return (
+        f"What comes nearest is {names}, which takes what is left of the fitted runs from {before:.2g} to {after:.2g} "
+        f"{dof.words.units}."
+    )
 
 
 def gains_wander(study: Study, trial: Trial) -> bool:
@@ -136,78 +240,17 @@ def hangs_together(study: Study, trial: Trial) -> bool:
     return bool(correlation * np.sqrt(seen.sum()) > stats.norm.isf(1e-3))
 
 
-def parameter_estimates(study: Study, trial: Trial, name: str) -> dict[str, Estimate]:
-    """Estimates of one effect's parameters with the run as the unit, by their names in files."""
-    found = _estimates(study, trial)
-    own = effects.get(name).names_in(trial.model.dof)
-    return {one: found[trial.model.index(f"{name}.{one}")] for one in own}
-
-
-def base_estimates(study: Study, trial: Trial) -> dict[str, Estimate]:
-    """Estimates of the base model's parameters, inertia first, by their names in files."""
-    return dict(zip(study.base.short_names, _estimates(study, trial)))
-
-
-def _estimates(study: Study, trial: Trial) -> list[Estimate]:
-    """Estimates of a model's parameters, in the order of theta."""
-    model, covariance = trial.model, study.covariance(trial.model, trial.fit)
-    units = [model.dof.unit_of("inertia", model.moment_unit)]
-    for term in model.terms:
-        units += [p.unit for p in effects.get(term.name).card(model.dof, model.moment_unit).parameters]
-    found = [estimate_of(trial.fit, covariance, i, unit) for i, unit in enumerate(units)]
-    for varying in varying_terms(model):
-        size = effects.get(varying).names_in(model.dof)[0]
-        found[model.index(f"{varying}.{size}")] = _amplitude(study, trial, varying)
-    return found
-
-
-def _amplitude(study: Study, trial: Trial, name: str) -> Estimate:
-    """Amplitude of what every run has a share of its own of, from the likelihood of their spread."""
-    scale = float(np.sqrt(2.0) * (1.0 if study.driven else study.largest))
-    low, high = (scale * end for end in trial.fit.factor_interval(name))
-    value, unit = scale * trial.fit.factor(name), trial.model.moment_unit
-    return Estimate(value, (high - low) / (2.0 * float(stats.norm.ppf(0.975))), (low, high), unit)
-
-
-def detectable(study: Study, found: Found) -> dict[str, float]:
-    """Smallest size of each candidate's first parameter that these runs would have shown four times in five."""
-    last = found.rounds[-1]
-    sizes = {}
-    for score in last.scores.ranked:
-        needed = last.threshold + penalty(fitted_parameters(score.effect), len(study.runs))
-        sizes[score.effect] = float(score.unit_size) * float(np.sqrt(max(needed, 1.0)) + stats.norm.ppf(0.8))
-    return sizes
-
-
-def named_effects(
-    study: Study, found: Found, split_by: Mapping[tuple[str, str], str]
-) -> tuple[NamedEffect, ...]:
-    """The final model's effects as the verdict names them; `split_by` by (effect, rival)."""
-    named, dof = [], study.base.dof
+def named_effects(study: Study, found: Found) -> tuple[NamedEffect, ...]:
+    """The effects of the final model as a verdict lists them, with the runs that would tell them from their rivals."""
+    named, dof, tells = [], study.base.dof, split_by(study, found)
     for name in found.final.added:
-        own = [rival for rival in found.rivals if rival.replaces == name]
-        weight = found.weight(name)
+        weight, p_value = found.weight(name), found.p_values[name]
         rivals = tuple(
-            NamedRival(
-                rival.name,
-                weight * float(np.exp(-0.5 * rival.behind)),
-                split_by.get((name, rival.name), effects.get(name).card(dof).separated_by),
-            )
-            for rival in own
+            NamedRival(rival.name, weight * float(np.exp(-0.5 * rival.behind)), tells[name, rival.name])
+            for rival in found.rivals
+            if rival.replaces == name
         )
-        sure = weight * (1.0 - found.p_values.get(name, LEVEL))
-        parameters = parameter_estimates(study, found.final, name)
-        p_value = found.p_values.get(name, LEVEL)
         says = effects.get(name).card(dof).says
-        named.append(NamedEffect(name, says, parameters, sure, p_value, rivals))
+        parameters = parameter_estimates(study, found.final, name)
+        named.append(NamedEffect(name, says, parameters, weight * (1.0 - p_value), p_value, rivals))
     return tuple(named)
-
-
-def gap_json(gap: Gap, dof: Dof) -> dict[str, float]:
-    """The contract's form, in the unit in which people see positions."""
-    key = dof.units.key
-    return {
-        f"before_{key}": float(dof.shown(gap.before)),
-        f"after_{key}": float(dof.shown(gap.after)),
-        f"noise_floor_{key}": float(dof.shown(gap.floor)),
-    }

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.diagnosis import verdict as judge
 from automarine_cli.diagnosis.advice import general_advice
 from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.estimates import base_estimates
 from automarine_cli.diagnosis.naming_key import Drift, NamingKey
 from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.trials import LEVEL
-from automarine_cli.diagnosis.verdict import NamedEffect
+from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED, UNEXPLAINED, WELL_ABOVE, NamedEffect
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.channel_noise import fit_sentences
@@ -31,9 +31,7 @@ LARGE_MOVE = 2.0
 CERTAIN_DRIFT = 0.01
 
 
-def page(
-    diagnosis: Diagnosis, where: Where, key: NamingKey | None, budget: Mapping[str, float] | None
-) -> str:
+def page(diagnosis: Diagnosis, key: NamingKey | None, budget: Mapping[str, float] | None) -> str:
     """The whole page in Markdown; `budget` in shares of one. Either may be None, where it could not be worked out."""
     dof = diagnosis.study.base.dof
     sensors, ahead = (
@@ -43,7 +41,7 @@ def page(
     parts = [f"# Diagnosis of the {dof.name} model", _summary(diagnosis), escape(" ".join(sensors))]
     for effect in diagnosis.effects:
         parts += [f"## {effect.name}", _effect(diagnosis, effect)]
-    parts += ["## Where the gap is", _where(where), "![Where the gap is](where.png)"]
+    parts += ["## Where the gap is", _where(diagnosis.where), "![Where the gap is](where.png)"]
     parts += ["## Why", _why(diagnosis, key), "![Why](why.png)"]
     parts += ["## What it does to the model", _moves(diagnosis)]
     parts += [
@@ -57,7 +55,7 @@ def page(
     ]
     parts += ["## What remains", _remains(diagnosis)]
     parts += ["## What to run next", _next(diagnosis)]
-    if diagnosis.verdict != "named":
+    if diagnosis.verdict != NAMED:
         parts += ["## What these runs would have shown", detectable_table(diagnosis).to_markdown()]
     return "\n\n".join(part.strip() for part in parts if part.strip()) + "\n"
 
@@ -77,7 +75,8 @@ def _summary(diagnosis: Diagnosis) -> str:
     before, after, floor = (
         f"{dof.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
     )
-    if diagnosis.verdict == "named":
+    said = diagnosis.said
+    if said.word == NAMED:
         names = " and ".join(f"**{effect.name}**" for effect in diagnosis.effects)
         says = " ".join(effect.says for effect in diagnosis.effects)
         gap = f"gap between simulated and measured {position}"
@@ -85,16 +84,16 @@ def _summary(diagnosis: Diagnosis) -> str:
             gap = f"error of the {position} predicted {JUDGED:g} s ahead from the filtered state"
         return (
             f"The model lacks {names}. {says} With that added the {gap} falls "
-            f"from {before} to {after} {units}; the noise of the {position} itself is {floor} {units}. {runs}."
+            f"from {before} to {after} {units}; the noise of the {position} itself is {floor} {units}. "
+            + " ".join(filter(None, (said.left, f"{runs}.")))
         )
-    if diagnosis.verdict == "suspected":
+    if said.word == SUSPECTED:
         names = " and ".join(f"**{effect.name}**" for effect in diagnosis.effects)
-        return f"Suspected is {names}, and not added to the model. {diagnosis.why} {runs}."
-    if diagnosis.verdict == "unexplained":
+        return f"Suspected is {names}, and not added to the model. {said.why} {runs}."
+    if said.word == UNEXPLAINED:
         return (
-            f"Something is missing, and no effect of the library explains it: the gap is {after} {units} where the "
-            f"noise of the {position} is {floor} {units}, and what is left hangs together in time. Nothing is "
-            f"named. {runs}."
+            f"Something is missing, and no effect of the library explains it: the gap is {before} {units} where the "
+            f"noise of the {position} is {floor} {units}. {escape(said.why)} Nothing is named. {runs}."
         )
     if diagnosis.study.driven:
         return f"{verdict_sentence(diagnosis)} {runs}."
@@ -184,14 +183,14 @@ def _drift(drift: Drift | None, what: str, dof: Dof) -> str:
 def _moves(diagnosis: Diagnosis) -> str:
     """Base parameters before and after."""
     dof = diagnosis.study.base.dof
-    before = judge.base_estimates(diagnosis.study, diagnosis.found.base)
-    if not diagnosis.effects:
+    before = base_estimates(diagnosis.study, diagnosis.found.base)
+    if diagnosis.verdict != NAMED:
         table = Table(
             "", ("parameter", "estimate and 95 % interval", "unit"),
             tuple((_called(name, dof), interval(e), e.unit) for name, e in before.items()),
         )  # fmt: skip
         return "Nothing was added; the base model fitted to these runs is\n\n" + table.to_markdown()
-    after = judge.base_estimates(diagnosis.study, diagnosis.found.final)
+    after = base_estimates(diagnosis.study, diagnosis.found.final)
     rows, moved = [], []
     for name, old in before.items():
         new = after[name]
@@ -234,7 +233,7 @@ def _remains(diagnosis: Diagnosis) -> str:
         )
     ratio = gap.after / max(gap.floor, 1e-12)
     text = f"The gap that is left is {ratio:.2f} times the noise of the {position}."
-    if ratio < 1.0 + judge.WELL_ABOVE:
+    if ratio < 1.0 + WELL_ABOVE:
         return text + " That is the floor: these runs hold nothing more that could be fitted."
     return text + " Something is left that no candidate closes; where.png shows where."
 

@@ -4,6 +4,7 @@ from automarine_cli import effects as library
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.trials import LEVEL
+from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED, UNEXPLAINED
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.report.diagnosis_page_tables import gap_table
 from automarine_cli.report.tables import Table, interval, number
@@ -19,14 +20,14 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     names = " and ".join(effect.name for effect in diagnosis.effects)
     noise = f"noise of the {position} {floor} {unit}"
     gap = "gap" if not diagnosis.study.driven else f"error of predictions {JUDGED:g} s ahead"
-    if diagnosis.verdict == "named":
-        return (
-            f"Named: {names}; the {gap} falls from {before} to {after} {unit} ({_beside(diagnosis, noise)})."
-        )
-    if diagnosis.verdict == "suspected":
-        return f"Suspected, not named: {names}. {diagnosis.why}"
-    if diagnosis.verdict == "unexplained":
-        return f"Unexplained: the gap is {after} {unit} where the noise of the {position} is {floor} {unit}."
+    said = diagnosis.said
+    if said.word == NAMED:
+        falls = f"the {gap} falls from {before} to {after} {unit} ({_beside(diagnosis, noise)})"
+        return f"Named: {names}; {falls}. {said.left}".strip()
+    if said.word == SUSPECTED:
+        return f"Suspected, not named: {names}. {said.why}"
+    if said.word == UNEXPLAINED:
+        return f"Unexplained: the gap is {before} {unit}, the {noise}. {said.why}"
     if diagnosis.study.driven:
         return (
             f"Nothing missing that these runs could show beside their disturbances: {gap} {before} {unit} "

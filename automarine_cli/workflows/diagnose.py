@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
-from automarine_cli.diagnosis.verdict import NamedEffect, base_estimates, gap_json
-from automarine_cli.diagnosis.where import Where, find_where
+from automarine_cli.diagnosis.estimates import base_estimates
+from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.errors import SettingError
 from automarine_cli.fits.channel_noise import channels_json, fit_sentences
 from automarine_cli.fits.linear_mixed import in_words_of
@@ -43,7 +43,6 @@ class YawDiagnosis(Shown):
     """A diagnosis with what it was asked of: the stored model, its file's hash, and the runs left out."""
 
     diagnosis: Diagnosis
-    where: Where
     stored: StoredModels
     parent_sha256: str
     set_aside: tuple[SetAside, ...]
@@ -52,21 +51,21 @@ class YawDiagnosis(Shown):
         """The result file: schema automarine/diagnosis/1."""
         found = self.diagnosis.found
         held = self.diagnosis.held_out_gap
-        moved = base_estimates(self.diagnosis.study, found.final)
+        moved = base_estimates(self.diagnosis.study, self.diagnosis.said.leaves)
         before = base_estimates(self.diagnosis.study, found.base)
         dof = self.stored.dof
         return {
             "schema": "automarine/diagnosis/1",
             **({} if dof.wraps else {"motion": dof.name}),
             "verdict": self.diagnosis.verdict,
-            **({"why": self.diagnosis.why} if self.diagnosis.why else {}),
+            **{key: text for key in ("why", "left") if (text := getattr(self.diagnosis.said, key))},
             "model": self.stored.preferred,
             f"{dof.words.force}_unit": self.stored.moment_unit,
             "effects": [_effect_json(effect) for effect in self.diagnosis.effects],
-            "where": [region.to_json(dof) for region in self.where.regions],
+            "where": [region.to_json(dof) for region in self.diagnosis.where.regions],
             "gap": {
-                "fitted_runs": gap_json(self.diagnosis.gap, dof),
-                "held_out_runs": None if held is None else gap_json(held, dof),
+                "fitted_runs": self.diagnosis.gap.to_json(dof),
+                "held_out_runs": None if held is None else held.to_json(dof),
             },
             **self._prediction_json(),
             "candidates": [
@@ -121,9 +120,9 @@ class YawDiagnosis(Shown):
 
     def extended_model(self) -> dict[str, Any]:
         """The base model with the effects named, refitted together: a yaw-model that `validate` and `diagnose` take."""
-        study, named = self.diagnosis.study, self.diagnosis.verdict == "named"
-        trial = self.diagnosis.found.final if named else self.diagnosis.found.base
-        return extended_model(study, trial, self.stored, self.parent_sha256)
+        return extended_model(
+            self.diagnosis.study, self.diagnosis.said.leaves, self.stored, self.parent_sha256
+        )
 
 
 def _effect_json(effect: NamedEffect) -> dict[str, Any]:
@@ -182,8 +181,7 @@ def diagnose(
             lasting_map(jobs, cluster=cluster, progress=progress) as each,
         ):
             found = diagnose_runs(runs, base, hold_out=kept, seed=seed, each=each, channels=channels)
-        where = find_where(found.study, found.found.base, seed)
-        return YawDiagnosis(found, where, stored, parent, (*aside, *more_aside))
+        return YawDiagnosis(found, stored, parent, (*aside, *more_aside))
 
     if out is None:
         return work()
@@ -206,7 +204,7 @@ def diagnose(
         result = work()
         folder.write_json("diagnosis.json", result.to_json())
         folder.write_json("extended_model.json", result.extended_model())
-        diagnosis_report.write(folder, result.diagnosis, result.where, figure_formats)
+        diagnosis_report.write(folder, result.diagnosis, figure_formats)
     return result
 
 

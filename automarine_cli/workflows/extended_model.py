@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from automarine_cli.diagnosis.estimates import base_estimates, parameter_estimates
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Trial
-from automarine_cli.diagnosis.verdict import base_estimates, parameter_estimates
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.models.store import StoredModels, schema_of

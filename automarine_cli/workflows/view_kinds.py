@@ -156,11 +156,11 @@ def _diagnosis_rows(result: YawDiagnosis) -> Iterator[Row]:
 
 
 def _diagnosis_figures(result: YawDiagnosis) -> Figures:
-    found, where = result.diagnosis, result.where
+    found = result.diagnosis
     last = found.found
     return {
-        "before-after": lambda: before_after_figure(found, where, budget(found)),
-        "where": lambda: where_figure(where, found),
+        "before-after": lambda: before_after_figure(found, budget(found)),
+        "where": lambda: where_figure(found),
         "why": lambda: why_figure(found, naming_key(found.study, last.base, last.final)),
     }
 

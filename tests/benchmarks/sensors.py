@@ -12,9 +12,9 @@ from faults import FAULTS, HONEST, judged
 from numpy.typing import NDArray
 
 from automarine_cli import effects
+from automarine_cli.diagnosis.estimates import base_estimates, parameter_estimates
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.diagnosis.trials import Trial as Explained
-from automarine_cli.diagnosis.verdict import base_estimates, parameter_estimates
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.identify import identify
 from automarine_cli.fits.output_error import fit_half_turns

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from automarine_cli.diagnosis.budget import LEFT, SCATTER, noise_of
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.study import JUDGED
-from automarine_cli.diagnosis.where import Where
+from automarine_cli.diagnosis.verdict import NAMED
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, in_words
 from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure
@@ -24,7 +24,7 @@ WIDEST, WIDEST_LEGEND = 104, 128
 
 
 @house_style
-def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str, float] | None) -> Figure:
+def before_after_figure(diagnosis: Diagnosis, shares: Mapping[str, float] | None) -> Figure:
     """Telling runs with both models, their errors, the error by the most telling variable, and the budget, if there
     is one."""
     dof = diagnosis.study.base.dof
@@ -67,7 +67,7 @@ def before_after_figure(diagnosis: Diagnosis, where: Where, shares: Mapping[str,
     half = max(count // 2, 1)
     _sizes(figure.add_subplot(place[2, :half]), diagnosis)
     if count > 1:
-        _by_variable(figure.add_subplot(place[2, half:]), diagnosis, where)
+        _by_variable(figure.add_subplot(place[2, half:]), diagnosis)
     if shares is not None:
         _budget(figure.add_subplot(place[3, :]), shares, diagnosis)
     figure.suptitle(textwrap.fill(_sizes_in_words(diagnosis), WIDEST))
@@ -85,11 +85,9 @@ def _sizes_in_words(diagnosis: Diagnosis) -> str:
             parts.append(
                 f"runs {word} {dof.shown(gap.before):.2f} → {dof.shown(gap.after):.2f} {dof.units.shown}"
             )
-    added = (
-        "Added: " + " and ".join(diagnosis.found.final.added)
-        if diagnosis.found.final.added
-        else "Nothing added"
-    )
+    names = " and ".join(diagnosis.found.final.added)
+    word = "Added" if diagnosis.verdict == NAMED else "With what is only suspected"
+    added = f"{word}: {names}" if names else "Nothing added"
     noise = f"{dof.shown(diagnosis.gap.floor):.2f} {dof.units.shown}"
     if diagnosis.study.driven:
         return f"Predictions {JUDGED:g} s ahead from filtered states: {', '.join(parts)}. {added}"
@@ -156,8 +154,9 @@ def _sizes(axes: Axes, diagnosis: Diagnosis) -> None:
     axes.legend(loc="upper left", fontsize=6.5)
 
 
-def _by_variable(axes: Axes, diagnosis: Diagnosis, where: Where) -> None:
+def _by_variable(axes: Axes, diagnosis: Diagnosis) -> None:
     """The gap in the bins of the most telling variable, before and after, on one scale."""
+    where = diagnosis.where
     at = min(
         range(len(where.variables)),
         key=lambda i: (where.variables[i].p_value, -float(np.abs(where.variables[i].telling.t).max())),

@@ -20,8 +20,9 @@ COLUMNS = 4
 
 
 @house_style
-def where_figure(where: Where, diagnosis: Diagnosis) -> Figure:
+def where_figure(diagnosis: Diagnosis) -> Figure:
     """Small multiples, one a variable, most significant first, above a heat map of runs by time."""
+    where = diagnosis.where
     shown = sorted(where.variables, key=lambda v: (v.p_value, -float(np.abs(v.telling.t).max())))[
         :MOST_PANELS
     ]

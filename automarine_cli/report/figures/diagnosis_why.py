@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.naming_key import NamingKey
 from automarine_cli.diagnosis.trials import LEVEL
+from automarine_cli.diagnosis.verdict import SUSPECTED
 from automarine_cli.dofs import Dof
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, verdict
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure
@@ -33,7 +34,7 @@ def why_figure(diagnosis: Diagnosis, key: NamingKey | None) -> Figure:
     _evidence(figure.add_subplot(place[:, 0]), diagnosis)
     _drifts(grid[0, 1], grid[1, 1], key, diagnosis.study.base.dof, bool(diagnosis.found.final.added))
     handles = [
-        *_handles(),
+        *_handles(diagnosis),
         *grid[0, 1].get_legend_handles_labels()[0],
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
@@ -45,18 +46,18 @@ def _evidence_alone(diagnosis: Diagnosis, count: int) -> Figure:
     """The evidence of every candidate on driven runs."""
     figure, grid = new_figure(1, 1, PAGE_IN, max(3.2, 0.17 * count + 1.2))
     _evidence(grid[0, 0], diagnosis)
-    figure.legend(handles=_handles(), loc="outside lower center", ncols=4)
+    figure.legend(handles=_handles(diagnosis), loc="outside lower center", ncols=4)
     figure.suptitle(
         f"Which missing effect would explain the innovations of driven runs.\nVerdict: {verdict(diagnosis)}"
     )
     return figure
 
 
-def _handles() -> list[Any]:
+def _handles(diagnosis: Diagnosis) -> list[Any]:
     """What the colours of the bars mean, and the threshold."""
     chance = f"reached by chance in {1000 * LEVEL:.0f} of 1000 campaigns"
     return [
-        Patch(color=AFTER, label="named"),
+        Patch(color=AFTER, label="suspected" if diagnosis.verdict == SUSPECTED else "named"),
         Patch(color=COLOURS["sky"], label="rival not excluded"),
         Patch(color="0.72", label="not needed"),
         Line2D([], [], linestyle="--", color=BEFORE, label=chance),

@@ -2,6 +2,7 @@
 
 from automarine_cli.diagnosis.bins import Variable
 from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED
 from automarine_cli.dofs import Dof
 from automarine_cli.report.figures.style import COLOURS
 
@@ -23,8 +24,9 @@ def in_words(variable: Variable, dof: Dof) -> str:
 
 def verdict(diagnosis: Diagnosis) -> str:
     """The verdict in a few words."""
-    if diagnosis.verdict == "named":
-        return " and ".join(diagnosis.found.final.added)
-    if diagnosis.verdict == "suspected":
-        return f"suspected {' and '.join(diagnosis.found.final.added)}"
+    names = " and ".join(diagnosis.found.final.added)
+    if diagnosis.verdict == NAMED:
+        return names
+    if diagnosis.verdict == SUSPECTED:
+        return f"suspected {names}"
     return diagnosis.verdict.replace("-", " ")
