@@ -2,8 +2,8 @@
 
 The campaigns come from blind_truth.py and blind_cases.py, which know nothing of the library's equations. Outcomes of a
 campaign with one or two effects hidden: `right` names just these; `tie` names all of them, each itself or as a rival,
-or names another beside them; `wrong` names something else and does not list them; `missed` names nothing; and
-`unexplained`. Where nothing is hidden, `right` names nothing and `false` anything.
+or names another beside them; `wrong` names something else and does not list them; `missed` names nothing; `suspected`
+lists something and does not name it; and `unexplained`. Where nothing is hidden, `right` names nothing and `false` anything.
 
 Usage: python tests/benchmarks/blind.py [--quick] [--seeds N] [--only TEXT] [--layout steps|full]
 """
@@ -123,6 +123,8 @@ def guess(case: Case, campaign: Campaign) -> YawModel:
 
 def judge(case: Case, verdict: str, named: dict[str, list[str]]) -> str:
     """One word on a verdict; see the module's docstring."""
+    if verdict == "suspected":
+        return verdict
     if not case.hidden or any(law in STRANGE for law in case.hidden):
         right = "nothing-missing" if not case.hidden else "unexplained"
         if verdict == "named":
