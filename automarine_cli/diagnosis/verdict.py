@@ -57,9 +57,13 @@ class NamedRival:
 
 @dataclass(frozen=True)
 class NamedEffect:
-    """An effect that is missing from the base model, with its parameters, how sure that is, and its rivals."""
+    """An effect that is missing from the base model, with its parameters, how sure that is, and its rivals.
+
+    `law` says in which form it acts, where nature has more than one.
+    """
 
     name: str
+    law: str
     says: str
     parameters: Mapping[str, Estimate]
     confidence: float
@@ -250,7 +254,13 @@ def named_effects(study: Study, found: Found) -> tuple[NamedEffect, ...]:
             for rival in found.rivals
             if rival.replaces == name
         )
-        says = effects.get(name).card(dof).says
+        effect = effects.get(name)
         parameters = parameter_estimates(study, found.final, name)
-        named.append(NamedEffect(name, says, parameters, weight * (1.0 - p_value), p_value, rivals))
+        law = ", ".join(
+            known.choices[round(one.value)]
+            for known, one in zip(effect.parameters, parameters.values())
+            if known.choices
+        )
+        says = effect.card(dof).says
+        named.append(NamedEffect(name, law, says, parameters, weight * (1.0 - p_value), p_value, rivals))
     return tuple(named)

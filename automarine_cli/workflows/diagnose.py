@@ -128,6 +128,7 @@ class YawDiagnosis(Shown):
 def _effect_json(effect: NamedEffect) -> dict[str, Any]:
     return {
         "name": effect.name,
+        **({"law": effect.law} if effect.law else {}),
         "says": effect.says,
         "parameters": {name: estimate.to_json() for name, estimate in effect.parameters.items()},
         "confidence": effect.confidence,

@@ -3,7 +3,8 @@
 The campaigns come from blind_truth.py and blind_cases.py, which know nothing of the library's equations. Outcomes of a
 campaign with one or two effects hidden: `right` names just these; `tie` names all of them, each itself or as a rival,
 or names another beside them; `wrong` names something else and does not list them; `missed` names nothing; `suspected`
-lists something and does not name it; and `unexplained`. Where nothing is hidden, `right` names nothing and `false` anything.
+lists something and does not name it; and `unexplained`. Where nothing is hidden, `right` names nothing and `false`
+anything.
 
 Usage: python tests/benchmarks/blind.py [--quick] [--seeds N] [--only TEXT] [--layout steps|full]
 """

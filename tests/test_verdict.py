@@ -1,0 +1,81 @@
+"""What a search is entitled to say: names need more than chance, and runs that no fit saw."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_contract import base_for, planted, short_plans
+
+from automarine_cli.diagnosis import search
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.diagnosis.scores import Scores
+from automarine_cli.diagnosis.trials import WEAK
+from automarine_cli.report.diagnosis_tables import verdict_sentence
+from automarine_cli.report.figures.diagnosis_words import verdict
+from automarine_cli.runs.run import Run
+
+NAME, SMALL = "thrust-asymmetry", "gyro-drift"
+
+
+def campaign(*names: str, seed: int = 1) -> list[Run]:
+    return planted(base_for(NAME), *names, seed=seed, plans=short_plans())
+
+
+def diagnosed(
+    runs: list[Run], hold_out: list[Run], monkeypatch: pytest.MonkeyPatch, *among: str
+) -> Diagnosis:
+    """Judged against few candidates, to be quick."""
+    monkeypatch.setattr(
+        search, "candidates",
+        lambda study, model: [n for n in (NAME, SMALL) if n not in {t.name for t in model.terms}],
+    )  # fmt: skip
+    return diagnose_runs(runs, base_for(NAME), hold_out=hold_out)
+
+
+def mirrored(run: Run) -> Run:
+    return replace(run, position=-run.position, moment=-run.command)
+
+
+def test_what_chance_reaches_now_and_then_is_suspected_and_not_added(monkeypatch: pytest.MonkeyPatch) -> None:
+    bar = Scores.threshold
+    monkeypatch.setattr(Scores, "threshold", lambda self, at: bar(self, at) if at >= WEAK else np.inf)
+    found = diagnosed(campaign(SMALL), [], monkeypatch)
+    assert found.verdict == "suspected" and [one.name for one in found.effects] == [SMALL]
+    assert found.said.leaves is found.found.base and "Chance would gain as much" in found.said.why
+    assert found.said.why in verdict_sentence(found) and verdict(found) == f"suspected {SMALL}"
+
+
+def test_runs_that_contradict_a_name_take_it_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    held = [
+        mirrored(run) for run in campaign(NAME, seed=2)[:6]
+    ]  # of a vehicle with the other side the weaker one
+    found = diagnosed(campaign(NAME), held, monkeypatch)
+    assert found.verdict == "unexplained" and found.effects == () and found.found.final is found.found.base
+    assert "astray" in found.said.why and NAME in found.said.why
+    assert found.gap.after == found.gap.before and found.said.why in verdict_sentence(found)
+
+
+def test_runs_that_agree_let_it_stand(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = diagnosed(campaign(NAME), campaign(NAME, seed=2)[:6], monkeypatch)
+    assert found.verdict == "named" and found.said.why == found.said.left == ""
+    assert found.said.leaves is found.found.final
+
+
+def test_what_stays_beside_a_name_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    tied = [
+        replace(run, position=run.position + np.radians(1.2) * np.sin(0.9 * (run.time - run.time[0])))
+        for run in campaign(NAME, seed=2)[:6]
+    ]
+    found = diagnosed(campaign(NAME), tied, monkeypatch)
+    assert found.verdict == "named" and "Something else is left" in found.said.left
+    assert f"{found.held_out_gap.after / found.held_out_gap.floor:.1f} times" in verdict_sentence(found)  # type: ignore[union-attr]
+
+
+def test_a_variable_that_stands_out_is_named_where_no_effect_gains(monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = [
+        replace(run, position=run.position + np.radians(1.5) * np.sin(2.0 * (run.time - run.time[0])))
+        for run in campaign(seed=3)
+    ]
+    found = diagnosed(runs, [], monkeypatch)
+    assert found.verdict == "unexplained" and found.where.regions
+    assert found.where.regions[0].variable in found.said.why and "No effect of the library" in found.said.why
