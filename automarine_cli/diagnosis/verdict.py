@@ -42,6 +42,8 @@ effect shows plainly says no more than that."""
 MANY = 0.25
 """Excess variance that the base must leave before as many effects as may be named are believed: small gaps that take
 three are rather one effect that the library lacks."""
+MOST_RIVALS = 3
+"""Rivals that are told to people."""
 FEWEST_GAINS = 10
 """Runs from which the order of their gains says anything."""
 
@@ -69,6 +71,17 @@ class NamedEffect:
     confidence: float
     p_value: float
     rivals: tuple[NamedRival, ...]
+
+    @property
+    def few_rivals(self) -> tuple[NamedRival, ...]:
+        """The likeliest ones: nobody reads more."""
+        return self.rivals[:MOST_RIVALS]
+
+    @property
+    def other_rivals(self) -> str:
+        """How many more there are, in words; empty where there are none."""
+        more = len(self.rivals) - MOST_RIVALS
+        return f"Not excluded are {more} more, which diagnosis.json lists." if more > 0 else ""
 
 
 @dataclass(frozen=True)

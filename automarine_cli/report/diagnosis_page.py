@@ -123,10 +123,11 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     if not effect.rivals:
         sure += " No other effect of the library comes near."
     lines = [effect.says, f"`{card.equation}`", table.to_markdown(), sure]
-    for rival in effect.rivals:
+    for rival in effect.few_rivals:
         lines.append(
             f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}."
         )
+    lines += filter(None, [effect.other_rivals])
     return "\n\n".join([*lines, f"Source: {effects.get(effect.name).source}."])
 
 
@@ -242,7 +243,7 @@ def _next(diagnosis: Diagnosis) -> str:
     told = [
         f"- {rival.name} against {effect.name}: {escape(rival.split_by)}."
         for effect in diagnosis.effects
-        for rival in effect.rivals
+        for rival in effect.few_rivals
     ]
     for effect in diagnosis.effects:
         reveals = effects.get(effect.name).card(diagnosis.study.base.dof).reveals

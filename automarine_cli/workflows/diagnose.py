@@ -111,8 +111,9 @@ class YawDiagnosis(Shown):
             lines.append(f"{effect.name}: {effect.says}")
             lines += [
                 f"Not excluded is {rival.name} (weight {rival.confidence:.0%}): {rival.split_by}"
-                for rival in effect.rivals
+                for rival in effect.few_rivals
             ]
+            lines += filter(None, [effect.other_rivals])
         if self.diagnosis.study.cycle is not None:
             lines.append(self.diagnosis.study.cycle.sentence(self.stored.dof))
         lines += fit_sentences(self.diagnosis.channels, self.diagnosis.found.final.fit, self.stored.dof)
