@@ -34,8 +34,9 @@ def diagnose(
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
 
     Every effect of the library is tried on whole runs with everything refitted; what chance would reach on the
-    same runs is the bar. The verdict is a name (with the rivals that the runs cannot exclude), a suspicion that the
-    held-out runs do not bear out, nothing missing, or unexplained. With a thruster map as the model, bollard tests are diagnosed in the same way.
+    same runs is the bar. The verdict is a name (with the rivals that the runs cannot exclude), a suspicion that
+    the left-out runs do not bear out, nothing missing, or unexplained. With a thruster map as the model, bollard
+    tests are diagnosed in the same way.
 
     \b
     Example:
