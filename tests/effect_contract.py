@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from automarine_cli import effects
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.effects import Card, Effect
+from automarine_cli.effects.thruster_imbalance import PARTS
+from automarine_cli.models.propulsion import parts_of
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -38,6 +40,7 @@ SIZES: Mapping[str, tuple[float, ...]] = {
     "saturation": (0.8,),
     "thrust-exponent": (1.2,),
     "thrust-loss": (0.25,),
+    "thruster-imbalance": (0.12, -0.08, 0.1),
     "thruster-lag": (0.3,),
     "water-swirl": (0.25, 8.0),
 }
@@ -81,6 +84,7 @@ def strange_to(dof: Dof, text: str, needs: Sequence[str] = ()) -> set[str]:
         token for one in DOFS.values() if one is dof or one.velocity in needs for token in own_tokens(one)
     }
     every = {token for one in DOFS.values() for token in own_tokens(one)}
+    known |= {"port", "starboard", "ahead", "astern"} if set(PARTS) <= set(needs) else set()
     return tokens(text) & (every - known - PLAIN)
 
 
@@ -146,7 +150,10 @@ def unmeasured(plan: Plan, number: int, moment_unit: str = "nu", scale: float = 
     # voltage and surge change from run to run and within a run, in no step with the command
     voltage = 12.0 + 1.5 * np.sin(2.3 * number) + 0.4 * np.sin(0.7 * time + number)
     surge = 0.4 * np.sin(1.7 * number + 0.5 * time)
-    extras = {"voltage": voltage, "surge": surge}
+    # way on beside the turn: what both thrusters push alike, as the moment of one
+    along = scale * 0.5 * np.sin(1.1 * number + 0.9 * time)
+    parts = parts_of([0.5 * command + along, 0.5 * command - along], YAW)
+    extras = {"voltage": voltage, "surge": surge, **parts}
     name = f"run_{number:02d}"
     clock = WAIT * number + time
     return Run(name, f"{name}.csv", clock, np.zeros(len(time)), command, moment_unit, extras, dof=YAW)

@@ -31,6 +31,7 @@ from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
 from automarine_cli.effects import Effect, Place, State
 from automarine_cli.effects.base import EVEN, MIXED, ODD
+from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import ModelError
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
@@ -54,6 +55,7 @@ RUNS = [unmeasured(plan, i) for i, plan in enumerate([long_plans()[7], long_plan
 MIRRORED_SIGNS = {
     "compass-deviation": (1, -1, 1, -1),  # sine terms are odd in the heading, cosine terms even
     "heading-moment": (1, -1),
+    "thruster-imbalance": (-1, -1, 1),  # port and starboard change places
     "periodic-disturbance": (-1, -1, 1, 1),  # the moment turns round, the period stays
 }
 """What a mirrored campaign does to each parameter of a MIXED effect."""
@@ -225,7 +227,7 @@ def test_on_is_not_the_base_model(name: str) -> None:
 @EVERY_EFFECT
 def test_mirrored_runs_have_the_declared_parity(name: str) -> None:
     effect = effects.get(name)
-    runs = [replace(run, moment=-run.command) for run in RUNS]
+    runs = [mirrored(run) for run in RUNS]
     values = sizes_of(effect)
     found = headings(
         with_effect(name, [s * v for s, v in zip(mirrored_signs(effect), values)]), runs, sign=-1
@@ -233,6 +235,14 @@ def test_mirrored_runs_have_the_declared_parity(name: str) -> None:
     np.testing.assert_allclose(found, -headings(with_effect(name)), rtol=0, atol=1e-10)
     if effect.parity != EVEN:  # and it is no idle word
         assert np.abs(headings(with_effect(name), runs, sign=-1) + headings(with_effect(name))).max() > 1e-3
+
+
+def mirrored(run: Run) -> Run:
+    """The run with its command negated: port and starboard thruster have changed places."""
+    ahead, astern, other_ahead, other_astern = (-run.extras[part] for part in PARTS)
+    return run.with_moment(
+        -run.command, run.moment_unit, dict(zip(PARTS, (other_ahead, other_astern, ahead, astern)))
+    )
 
 
 def mirrored_signs(effect: Effect) -> tuple[int, ...]:
@@ -247,7 +257,8 @@ def test_other_units_of_moment_give_the_same_headings(name: str) -> None:
     effect, ten = effects.get(name), 10.0
     scaled = [p.scaled(value, ten) for p, value in zip(effect.parameters, sizes_of(effect))]
     model = base_for(name, ten, "N m").with_effect(name, scaled)
-    runs = [run.with_moment(ten * run.command, "N m") for run in RUNS]
+    parts = [{part: ten * run.extras[part] for part in PARTS} for run in RUNS]
+    runs = [run.with_moment(ten * run.command, "N m", own) for run, own in zip(RUNS, parts)]
     np.testing.assert_allclose(headings(model, runs), headings(with_effect(name)), rtol=0, atol=1e-10)
 
 
@@ -315,7 +326,7 @@ def test_the_whole_card(name: str, run: Callable[..., Result]) -> None:
     card, text = effect.card(YAW), run("effects", name).stdout
     for part in (card.equation, card.says, card.reveals, card.separated_by, effect.source):
         assert part in text
-    for words in (effect.mistaken_for, effect.needs, effect.states):
+    for words in (effect.mistaken_for, effect.columns, effect.states):
         assert ", ".join(words) in text
     for p in card.parameters:
         assert re.search(rf"^{re.escape(p.name)} +{re.escape(p.meaning)}", text, flags=re.MULTILINE)

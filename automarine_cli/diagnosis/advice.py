@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Found, Trial
+from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.mixed_model import MixedFit, derivatives
 from automarine_cli.fits.outcome import SMALLEST
 from automarine_cli.fits.run_effects import DISTURBANCE, SWITCHES
+from automarine_cli.models.propulsion import parts_of
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.runs.run import Run
 
@@ -125,11 +127,13 @@ def extra_runs(study: Study) -> dict[str, Run]:
     inertia, rate = study.base.inertia, max(float(steady_rate(large, *study.base.drag())), 1e-3)
     turn = float(np.clip(6.0 * inertia * rate / large, TURN, LONGEST / 3))
     long = float(np.clip(dof.limits.long / rate, turn, LONGEST))
+    single = set(PARTS) <= set(study.signals)
     low = max(min(small, 0.5 * middle), 0.02 * large)
 
     def run(
-        name: str, length: float, command: Command, at: float = clock, position: float | None = None
-    ) -> Run:
+        name: str, length: float, command: Command, at: float = clock, position: float | None = None,
+        port: float = 0.5,
+    ) -> Run:  # fmt: skip
         t = np.arange(0.0, length, period)
         psi = np.full(len(t), study.runs[0].position[0] if position is None else position)
         extras = {
@@ -139,6 +143,8 @@ def extra_runs(study: Study) -> dict[str, Run]:
         if dof.velocity in (study.channels or ()):
             extras[dof.velocity] = np.zeros(len(t))
         tau = np.asarray(command(t), dtype=float)
+        if single:
+            extras |= parts_of([port * tau, (1.0 - port) * tau], dof)
         summed = not study.position_counts
         return Run(name, "extra", t + at, psi, tau, unit, extras, dof=dof, summed_up=summed)
 
@@ -164,6 +170,11 @@ def extra_runs(study: Study) -> dict[str, Run]:
         ),
         "a rest record of 60 s with the thrusters idle": run("rest", 60.0, lambda t: 0.0 * t),
     }
+    if single:
+        half = step(0.5 * large, turn, -0.5 * large)
+        for name, share in (("port", 1.0), ("starboard", 0.0)):
+            kind = f"the {name} thruster alone, ahead and astern, at {0.5 * large:.3g} {unit}"
+            kinds[kind] = run("alone", REST + 2 * turn, half, port=share)
     if "voltage" in study.signals:
         low_run = run("voltage", REST + turn, step(large, turn))
         volts = LOW_VOLTAGE * low_run.extras["voltage"]
@@ -219,6 +230,6 @@ def general_advice(study: Study, detectable: Mapping[str, float]) -> tuple[str, 
         advice.append(
             f"Add one rest record of a minute: bias, current and {words.rate_sensor} drift show without any model."
         )
-    if not study.signals:
+    if not set(study.signals) - set(PARTS):
         advice.append("Log the supply voltage: without it a sag is told from drag only by chance.")
     return tuple(advice) or ("The campaign has every kind of run; more of the same narrows the intervals.",)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.effects.thruster_imbalance import PARTS
 
 Floats = NDArray[np.float64]
 
@@ -59,7 +60,7 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
         Column("run-order", "", order),
         Column("campaign-clock", "s", clock),
     ]
-    shared = set.intersection(*(set(run.extras) for run in study.runs))
+    shared = set.intersection(*(set(run.extras) for run in study.runs)) - set(PARTS)
     for name in sorted(shared):
         values = np.full(seen.shape, np.nan)
         for row, run in zip(values, study.runs):

@@ -172,6 +172,14 @@ class Effect:
     parity: ClassVar[str] = EVEN
     states: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
+    """Signals that its methods read."""
+
+    logged: ClassVar[tuple[str, ...]] = ()
+    """Columns of the log of which its signals are made, where they are no columns themselves."""
+
+    single: ClassVar[bool] = False
+    """Whether it is of single thrusters: it then acts before everything that acts on what they give together."""
+
     steered: ClassVar[bool] = False
     placed: ClassVar[bool] = False
     """Whether the moment depends on the heading; without such an effect the simulator sums the heading at the end."""
@@ -195,6 +203,11 @@ class Effect:
     def acts_in(self, dof: Dof) -> bool:
         """Whether it may act in a motion."""
         return True
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns beyond time, position and command that a log must have."""
+        return self.logged or self.needs
 
     @property
     def motions(self) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ MIXED: dict[str, Callable[[Values], Values]] = {
     "compass-deviation": lambda v: (-v[1], -v[0], -v[2], v[3]),
     "heading-moment": lambda v: (-v[1], -v[0]),
     "periodic-disturbance": lambda v: (-v[0], -v[1], *v[2:]),
+    "thruster-imbalance": lambda v: v,  # a thruster is the same in any frame
 }
 """Effects of which a mirror negates some parameters."""
 

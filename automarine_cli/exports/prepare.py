@@ -81,7 +81,7 @@ def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
     if term.name in named:
         return named[term.name]
     return (
-        f"it needs the logged {listed(effect.needs)}" if effect.needs else dof.fill(WHY[effect.place.value])
+        f"it needs the logged {listed(effect.columns)}" if effect.columns else dof.fill(WHY[effect.place.value])
     )
 
 

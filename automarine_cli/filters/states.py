@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.effects import Place
 from automarine_cli.filters.course import Course
-from automarine_cli.models.vehicle import Bound, Vehicle
+from automarine_cli.models.vehicle import Bound, Vehicle, actuators
 from automarine_cli.simulation.batch import Channel
 from automarine_cli.simulation.plane import in_body_axes
 from automarine_cli.simulation.rollout import right_hand_side
@@ -241,9 +241,8 @@ def _delivered(terms: list[Bound], course: Course, late: Floats) -> tuple[Floats
     """What the actuators deliver over the filter's steps, `late` (P,) fine steps after the log has it: means and
     slopes, (D, P, R, K)."""
     commands = list(course.commands)
-    for term in terms:
-        if term.effect.place is Place.ACTUATOR:
-            here = commands[term.dof]
-            commands[term.dof] = replace(here, force=term.effect.deliver(here, term.wide()))
+    for term in actuators(terms):
+        here = commands[term.dof]
+        commands[term.dof] = replace(here, force=term.effect.deliver(here, term.wide()))
     lines = [course.averaged(one.force, late) for one in commands]
     return np.stack([mean for mean, _ in lines]), np.stack([slope for _, slope in lines])

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
+from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import ModelError, RunError
 from automarine_cli.models.thruster_map import ThrusterMap
 
@@ -36,8 +37,8 @@ class Driven(Protocol):
         """Logged columns by name, each (N,)."""
         ...
 
-    def with_moment(self, moment: Floats, unit: str) -> Self:
-        """The same run driven by another moment."""
+    def with_moment(self, moment: Floats, unit: str, parts: Mapping[str, Floats] | None = None) -> Self:
+        """The same run driven by another moment, of which single thrusters make the parts."""
         ...
 
 
@@ -64,14 +65,24 @@ def drive_run_by_thrusters(run: RunLike, thrusters: ThrusterMap, arm: float) -> 
             f"--thrusters needs; map the log's columns to {' and '.join(names)} with --columns, or leave "
             "--thrusters out"
         )
+    lever = arm if run.dof.levered else 1.0
     try:
+        thrust = [thrusters.force(run.extras[name]) for name in names]
         moment = (
             thrusters.moment(run.extras["n_port"], run.extras["n_stbd"], arm)
             if run.dof.levered
-            else np.asarray(
-                sum(side * thrusters.force(run.extras[n]) for side, n in zip(run.dof.sides, names))
-            )
+            else np.asarray(sum(side * one for side, one in zip(run.dof.sides, thrust)))
         )
     except ModelError as error:
         raise ModelError(f"{run.source}, run {run.name!r}: {error}") from None
-    return run.with_moment(moment, run.dof.units.forces[1])
+    shares = [side * lever * one for side, one in zip(run.dof.sides, thrust)]
+    return run.with_moment(moment, run.dof.units.forces[1], parts_of(shares, run.dof))
+
+
+def parts_of(shares: Sequence[Floats], dof: Dof) -> dict[str, Floats]:
+    """What each thruster gives ahead and astern, by the names of PARTS, of its share (N,) of the moment or force; none
+    for a motion of another number of thrusters than two."""
+    ways = [
+        side * way(side * one, 0.0) for side, one in zip(dof.sides, shares) for way in (np.maximum, np.minimum)
+    ]
+    return dict(zip(PARTS, ways)) if len(ways) == len(PARTS) else {}

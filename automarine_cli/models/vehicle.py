@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs.motion import Motion
-from automarine_cli.effects import Effect
+from automarine_cli.effects import Effect, Place
 
 Floats = NDArray[np.float64]
 
@@ -45,3 +45,9 @@ class Bound:
     def wide(self) -> tuple[Floats, ...]:
         """The values for arrays of (P, R, M)."""
         return tuple(value[..., None] for value in self.values)
+
+
+def actuators(terms: Sequence[Bound]) -> list[Bound]:
+    """The terms that act on commands, in the order in which they do: those of single thrusters first."""
+    found = [term for term in terms if term.effect.place is Place.ACTUATOR]
+    return sorted(found, key=lambda term: not term.effect.single)

@@ -130,7 +130,7 @@ def _noise_of(channels: object, quantity: str) -> float | None:
 
 def _lacking(effect: str) -> list[str]:
     """Columns that an effect needs and planned runs do not have."""
-    return [need for need in effects.get(effect).needs if need != "voltage"]
+    return [need for need in effects.get(effect).columns if need != "voltage"]
 
 
 def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,11 +15,12 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_motion
 from automarine_cli.logs.canonical import names_of
-from automarine_cli.logs.formats import stem_of
 from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.clean import NotUsable, clean, too_short
+from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
 from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, Trimmed, trimmed
+from automarine_cli.runs.names import named_apart, own_name
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.sense import clock_trouble
 
@@ -29,17 +29,17 @@ Reading = Callable[..., tuple[list[Run], list[SetAside]]]
 
 MOST_REASONS = 3  # reasons shown when nothing is left
 PAYS_FROM = 3000  # logs from which processes are started to read them
-NAMED_APART = "another run of this campaign has the same name; the file's name was put in front"
 
 
 @dataclass(frozen=True)
 class Campaign:
     """The runs of one campaign on one clock, in file order; what was set aside; the files read (those that have
-    bytes to read: no links that lead nowhere)."""
+    bytes to read: no links that lead nowhere); what was commanded beyond the limits of the thrusters."""
 
     runs: tuple[Run, ...]
     set_aside: tuple[SetAside, ...]
     inputs: tuple[LogFile, ...]
+    limits: tuple[AllocationLimit, ...] = ()
 
 
 def load_runs(
@@ -62,7 +62,8 @@ def load_runs(
     runs, aside = _gathered(
         partial(read or read_runs, columns=columns, dof=dof), files, strict, progress, jobs
     )
-    return Campaign(_one_unit(named_apart(runs)), aside, tuple(filter(has_bytes, files)))
+    limited, limits = within_limits(_one_unit(named_apart(runs)))
+    return Campaign(tuple(limited), aside, tuple(filter(has_bytes, files)), limits)
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,7 @@ class HalfTurnCampaign:
     count: int
     set_aside: tuple[SetAside, ...]
     inputs: tuple[LogFile, ...]
+    limits: tuple[AllocationLimit, ...] = ()
 
 
 def load_half_turns(
@@ -97,7 +99,11 @@ def load_half_turns(
     read = partial(_read_trimmed, columns=columns, drive=drive, dof=dof, trim=trim)
     found, aside = _gathered(read, files, strict, progress, jobs)
     runs = _one_unit(named_apart([one.run for one in found]))
-    named = [one.of(run) for one, run in zip(found, runs)]
+    limited, limits = within_limits(runs)
+    named = [
+        one.of(run) if run is now or one.turn is None else trimmed(now, trim)
+        for one, run, now in zip(found, runs, limited)
+    ]
     return HalfTurnCampaign(
         turns=tuple(one.turn for one in named if one.turn is not None),
         not_turned=tuple(
@@ -106,6 +112,7 @@ def load_half_turns(
         count=len(named),
         set_aside=aside,
         inputs=tuple(filter(has_bytes, files)),
+        limits=limits,
     )
 
 
@@ -200,7 +207,7 @@ def read_runs(
 
 def unreadable(file: LogFile, error: Exception) -> SetAside:
     """A log that was found, not named, and cannot be read right."""
-    return SetAside(file.name, _stem(file.name), _without_source(str(error), file.name))
+    return SetAside(file.name, own_name(file.name), _without_source(str(error), file.name))
 
 
 def runs_of_table(table: LogTable, file: LogFile) -> tuple[list[Run], list[SetAside]]:
@@ -237,7 +244,7 @@ def _split(table: LogTable) -> Iterator[tuple[str, NDArray[np.int64] | slice]]:
     """Name and rows of each run, in the order in which the runs begin in the file."""
     names, code = table.run_names, table.run_code
     if code is None:
-        yield _stem(table.source), slice(0, len(table))
+        yield own_name(table.source), slice(0, len(table))
         return
     begins = np.flatnonzero(code[1:] != code[:-1]) + 1
     edges = [0, *begins.tolist(), len(code)]
@@ -249,37 +256,9 @@ def _split(table: LogTable) -> Iterator[tuple[str, NDArray[np.int64] | slice]]:
         yield name, slice(start, stop) if order is None else order[start:stop]
 
 
-def _stem(source: str) -> str:
-    """The name of a run that is alone in its file."""
-    return stem_of(source.rsplit("/", 1)[-1])
-
-
 def _without_source(sentence: str, source: str) -> str:
     """The reason alone: the result has the file's name in a field of its own."""
     return sentence.removeprefix(source).lstrip(":, ")
-
-
-def named_apart(runs: Sequence[Run]) -> list[Run]:
-    """Runs of one campaign, no two of one name; see `names_apart`."""
-    names = names_apart([(run.name, run.source) for run in runs])
-    return [
-        run if run.name == name else replace(run, name=name, notes=(*run.notes, NAMED_APART))
-        for run, name in zip(runs, names)
-    ]
-
-
-def names_apart(runs: Sequence[tuple[str, str]]) -> list[str]:
-    """Names for runs, given by name and file: those of one name get their file's name in front (without its ending
-    where that is enough).
-    """
-    named = [name for name, _ in runs]
-    for prefix in (stem_of, str):
-        times = Counter(named)
-        for i, (name, (original, source)) in enumerate(zip(named.copy(), runs)):
-            if times[name] > 1:
-                front = prefix(source)
-                named[i] = front if original == _stem(source) else f"{front}:{original}"
-    return named
 
 
 def _one_unit(runs: Sequence[Run]) -> tuple[Run, ...]:

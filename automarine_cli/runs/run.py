@@ -119,9 +119,10 @@ class Run:
         total = sum(side * self.extras[name] for side, name in zip(self.dof.sides, self.dof.thrusters))
         return self.with_moment(np.asarray(total), names)
 
-    def with_moment(self, moment: Floats, unit: str) -> "Run":
-        """The same run driven by another moment or force (thruster commands through a map)."""
-        return replace(self, moment=moment, moment_unit=unit)
+    def with_moment(self, moment: Floats, unit: str, parts: Mapping[str, Floats] | None = None) -> "Run":
+        """The same run driven by another moment or force (thruster commands through a map), of which `parts` are those
+        of single thrusters (`effects.thruster_imbalance.PARTS`)."""
+        return replace(self, moment=moment, moment_unit=unit, extras={**self.extras, **(parts or {})})
 
     def cut(self, start: int, stop: int) -> "Run":
         """Samples start:stop of this run."""

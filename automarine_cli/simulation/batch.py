@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Commands
+from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import RunError
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import find_steps, released
@@ -188,7 +189,7 @@ def unit_of(runs: Sequence[Run], signals: Sequence[str] = ()) -> str:
         missing = [name for name in signals if name not in run.extras]
         if missing:
             raise RunError(
-                f"{run.source}, run {run.name!r}: the model needs column {missing[0]!r}, which the log lacks"
+                f"{run.source}, run {run.name!r}: the model needs {lacking_signal(missing[0])}"
             )
     return units.pop()
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.effects import Commands, Place, State
-from automarine_cli.models.vehicle import Bound, Vehicle
+from automarine_cli.models.vehicle import Bound, Vehicle, actuators
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.simulation.batch import Batch, Channel
 from automarine_cli.simulation.plane import coriolis, in_body_axes, in_earth_axes
@@ -116,9 +116,8 @@ def simulate(
     )
     terms = [start.bind(term) for term in model.forces(theta)]
     commands = list(batch.commands(start.switch_delay))
-    for term in terms:
-        if term.effect.place is Place.ACTUATOR:
-            commands[term.dof] = _actuated(commands[term.dof], term)
+    for term in actuators(terms):
+        commands[term.dof] = _actuated(commands[term.dof], term)
     with np.errstate(
         over="ignore", invalid="ignore"
     ):  # a fit may try parameters that no vehicle has; it sees the infinity

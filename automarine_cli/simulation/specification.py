@@ -39,7 +39,7 @@ class EffectSetting:
             raise SettingError(str(problem)) from None
         if effect.needs:
             raise SettingError(
-                f"effect {self.name!r} needs the column {effect.needs[0]!r}, which simulated runs lack; leave it out"
+                f"effect {self.name!r} needs the column {effect.columns[0]!r}, which simulated runs lack; leave it out"
             )
         names = effect.names_in(self.dof)
         allowed = ", ".join(names)

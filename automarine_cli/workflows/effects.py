@@ -94,7 +94,7 @@ def _card(one: Effect, dof: Dof, every: bool) -> tuple[Table | str, ...]:
         ("states", ", ".join(one.states) or "none of its own"),
         (
             "columns needed",
-            ", ".join(one.needs) or f"none beyond time, {dof.words.position} and command",
+            ", ".join(one.columns) or f"none beyond time, {dof.words.position} and command",
         ),
         ("verdict", card.says),
         ("revealed by", card.reveals),
@@ -151,7 +151,7 @@ def _card_json(one: Effect, dof: Dof) -> dict[str, object]:
             for filled, p, shape in zip(card.parameters, one.parameters, one.shapes)
         ],
         "states": list(one.states),
-        "columns_needed": list(one.needs),
+        "columns_needed": list(one.columns),
         "says": card.says,
         "reveals": card.reveals,
         "mistaken_for": list(one.mistaken_for),

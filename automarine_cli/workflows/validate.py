@@ -14,6 +14,7 @@ from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.comparison.scores import SCORES, RunScore, rate_source, score_key
 from automarine_cli.comparison.validation import Comparison, Scored, compare
 from automarine_cli.dofs import YAW, Dof
+from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import AutomarineError, ModelError, RunError
 from automarine_cli.fits.channel_noise import channel_sentences, channels_of, measured_noises
 from automarine_cli.logs import ColumnMap, given_columns
@@ -234,7 +235,7 @@ def _complete(run: Run, signals: Sequence[str]) -> None:
     for name in signals:
         if name not in run.extras:
             raise RunError(
-                f"an effect of the model needs the column {name!r}, which the log lacks; map it with --columns"
+                f"an effect of the model needs the {lacking_signal(name, '; map it with --columns')}"
             )
         missing = int(np.count_nonzero(~np.isfinite(run.extras[name])))
         if missing:

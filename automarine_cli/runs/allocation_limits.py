@@ -1,0 +1,200 @@
+"""Commanded moments that the thrusters cannot give: told from logs that hold both the total and single thrusters.
+
+Where no thruster is at a limit, control allocation is one law, tau = sum c_i |n_i|^p sgn(n_i), with c_i of each way;
+it is fitted there, and says what the thrusters gave where one stands at its limit. Source: Fossen (2021), Handbook of
+Marine Craft Hydrodynamics and Motion Control, second edition (control allocation; thrust against propeller speed).
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.runs.run import Run
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SINGLE = re.compile(r"(n|rpm|thruster)_\w+|thruster\d+")
+"""Names of columns that hold the command or speed of one thruster."""
+EXPONENTS = (2.0, 1.5, 1.0)
+"""Of thrust against speed, of normalised commands against thrust, and between."""
+LAW = 0.01
+"""Share of the commands' root mean square that a law leaves of them; more is no law."""
+SHORT = 0.03
+"""Share of the largest command from which on what was given is not what was asked."""
+FEWEST = 3
+"""Samples at one largest value that make it a limit, and samples that fall short."""
+
+
+@dataclass(frozen=True)
+class Commanded:
+    """Total command (N,) of a degree of freedom beside the thrusters' commands (N, T) called `names`, without gaps."""
+
+    dof: Dof
+    names: tuple[str, ...]
+    total: Floats
+    single: Floats
+
+
+@dataclass(frozen=True)
+class AllocationLimit:
+    """What the thrusters did not give: `share` of the samples, at the worst `asked` and `given` [`unit`], with the
+    `thruster` at its `limit` in most of them."""
+
+    dof: Dof
+    unit: str
+    share: float
+    asked: float
+    given: float
+    thruster: str
+    limit: float
+
+    @property
+    def sentence(self) -> str:
+        """One clear sentence."""
+        percent = f"{100 * self.share:.2g}" if self.share < 0.1 else f"{100 * self.share:.0f}"
+        return (
+            f"the thrusters cannot give the {self.dof.words.force} commanded in {percent} % of the samples: at worst "
+            f"{self.asked:.4g} {self.unit} was asked and {self.given:.4g} {self.unit} given, {self.thruster} being at "
+            f"its limit of {self.limit:.4g}; fits use what was given"
+        )
+
+    def to_json(self) -> dict[str, object]:
+        """Its form in check.json."""
+        return {
+            "command": self.dof.command, "unit": self.unit, "share": self.share, "asked": self.asked,
+            "given": self.given, "thruster": self.thruster, "limit": self.limit,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Law:
+    """An allocation as logs show it: coefficients (2 T,) of every thruster ahead and astern, the exponent, and the
+    commands (T,) at which thrusters are at a limit, infinite where they never were."""
+
+    names: tuple[str, ...]
+    coefficients: Floats
+    exponent: float
+    low: Floats
+    high: Floats
+    tolerance: float
+
+    def given(self, single: Floats) -> Floats:
+        """What thrusters give under commands (N, T), (N,)."""
+        return _terms(single, self.exponent) @ self.coefficients
+
+    def short(self, total: Floats, single: Floats) -> Mask:
+        """Which samples (N,) ask for what thrusters at a limit do not give."""
+        at_limit = (_at(single, self.low, self.high)).any(axis=1)
+        return np.asarray(at_limit & (np.abs(total - self.given(single)) > self.tolerance))
+
+
+def commanded(run: Run) -> list[Commanded]:
+    """The total commands of a run that single thrusters stand beside."""
+    names = tuple(sorted(name for name in run.extras if SINGLE.fullmatch(name)))
+    if not names:
+        return []
+    single = np.stack([run.extras[name] for name in names], axis=1)
+    totals = {dof: run.extras[dof.command] for dof in DOFS.values() if dof.command in run.extras}
+    totals |= {run.dof: run.moment} if run.moment is not None else {}
+    return [Commanded(dof, names, total, single) for dof, total in totals.items() if np.isfinite(total).all()]
+
+
+def law_of(several: Sequence[Commanded]) -> Law | None:
+    """The allocation of one degree of freedom over several runs; None where the logs show none, or no limit."""
+    names = several[0].names
+    if any(one.names != names for one in several):
+        return None
+    total = np.concatenate([one.total for one in several])
+    single = np.concatenate([one.single for one in several])
+    sound = np.isfinite(single).all(axis=1)
+    total, single = total[sound], single[sound]
+    if not total.any():
+        return None
+    low, high = _limits(single, np.minimum), _limits(single, np.maximum)
+    free = ~_at(single, low, high).any(axis=1)
+    if free.all() or not total[free].any():
+        return None
+    distinct = len(np.unique(single[free], axis=0))
+    found = []
+    for exponent in EXPONENTS:
+        terms = _terms(single[free], exponent)
+        coefficients, _, rank, _ = np.linalg.lstsq(terms, total[free], rcond=1e-6)
+        left = float(np.sqrt(np.mean((total[free] - terms @ coefficients) ** 2)))
+        if distinct > 2 * rank and left <= LAW * float(np.sqrt(np.mean(total[free] ** 2))):
+            tolerance = max(SHORT * float(np.abs(total).max()), 10.0 * left)
+            found.append((left, Law(names, coefficients, exponent, low, high, tolerance)))
+    return min(found, key=lambda pair: pair[0])[1] if found else None
+
+
+def limit_of(law: Law, several: Sequence[Commanded], unit: str) -> AllocationLimit | None:
+    """What runs ask of the thrusters beyond their limits, None where that is nothing."""
+    total = np.concatenate([one.total for one in several])
+    single = np.concatenate([one.single for one in several])
+    short = law.short(total, single)
+    if np.count_nonzero(short) < FEWEST:
+        return None
+    given = law.given(single)
+    worst = int(np.argmax(np.where(short, np.abs(total - given), 0.0)))
+    held = _at(single, law.low, law.high)
+    which = int(np.argmax(held[short].sum(axis=0)))
+    at = single[short & held[:, which], which][0]
+    return AllocationLimit(
+        several[0].dof, unit, float(short.mean()), float(total[worst]), float(given[worst]), law.names[which], float(at)
+    )  # fmt: skip
+
+
+def within_limits(runs: Sequence[Run]) -> tuple[list[Run], tuple[AllocationLimit, ...]]:
+    """The runs of one campaign driven by what their thrusters gave, where that is not what was commanded, which the
+    notes of each tell; and what all of them together asked beyond the limits."""
+    kept, found = list(runs), []
+    for dof in DOFS.values():
+        asked = {i: one for i, run in enumerate(runs) for one in commanded(run) if one.dof is dof}
+        law = law_of(list(asked.values())) if asked else None
+        if law is None:
+            continue
+        unit = runs[0].moment_unit if dof is runs[0].dof else dof.units.forces[1]
+        whole = limit_of(law, list(asked.values()), unit)
+        if whole is None:
+            continue
+        found.append(whole)
+        kept = [_limited(run, asked[i], law, unit) if i in asked else run for i, run in enumerate(kept)]
+    return kept, tuple(found)
+
+
+def _limited(run: Run, one: Commanded, law: Law, unit: str) -> Run:
+    """A run driven by what its thrusters gave."""
+    short = law.short(one.total, one.single)
+    if not short.any():
+        return run
+    total = np.where(short, law.given(one.single), one.total)
+    own = limit_of(law, [one], unit)
+    told = () if own is None else (own.sentence,)
+    run = replace(run, notes=(*run.notes, *told), reading=(*run.reading, *told))
+    if one.dof is run.dof:
+        return replace(run, moment=total)
+    return replace(run, extras={**run.extras, one.dof.command: total})
+
+
+def _terms(single: Floats, exponent: float) -> Floats:
+    """Regressors (N, 2 T): |n|^p sgn(n) of each thruster where it drives ahead, then where it drives astern."""
+    power = np.sign(single) * np.abs(single) ** exponent
+    return np.concatenate([np.maximum(power, 0.0), np.minimum(power, 0.0)], axis=1)
+
+
+def _limits(single: Floats, end: np.ufunc) -> Floats:
+    """The largest commands (T,) one way, infinite where they are no plateau."""
+    limit = end(end.reduce(single, axis=0), 0.0)
+    plateau = (np.abs(single - limit) <= 1e-9 * np.abs(limit)).sum(axis=0) >= FEWEST
+    endless = np.inf if end is np.maximum else -np.inf
+    return np.asarray(np.where(plateau & (limit != 0), limit, endless))
+
+
+def _at(single: Floats, low: Floats, high: Floats) -> Mask:
+    """Which thrusters are at a limit, (N, T)."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray((single <= low * (1 - 1e-9)) | (single >= high * (1 - 1e-9)))
