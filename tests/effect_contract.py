@@ -40,8 +40,10 @@ SIZES: Mapping[str, tuple[float, ...]] = {
     "saturation": (0.8,),
     "thrust-exponent": (1.2,),
     "thrust-loss": (0.25,),
+    "thruster-dead-band": (0.05,),
     "thruster-imbalance": (0.12, -0.08, 0.1),
     "thruster-lag": (0.3,),
+    "thruster-limit": (0.5,),
     "water-swirl": (0.25, 8.0),
 }
 """Sizes that show in the campaign below, where half more than the start is not one; references left out."""

@@ -69,7 +69,8 @@ def twin(
         which = np.searchsorted(ends, fine + late, side="right")
         port, stbd = (np.array([one[k] for one in plan])[which] for k in (0, 1))
         thrust = [
-            np.where(n > 0, 4.0 * g * n**2, -2.5 * h * n**2) for n, g, h in ((port, *gains[:2]), (stbd, *gains[2:]))
+            np.where(n > 0, 4.0 * g * n**2, -2.5 * h * n**2)
+            for n, g, h in ((port, *gains[:2]), (stbd, *gains[2:]))
         ]
         tau = ARM * (thrust[0] - thrust[1]) * np.exp(scatter * random.standard_normal())
         tau = tau * (1.0 + asymmetry * np.sign(tau)) + bias
@@ -79,8 +80,10 @@ def twin(
             heading[m + 1] = heading[m] + FINE * middle
             rate += FINE * (tau[m] - K_RR * abs(middle) * middle) / INERTIA
         every = round(PERIOD / FINE)
-        shown = random.uniform(-3, 3) + heading[::every] + np.deg2rad(noise_deg) * random.standard_normal(
-            len(heading[::every])
+        shown = (
+            random.uniform(-3, 3)
+            + heading[::every]
+            + np.deg2rad(noise_deg) * random.standard_normal(len(heading[::every]))
         )
         extras = {"n_port": port[::every], "n_stbd": stbd[::every]}
         name = f"twin_{number:02d}"

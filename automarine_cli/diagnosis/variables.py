@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.effects.thruster_imbalance import PARTS
+from automarine_cli.runs.run import ASKED
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +61,7 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
         Column("run-order", "", order),
         Column("campaign-clock", "s", clock),
     ]
-    shared = set.intersection(*(set(run.extras) for run in study.runs)) - set(PARTS)
+    shared = set.intersection(*(set(run.extras) for run in study.runs)) - {ASKED, *PARTS}
     for name in sorted(shared):
         values = np.full(seen.shape, np.nan)
         for row, run in zip(values, study.runs):

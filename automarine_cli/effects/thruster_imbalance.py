@@ -7,6 +7,12 @@ PARTS = ("port_ahead", "port_astern", "stbd_ahead", "stbd_astern")
 """Signals: what each thruster adds to the moment or force while it pushes that way, zero while it pushes the other."""
 
 
+def each(commands: Commands) -> tuple[Floats, Floats]:
+    """What port and starboard thruster give by their map, (R, M), in the unit of the moment or force."""
+    port, port_astern, stbd, stbd_astern = (commands.signals[part] for part in PARTS)
+    return port + port_astern, stbd + stbd_astern
+
+
 def lacking_signal(signal: str, remedy: str = "") -> str:
     """What a run lacks without a signal that a model needs, and the remedy, for sentences."""
     if signal in PARTS:

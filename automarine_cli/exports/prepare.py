@@ -81,7 +81,9 @@ def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
     if term.name in named:
         return named[term.name]
     return (
-        f"it needs the logged {listed(effect.columns)}" if effect.columns else dof.fill(WHY[effect.place.value])
+        f"it needs the logged {listed(effect.columns)}"
+        if effect.columns
+        else dof.fill(WHY[effect.place.value])
     )
 
 

@@ -83,6 +83,8 @@ def parts_of(shares: Sequence[Floats], dof: Dof) -> dict[str, Floats]:
     """What each thruster gives ahead and astern, by the names of PARTS, of its share (N,) of the moment or force; none
     for a motion of another number of thrusters than two."""
     ways = [
-        side * way(side * one, 0.0) for side, one in zip(dof.sides, shares) for way in (np.maximum, np.minimum)
+        side * way(side * one, 0.0)
+        for side, one in zip(dof.sides, shares)
+        for way in (np.maximum, np.minimum)
     ]
     return dict(zip(PARTS, ways)) if len(ways) == len(PARTS) else {}

@@ -6,14 +6,15 @@ Marine Craft Hydrodynamics and Motion Control, second edition (control allocatio
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, Dof
-from automarine_cli.runs.run import Run
+from automarine_cli.pipeline.words import listed
+from automarine_cli.runs.run import ASKED, Run
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -42,32 +43,32 @@ class Commanded:
 
 @dataclass(frozen=True)
 class AllocationLimit:
-    """What the thrusters did not give: `share` of the samples, at the worst `asked` and `given` [`unit`], with the
-    `thruster` at its `limit` in most of them."""
+    """What the thrusters did not give: `share` of the samples; of the worst of them what was `asked` and `given`
+    [`unit`], and the `thrusters` at their limits, by name with the command there."""
 
     dof: Dof
     unit: str
     share: float
     asked: float
     given: float
-    thruster: str
-    limit: float
+    thrusters: Mapping[str, float]
 
     @property
     def sentence(self) -> str:
         """One clear sentence."""
         percent = f"{100 * self.share:.2g}" if self.share < 0.1 else f"{100 * self.share:.0f}"
+        held = listed(f"{name} at its limit of {limit:.4g}" for name, limit in self.thrusters.items())
         return (
             f"the thrusters cannot give the {self.dof.words.force} commanded in {percent} % of the samples: at worst "
-            f"{self.asked:.4g} {self.unit} was asked and {self.given:.4g} {self.unit} given, {self.thruster} being at "
-            f"its limit of {self.limit:.4g}; fits use what was given"
+            f"{self.asked:.4g} {self.unit} was asked and {self.given:.4g} {self.unit} given, with {held}; fits "
+            "use what was given"
         )
 
     def to_json(self) -> dict[str, object]:
         """Its form in check.json."""
         return {
             "command": self.dof.command, "unit": self.unit, "share": self.share, "asked": self.asked,
-            "given": self.given, "thruster": self.thruster, "limit": self.limit,
+            "given": self.given, "thrusters": dict(self.thrusters),
         }  # fmt: skip
 
 
@@ -87,6 +88,11 @@ class Law:
         """What thrusters give under commands (N, T), (N,)."""
         return _terms(single, self.exponent) @ self.coefficients
 
+    def shares(self, single: Floats) -> Floats:
+        """How much each thruster gives, (N, T), a size."""
+        parts = _terms(single, self.exponent) * self.coefficients
+        return np.abs(parts[:, : len(self.names)] + parts[:, len(self.names) :])
+
     def short(self, total: Floats, single: Floats) -> Mask:
         """Which samples (N,) ask for what thrusters at a limit do not give."""
         at_limit = (_at(single, self.low, self.high)).any(axis=1)
@@ -100,7 +106,8 @@ def commanded(run: Run) -> list[Commanded]:
         return []
     single = np.stack([run.extras[name] for name in names], axis=1)
     totals = {dof: run.extras[dof.command] for dof in DOFS.values() if dof.command in run.extras}
-    totals |= {run.dof: run.moment} if run.moment is not None else {}
+    total = run.extras.get(ASKED, run.moment)
+    totals |= {run.dof: total} if total is not None else {}
     return [Commanded(dof, names, total, single) for dof, total in totals.items() if np.isfinite(total).all()]
 
 
@@ -123,7 +130,11 @@ def law_of(several: Sequence[Commanded]) -> Law | None:
     found = []
     for exponent in EXPONENTS:
         terms = _terms(single[free], exponent)
-        coefficients, _, rank, _ = np.linalg.lstsq(terms, total[free], rcond=1e-6)
+        # thrusters that always pull together are taken to give alike: the least norm of terms of one size
+        size = np.sqrt(np.mean(terms**2, axis=0))
+        scale = np.where(size > 0, size, 1.0)
+        scaled, _, rank, _ = np.linalg.lstsq(terms / scale, total[free], rcond=1e-6)
+        coefficients = scaled / scale
         left = float(np.sqrt(np.mean((total[free] - terms @ coefficients) ** 2)))
         if distinct > 2 * rank and left <= LAW * float(np.sqrt(np.mean(total[free] ** 2))):
             tolerance = max(SHORT * float(np.abs(total).max()), 10.0 * left)
@@ -140,12 +151,18 @@ def limit_of(law: Law, several: Sequence[Commanded], unit: str) -> AllocationLim
         return None
     given = law.given(single)
     worst = int(np.argmax(np.where(short, np.abs(total - given), 0.0)))
-    held = _at(single, law.low, law.high)
-    which = int(np.argmax(held[short].sum(axis=0)))
-    at = single[short & held[:, which], which][0]
+    held = _at(single[[worst]], law.low, law.high)[0] & (law.shares(single[[worst]])[0] > 0.1 * law.tolerance)
+    thrusters = {name: float(n) for name, n, one in zip(law.names, single[worst], held) if one}
     return AllocationLimit(
-        several[0].dof, unit, float(short.mean()), float(total[worst]), float(given[worst]), law.names[which], float(at)
-    )  # fmt: skip
+        several[0].dof, unit, float(short.mean()), float(total[worst]), float(given[worst]), thrusters
+    )
+
+
+def limits_in(asked: Mapping[int, Commanded], unit: str) -> tuple[Law | None, AllocationLimit | None]:
+    """The allocation of one degree of freedom in runs by their number, and what these ask beyond its limits."""
+    several = list(asked.values())
+    law = law_of(several) if several else None
+    return law, None if law is None else limit_of(law, several, unit)
 
 
 def within_limits(runs: Sequence[Run]) -> tuple[list[Run], tuple[AllocationLimit, ...]]:
@@ -154,15 +171,11 @@ def within_limits(runs: Sequence[Run]) -> tuple[list[Run], tuple[AllocationLimit
     kept, found = list(runs), []
     for dof in DOFS.values():
         asked = {i: one for i, run in enumerate(runs) for one in commanded(run) if one.dof is dof}
-        law = law_of(list(asked.values())) if asked else None
-        if law is None:
-            continue
-        unit = runs[0].moment_unit if dof is runs[0].dof else dof.units.forces[1]
-        whole = limit_of(law, list(asked.values()), unit)
-        if whole is None:
+        law, whole = limits_in(asked, runs[0].moment_unit if dof is runs[0].dof else dof.units.forces[1])
+        if law is None or whole is None:
             continue
         found.append(whole)
-        kept = [_limited(run, asked[i], law, unit) if i in asked else run for i, run in enumerate(kept)]
+        kept = [_limited(run, asked[i], law, whole.unit) if i in asked else run for i, run in enumerate(kept)]
     return kept, tuple(found)
 
 
@@ -176,7 +189,7 @@ def _limited(run: Run, one: Commanded, law: Law, unit: str) -> Run:
     told = () if own is None else (own.sentence,)
     run = replace(run, notes=(*run.notes, *told), reading=(*run.reading, *told))
     if one.dof is run.dof:
-        return replace(run, moment=total)
+        return run if ASKED in run.extras else replace(run, moment=total)
     return replace(run, extras={**run.extras, one.dof.command: total})
 
 

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
+from automarine_cli.runs.allocation_limits import SINGLE
 from automarine_cli.runs.noise import slope
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import ASKED, Run, SetAside
 from automarine_cli.runs.sense import longest_repeat
 from automarine_cli.runs.steps import Step, find_steps, start_position
 from automarine_cli.runs.undriven import undriven
@@ -200,10 +201,11 @@ def trimmed(run: Run, trim: Trim = UNTRIMMED) -> Trimmed:
 
 
 def _copied(run: Run, start: int, stop: int) -> Run:
-    """Samples start:stop of what sensors of the motion say, so that the rest of the log need not stay in memory."""
+    """Samples start:stop of what sensors of the motion and thrusters say: the rest need not stay in memory."""
     time, position = (column[start:stop].copy() for column in (run.time, run.position))
     moment = None if run.moment is None else run.moment[start:stop].copy()
-    extras = {name: run.extras[name][start:stop].copy() for name in (run.dof.velocity,) if name in run.extras}
+    kept = (name for name in run.extras if name in (run.dof.velocity, ASKED) or SINGLE.fullmatch(name))
+    extras = {name: run.extras[name][start:stop].copy() for name in kept}
     return replace(run, time=time, position=position, moment=moment, extras=extras)
 
 

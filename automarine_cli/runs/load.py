@@ -3,7 +3,7 @@
 import contextlib
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -17,8 +17,8 @@ from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_lo
 from automarine_cli.logs.canonical import names_of
 from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.runs.clean import NotUsable, clean, too_short
 from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
+from automarine_cli.runs.clean import NotUsable, clean, too_short
 from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, Trimmed, trimmed
 from automarine_cli.runs.names import named_apart, own_name
 from automarine_cli.runs.run import Run, SetAside

@@ -1,7 +1,7 @@
 """What can be said of one run or one thruster test without fitting anything: what `check` shows."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import Dof
 from automarine_cli.logs import LogTable
 from automarine_cli.logs.formats import stem_of
+from automarine_cli.runs.allocation_limits import AllocationLimit, Commanded, commanded, limit_of, limits_in
 from automarine_cli.runs.half_turn import NO_STEP, HalfTurn, half_turn
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run, SetAside
@@ -81,6 +82,8 @@ class RunSeen:
     why: str | None
     columns: list[str]
     notes: list[str]
+    asked: list[Commanded] = field(default_factory=list, repr=False)
+    limits: list[AllocationLimit] = field(default_factory=list)
 
     def to_json(self) -> dict[str, object]:
         """Its form in check.json."""
@@ -104,7 +107,12 @@ class RunSeen:
             "why": self.why,
             "columns": self.columns,
             "notes": self.notes,
+            **({"allocation_limits": [one.to_json() for one in self.limits]} if self.limits else {}),
         }
+
+    def with_limit(self, limit: AllocationLimit) -> "RunSeen":
+        """The same with what it asks beyond the limits of the thrusters."""
+        return replace(self, limits=[*self.limits, limit], notes=[*self.notes, limit.sentence])
 
 
 @dataclass(frozen=True)
@@ -154,7 +162,24 @@ def look_at_run(run: Run) -> RunSeen:
         why=None if best is not None else turns[0].why if turns else run.dof.fill(NO_STEP),
         columns=sorted(run.extras),
         notes=[*run.notes, *(note for turn in turns for note in turn.step.notes)],
+        asked=commanded(run),
     )
+
+
+def with_limits(seen: Sequence[RunSeen]) -> list[RunSeen]:
+    """The runs of one campaign, each with what it asks of its thrusters beyond their limits, as all of them show
+    these."""
+    found = list(seen)
+    for own, dof in {(run.dof, one.dof): None for run in seen for one in run.asked}:
+        asked = {
+            i: one for i, run in enumerate(seen) if run.dof is own for one in run.asked if one.dof is dof
+        }
+        unit = seen[next(iter(asked))].moment_unit if dof is own else dof.units.forces[1]
+        law, _ = limits_in(asked, unit)
+        for i, one in asked.items():
+            limit = None if law is None else limit_of(law, [one], unit)
+            found[i] = found[i] if limit is None else found[i].with_limit(limit)
+    return found
 
 
 def _step_seen(turn: HalfTurn) -> StepSeen:

@@ -14,6 +14,9 @@ from automarine_cli.runs.noise import median, position_noise
 
 Floats = NDArray[np.float64]
 
+ASKED = "asked"
+"""Extra of a run that is driven by its thrusters: the moment or force that was logged beside them."""
+
 NOISE_FROM = 1000
 """Samples, the first of a run, that show its noise to four percent."""
 
@@ -121,8 +124,11 @@ class Run:
 
     def with_moment(self, moment: Floats, unit: str, parts: Mapping[str, Floats] | None = None) -> "Run":
         """The same run driven by another moment or force (thruster commands through a map), of which `parts` are those
-        of single thrusters (`effects.thruster_imbalance.PARTS`)."""
-        return replace(self, moment=moment, moment_unit=unit, extras={**self.extras, **(parts or {})})
+        of single thrusters (`effects.thruster_imbalance.PARTS`); a logged one of that unit stays beside it as ASKED."""
+        asked = {ASKED: self.moment} if self.moment is not None and parts and unit == self.moment_unit else {}
+        return replace(
+            self, moment=moment, moment_unit=unit, extras={**self.extras, **asked, **(parts or {})}
+        )
 
     def cut(self, start: int, stop: int) -> "Run":
         """Samples start:stop of this run."""

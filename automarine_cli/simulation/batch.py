@@ -188,9 +188,7 @@ def unit_of(runs: Sequence[Run], signals: Sequence[str] = ()) -> str:
     for run in runs:
         missing = [name for name in signals if name not in run.extras]
         if missing:
-            raise RunError(
-                f"{run.source}, run {run.name!r}: the model needs {lacking_signal(missing[0])}"
-            )
+            raise RunError(f"{run.source}, run {run.name!r}: the model needs {lacking_signal(missing[0])}")
     return units.pop()
 
 

@@ -23,16 +23,9 @@ from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.check_tables import run_tables, thruster_test_table
 from automarine_cli.report.tables import Table
-from automarine_cli.runs.load import (
-    NAMED_APART,
-    has_bytes,
-    names_apart,
-    none_left,
-    refused_by_strict,
-    runs_of_table,
-    unreadable,
-)
-from automarine_cli.runs.look import RunSeen, ThrusterTestSeen, look_at_run, look_at_tests
+from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, runs_of_table, unreadable
+from automarine_cli.runs.look import RunSeen, ThrusterTestSeen, look_at_run, look_at_tests, with_limits
+from automarine_cli.runs.names import NAMED_APART, names_apart
 from automarine_cli.runs.run import SetAside
 
 FILES = ("check.json", "check.md")
@@ -116,7 +109,7 @@ def _look(files: Sequence[LogFile], names: ColumnMap, strict: bool, jobs: int, p
     apart = names_apart([(run.run, run.file) for run in runs])
     seen = [
         run if run.run == name else replace(run, run=name, notes=[*run.notes, NAMED_APART])
-        for run, name in zip(runs, apart)
+        for run, name in zip(with_limits(runs), apart)
     ]
     return Check(tuple(seen), tests, tuple(aside), len(files))
 

@@ -195,9 +195,12 @@ def _fit(
         logs, column_map, drive, dof=dof, trim=trim, strict=strict, progress=progress, jobs=jobs
     )
 
+    limits = list(campaign.limits)
+
     def whole() -> Sequence[Run]:
-        runs = load_runs(logs, column_map, dof=dof, progress=progress, jobs=jobs).runs
-        return [trim.of_whole(run if drive is None else drive(run)) for run in runs]
+        again = load_runs(logs, column_map, dof=dof, progress=progress, jobs=jobs)
+        limits[:] = again.limits
+        return [trim.of_whole(run if drive is None else drive(run)) for run in again.runs]
 
     def each(function: Callable[[str], OutputErrorFit], models: Sequence[str]) -> Sequence[OutputErrorFit]:
         return ordered_map(function, models, jobs, progress=progress, stage="fitting models")
@@ -207,7 +210,8 @@ def _fit(
             fit = identify_turns(
                 dof, campaign.turns, campaign.not_turned, whole, kind, known, each, channels, start, wanted
             )
-        fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside))
+        beyond = [f"{one.sentence[0].upper()}{one.sentence[1:]}." for one in limits if one.dof is dof]
+        fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside), warnings=(*beyond, *fit.warnings))
         if strict and fit.set_aside:
             raise refused_by_strict(fit.set_aside[0])
         return fit

@@ -1,0 +1,33 @@
+"""Single thrusters that do nothing below a smallest thrust: seen also where both together are asked for much."""
+
+import numpy as np
+
+from automarine_cli.dofs import Dof
+from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
+from automarine_cli.effects.thruster_imbalance import PARTS, each
+
+
+class ThrusterDeadBand(Effect):
+    """Of what each of two thrusters gives a width is lost, and all of it below that."""
+
+    name = "thruster-dead-band"
+    place = Place.ACTUATOR
+    parameters = (
+        Parameter("width", "half width of the dead-band of one thruster", "{force}", 0.0, float("inf"), 0.03),
+    )
+    equation = "{f}_delivered = sum over thrusters of sgn({f}_i) max(|{f}_i| - width, 0)"
+    says = "Each thruster gives nothing below a smallest share of the {force}."
+    reveals = "small commands of one thruster beside large ones of the other"
+    mistaken_for = ("dead-band", "coulomb-drag", "thrust-exponent")
+    separated_by = "a run with each thruster alone, ahead and astern"
+    source = "Blue Robotics T200 performance data (2019): no thrust within 7 to 10 % of the command range"
+    needs = PARTS
+    logged = ("n_port", "n_stbd")
+    single = True
+
+    def acts_in(self, dof: Dof) -> bool:
+        return len(dof.thrusters) == 2
+
+    def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
+        (width,) = values
+        return commands.force - sum(np.clip(one, -width, width) for one in each(commands))

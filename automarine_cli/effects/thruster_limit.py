@@ -1,0 +1,42 @@
+"""Single thrusters that give no more than a largest thrust, each for itself."""
+
+import numpy as np
+
+from automarine_cli.dofs import Dof
+from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
+from automarine_cli.effects.thruster_imbalance import PARTS, each
+
+
+class ThrusterLimit(Effect):
+    """What each of two thrusters gives is cut at a limit: way on takes from the turn, and the turn from way on."""
+
+    name = "thruster-limit"
+    place = Place.ACTUATOR
+    parameters = (
+        Parameter(
+            "limit",
+            "largest share of the {force} of one thruster",
+            "{force}",
+            0.0,
+            float("inf"),
+            0.5,
+            off=float("inf"),
+            scan=(0.25, 0.33, 0.42, 0.55, 0.7, 0.9),
+        ),
+    )
+    equation = "{f}_delivered = sum over thrusters of sgn({f}_i) min(|{f}_i|, limit)"
+    says = "Each thruster gives no more than a largest share of the {force}, whatever is commanded."
+    reveals = "the highest commands of one thruster beside small ones of the other"
+    mistaken_for = ("saturation", "cubic-drag", "thruster-imbalance")
+    separated_by = "a run with each thruster alone, ahead and astern"
+    source = "Blanke, Lindegaard and Fossen (2000), Dynamic model for thrust generation of marine propellers"
+    needs = PARTS
+    logged = ("n_port", "n_stbd")
+    single = True
+
+    def acts_in(self, dof: Dof) -> bool:
+        return len(dof.thrusters) == 2
+
+    def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
+        (limit,) = values
+        return commands.force - sum(one - np.clip(one, -limit, limit) for one in each(commands))
