@@ -59,6 +59,8 @@ def twin(
     scatter: float = 0.02,
     bias: float = 0.0,
     asymmetry: float = 0.0,
+    width: float = 0.0,
+    limit: float = np.inf,
 ) -> list[Run]:
     """The runs as logged, with headings and thruster commands, without a moment."""
     random, found = np.random.default_rng(seed), []
@@ -71,6 +73,9 @@ def twin(
         thrust = [
             np.where(n > 0, 4.0 * g * n**2, -2.5 * h * n**2)
             for n, g, h in ((port, *gains[:2]), (stbd, *gains[2:]))
+        ]
+        thrust = [  # dead-band and limit [N m] of each thruster by itself
+            np.sign(f) * np.minimum(np.maximum(np.abs(f) - width / ARM, 0.0), limit / ARM) for f in thrust
         ]
         tau = ARM * (thrust[0] - thrust[1]) * np.exp(scatter * random.standard_normal())
         tau = tau * (1.0 + asymmetry * np.sign(tau)) + bias

@@ -367,6 +367,6 @@ def test_unknown_name_is_told_its_nearest(run: Callable[..., Result]) -> None:
     found = run("effects", "Dead_bnd")
     assert (found.exit_code, found.stdout) == (1, "")
     assert found.stderr.startswith("Error: effect 'Dead_bnd' is not in the library; known are battery-sag, ")
-    assert found.stderr.endswith(", water-swirl. Did you mean dead-band?\n")
+    assert found.stderr.endswith(", water-swirl. Did you mean dead-band or thruster-dead-band?\n")
     with pytest.raises(ModelError, match=r"water-swirl$"):
         effects.get("quux")

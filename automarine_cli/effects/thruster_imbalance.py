@@ -34,7 +34,7 @@ class ThrusterImbalance(Effect):
         Parameter("astern", "half the relative difference of port and starboard thrust, astern", "1", -0.9, 0.9, 0.05),
         Parameter("way", "half the relative difference of thrust ahead and astern", "1", -0.9, 0.9, 0.05),
     )  # fmt: skip
-    equation = "{f}_delivered = (1 + way) ((1 + ahead) {f}_port + (1 - ahead) {f}_stbd), astern with 1 - way and astern"
+    equation = "{f}_delivered = sum over thrusters of (1 +- way) (1 +- ahead or astern) {f}_i"
     says = "One thruster pushes harder than the other, or both push otherwise ahead and astern than their map says."
     reveals = "runs in which the thrusters are not driven equally: each alone, ahead and astern"
     mistaken_for = ("thrust-asymmetry", "bias-moment", "drag-asymmetry")

@@ -133,13 +133,15 @@ def _promising(
 
 @dataclass(frozen=True, repr=False)
 class PlanarFit(Shown):
-    """The structures that were `tried` on `runs`, the best one first, and of what `use` that is; what was set aside."""
+    """The structures that were `tried` on `runs`, the best one first, and of what `use` that is; what was set aside, and
+    sentences on the thrusters' `limits`."""
 
     tried: tuple[Tried, ...]
     runs: tuple[Run, ...]
     seen: Observed
     set_aside: tuple[SetAside, ...] = ()
     use: PlanarUse | None = None
+    limits: tuple[str, ...] = ()
 
     @property
     def found(self) -> Estimated:
@@ -244,4 +246,4 @@ class PlanarFit(Shown):
                 f"The logs hardly tell {', '.join(loose)}: its standard error is more than half of it. Runs in which "
                 "the commands change more often would."
             )
-        return tuple(found)
+        return (*found, *self.limits)

@@ -25,7 +25,7 @@ EXPONENTS = (2.0, 1.5, 1.0)
 """Of thrust against speed, of normalised commands against thrust, and between."""
 LAW = 0.01
 """Share of the commands' root mean square that a law leaves of them; more is no law."""
-SHORT = 0.03
+SHORT = 0.01
 """Share of the largest command from which on what was given is not what was asked."""
 FEWEST = 3
 """Samples at one largest value that make it a limit, and samples that fall short."""
@@ -59,10 +59,15 @@ class AllocationLimit:
         percent = f"{100 * self.share:.2g}" if self.share < 0.1 else f"{100 * self.share:.0f}"
         held = listed(f"{name} at its limit of {limit:.4g}" for name, limit in self.thrusters.items())
         return (
-            f"the thrusters cannot give the {self.dof.words.force} commanded in {percent} % of the samples: at worst "
+            f"the thrusters cannot give the {self.dof.words.full_force} commanded in {percent} % of the samples: at worst "
             f"{self.asked:.4g} {self.unit} was asked and {self.given:.4g} {self.unit} given, with {held}; fits "
             "use what was given"
         )
+
+    @property
+    def warning(self) -> str:
+        """The same to begin with a capital and end with a stop."""
+        return f"T{self.sentence[1:]}."
 
     def to_json(self) -> dict[str, object]:
         """Its form in check.json."""

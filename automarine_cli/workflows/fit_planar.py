@@ -46,7 +46,8 @@ def fit_planar(
     def work() -> PlanarFit:
         estimator = estimating(campaign.runs, seen)
         tried = search(campaign.runs, seen, estimator)
-        return PlanarFit(tried, campaign.runs, seen, campaign.set_aside, estimator.use(tried[0].found))
+        use, limits = estimator.use(tried[0].found), tuple(one.warning for one in campaign.limits)
+        return PlanarFit(tried, campaign.runs, seen, campaign.set_aside, use, limits)
 
     if out is None:
         return work()

@@ -210,7 +210,7 @@ def _fit(
             fit = identify_turns(
                 dof, campaign.turns, campaign.not_turned, whole, kind, known, each, channels, start, wanted
             )
-        beyond = [f"{one.sentence[0].upper()}{one.sentence[1:]}." for one in limits if one.dof is dof]
+        beyond = [one.warning for one in limits if one.dof is dof]
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside), warnings=(*beyond, *fit.warnings))
         if strict and fit.set_aside:
             raise refused_by_strict(fit.set_aside[0])
