@@ -245,7 +245,7 @@ def test_a_run_driven_through_its_map_keeps_what_was_asked() -> None:
 def test_check_and_fit_say_so(tmp_path: Path, run: Callable[..., Result]) -> None:
     runs = []
     random = np.random.default_rng(7)
-    for number, size in enumerate((0.4, 0.7, 1.0, 1.3, 1.9, 2.4) * 2):
+    for number, size in enumerate((0.4, 0.7, 1.0, 1.2, 1.9, 2.4) * 2):
         tau = size if number < 6 else -size
         n_p, n_s = (np.clip(s * np.sqrt(size / 2 / ARM / a), -LIMIT, LIMIT) for s, a in (
             (np.sign(tau), 4.0 if tau > 0 else 2.5), (-np.sign(tau), 2.5 if tau > 0 else 4.0),

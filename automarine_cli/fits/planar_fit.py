@@ -133,8 +133,8 @@ def _promising(
 
 @dataclass(frozen=True, repr=False)
 class PlanarFit(Shown):
-    """The structures that were `tried` on `runs`, the best one first, and of what `use` that is; what was set aside, and
-    sentences on the thrusters' `limits`."""
+    """The structures that were `tried` on `runs`, the best one first, and of what `use` that is; what was set aside;
+    sentences on what thrusters at their `limits` did not give."""
 
     tried: tuple[Tried, ...]
     runs: tuple[Run, ...]

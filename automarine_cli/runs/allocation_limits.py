@@ -59,8 +59,8 @@ class AllocationLimit:
         percent = f"{100 * self.share:.2g}" if self.share < 0.1 else f"{100 * self.share:.0f}"
         held = listed(f"{name} at its limit of {limit:.4g}" for name, limit in self.thrusters.items())
         return (
-            f"the thrusters cannot give the {self.dof.words.full_force} commanded in {percent} % of the samples: at worst "
-            f"{self.asked:.4g} {self.unit} was asked and {self.given:.4g} {self.unit} given, with {held}; fits "
+            f"the thrusters cannot give the {self.dof.words.full_force} commanded in {percent} % of the samples: at "
+            f"worst {self.asked:.4g} {self.unit} was asked and {self.given:.4g} {self.unit} given, with {held}; fits "
             "use what was given"
         )
 
