@@ -86,7 +86,7 @@ def strange_to(dof: Dof, text: str, needs: Sequence[str] = ()) -> set[str]:
         token for one in DOFS.values() if one is dof or one.velocity in needs for token in own_tokens(one)
     }
     every = {token for one in DOFS.values() for token in own_tokens(one)}
-    known |= {"port", "starboard", "ahead", "astern"} if set(PARTS) <= set(needs) else set()
+    known |= {"port", "starboard", "forward", "backward"} if set(PARTS) <= set(needs) else set()
     return tokens(text) & (every - known - PLAIN)
 
 

@@ -1,6 +1,7 @@
 """Runs of a vehicle with two thrusters whose commands are logged, of known gains: own equations, fine steps."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +18,16 @@ MAP = ThrusterMap("square", Curve(4.0), Curve(2.5))
 ARM, INERTIA, K_RR = 0.25, 1.1, 1.3
 FINE = 0.01  # s, of the integrator
 PERIOD = 0.1  # s, of the log
-NAMES = ("ahead", "astern", "way")
+NAMES = ("forward", "backward", "direction")
 
 
-def gains_of(ahead: float, astern: float, way: float) -> Gains:
-    """Of port ahead, port astern, starboard ahead and astern; written out apart from the library."""
+def gains_of(forward: float, backward: float, direction: float) -> Gains:
+    """Of port forward and backward, starboard forward and backward; written out apart from the library."""
     return (
-        (1 + way) * (1 + ahead),
-        (1 - way) * (1 + astern),
-        (1 + way) * (1 - ahead),
-        (1 - way) * (1 - astern),
+        (1 + direction) * (1 + forward),
+        (1 - direction) * (1 + backward),
+        (1 + direction) * (1 - forward),
+        (1 - direction) * (1 - backward),
     )
 
 
@@ -99,7 +100,5 @@ def twin(
 
 def swapped(run: Run) -> Run:
     """The same run in the mirror: the thrusters change places."""
-    import dataclasses
-
     extras = {"n_port": run.extras["n_stbd"], "n_stbd": run.extras["n_port"]}
-    return dataclasses.replace(run, position=-run.position, extras=extras)
+    return replace(run, position=-run.position, extras=extras)

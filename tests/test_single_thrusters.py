@@ -46,16 +46,16 @@ def driven(runs: list[Run]) -> list[Run]:
 def test_the_parts_add_up_to_the_moment() -> None:
     (run,) = driven(twin(plans(1, 3)))
     np.testing.assert_allclose(sum(run.extras[part] for part in PARTS), run.command, atol=1e-12)
-    assert (run.extras["port_ahead"] >= 0).all() and (run.extras["stbd_ahead"] <= 0).all()
+    assert (run.extras["port_forward"] >= 0).all() and (run.extras["stbd_forward"] <= 0).all()
     port = run.extras["n_port"]
-    np.testing.assert_allclose(run.extras["port_astern"], np.where(port < 0, -ARM * 2.5 * port**2, 0.0))
+    np.testing.assert_allclose(run.extras["port_backward"], np.where(port < 0, -ARM * 2.5 * port**2, 0.0))
 
 
 def test_the_parts_of_a_force_push_the_same_way() -> None:
     thrust = [np.array([3.0, -2.0]), np.array([1.0, 4.0])]
     parts = parts_of(thrust, SURGE)
     assert {name: part.tolist() for name, part in parts.items()} == {
-        "port_ahead": [3, 0], "port_astern": [0, -2], "stbd_ahead": [1, 4], "stbd_astern": [0, 0],
+        "port_forward": [3, 0], "port_backward": [0, -2], "stbd_forward": [1, 4], "stbd_backward": [0, 0],
     }  # fmt: skip
     assert parts_of(thrust[:1], HEAVE) == {} and not effects.get(NAME).acts_in(HEAVE)
 

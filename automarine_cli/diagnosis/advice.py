@@ -173,7 +173,7 @@ def extra_runs(study: Study) -> dict[str, Run]:
     if single:
         half = step(0.5 * large, turn, -0.5 * large)
         for name, share in (("port", 1.0), ("starboard", 0.0)):
-            kind = f"the {name} thruster alone, ahead and astern, at {0.5 * large:.3g} {unit}"
+            kind = f"the {name} thruster alone, forward and backward, at {0.5 * large:.3g} {unit}"
             kinds[kind] = run("alone", REST + 2 * turn, half, port=share)
     if "voltage" in study.signals:
         low_run = run("voltage", REST + turn, step(large, turn))

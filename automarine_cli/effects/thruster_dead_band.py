@@ -19,7 +19,7 @@ class ThrusterDeadBand(Effect):
     says = "Each thruster gives nothing below a smallest share of the {force}."
     reveals = "small commands of one thruster beside large ones of the other"
     mistaken_for = ("dead-band", "coulomb-drag", "thrust-exponent")
-    separated_by = "a run with each thruster alone, ahead and astern"
+    separated_by = "a run with each thruster alone, forward and backward"
     source = "Blue Robotics T200 performance data (2019): no thrust within 7 to 10 % of the command range"
     needs = PARTS
     logged = ("n_port", "n_stbd")

@@ -1,16 +1,16 @@
-"""Two thrusters that are not as equal as their one map says: one pulls harder, ahead or astern."""
+"""Two thrusters that are not as equal as their one map says: one pulls harder, forward or backward."""
 
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.base import MIXED, Commands, Effect, Floats, Parameter, Place
 
-PARTS = ("port_ahead", "port_astern", "stbd_ahead", "stbd_astern")
+PARTS = ("port_forward", "port_backward", "stbd_forward", "stbd_backward")
 """Signals: what each thruster adds to the moment or force while it pushes that way, zero while it pushes the other."""
 
 
 def each(commands: Commands) -> tuple[Floats, Floats]:
     """What port and starboard thruster give by their map, (R, M), in the unit of the moment or force."""
-    port, port_astern, stbd, stbd_astern = (commands.signals[part] for part in PARTS)
-    return port + port_astern, stbd + stbd_astern
+    port, port_back, stbd, stbd_back = (commands.signals[part] for part in PARTS)
+    return port + port_back, stbd + stbd_back
 
 
 def lacking_signal(signal: str, remedy: str = "") -> str:
@@ -21,24 +21,25 @@ def lacking_signal(signal: str, remedy: str = "") -> str:
 
 
 class ThrusterImbalance(Effect):
-    """Gains of the four parts whose mean is held: (1 + way)(1 +- ahead) and (1 - way)(1 +- astern), + for port.
+    """Gains of the four parts whose mean is held: (1 + direction)(1 +- forward), (1 - direction)(1 +- backward), + for
+    port.
 
     A gain common to all four is a scale of inertia and drag, which no log of the motion shows. Where the two always
-    turn equally fast and opposite ways, only ahead - astern shows, as a thrust-asymmetry does.
+    turn equally fast and opposite ways, only forward - backward shows, as a thrust-asymmetry does.
     """
 
     name = "thruster-imbalance"
     place = Place.ACTUATOR
     parameters = (
-        Parameter("ahead", "half the relative difference of port and starboard thrust, ahead", "1", -0.9, 0.9, 0.05),
-        Parameter("astern", "half the relative difference of port and starboard thrust, astern", "1", -0.9, 0.9, 0.05),
-        Parameter("way", "half the relative difference of thrust ahead and astern", "1", -0.9, 0.9, 0.05),
+        Parameter("forward", "half the relative difference of the two thrusters, forward", "1", -0.9, 0.9, 0.05),
+        Parameter("backward", "half the relative difference of the two thrusters, backward", "1", -0.9, 0.9, 0.05),
+        Parameter("direction", "half the relative difference of forward and backward thrust", "1", -0.9, 0.9, 0.05),
     )  # fmt: skip
-    equation = "{f}_delivered = sum over thrusters of (1 +- way) (1 +- ahead or astern) {f}_i"
-    says = "One thruster pushes harder than the other, or both push otherwise ahead and astern than their map says."
-    reveals = "runs in which the thrusters are not driven equally: each alone, ahead and astern"
+    equation = "{f}_delivered = sum of (1 +- direction) (1 +- forward or backward) {f}_i"
+    says = "One thruster pushes harder than the other, or both push otherwise each way than their map says."
+    reveals = "runs in which the thrusters are not driven equally: each alone, forward and backward"
     mistaken_for = ("thrust-asymmetry", "bias-moment", "drag-asymmetry")
-    separated_by = "a run with each thruster alone, ahead and astern"
+    separated_by = "a run with each thruster alone, forward and backward"
     source = "two thrusters of one map: equations 2 and 3 of Stipanov et al. (2007)"
     parity = MIXED
     needs = PARTS
@@ -49,11 +50,11 @@ class ThrusterImbalance(Effect):
         return len(dof.thrusters) == 2
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        ahead, astern, way = values
+        forward, backward, direction = values
         excess = (
-            (1.0 + way) * (1.0 + ahead) - 1.0,
-            (1.0 - way) * (1.0 + astern) - 1.0,
-            (1.0 + way) * (1.0 - ahead) - 1.0,
-            (1.0 - way) * (1.0 - astern) - 1.0,
+            (1.0 + direction) * (1.0 + forward) - 1.0,
+            (1.0 - direction) * (1.0 + backward) - 1.0,
+            (1.0 + direction) * (1.0 - forward) - 1.0,
+            (1.0 - direction) * (1.0 - backward) - 1.0,
         )
         return commands.force + sum(g * commands.signals[part] for g, part in zip(excess, PARTS))

@@ -67,21 +67,21 @@ def drive_run_by_thrusters(run: RunLike, thrusters: ThrusterMap, arm: float) -> 
         )
     lever = arm if run.dof.levered else 1.0
     try:
-        thrust = [thrusters.force(run.extras[name]) for name in names]
         moment = (
-            thrusters.moment(run.extras["n_port"], run.extras["n_stbd"], arm)
-            if run.dof.levered
-            else np.asarray(sum(side * one for side, one in zip(run.dof.sides, thrust)))
+            thrusters.moment(run.extras["n_port"], run.extras["n_stbd"], arm) if run.dof.levered else None
         )
+        thrust = [thrusters.force(run.extras[name]) for name in names]
     except ModelError as error:
         raise ModelError(f"{run.source}, run {run.name!r}: {error}") from None
+    if moment is None:
+        moment = np.asarray(sum(side * one for side, one in zip(run.dof.sides, thrust)))
     shares = [side * lever * one for side, one in zip(run.dof.sides, thrust)]
     return run.with_moment(moment, run.dof.units.forces[1], parts_of(shares, run.dof))
 
 
 def parts_of(shares: Sequence[Floats], dof: Dof) -> dict[str, Floats]:
-    """What each thruster gives ahead and astern, by the names of PARTS, of its share (N,) of the moment or force; none
-    for a motion of another number of thrusters than two."""
+    """What each thruster gives forward and backward, by the names of PARTS, of its share (N,) of the moment or force;
+    none for a motion of another number of thrusters than two."""
     ways = [
         side * way(side * one, 0.0)
         for side, one in zip(dof.sides, shares)
