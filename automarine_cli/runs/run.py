@@ -125,7 +125,8 @@ class Run:
     def with_moment(self, moment: Floats, unit: str, parts: Mapping[str, Floats] | None = None) -> "Run":
         """The same run driven by another moment or force (thruster commands through a map), of which `parts` are those
         of single thrusters (`effects.thruster_imbalance.PARTS`); a logged one of that unit stays beside it as ASKED."""
-        asked = {ASKED: self.moment} if self.moment is not None and parts and unit == self.moment_unit else {}
+        kept = parts is not None and self.moment is not None and unit == self.moment_unit
+        asked = {ASKED: self.command} if kept else {}
         return replace(
             self, moment=moment, moment_unit=unit, extras={**self.extras, **asked, **(parts or {})}
         )
