@@ -4,7 +4,7 @@ Each candidate is added to the model and everything is fitted again by innovatio
 more than a penalty and a head start, run by run beyond chance, and where runs that no fit saw are more likely with it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from automarine_cli.filters.prediction import predict
 from automarine_cli.fits.driven_fit import Worth, worth_of
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.planar_fit import Estimated
-from automarine_cli.fits.planar_likelihood import PlanarLikelihood
+from automarine_cli.fits.planar_likelihood import PlanarLikelihood, Promise
 from automarine_cli.fits.planar_structure import COUPLINGS, Observed, Structure
 from automarine_cli.models.planar import derivative, parameters_of
 from automarine_cli.models.planar_store import StoredPlanar
@@ -31,6 +31,8 @@ HEAD_START = 10.0
 """Deviance beyond the penalty that an effect has to gain."""
 ERRORS = 2.0
 """Standard errors by which the mean gain of a run has to exceed zero."""
+SMALL = 0.02
+"""Share of its usual size at which an actuator effect is as good as none."""
 MOST = 3
 """Effects that are named at most."""
 OF_YAW = ("input-delay", "thruster-lag", "dead-band")
@@ -43,13 +45,12 @@ SAYS = {
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect by its name, the parameters that it adds, and the model with it, `nested` where that begins as the
-    model without it."""
+    """An effect by its name, the parameters that it adds, and the model with it, which begins as the model without it,
+    or so near to that that slopes are those there."""
 
     name: str
     added: tuple[str, ...]
     model: Tied
-    nested: bool = True
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,11 @@ class Contender:
     def borne_out(self) -> bool:
         """Whether the held-out runs do not speak against it."""
         return self.evident and self.held_out > 0
+
+    def rivals(self, best: "Contender") -> bool:
+        """Whether the best one does not lead by more than the head start, and run by run beyond chance."""
+        behind = _fit(best.found).density - _fit(self.found).density
+        return best.surplus - self.surplus < HEAD_START or not _steady(behind)
 
 
 @dataclass(frozen=True)
@@ -142,11 +148,11 @@ def candidates(base: Tied, seen: Observed, largest: float) -> Iterator[Candidate
         if name in {term.name for term in model.yaw}:
             continue
         effect = effects.get(name)
-        values = tuple(float(p.off) if p.held else p.scaled(p.start, largest) for p in effect.parameters)
+        values = tuple(p.off + (not p.held) * SMALL * p.scaled(p.start, largest) for p in effect.parameters)
         term = Term(name, values)
         names = [n for n, held in zip(parameters_of(YAW, term), effect.held(values)) if not held]
         wider = replace(model, yaw=(*model.yaw, term))
-        yield Candidate(name, tuple(names), Tied(wider, (*base.free, *names), base.ties), nested=False)
+        yield Candidate(name, tuple(names), Tied(wider, (*base.free, *names), base.ties))
 
 
 def find_missing(
@@ -156,21 +162,23 @@ def find_missing(
     if len(runs) < 2 or not kept:
         raise RunError(f"{len(runs) + len(kept)} runs are too few for a diagnosis; give three or more")
     likelihood, other = PlanarLikelihood(tuple(runs), seen), PlanarLikelihood(tuple(kept), seen)
-    before = here = likelihood.estimate(base_of(stored, seen))
+    before = here = likelihood.estimate(*_begin(stored, seen))
     steps: list[Step] = []
     suspected: list[Contender] = []
     while len(steps) < MOST:
         tried = [
-            _contender(one, likelihood.estimate(one.model, here, True), here, other)
-            for one in _promising(likelihood, here, seen)
+            _contender(one, likelihood.estimate(*likelihood.toward(one.model, here, promise), True), here, other)
+            for one, promise in _promising(likelihood, here, seen)
         ]
+        here, tried = _on_the_best_summit(likelihood, here, tried, other)
+        before = before if steps else here
         good = sorted((one for one in tried if one.borne_out), key=lambda one: -one.surplus)
         if not good:
             suspected = [one for one in tried if one.evident]
             break
         best, *rest = good
         here = likelihood.estimate(best.candidate.model, best.found)
-        near = tuple(one for one in rest if best.surplus - one.surplus < HEAD_START)
+        near = tuple(one for one in rest if one.rivals(best))
         steps.append(Step(replace(best, found=here), near))
     return PlanarSearch(
         before,
@@ -181,30 +189,56 @@ def find_missing(
     )
 
 
-def _promising(likelihood: PlanarLikelihood, here: Estimated, seen: Observed) -> list[Candidate]:
-    """The candidates that are worth a fit: of the nested ones those whose score promises to pass the bar."""
+def _begin(stored: StoredPlanar, seen: Observed) -> tuple[Tied, Estimated | None]:
+    """The stored model, and with what its fit knew of what is random, if it says so: from there one start is enough."""
+    base, random = base_of(stored, seen), stored.data.get("random")
+    if not isinstance(random, Mapping) or not random:
+        return base, None
+    sizes = {str(name): float(size) for name, size in random.items() if isinstance(size, (int, float))}
+    return base, Estimated(base, np.zeros((0, 0)), 0.0, 0, random=sizes)
+
+
+def _promising(
+    likelihood: PlanarLikelihood, here: Estimated, seen: Observed
+) -> list[tuple[Candidate, Promise]]:
+    """The candidates that are worth a fit, those whose score promises to pass the bar, with what they promise."""
     largest = float(np.abs(likelihood.course.held[-1]).max()) or 1.0
     every = list(candidates(here.model, seen, largest))
-    nested = [one for one in every if one.nested]
-    if not nested:
-        return every
+    if not every:
+        return []
     wide = here.model
-    for one in nested:
+    for one in every:
         wide = next(c.model for c in candidates(wide, seen, largest) if c.added == one.added)
-    gains = likelihood.gains(wide, here, [one.added for one in nested])
-    return [one for one, gain in zip(nested, gains) if 2.0 * gain > HEAD_START] + [
-        one for one in every if not one.nested
-    ]
+    promised = likelihood.promises(wide, here, [one.added for one in every])
+    return [(one, promise) for one, promise in zip(every, promised) if 2.0 * promise.gain > HEAD_START]
 
 
 def _contender(one: Candidate, found: Estimated, here: Estimated, other: PlanarLikelihood) -> Contender:
     gained = _fit(found).density - _fit(here).density
-    error = float(np.std(gained, ddof=1) / np.sqrt(len(gained)))
     penalty = len(one.added) * float(np.log(len(gained)))
     held_out = _density(other, found) - _density(other, here)
-    return Contender(
-        one, found, 2.0 * float(gained.sum()) - penalty, float(gained.mean()) > ERRORS * error, held_out
-    )
+    return Contender(one, found, 2.0 * float(gained.sum()) - penalty, _steady(gained), held_out)
+
+
+def _steady(gained: Floats) -> bool:
+    """Whether the mean of what runs gain (R,) is beyond chance."""
+    return float(gained.mean()) > ERRORS * float(np.std(gained, ddof=1) / np.sqrt(len(gained)))
+
+
+def _on_the_best_summit(
+    likelihood: PlanarLikelihood, here: Estimated, tried: list[Contender], other: PlanarLikelihood
+) -> tuple[Estimated, list[Contender]]:
+    """The model, refitted from where the best contender ended if that is likelier, and the contenders beside it: what
+    lets the search out of a lesser summit of the likelihood is no evidence for an effect."""
+    if not any(one.evident for one in tried):
+        return here, tried
+    found = max(tried, key=lambda one: one.surplus).found
+    model = here.model.with_theta([found.known[name] for name in here.model.free])
+    again = likelihood.estimate(model, found, True)
+    if again.log_likelihood <= here.log_likelihood:
+        return here, tried
+    again = likelihood.estimate(again.model, again)
+    return again, [_contender(one.candidate, one.found, again, other) for one in tried]
 
 
 def _fit(found: Estimated) -> InnovationsFit:

@@ -132,6 +132,7 @@ def _climb(problem: DrivenProblem, phi: Floats, iterations: int) -> _Climb:
     free, limits = problem.free, problem.limits
     mean, precision = problem.priors
     converged, done, damping = False, 0, LEAST_DAMPING
+    rounds = len(SHARES) if problem.course.motion.turns else 1  # of three motions arrays are long as they are
     while done < iterations and np.isfinite(value):
         done += 1
         gradient = slopes.gradient.sum(axis=0) - ((phi - mean) * precision)[free]
@@ -148,8 +149,13 @@ def _climb(problem: DrivenProblem, phi: Floats, iterations: int) -> _Climb:
         if expected < SETTLED:
             converged = True
             break
-        tried = problem.slopes(trials)
-        reached = [one.value(problem, trial) for one, trial in zip(tried, trials)]
+        tried: list[Slopes] = []
+        reached: list[float] = []
+        for part in np.split(trials, rounds):
+            tried += problem.slopes(part)
+            reached += [one.value(problem, trial) for one, trial in zip(tried[-len(part) :], part)]
+            if max(reached) > value + 0.1 * SETTLED:
+                break
         best = int(np.argmax(reached))
         if reached[best] > value + 0.1 * SETTLED:
             phi, value, slopes = trials[best], reached[best], tried[best]

@@ -35,6 +35,14 @@ FASTEST_WATER = 5.0
 
 
 @dataclass(frozen=True)
+class Promise:
+    """What more parameters promise: a `gain` in log likelihood, and all parameters by name where it is expected."""
+
+    gain: float
+    theta: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class PlanarLikelihood:
     """Fits of planar models to `runs`, of which the logs hold what is `seen`."""
 
@@ -121,7 +129,14 @@ class PlanarLikelihood:
 
     def gains(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list[float]:
         """The gain in log likelihood to be expected of each group of free parameters of `wide` beside those of an
-        estimate `near` it: half of the score statistic within bounds, Rao (1948), doi 10.1017/S0305004100023987."""
+        estimate `near` it, of which it has the values."""
+        return [one.gain for one in self.promises(wide, near, added)]
+
+    def promises(
+        self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]
+    ) -> list["Promise"]:
+        """What each group of free parameters of `wide` is to be expected to gain beside those of an estimate `near` it,
+        and where: half of the score statistic within bounds, Rao (1948), doi 10.1017/S0305004100023987."""
         problem = self.problem(wide)
         (phi,) = problem.search(self.starts(problem, near))
         (slopes,) = problem.slopes(phi[None])
@@ -132,14 +147,28 @@ class PlanarLikelihood:
         limits, here = problem.limits[problem.free], phi[problem.free]
         free = {*near.model.free, *near.random}
 
-        def gain(more: tuple[str, ...]) -> float:
+        def promise(more: tuple[str, ...]) -> Promise:
             own = np.array([name in free or name in more for name in names])
             h, g = hessian[np.ix_(own, own)], gradient[own]
             step = bounded_solution(h, g + h @ here[own], here[own], limits[own]) - here[own]
-            return float(g @ step - 0.5 * step @ h @ step)
+            there = phi.copy()
+            there[problem.free[own]] += step
+            theta = dict(zip(problem.names, problem.natural(there).tolist()))
+            return Promise(float(g @ step - 0.5 * step @ h @ step), theta)
 
-        without = gain(())
-        return [gain(more) - without for more in added]
+        without = promise(()).gain
+        return [replace(one, gain=one.gain - without) for one in map(promise, added)]
+
+    def toward(self, model: Tied, near: Estimated, promised: "Promise") -> tuple[Tied, Estimated]:
+        """The model, and what is random `near` it, as promised, where that is likelier than as they are."""
+        problem = self.problem(model)
+        (start,) = self.starts(problem, near)
+        there = np.array([promised.theta.get(name, value) for name, value in zip(problem.names, start)])
+        value, reached = problem.value(problem.search(np.stack([start, there])))
+        if not reached > value:
+            return model, near
+        random = dict(zip(problem.names, there.tolist()))
+        return model.with_theta(there[: len(model.free)]), replace(near, random=random)
 
     def _random(self, model: Tied) -> tuple[Randomness, ...]:
         """What is random; of a degree of freedom of which nothing is read, next to nothing."""

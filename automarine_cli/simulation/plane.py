@@ -5,10 +5,26 @@ above. Source: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion 
 and 6.
 """
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+
+
+def product_with(matrices: Floats) -> Callable[[Sequence[Floats] | Floats], list[Floats]]:
+    """What multiplies vectors (3, P, R) by matrices (P, 3, 3). Entries that are zero in every set cost nothing: most
+    hulls couple few motions, and numpy's own products of so small matrices are several times slower."""
+    rows = [
+        [(j, np.ascontiguousarray(matrices[:, i, j, None])) for j in range(3) if matrices[:, i, j].any()]
+        for i in range(3)
+    ]
+
+    def product(vectors: Sequence[Floats] | Floats) -> list[Floats]:
+        return [np.asarray(sum(entry * vectors[j] for j, entry in row)) for row in rows]
+
+    return product
 
 
 def coriolis(inertia: Floats, velocity: Floats) -> Floats:
@@ -18,9 +34,14 @@ def coriolis(inertia: Floats, velocity: Floats) -> Floats:
     for the rigid body, chapter 6 for added mass). It does no work. The last entry holds (m_v - m_u) u v, the moment
     that keeps a vehicle on an oblique course: the water's own, the Munk moment, is its opposite and turns it broadside.
     """
-    along, abeam, _ = np.einsum("pij,jpr->ipr", inertia, velocity)
+    return np.stack(turning_of(product_with(inertia)(velocity), velocity))
+
+
+def turning_of(momentum: Sequence[Floats], velocity: Floats) -> tuple[Floats, Floats, Floats]:
+    """The same of a momentum p = M nu that is known, each (P, R)."""
+    along, abeam, _ = momentum
     u, v, r = velocity
-    return np.stack([-abeam * r, along * r, abeam * u - along * v])
+    return -abeam * r, along * r, abeam * u - along * v
 
 
 def in_earth_axes(velocity: Floats, heading: Floats) -> Floats:

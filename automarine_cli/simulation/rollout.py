@@ -18,7 +18,7 @@ from automarine_cli.effects import Commands, Place, State
 from automarine_cli.models.vehicle import Bound, Vehicle, actuators
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.simulation.batch import Batch, Channel
-from automarine_cli.simulation.plane import coriolis, in_body_axes, in_earth_axes
+from automarine_cli.simulation.plane import in_body_axes, in_earth_axes, product_with, turning_of
 
 Floats = NDArray[np.float64]
 Slope = Callable[..., tuple[Floats, Floats, Sequence[Floats]]]
@@ -229,7 +229,9 @@ def right_hand_side(
 ) -> Slope:
     """The right-hand side: accelerations and rates of the positions (D, P, R), derivatives of the water's states."""
     single = not motion.turns
-    inverse = 1.0 / inertia[:, 0, :1] if single else np.linalg.inv(inertia)
+    inverse = 1.0 / inertia[:, 0, :1]
+    if not single:
+        momentum, accelerated = product_with(inertia), product_with(np.linalg.inv(inertia))
     none = np.zeros(())
     flow = [none] * len(motion.dofs)
     states = [State(none, start, none, none, none, none, {}, flow) for start in origin]
@@ -275,9 +277,9 @@ def right_hand_side(
                 )
         if single:
             return (total[0] * inverse)[None], velocity, stirred
-        turning = np.stack(total) - coriolis(inertia, velocity)
+        turning = turning_of(momentum(velocity), velocity)
         moved = in_earth_axes(over_ground, position[2])
-        return np.einsum("pij,jpr->ipr", inverse, turning), moved, stirred
+        return np.stack(accelerated([a - b for a, b in zip(total, turning)])), moved, stirred
 
     return slope
 
