@@ -21,11 +21,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Craft:
-    """A vehicle as numbers: inertia and damping matrices (3, 3) by linear, by |own| and by |v|, |r|; current (2,)."""
+    """A vehicle as numbers: inertia and damping matrices (3, 3) by linear, by |own| and by |u|, |v|, |r|; current
+    (2,)."""
 
     inertia: Floats
     linear: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     by_own: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    by_surge: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     by_sway: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     by_rate: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     current: Floats = field(default_factory=lambda: np.zeros(2))
@@ -33,7 +35,7 @@ class Craft:
     def drag(self, flow: Floats) -> Floats:
         """Resistance (3,) to velocities through the water (3,)."""
         size = np.abs(flow)
-        quadratic = self.by_own * size + self.by_sway * size[1] + self.by_rate * size[2]
+        quadratic = self.by_own * size + self.by_surge * size[0] + self.by_sway * size[1] + self.by_rate * size[2]
         return (self.linear + quadratic) @ flow
 
     def in_current(self, current: tuple[float, float] | None) -> "Craft":
@@ -45,7 +47,7 @@ class Craft:
         sides = np.outer([1, -1, -1], [1, -1, -1])
         changed = {
             name: sides * getattr(self, name)
-            for name in ("inertia", "linear", "by_own", "by_sway", "by_rate")
+            for name in ("inertia", "linear", "by_own", "by_surge", "by_sway", "by_rate")
         }
         return replace(self, **changed, current=self.current * (1, -1))
 
@@ -110,6 +112,50 @@ def driven(seed: int = 0, length: float = 12.0, period: float = 0.1) -> Run:
     held = np.searchsorted(np.cumsum(rng.uniform(1.0, 3.0, 20)), time - time[0])
     x, y, n = (size * rng.uniform(-1, 1, 21)[held] for size in (30.0, 15.0, 8.0))
     return planar_run(time, x, y, n, f"driven_{seed}")
+
+
+BARE = Craft(np.diag([20.0, 20.0, 2.6]), by_own=np.diag([18.0, 60.0, 4.0]))
+"""Quadratic drag, and as much water taken along abeam as ahead."""
+HIDDEN = {
+    "nothing": BARE,
+    "N_ur": replace(BARE, by_surge=np.diag([0.0, 0.0, 2.5])),
+    "N_v": replace(BARE, linear=np.array([[0, 0, 0], [0, 0, 0], [0, 4.0, 0]])),
+    "Y_r": replace(BARE, linear=np.array([[0, 0, 0], [0, 0, 4.0], [0, 0, 0]])),
+    "munk-moment": replace(BARE, inertia=np.diag([20.0, 32.0, 2.6])),
+    "current": BARE.in_current((0.15, -0.1)),
+}
+"""What a model of the bare craft lacks."""
+NOISE = {"heading": 0.01, "north": 0.02, "east": 0.02, "surge": 0.01, "sway": 0.01}
+"""rad, m, m/s."""
+MIRRORED = ("heading", "sway", "east", "force_Y")
+
+
+def campaign(
+    craft: Craft,
+    seed: int,
+    runs: int,
+    length: float,
+    channels: Sequence[str] = tuple(NOISE),
+    mirror: bool = False,
+) -> list[Run]:
+    """Runs from rest with noisy readings and 2 % scatter of the thrust; with `mirror` port and starboard exchanged."""
+    return [made_run(craft, 100 * seed + i, length, channels, mirror) for i in range(runs)]
+
+
+def made_run(craft: Craft, seed: int, length: float, channels: Sequence[str], mirror: bool) -> Run:
+    """One of them."""
+    run, rng = driven(seed, length, 0.2), np.random.default_rng([seed, 14])
+    gain = np.exp(0.02 * rng.standard_normal())
+    assert run.moment is not None
+    true = replace(run, moment=gain * run.moment, extras={k: gain * x for k, x in run.extras.items()})
+    positions, velocities = solved(craft, true, (0, 0, 0.3), (0, 0, 0))
+    columns = dict(zip(("north", "east", "heading", "surge", "sway"), [*positions.T, *velocities.T[:2]]))
+    read = {name: columns[name] + NOISE[name] * rng.standard_normal(len(run)) for name in NOISE}
+    read = {name: read[name] for name in channels} | dict(run.extras)
+    if mirror:
+        read |= {name: -read[name] for name in MIRRORED if name in read}
+        run = replace(run, moment=-run.moment)
+    return replace(run, position=read.pop("heading"), extras=read)
 
 
 class Otter:
