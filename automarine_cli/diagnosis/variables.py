@@ -49,7 +49,7 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
     clock = batch.start
     order = np.argsort(np.argsort(clock, kind="stable"), kind="stable").astype(np.float64) + 1.0
     found = [
-        Column("time-since-command-change", "s", _since_change(moment, time)),
+        Column("time-since-command-change", "s", since_change(moment, time)),
         Column("time-in-run", "s", time),
         Column(_hyphened(words.travelled), dof.units.shown, dof.shown(fitted - fitted[:, :1])),
         Column(words.position, dof.units.shown, _once_round(dof.shown(measured), dof)),
@@ -142,7 +142,7 @@ def edges(values: Floats, most: int) -> Floats:
     return cut
 
 
-def _since_change(moment: Floats, time: Floats) -> Floats:
+def since_change(moment: Floats, time: Floats) -> Floats:
     """Time since the command last changed, NaN before it ever did."""
     changed = np.zeros(moment.shape, dtype=bool)
     changed[:, 1:] = np.diff(moment, axis=1) != 0

@@ -7,6 +7,7 @@ against the largest that chance gives. Variables that belong to a whole run are 
 gain and the size of its gap, by permuting the runs.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -83,6 +84,50 @@ class Where:
     dof: Dof
 
 
+@dataclass(frozen=True)
+class Gap:
+    """What is left of R runs at N samples, as in `Where`; `raw` (R, N) is what is left if every run has the same
+    thrust."""
+
+    names: tuple[str, ...]
+    residual: Floats
+    raw: Floats
+    sign: Floats
+    seen: NDArray[np.bool_]
+    gain: Floats
+    floor: float
+
+
+@dataclass(frozen=True)
+class Looked:
+    """Variables with their columns, and the regions in which a gap stands out, the surest first."""
+
+    variables: tuple[Variable, ...]
+    columns: tuple[Column, ...]
+    regions: tuple[Region, ...]
+
+
+def look(of: Sequence[Column], kinds: Mapping[str, tuple[str, Floats]], gap: Gap, seed: int) -> Looked:
+    """Look at a gap against the columns `of` its runs; `kinds` are what is averaged over samples (R, N), with its unit,
+    by name. `seed` draws the signs of the runs."""
+    drawn = np.random.default_rng(seed).random((PERMUTATIONS, len(gap.names)))
+    found: list[tuple[Column, Variable, Floats]] = []
+    for column in of:
+        if column.of_the_run:
+            mirrored = np.sign(gap.sign.sum(axis=1))
+            looked = of_runs(column, gap.gain, mirrored, _size(gap.residual, gap.seen), drawn)
+        else:
+            looked = of_samples(column, kinds, gap.sign, np.where(drawn < 0.5, -1.0, 1.0))
+        if looked is not None:
+            found.append((column, *looked))
+    judged = over_variables(found)
+    regions = [region for column, variable in judged for region in _regions(column, variable, gap)]
+    regions.sort(key=lambda region: (region.p_value, -region.share))
+    return Looked(
+        tuple(variable for _, variable in judged), tuple(column for column, _ in judged), tuple(regions)
+    )
+
+
 def find_where(study: Study, base: Trial, seed: int) -> Where:
     """Look at the gap of `base` on the runs of `study` against every variable; `seed` draws the signs."""
     residual, moment = gaps(study, base)
@@ -91,34 +136,18 @@ def find_where(study: Study, base: Trial, seed: int) -> Where:
     fitted = np.where(batch.seen, batch.position - residual, 0.0)
     sign = np.where(batch.seen, direction(study), 0.0)
     gain = 100.0 * base.fit.own(GAIN)[:, 0]
-    random = np.random.default_rng(seed)
-    drawn = random.random((PERMUTATIONS, len(study.runs)))
-    found: list[tuple[Column, Variable, Floats]] = []
     kinds = {
         dof.words.position: (dof.units.shown, dof.shown(residual)),
         THRUST: (dof.units.shown, dof.shown(raw)),
         dof.words.force: (study.base.moment_unit, moment),
     }
-    for column in columns(study, fitted):
-        if column.of_the_run:
-            mirrored = np.sign(sign.sum(axis=1))
-            looked = of_runs(column, gain, mirrored, _size(residual, batch.seen), drawn)
-        else:
-            looked = of_samples(column, kinds, sign, np.where(drawn < 0.5, -1.0, 1.0))
-        if looked is not None:
-            found.append((column, *looked))
-    judged = over_variables(found)
-    regions = [
-        region
-        for column, variable in judged
-        for region in _regions(column, variable, study, residual, raw, sign)
-    ]
-    regions.sort(key=lambda region: (region.p_value, -region.share))
+    gap = Gap(batch.names, residual, raw, sign, batch.seen, gain, study.floor)
+    looked = look(columns(study, fitted), kinds, gap, seed)
     pushed = [run.command[run.command != 0] for run in study.runs]
     return Where(
-        variables=tuple(variable for _, variable in judged),
-        columns=tuple(column for column, _ in judged),
-        regions=tuple(regions),
+        variables=looked.variables,
+        columns=looked.columns,
+        regions=looked.regions,
         names=batch.names,
         residual=residual,
         moment=moment,
@@ -173,46 +202,48 @@ def _size(residual: Floats, seen: NDArray[np.bool_]) -> Floats:
     return np.asarray(0.5 * np.log(np.maximum((residual**2).sum(axis=1) / seen.sum(axis=1), 1e-18)))
 
 
-def _regions(
-    column: Column, variable: Variable, study: Study, residual: Floats, raw: Floats, sign: Floats
-) -> list[Region]:
-    """Neighbouring bins that stand out together, to the same side, are one region; `raw` is what is left if every run
-    has the same thrust."""
+def _regions(column: Column, variable: Variable, gap: Gap) -> list[Region]:
+    """Neighbouring bins that stand out together, to the same side, are one region."""
     side = np.where(variable.stands_out, np.sign(variable.telling.t), 0.0)
     changes = np.flatnonzero(np.diff(np.concatenate([[0.0], side, [0.0]])))
     values = column.values[:, None] if column.of_the_run else column.values
-    seen, found = study.batch.seen, []
+    found = []
     for begin, end in pairwise(changes):
         if side[begin] == 0:
             continue
         low, high = float(variable.edges[begin]), float(variable.edges[end])
         with np.errstate(invalid="ignore"):
-            inside = seen & (values >= low) & (values < high)
+            inside = gap.seen & (values >= low) & (values < high)
         row = max(variable.rows, key=lambda r: float(np.abs(r.t[begin:end]).max()))
-        left = raw if row.kind == THRUST else residual
-        found.append(_region(column, variable, study, (low, high), row.kind, inside, left, sign))
+        found.append(_region(column, variable, gap, (low, high), row.kind, inside))
     return found
 
 
 def _region(
-    column: Column, variable: Variable, study: Study, ends: tuple[float, float], kind: str,
-    inside: NDArray[np.bool_], residual: Floats, sign: Floats,
-) -> Region:  # fmt: skip
+    column: Column,
+    variable: Variable,
+    gap: Gap,
+    ends: tuple[float, float],
+    kind: str,
+    inside: NDArray[np.bool_],
+) -> Region:
     """One region: its gap, the runs that show it, and its share of the whole gap above the noise."""
+    residual = gap.raw if kind == THRUST else gap.residual
     count = max(int(inside.sum()), 1)
-    square = residual**2 - study.floor**2
+    square = residual**2 - gap.floor**2
     excess = float((square * inside).sum())
     if column.of_the_run:
-        gap = float(np.sqrt(max(excess / count, 0.0)))
+        size = float(np.sqrt(max(excess / count, 0.0)))
     else:
-        gap = max(abs(float((residual * inside).sum())), abs(float((residual * sign * inside).sum()))) / count
+        sums = ((residual * inside).sum(), (residual * gap.sign * inside).sum())
+        size = max(abs(float(one)) for one in sums) / count
     samples = np.maximum(inside.sum(axis=1), 1)
     mean = np.abs((residual * inside).sum(axis=1)) / samples
-    rough = (square * inside).sum(axis=1) / samples > 0.5 * study.floor**2
-    taking = inside.any(axis=1) & ((mean > ODD_RUN * study.floor / np.sqrt(samples)) | rough)
-    share = excess / max(float((square * study.batch.seen).sum()), 1e-300)
+    rough = (square * inside).sum(axis=1) / samples > 0.5 * gap.floor**2
+    taking = inside.any(axis=1) & ((mean > ODD_RUN * gap.floor / np.sqrt(samples)) | rough)
+    share = excess / max(float((square * gap.seen).sum()), 1e-300)
     return Region(
-        variable.name, *ends, variable.unit, gap, variable.p_value,
-        tuple(name for name, part in zip(study.batch.names, taking) if part),
+        variable.name, *ends, variable.unit, size, variable.p_value,
+        tuple(name for name, part in zip(gap.names, taking) if part),
         float(np.clip(share, 0.0, 1.0)), kind,
     )  # fmt: skip
