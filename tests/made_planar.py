@@ -35,7 +35,9 @@ class Craft:
     def drag(self, flow: Floats) -> Floats:
         """Resistance (3,) to velocities through the water (3,)."""
         size = np.abs(flow)
-        quadratic = self.by_own * size + self.by_surge * size[0] + self.by_sway * size[1] + self.by_rate * size[2]
+        quadratic = (
+            self.by_own * size + self.by_surge * size[0] + self.by_sway * size[1] + self.by_rate * size[2]
+        )
         return (self.linear + quadratic) @ flow
 
     def in_current(self, current: tuple[float, float] | None) -> "Craft":

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from automarine_cli.cli import automarine
-from automarine_cli.diagnosis.planar import base_of, candidates
+from automarine_cli.diagnosis.planar_candidates import base_of, candidates
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError, RunError
@@ -390,10 +390,12 @@ def test_what_may_be_missing_of_a_planar_model() -> None:
     base = base_of(StoredPlanar(model, "by hand"), speed)
     assert base.free == ("surge.m_u", "yaw.I_r", "surge.X_uu", "yaw.k_rr")
     found = {one.name: one for one in candidates(base, speed, 3.0)}
-    assert list(found) == ["cross-coupling", "munk-moment", "input-delay", "thruster-lag", "dead-band"]
+    assert list(found) == [
+        "cross-coupling", "linear-drag", "munk-moment", "input-delay", "thruster-lag", "dead-band",
+    ]  # fmt: skip
     assert found["cross-coupling"].added == ("yaw.N_ur",) and found["munk-moment"].added == ("sway.m_v",)
     for one in found.values():
         assert set(one.model.free) == {*base.free, *one.added}
     every = Observed(ALL)
     names = [one.name for one in candidates(base_of(StoredPlanar(model, "by hand"), every), every, 3.0)]
-    assert names.count("cross-coupling") == 4 and "current" in names
+    assert names.count("cross-coupling") == 5 and "current" in names

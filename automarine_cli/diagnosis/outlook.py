@@ -85,18 +85,25 @@ def outlook(study: Study, base: Trial, final: Trial) -> Outlook | None:
     if not (isinstance(first, InnovationsFit) and isinstance(last, InnovationsFit)):
         return None
     before, after = study.predictions(base.model, first), study.predictions(final.model, last)
-    pairs: Sequence[tuple[Predicted, Predicted]] = [(b, a) for b, a in zip(before, after) if len(b.error)]
+    gained = study.log_density(final.model, last) - study.log_density(base.model, first)
+    return outlook_of(before, after, len(study.runs), float(np.sum(gained)))
+
+
+def outlook_of(
+    before: Sequence[Predicted], after: Sequence[Predicted], runs: int, density_gain: float
+) -> Outlook | None:
+    """The outlook of predictions over each horizon of so many runs; None where there are none."""
+    pairs = [(b, a) for b, a in zip(before, after) if len(b.error)]
     if not pairs:
         return None
-    gained = study.log_density(final.model, last) - study.log_density(base.model, first)
     ahead = tuple(
         Ahead(
             b.horizon, b.rmse(), a.rmse(), b.rmse(b.constant_rate), b.rmse(b.constant),
-            _growth(b.by_run(b.error, len(study.runs)), a.by_run(a.error, len(study.runs))),
+            _growth(b.by_run(b.error, runs), a.by_run(a.error, runs)),
         )
         for b, a in pairs
     )  # fmt: skip
-    return Outlook(ahead, float(np.sum(gained)))
+    return Outlook(ahead, density_gain)
 
 
 def _growth(before: Floats, after: Floats) -> float:

@@ -4,25 +4,23 @@ Each candidate is added to the model and everything is fitted again by innovatio
 more than a penalty and a head start, run by run beyond chance, and where runs that no fit saw are more likely with it.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli import effects
-from automarine_cli.dofs import SWAY, YAW
+from automarine_cli.diagnosis.outlook import Outlook, outlook_of
+from automarine_cli.diagnosis.planar_candidates import Candidate, base_of, candidates
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import RunError
-from automarine_cli.filters.prediction import predict
-from automarine_cli.fits.driven_fit import Worth, worth_of
+from automarine_cli.filters.prediction import Predicted, predict
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.planar_fit import Estimated
 from automarine_cli.fits.planar_likelihood import PlanarLikelihood, Promise
-from automarine_cli.fits.planar_structure import COUPLINGS, Observed, Structure
-from automarine_cli.models.planar import derivative, parameters_of
+from automarine_cli.fits.planar_structure import PLACES, Observed
 from automarine_cli.models.planar_store import StoredPlanar
 from automarine_cli.models.tied import Tied
-from automarine_cli.models.yaw_model import Term
 from automarine_cli.runs.run import Run
 
 Floats = NDArray[np.float64]
@@ -31,26 +29,10 @@ HEAD_START = 10.0
 """Deviance beyond the penalty that an effect has to gain."""
 ERRORS = 2.0
 """Standard errors by which the mean gain of a run has to exceed zero."""
-SMALL = 0.02
-"""Share of its usual size at which an actuator effect is as good as none."""
+FULLY = 4
+"""Candidates of a round that are fitted at most, those that promise most."""
 MOST = 3
 """Effects that are named at most."""
-OF_YAW = ("input-delay", "thruster-lag", "dead-band")
-SAYS = {
-    "cross-coupling": "The velocity of one motion drives another",
-    "munk-moment": "Sway takes more water along than surge, which turns a drifting hull",
-    "current": "The water moves",
-}
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """An effect by its name, the parameters that it adds, and the model with it, which begins as the model without it,
-    or so near to that that slopes are those there."""
-
-    name: str
-    added: tuple[str, ...]
-    model: Tied
 
 
 @dataclass(frozen=True)
@@ -76,83 +58,78 @@ class Contender:
 
     def rivals(self, best: "Contender") -> bool:
         """Whether the best one does not lead by more than the head start, and run by run beyond chance."""
-        behind = _fit(best.found).density - _fit(self.found).density
+        behind = fit_of(best.found).density - fit_of(self.found).density
         return best.surplus - self.surplus < HEAD_START or not _steady(behind)
 
 
 @dataclass(frozen=True)
-class Step:
-    """One effect that was added, with the rivals that are within the head start of it."""
+class Round:
+    """One look for an effect: the surplus that each candidate's score promised, those that were fitted, the `best` if
+    one was taken, and its rivals."""
 
-    best: Contender
+    promised: tuple[tuple[Candidate, float], ...]
+    tried: tuple[Contender, ...]
+    best: Contender | None
     rivals: tuple[Contender, ...]
+
+
+Foretold = Mapping[str, tuple[Predicted, ...]]
+"""Predictions over each horizon of what is measured of heading and place, by quantity."""
 
 
 @dataclass(frozen=True)
 class PlanarSearch:
-    """The model as it was `given`, refitted (`before`), what was added, what the fitted runs ask for but others do not
-    bear out, and predictions of the heading by the first and the last model on fitted and on held-out runs."""
+    """The model as it was given, refitted (`before`), and the rounds of the search.
+
+    `every` has all runs, those fitted before those held out, `fitted` says how many were fitted. By the first and the
+    last model there are predictions (`foretold`) and the runs' log densities (`density`, (R,) each).
+    """
 
     before: Estimated
-    steps: tuple[Step, ...]
-    suspected: tuple[Contender, ...]
-    fitted: tuple[tuple[Worth, ...], tuple[Worth, ...]] = field(repr=False)
-    held_out: tuple[tuple[Worth, ...], tuple[Worth, ...]] = field(repr=False)
+    rounds: tuple[Round, ...]
+    every: PlanarLikelihood = field(repr=False)
+    fitted: int
+    foretold: tuple[Foretold, Foretold] = field(repr=False)
+    density: tuple[Floats, Floats] = field(repr=False)
+
+    @property
+    def steps(self) -> tuple[Round, ...]:
+        """The rounds in which an effect was added."""
+        return tuple(one for one in self.rounds if one.best is not None)
+
+    @property
+    def named(self) -> tuple[Contender, ...]:
+        """What was added."""
+        return tuple(one.best for one in self.rounds if one.best is not None)
+
+    @property
+    def suspected(self) -> tuple[Contender, ...]:
+        """What the fitted runs ask for but others do not bear out."""
+        return tuple(one for one in self.rounds[-1].tried if one.evident and self.rounds[-1].best is None)
 
     @property
     def after(self) -> Estimated:
         """The last model."""
-        return self.steps[-1].best.found if self.steps else self.before
+        return self.named[-1].found if self.named else self.before
 
     @property
     def verdict(self) -> str:
         """ "named", "suspected" or "nothing-missing"."""
-        return "named" if self.steps else "suspected" if self.suspected else "nothing-missing"
+        return "named" if self.named else "suspected" if self.suspected else "nothing-missing"
 
+    def outlook(self, held_out: bool) -> Outlook | None:
+        """What both models predict of the heading of the runs that were fitted, or of those held out; None where these
+        are too short."""
 
-def base_of(stored: StoredPlanar, seen: Observed) -> Tied:
-    """The stored model with the parameters free that its fit had free, and what the logs do not tell tied.
+        def part(one: Predicted) -> Predicted:
+            own = (one.run >= self.fitted) == held_out
+            names = ("run", "origin", "target", "error", "constant_rate", "constant")
+            return Predicted(one.horizon, *(getattr(one, name)[own] for name in names))
 
-    Without a fit those are free that are not zero. A mass abeam that equals the mass ahead is tied to it.
-    """
-    model, covariance = stored.model, stored.data.get("covariance")
-    known = set(model.parameter_names)
-    ties = {name: tie for name, tie in Structure.simplest(seen).ties.items() if {name, tie[0]} <= known}
-    if SWAY.parameter("inertia") not in ties and model.inertia.m_v == model.inertia.m_u:
-        ties[SWAY.parameter("inertia")] = ("surge.m_u", 1.0)
-    listed = covariance.get("parameters") if isinstance(covariance, dict) else None
-    wanted = listed or [name for name, value in zip(model.parameter_names, model.theta) if value]
-    return Tied(
-        model, tuple(name for name in model.parameter_names if name in wanted and name not in ties), ties
-    )
-
-
-def candidates(base: Tied, seen: Observed, largest: float) -> Iterator[Candidate]:
-    """What may be added to a model; `largest` is the largest moment [N m]."""
-    model, have = base.model, {term.name for term in base.model.cross}
-    for name in COUPLINGS:
-        if name in have or not (SWAY in seen.dofs or name == "N_ur"):
-            continue
-        added = f"{base.motion.dofs[derivative(name)[0]].name}.{name}"
-        wider = replace(model, cross=(*model.cross, Term(name, (0.0,))))
-        yield Candidate("cross-coupling", (added,), Tied(wider, (*base.free, added), base.ties))
-    mass = SWAY.parameter("inertia")
-    if mass in base.ties:
-        ties = {name: tie for name, tie in base.ties.items() if name != mass}
-        yield Candidate("munk-moment", (mass,), Tied(model, (*base.free, mass), ties))
-    if model.water is None and seen.over_ground:
-        added_both = ("current.north", "current.east")
-        wider = replace(model, water=(0.0, 0.0))
-        yield Candidate("current", added_both, Tied(wider, (*base.free, *added_both), base.ties))
-    for name in OF_YAW:
-        if name in {term.name for term in model.yaw}:
-            continue
-        effect = effects.get(name)
-        values = tuple(p.off + (not p.held) * SMALL * p.scaled(p.start, largest) for p in effect.parameters)
-        term = Term(name, values)
-        names = [n for n, held in zip(parameters_of(YAW, term), effect.held(values)) if not held]
-        wider = replace(model, yaw=(*model.yaw, term))
-        yield Candidate(name, tuple(names), Tied(wider, (*base.free, *names), base.ties))
+        before, after = ([part(one) for one in each[YAW.position]] for each in self.foretold)
+        own = slice(self.fitted, None) if held_out else slice(self.fitted)
+        gained = float((self.density[1] - self.density[0])[own].sum())
+        return outlook_of(before, after, len(self.every.runs), gained)
 
 
 def find_missing(
@@ -163,30 +140,32 @@ def find_missing(
         raise RunError(f"{len(runs) + len(kept)} runs are too few for a diagnosis; give three or more")
     likelihood, other = PlanarLikelihood(tuple(runs), seen), PlanarLikelihood(tuple(kept), seen)
     before = here = likelihood.estimate(*_begin(stored, seen))
-    steps: list[Step] = []
-    suspected: list[Contender] = []
-    while len(steps) < MOST:
+    rounds: list[Round] = []
+    while len(rounds) < MOST:
+        promised = _promised(likelihood, here, seen)
         tried = [
-            _contender(one, likelihood.estimate(*likelihood.toward(one.model, here, promise), True), here, other)
-            for one, promise in _promising(likelihood, here, seen)
+            _contender(
+                one, likelihood.estimate(*likelihood.toward(one.model, here, promise), True), here, other
+            )
+            for one, promise in sorted(promised, key=lambda each: -each[1].gain)[:FULLY]
+            if 2.0 * promise.gain > HEAD_START
         ]
         here, tried = _on_the_best_summit(likelihood, here, tried, other)
-        before = before if steps else here
+        before = before if rounds else here
         good = sorted((one for one in tried if one.borne_out), key=lambda one: -one.surplus)
+        surplus = tuple((one, 2.0 * promise.gain - _penalty(one, len(runs))) for one, promise in promised)
         if not good:
-            suspected = [one for one in tried if one.evident]
+            rounds.append(Round(surplus, tuple(tried), None, ()))
             break
         best, *rest = good
         here = likelihood.estimate(best.candidate.model, best.found)
         near = tuple(one for one in rest if one.rivals(best))
-        steps.append(Step(replace(best, found=here), near))
+        rounds.append(Round(surplus, tuple(tried), replace(best, found=here), near))
+    every = PlanarLikelihood((*runs, *kept), seen)
     return PlanarSearch(
-        before,
-        tuple(steps),
-        tuple(suspected),
-        (_worth(likelihood, before), _worth(likelihood, here)),
-        (_worth(other, before), _worth(other, here)),
-    )
+        before, tuple(rounds), every, len(runs),
+        (foretold(every, before), foretold(every, here)), (_densities(every, before), _densities(every, here)),
+    )  # fmt: skip
 
 
 def _begin(stored: StoredPlanar, seen: Observed) -> tuple[Tied, Estimated | None]:
@@ -198,26 +177,28 @@ def _begin(stored: StoredPlanar, seen: Observed) -> tuple[Tied, Estimated | None
     return base, Estimated(base, np.zeros((0, 0)), 0.0, 0, random=sizes)
 
 
-def _promising(
+def _promised(
     likelihood: PlanarLikelihood, here: Estimated, seen: Observed
 ) -> list[tuple[Candidate, Promise]]:
-    """The candidates that are worth a fit, those whose score promises to pass the bar, with what they promise."""
+    """The candidates with what their scores promise, all of one pass of the filter."""
     largest = float(np.abs(likelihood.course.held[-1]).max()) or 1.0
     every = list(candidates(here.model, seen, largest))
-    if not every:
-        return []
     wide = here.model
     for one in every:
         wide = next(c.model for c in candidates(wide, seen, largest) if c.added == one.added)
-    promised = likelihood.promises(wide, here, [one.added for one in every])
-    return [(one, promise) for one, promise in zip(every, promised) if 2.0 * promise.gain > HEAD_START]
+    return list(zip(every, likelihood.promises(wide, here, [one.added for one in every])))
 
 
 def _contender(one: Candidate, found: Estimated, here: Estimated, other: PlanarLikelihood) -> Contender:
-    gained = _fit(found).density - _fit(here).density
-    penalty = len(one.added) * float(np.log(len(gained)))
+    gained = fit_of(found).density - fit_of(here).density
     held_out = _density(other, found) - _density(other, here)
-    return Contender(one, found, 2.0 * float(gained.sum()) - penalty, _steady(gained), held_out)
+    return Contender(
+        one, found, 2.0 * float(gained.sum()) - _penalty(one, len(gained)), _steady(gained), held_out
+    )
+
+
+def _penalty(one: Candidate, runs: int) -> float:
+    return len(one.added) * float(np.log(runs))
 
 
 def _steady(gained: Floats) -> bool:
@@ -241,21 +222,30 @@ def _on_the_best_summit(
     return again, [_contender(one.candidate, one.found, again, other) for one in tried]
 
 
-def _fit(found: Estimated) -> InnovationsFit:
+def fit_of(found: Estimated) -> InnovationsFit:
+    """What innovations made of an estimate."""
     assert found.fit is not None
     return found.fit
 
 
 def _density(other: PlanarLikelihood, found: Estimated) -> float:
     """Log likelihood of runs under an estimate from others."""
-    problem = other.problem(found.model)
-    density = problem.follow(problem.search(_fit(found).theta)[None]).log_density.sum()
-    return float(density) if np.isfinite(density) else -np.inf
+    density = float(_densities(other, found).sum())
+    return density if np.isfinite(density) else -np.inf
 
 
-def _worth(likelihood: PlanarLikelihood, found: Estimated) -> tuple[Worth, ...]:
-    """What an estimate is worth for the heading of a likelihood's runs."""
-    problem, theta = likelihood.problem(found.model), _fit(found).theta
-    heading = [one.quantity for one in problem.course.channels].index(YAW.position)
-    noises = problem.noises(theta[None])
-    return worth_of(predict(found.model, problem.course, found.model.theta, noises, channel=heading))
+def _densities(likelihood: PlanarLikelihood, found: Estimated) -> Floats:
+    """Log density of each run under an estimate, (R,)."""
+    problem = likelihood.problem(found.model)
+    return problem.follow(problem.search(fit_of(found).theta)[None]).log_density[0]
+
+
+def foretold(likelihood: PlanarLikelihood, found: Estimated) -> Foretold:
+    """What an estimate, of these runs or of others, predicts of heading and place of a likelihood's runs."""
+    problem, fit = likelihood.problem(found.model), fit_of(found)
+    noises = problem.noises(fit.theta[None])
+    return {
+        one.quantity: predict(found.model, problem.course, fit.of_model, noises, channel=c)
+        for c, one in enumerate(problem.course.channels)
+        if one.quantity in (YAW.position, *PLACES)
+    }

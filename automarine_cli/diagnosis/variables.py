@@ -68,7 +68,7 @@ def columns(study: Study, fitted: Floats) -> list[Column]:
             row[: len(run)] = run.extras[name]
         units = VELOCITIES.get(name)
         scale, unit = (1.0, UNITS.get(name, "")) if units is None else (units.per_base, f"{units.log}/s")
-        column = _of_run_or_sample(name, unit, scale * values)
+        column = of_run_or_sample(name, unit, scale * values)
         found.append(replace(column, name=_hyphened(dof.words.rate) if name == dof.velocity else name))
     columns_ = [c if c.of_the_run else replace(c, values=np.where(seen, c.values, np.nan)) for c in found]
     kept: dict[tuple[str, bool], Column] = {}
@@ -107,7 +107,11 @@ def commanded(study: Study) -> Floats:
 
 def direction(study: Study) -> Floats:
     """Sign of the last moment that was not zero, (R, N); that of the first one before it."""
-    moment = np.nan_to_num(commanded(study))
+    return last_side(np.nan_to_num(commanded(study)))
+
+
+def last_side(moment: Floats) -> Floats:
+    """The same of moments (R, N)."""
     signs = np.sign(moment)
     at = np.where(signs != 0, np.arange(moment.shape[1]), -1)
     at = np.maximum.accumulate(at, axis=1)
@@ -152,7 +156,7 @@ def since_change(moment: Floats, time: Floats) -> Floats:
     return np.where(at >= 0, since, np.nan)
 
 
-def _of_run_or_sample(name: str, unit: str, values: Floats) -> Column:
+def of_run_or_sample(name: str, unit: str, values: Floats) -> Column:
     with_data = np.isfinite(values).any(axis=1)
     if not with_data.all():
         return Column(name, unit, values, logged=True)

@@ -132,9 +132,7 @@ class PlanarLikelihood:
         estimate `near` it, of which it has the values."""
         return [one.gain for one in self.promises(wide, near, added)]
 
-    def promises(
-        self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]
-    ) -> list["Promise"]:
+    def promises(self, wide: Tied, near: Estimated, added: Sequence[tuple[str, ...]]) -> list["Promise"]:
         """What each group of free parameters of `wide` is to be expected to gain beside those of an estimate `near` it,
         and where: half of the score statistic within bounds, Rao (1948), doi 10.1017/S0305004100023987."""
         problem = self.problem(wide)

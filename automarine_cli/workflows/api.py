@@ -27,6 +27,7 @@ from automarine_cli.workflows import simulate as _simulate
 from automarine_cli.workflows import slice as _slice
 from automarine_cli.workflows import validate_planar as _validate
 from automarine_cli.workflows.diagnose import YawDiagnosis
+from automarine_cli.workflows.diagnose_planar import PlanarDiagnosis
 
 Result = TypeVar("Result")
 
@@ -37,6 +38,7 @@ STORED: Mapping[type, tuple[str, Callable[[Any], object]]] = {
     PlanarFit: ("planar_model.json", PlanarFit.to_json),
     ThrusterFit: ("thrusters.json", ThrusterFit.to_json),
     YawDiagnosis: ("extended_model.json", YawDiagnosis.extended_model),
+    PlanarDiagnosis: ("extended_model.json", PlanarDiagnosis.extended_model),
 }
 """Results that stand for a file: its name and content."""
 DIAGNOSIS: tuple[str, Callable[[Any], object]] = ("diagnosis.json", YawDiagnosis.to_json)

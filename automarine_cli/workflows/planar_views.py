@@ -6,7 +6,10 @@ from automarine_cli.comparison.planar import SCORES, overall
 from automarine_cli.fits.planar_fit import PlanarFit
 from automarine_cli.report import planar_report
 from automarine_cli.report.figures.planar import planar_figure
+from automarine_cli.report.figures.planar_diagnosis import before_after_figure, where_figure, why_figure
+from automarine_cli.report.planar_diagnosis_report import verdict_sentence
 from automarine_cli.report.tables import number
+from automarine_cli.workflows.diagnose_planar import PlanarDiagnosis
 from automarine_cli.workflows.simulate_planar import PlanarSimulation
 from automarine_cli.workflows.validate_planar import NAME, PlanarValidation
 from automarine_cli.workflows.view import Figures, Row, View, aligned, counted, numbers
@@ -50,8 +53,32 @@ def _simulation_rows(result: PlanarSimulation) -> Iterator[Row]:
         yield {"file": one.file, "run": one.name, "samples": len(one.columns["time_s"]), "gain": one.gain}
 
 
+def _diagnosis_lines(result: PlanarDiagnosis) -> Iterator[str]:
+    yield verdict_sentence(result.found)
+    for one in result.found.named:
+        yield from (f"  {line}" for line in aligned(result.estimates_of(one)))
+
+
+def _diagnosis_rows(result: PlanarDiagnosis) -> Iterator[Row]:
+    for one in result.found.named:
+        for name, estimate in result.estimates_of(one).items():
+            yield {"effect": one.candidate.name, "parameter": name, **numbers(estimate)}
+
+
+def _diagnosis_figures(result: PlanarDiagnosis) -> Figures:
+    found, where = result.found, result.where
+    if where is None:
+        return {"why": lambda: why_figure(found)}
+    return {
+        "before-after": lambda: before_after_figure(found),
+        "where": lambda: where_figure(found, where),
+        "why": lambda: why_figure(found),
+    }
+
+
 VIEWS: Mapping[type, View] = {
     PlanarFit: View(_lines, _rows, planar_report.tables, lambda fit: {}),
     PlanarValidation: View(_validation_lines, _validation_rows, PlanarValidation.tables, _validation_figures),
+    PlanarDiagnosis: View(_diagnosis_lines, _diagnosis_rows, PlanarDiagnosis.tables, _diagnosis_figures),
     PlanarSimulation: View(_simulation_lines, _simulation_rows, PlanarSimulation.tables, lambda result: {}),
 }

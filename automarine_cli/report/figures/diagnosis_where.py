@@ -19,10 +19,15 @@ MOST_PANELS = 12
 COLUMNS = 4
 
 
-@house_style
 def where_figure(diagnosis: Diagnosis) -> Figure:
     """Small multiples, one a variable, most significant first, above a heat map of runs by time."""
-    where = diagnosis.where
+    return where_panels(diagnosis.where, verdict(diagnosis))
+
+
+@house_style
+def where_panels(where: Where, words: str, units: str = "runs", less: str = "simulated") -> Figure:
+    """The same with the verdict in any `words`; `units` are what chance turns the sign of, `less` is what the measured
+    is compared with."""
     shown = sorted(where.variables, key=lambda v: (v.p_value, -float(np.abs(v.telling.t).max())))[
         :MOST_PANELS
     ]
@@ -38,7 +43,7 @@ def where_figure(diagnosis: Diagnosis) -> Figure:
     for axes in grid[rows]:
         axes.remove()
     heat = figure.add_subplot(place[rows, :])
-    _heat_map(figure, heat, where)
+    _heat_map(figure, heat, where, less)
     out = sum(bool(variable.stands_out.any()) for variable in where.variables)
     told = (
         f"The gap stands out against {out} of {len(where.variables)} variables (yellow)"
@@ -47,10 +52,10 @@ def where_figure(diagnosis: Diagnosis) -> Figure:
     )
     handles = [
         Patch(color=MARK, alpha=0.45, label="stands out against chance"),
-        Patch(color=BEFORE, alpha=0.3, label="mean ± 2 standard errors (runs as units)"),
+        Patch(color=BEFORE, alpha=0.3, label=f"mean ± 2 standard errors ({units} as units)"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
-    figure.suptitle(f"{told}. Verdict: {verdict(diagnosis)}")
+    figure.suptitle(f"{told}. Verdict: {words}")
     return figure
 
 
@@ -98,11 +103,11 @@ def _look(row: Row, dof: Dof) -> str:
         return "log gap of the run"
     if row.unit == "%":
         return "own thrust [%]" + (f" × {dof.words.way}" if row.directed else "")
-    word = {THRUST: "gap, equal thrust", force: f"missing {force}"}.get(row.kind, "gap")
+    word = {THRUST: "gap, equal thrust", dof.words.position: "gap"}.get(row.kind, f"missing {row.kind}")
     return f"{word} [{row.unit}]" + (f"\nalong the {force}" if row.directed else "")
 
 
-def _heat_map(figure: Figure, axes: Axes, where: Where) -> None:
+def _heat_map(figure: Figure, axes: Axes, where: Where, less: str) -> None:
     """Residual headings, runs in order of their moment by time."""
     dof = where.dof
     order = np.argsort(where.mean_moment, kind="stable")
@@ -115,14 +120,14 @@ def _heat_map(figure: Figure, axes: Axes, where: Where) -> None:
         smooth = np.convolve(gap, np.ones(width), "same") / np.convolve(
             np.ones(len(gap)), np.ones(width), "same"
         )
-        image[line] = np.where(grid <= time[-1], np.interp(grid, time, smooth), np.nan)
+        image[line] = np.where(grid <= time[-1], np.interp(grid, time, smooth, left=np.nan), np.nan)
     most = max(float(np.nanquantile(np.abs(image), 0.99)), dof.shown(where.floor))
     mesh = axes.imshow(
         image, aspect="auto", origin="lower", cmap="PuOr", vmin=-most, vmax=most, interpolation="nearest",
         extent=(0.0, float(grid[-1]), -0.5, len(order) - 0.5),
     )  # fmt: skip
     bar = figure.colorbar(mesh, ax=axes, pad=0.01)
-    bar.set_label(f"measured − simulated [{dof.units.shown}]", fontsize=7)
+    bar.set_label(f"measured − {less} [{dof.units.shown}]", fontsize=7)
     ticks = np.unique(np.linspace(0, len(order) - 1, min(len(order), 7)).round().astype(int))
     axes.set_yticks(ticks, [f"{where.mean_moment[order[i]]:.2g}" for i in ticks])
     axes.set_ylabel(f"runs by mean {dof.words.force} [{where.moment_unit}]")
