@@ -110,4 +110,6 @@ def _growth(before: Floats, after: Floats) -> float:
     """By how many standard errors over runs mean squares (R,) grew; their sign alone for a single run."""
     grown = (after - before)[np.isfinite(after - before)]
     error = float(np.std(grown, ddof=1)) / np.sqrt(len(grown)) if len(grown) > 1 else 0.0
-    return float(grown.mean()) / error if error > 0 else float(np.sign(grown.sum()) * np.inf)
+    if error > 0:
+        return float(grown.mean()) / error
+    return float(np.copysign(np.inf, grown.sum())) if grown.any() else 0.0

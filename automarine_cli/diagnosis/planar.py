@@ -168,12 +168,12 @@ def find_missing(
     )  # fmt: skip
 
 
-def _begin(stored: StoredPlanar, seen: Observed) -> tuple[Tied, Estimated | None]:
-    """The stored model, and with what its fit knew of what is random, if it says so: from there one start is enough."""
+def _begin(stored: StoredPlanar, seen: Observed) -> tuple[Tied, Estimated]:
+    """The stored model, and what its fit knew of what is random, if it says so: one start is enough for what somebody
+    took for the vehicle."""
     base, random = base_of(stored, seen), stored.data.get("random")
-    if not isinstance(random, Mapping) or not random:
-        return base, None
-    sizes = {str(name): float(size) for name, size in random.items() if isinstance(size, (int, float))}
+    told = random if isinstance(random, Mapping) else {}
+    sizes = {str(name): float(size) for name, size in told.items() if isinstance(size, (int, float))}
     return base, Estimated(base, np.zeros((0, 0)), 0.0, 0, random=sizes)
 
 

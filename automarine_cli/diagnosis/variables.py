@@ -157,6 +157,7 @@ def since_change(moment: Floats, time: Floats) -> Floats:
 
 
 def of_run_or_sample(name: str, unit: str, values: Floats) -> Column:
+    """A logged column as a property of the run, (R,), where it hardly changes within runs (R, N)."""
     with_data = np.isfinite(values).any(axis=1)
     if not with_data.all():
         return Column(name, unit, values, logged=True)

@@ -52,6 +52,7 @@ def document(steps: Steps, title: str, cautions: Sequence[str] = ()) -> str:
     sections = {
         "Thruster map": _thrusters(steps, cautions),
         **{heading: blocks for dof in DOFS.values() for heading, blocks in _of_motion(steps, dof)},
+        **dict(_together(steps)),
         "Logs": _logs(steps),
         "Runs set aside": _set_aside(steps),
         NEXT: _next(steps),
@@ -79,8 +80,17 @@ def _of_motion(steps: Steps, dof: Dof) -> Iterator[tuple[str, list[str]]]:
     """The sections of one motion; those of yaw, which every campaign has, need no name."""
     within = "" if dof is YAW else f" in {dof.name}"
     yield f"{dof.name.capitalize()} model", _model(steps, dof)
-    yield f"Validation{within}", _validation(steps, dof)
-    yield f"Diagnosis{within}", _diagnosis(steps, dof)
+    yield f"Validation{within}", _validation(steps, folder_of(dof, "validation"))
+    yield f"Diagnosis{within}", _diagnosis(steps, folder_of(dof, "diagnosis"))
+
+
+def _together(steps: Steps) -> Iterator[tuple[str, list[str]]]:
+    """The sections of surge, sway and yaw together."""
+    if (step := steps.get("planar")) is not None:
+        shown = "Of each run the heading with predictions, and the track"
+        yield "Planar model", [step.text("planar.md"), picture(step, "planar_runs", shown)]
+    yield "Planar validation", _validation(steps, "planar_validation")
+    yield "Planar diagnosis", _diagnosis(steps, "planar_diagnosis")
 
 
 def picture(step: StepResult, stem: str, alt: str = "") -> str:
@@ -125,10 +135,10 @@ def _model(steps: Steps, dof: Dof) -> list[str]:
     return [*blocks, "### Figures of the fit", *shown]
 
 
-def _validation(steps: Steps, dof: Dof) -> list[str]:
-    if (step := steps.get(folder_of(dof, "validation"))) is None:
+def _validation(steps: Steps, folder: str) -> list[str]:
+    if (step := steps.get(folder)) is None:
         return []
-    words = dof.words
+    words = step.dof.words
     names = [str(one) for one in step.at("logs")]
     shown = [
         picture(
@@ -146,15 +156,15 @@ def _validation(steps: Steps, dof: Dof) -> list[str]:
     return blocks
 
 
-def _diagnosis(steps: Steps, dof: Dof) -> list[str]:
-    if (step := steps.get(folder_of(dof, "diagnosis"))) is None:
+def _diagnosis(steps: Steps, folder: str) -> list[str]:
+    if (step := steps.get(folder)) is None:
         return []
     body, _ = _without_next(step)
     body = re.sub(r"\A# .*\n", "", body)
     body = re.sub(r"^## ", "### ", body, flags=re.MULTILINE)
 
     def shown(found: re.Match[str]) -> str:
-        return picture(step, found[1]) if found[1] in alternatives(dof) else ""
+        return picture(step, found[1]) if found[1] in alternatives(step.dof) else ""
 
     return [re.sub(r"^!\[.*\]\((\w+)\.\w+\)$", shown, body, flags=re.MULTILINE)]
 

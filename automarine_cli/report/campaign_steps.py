@@ -46,8 +46,13 @@ RESULTS = {
 }
 """What each folder of every campaign holds."""
 
-OF_FORCE = dict(entry for dof in FORCES for entry in _of(dof))
-"""The same of the steps that only campaigns with these motions have."""
+OF_FORCE = {
+    **dict(entry for dof in FORCES for entry in _of(dof)),
+    "planar": Kind("planar_model.json", "automarine/planar-model/", "a planar model", YAW),
+    "planar_validation": Kind("validation.json", "automarine/validation/", "a planar validation", YAW),
+    "planar_diagnosis": Kind("diagnosis.json", "automarine/diagnosis/", "a planar diagnosis", YAW),
+}
+"""The same of the steps that only campaigns with these motions, or with all three together, have."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,8 @@ from automarine_cli.report.campaign_steps import FORCES, OF_FORCE, RESULTS, Step
 from automarine_cli.report.diagnosis_page import escape
 from automarine_cli.report.tables import interval, number
 
+MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
+
 Steps = Mapping[str, StepResult]
 
 
@@ -26,6 +28,32 @@ def summary(steps: Steps) -> Iterator[str]:
         yield " ".join(said)
     for dof in FORCES:
         yield from _of_force(steps, dof)
+    yield from _together(steps)
+
+
+def _together(steps: Steps) -> Iterator[str]:
+    """The same of surge, sway and yaw together."""
+    parts = []
+    if (model := steps.get("planar")) is not None:
+        found = [
+            f"**{name} = {escape(interval(model.estimate('parameters', name)))}** {one['unit']}"
+            for name, one in model.at("parameters").items()
+            if name in MASSES and isinstance(one, dict)
+        ]
+        parts.append(
+            f"Surge, sway and yaw together: {escape(str(model.at('structure')))}, with {listed(found)}."
+        )
+        parts += [escape(str(line)) for line in model.data.get("prediction", {}).get("says", [])[:1]]
+    if (judged := steps.get("planar_validation")) is not None:
+        score, used = judged.at("models", "planar"), judged.at("runs", "used")
+        if score.get("heading_rmse_deg") is not None:
+            parts.append(
+                f"Driven by the commands of {used} run{'s' * (used != 1)} it misses the heading by "
+                f"**{number(score['heading_rmse_deg'], 3)}** degrees rms over whole runs."
+            )
+    parts += [one for one in (_lacks(steps.get("planar_diagnosis")),) if one]
+    if parts:
+        yield " ".join(parts)
 
 
 def _of_force(steps: Steps, dof: Dof) -> Iterator[str]:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.recipe import read_mapping
 from automarine_cli.report.tables import MISSING, Table, number
@@ -14,7 +15,7 @@ FILES = {
     "fit-thrusters": "thrusters.json",
     "validate": "validation.json",
     "diagnose": "diagnosis.json",
-    **{f"fit-{name}": f"{name}_model.json" for name in DOFS},
+    **{f"fit-{name}": f"{name}_model.json" for name in (*DOFS, PLANAR.name)},
 }
 
 
@@ -100,7 +101,14 @@ def _model(data: dict[str, Any], dof: Dof) -> str:
     return f"model {data['preferred']}: {', '.join(values)}"
 
 
+def _planar(data: dict[str, Any], _: Dof) -> str:
+    return str(data["structure"])
+
+
 def _validation(data: dict[str, Any], dof: Dof) -> str:
+    if data.get("motion") == PLANAR.name:
+        error = data["models"][PLANAR.name]["heading_rmse_deg"]
+        return f"heading {number(error, 3)} deg free run"
     best, unit = data["models"][data["best"]], dof.units.key
     return (
         f"model {data['best']}: {number(best[f'rmse_{unit}'], 3)} {unit} free run, "
@@ -119,6 +127,7 @@ def _diagnosis(data: dict[str, Any], dof: Dof) -> str:
 _IN_WORDS: Mapping[str, Callable[[dict[str, Any], Dof], str]] = {
     "check": _check,
     "fit-thrusters": _thrusters,
+    "fit-planar": _planar,
     "validate": _validation,
     "diagnose": _diagnosis,
 }

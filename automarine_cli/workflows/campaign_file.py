@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from automarine_cli.dofs import DOFS, SURGE, TRANSLATIONS, YAW, Dof
+from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.fits.tails import asked_tail
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs
@@ -114,6 +115,20 @@ class Windowed(Force):
 
 
 @dataclass(frozen=True)
+class Together:
+    """Logs of surge, sway and yaw together, and where their forces come from."""
+
+    runs: tuple[str, ...] = ()
+    validation: tuple[str, ...] = ()
+    force: Literal["logged", "thrusters"] = "logged"
+
+    @property
+    def logged(self) -> bool:
+        """Whether the logs hold the forces themselves."""
+        return self.force == "logged"
+
+
+@dataclass(frozen=True)
 class Settings:
     """A campaign: its logs, how to read them, and the settings of the steps; those of translations are added below."""
 
@@ -125,6 +140,7 @@ class Settings:
     can: Mapping[str, Any] = field(default_factory=dict)
     thrusters: Thrusters = Thrusters()
     yaw: Yaw = Yaw()
+    planar: Together | None = None
     seed: int = 0
     strict: bool = False
 
@@ -137,6 +153,7 @@ class Settings:
         for motion, one in sections.items():
             wanted_channels(one.channels, DOFS[motion], f"{motion}.channels")
         of_forces = [one.steps or one.manoeuvres for one in self.forces.values()]
+        of_forces += [self.planar.runs] if self.planar else []
         if not any((self.logs.thrusters, self.logs.steps, self.logs.manoeuvres, *of_forces)):
             raise SettingError("logs: no logs are named; give thrusters, steps or manoeuvres")
         if self.thrusters.map is not None and self.logs.thrusters:
@@ -149,6 +166,8 @@ class Settings:
                     'yaw.moment is "thrusters", which needs logs.thrusters (bollard tests) or '
                     "thrusters.map; give one of them"
                 )
+        if self.planar is not None and not self.planar.logged and self.vehicle.arm_m is None:
+            raise SettingError('planar.force is "thrusters", which needs vehicle.arm_m; give it in metres')
 
     @property
     def forces(self) -> dict[str, Force]:
@@ -195,8 +214,15 @@ class Campaign:
         """The translations that the campaign has logs of, by name."""
         return self.asked.forces
 
-    def settings(self, motion: str) -> Yaw | Force:
+    @property
+    def motions(self) -> tuple[str, ...]:
+        """What the campaign has logs of beside yaw: translations, and all three together."""
+        return (*self.forces, *([PLANAR.name] if self.asked.planar else []))
+
+    def settings(self, motion: str) -> Yaw | Force | Together:
         """The settings of a motion that the campaign has."""
+        if self.asked.planar is not None and motion == PLANAR.name:
+            return self.asked.planar
         return self.asked.yaw if motion == YAW.name else self.forces[motion]
 
     @property
@@ -210,6 +236,8 @@ class Campaign:
         found = self.files("thrusters", "steps", "manoeuvres", "validation")
         for motion in self.forces:
             found += self.files("steps", "manoeuvres", "validation", motion=motion)
+        if self.asked.planar:
+            found += self.files("runs", "validation", motion=PLANAR.name)
         return found
 
     def files(self, *kinds: str, motion: str = YAW.name) -> list[LogFile]:

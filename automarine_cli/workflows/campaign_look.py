@@ -6,8 +6,10 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
+from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError
+from automarine_cli.fits.planar_structure import PLACES
 from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, is_thruster_test, read_log
 from automarine_cli.logs.canonical import CANONICAL, driven, names_of
 from automarine_cli.logs.recognise import Recognised, Span, recognise, spans
@@ -103,7 +105,7 @@ def look_at(folder: Path, files: Sequence[LogFile], jobs: int = 1, progress: Pro
     aside += [one for _, bad in found for one in bad]
     runs = dict(zip(yaw, (good for good, _ in found)))
     look = Look(folder, every, columns, lacking, runs, tuple(aside))
-    return _with_forces(_placed(look, files), files)
+    return _with_planar(_with_forces(_placed(look, files), files))
 
 
 def _yaw_first(group: tuple[tuple[tuple[str, ...], bool, str], Sequence[object]]) -> tuple[bool, int]:
@@ -208,6 +210,36 @@ def _with_forces(look: Look, files: Sequence[LogFile]) -> Look:
         for motion, kinds in sorted(forces.items(), key=lambda one: list(DOFS).index(one[0]))
     }
     return replace(look, forces=told, runs=runs, set_aside=tuple(aside))
+
+
+def _with_planar(look: Look) -> Look:
+    """The look with the logs of surge, sway and yaw together taken out of those of yaw."""
+    together = {
+        file
+        for layout in look.layouts
+        if layout.dof is YAW and _of_three(layout.names)
+        for file in layout.files
+    }
+    if not together:
+        return look
+    kinds: dict[str, list[LogFile]] = {"runs": [], "validation": []}
+    for kind, files in look.placed.items():
+        kinds["validation" if kind == "validation" else "runs"] += [
+            file for file in files if file in together
+        ]
+    return replace(
+        look,
+        placed={kind: tuple(f for f in files if f not in together) for kind, files in look.placed.items()},
+        forces={**look.forces, PLANAR.name: {kind: tuple(files) for kind, files in kinds.items()}},
+    )
+
+
+def _of_three(names: Sequence[str]) -> bool:
+    """Whether logs with these columns hold the heading, what pushes ahead or abeam, and speeds or a place."""
+    there = {CANONICAL[name].quantity for name in names if name in CANONICAL}
+    pushed = {SURGE.command, SWAY.command} & there
+    moved = {SURGE.velocity, SWAY.velocity} & there or set(PLACES) <= there
+    return YAW.position in there and bool(pushed) and bool(moved)
 
 
 def moments_of(look: Look, files: Sequence[LogFile]) -> str:

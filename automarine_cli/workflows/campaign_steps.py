@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from automarine_cli.dofs import DOFS, YAW
+from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import ColumnMap, LogFile
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.reuse import manifest_of, why_made_again
@@ -16,9 +17,12 @@ from automarine_cli.runs.load import has_bytes
 from automarine_cli.workflows.campaign_file import Campaign
 from automarine_cli.workflows.check import check
 from automarine_cli.workflows.diagnose import diagnose
+from automarine_cli.workflows.diagnose_planar import diagnose_planar
+from automarine_cli.workflows.fit_planar import fit_planar
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
 from automarine_cli.workflows.fit_yaw import FITS
 from automarine_cli.workflows.validate import validate
+from automarine_cli.workflows.validate_planar import validate_planar
 
 FIGURES = ("png", "svg")  # for a person, and for the report
 RUNS = {"steps": "step runs", "manoeuvres": "manoeuvres", "validation": "validation runs"}
@@ -78,7 +82,7 @@ class Step:
 
     def belongs_to(self, campaign: Campaign) -> bool:
         """Whether the campaign has such a step."""
-        return not self.motion or self.motion in campaign.forces
+        return not self.motion or self.motion in campaign.motions
 
 
 def _check(campaign: Campaign, out: Path) -> Plan | str:
@@ -110,7 +114,7 @@ def _fit(campaign: Campaign, out: Path, motion: str) -> Plan | str:
     drive = _drive(campaign, out, motion)
     if drive is None:
         return f"its {DOFS[motion].words.force}s need the thruster map, and fit-thrusters gave none"
-    asked = campaign.settings(motion)
+    asked: Any = campaign.settings(motion)
     own = {key: getattr(asked, key) for key in ("within", "depths") if hasattr(asked, key)}
     own |= {"fit_to": asked.fit_to, "tail": asked.tail, **asked_channels(asked.channels)}
     return Plan(FITS[motion], logs, {**_common(campaign), **drive, **own})
@@ -126,10 +130,32 @@ def _judge(campaign: Campaign, out: Path, motion: str, work: Callable[..., objec
     if not model.is_file() or drive is None:
         return f"it needs the {motion} model, and fit-{motion} gave none"
     more: dict[str, object] = {"hold_out": held} if held and work is diagnose else {}
-    more |= asked_channels(campaign.settings(motion).channels)
+    asked: Any = campaign.settings(motion)
+    more |= asked_channels(asked.channels)
     return Plan(
         work, logs, {**_common(campaign), **drive, "model": model, "seed": campaign.asked.seed, **more}
     )
+
+
+def _together(campaign: Campaign, out: Path, work: Callable[..., object]) -> Plan | str:
+    """Fit, validation or diagnosis of surge, sway and yaw together."""
+    motion = PLANAR.name
+    runs, held = (campaign.files(kind, motion=motion) for kind in ("runs", "validation"))
+    logs = held if work is validate_planar else runs
+    if not logs:
+        return f"the campaign names no {'validation runs' if work is validate_planar else 'runs'} of {motion} motion"
+    drive = _drive(campaign, out, motion)
+    if drive is None:
+        return "its forces need the thruster map, and fit-thrusters gave none"
+    settings = {**_common(campaign), **drive}
+    if work is fit_planar:
+        return Plan(work, logs, settings)
+    settings["model"] = out / motion / "planar_model.json"
+    if not (out / motion / "planar_model.json").is_file():
+        return "it needs the planar model, and fit-planar gave none"
+    if work is diagnose_planar:
+        settings |= {"seed": campaign.asked.seed, **({"hold_out": held} if held else {})}
+    return Plan(work, logs, settings)
 
 
 def _none_named(kinds: tuple[str, ...], motion: str) -> str:
@@ -148,7 +174,8 @@ def _drive(campaign: Campaign, out: Path, motion: str) -> dict[str, object] | No
     thrusters = campaign.map or out / "thrusters" / "thrusters.json"
     if campaign.map is None and not thrusters.is_file():
         return None
-    arm = {"arm": campaign.asked.vehicle.arm_m} if DOFS[motion].levered else {}
+    levered = motion == PLANAR.name or DOFS[motion].levered
+    arm = {"arm": campaign.asked.vehicle.arm_m} if levered else {}
     return {"thrusters": thrusters, **arm}
 
 
@@ -172,6 +199,21 @@ STEPS = (
     Step("check", "check", _check),
     Step("fit-thrusters", "thrusters", _fit_thrusters),
     *(step for motion in DOFS for step in _of(motion)),
+    Step("fit-planar", "planar", partial(_together, work=fit_planar), PLANAR.name),
+    Step(
+        "validate-planar",
+        "planar_validation",
+        partial(_together, work=validate_planar),
+        PLANAR.name,
+        "validate",
+    ),
+    Step(
+        "diagnose-planar",
+        "planar_diagnosis",
+        partial(_together, work=diagnose_planar),
+        PLANAR.name,
+        "diagnose",
+    ),
 )
 REPORT = "report"
 NAMES = (*(step.name for step in STEPS), REPORT)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from automarine_cli.dofs import DOFS, YAW
+from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs.canonical import CANONICAL, names_of
 from automarine_cli.logs.recognise import Recognised, pulses
 from automarine_cli.pipeline.recipe import toml_line
@@ -92,8 +93,15 @@ def _logs(look: Look, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
 
 
 def _force(look: Look, motion: str, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    """The section of a translation."""
+    """The section of a translation, or of surge, sway and yaw together."""
     yield ""
+    if motion == PLANAR.name:
+        yield _beside(f"[{motion}]", "surge, sway and yaw together: `fit-planar` and its diagnosis")
+        for kind, places in entries.items():
+            count = len(look.forces[motion][kind])
+            said = SAY["validation"] if kind == "validation" else "any driving"
+            yield _beside(_list(kind, places), f"{said}: {count} log{'s' * (count != 1)}")
+        return
     dof = DOFS[motion]
     yield _beside(f"[{motion}]", f"{dof.position} against {dof.words.force}; everything else as in yaw")
     for kind, places in entries.items():
