@@ -6,8 +6,10 @@ Coriolis force appears; `otter_rates` writes the Otter's equations with Coriolis
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
@@ -158,6 +160,21 @@ def made_run(craft: Craft, seed: int, length: float, channels: Sequence[str], mi
         read |= {name: -read[name] for name in MIRRORED if name in read}
         run = replace(run, moment=-run.moment)
     return replace(run, position=read.pop("heading"), extras=read)
+
+
+def log(run: Run, folder: Path, name: str = "", **columns: object) -> Path:
+    """The run as a CSV log."""
+    table = {
+        "time_s": run.time, "heading_deg": np.rad2deg(run.position) % 360, "tau_Nm": run.moment,
+        "force_X_N": run.extras["force_X"], "force_Y_N": run.extras["force_Y"],
+        **{f"{name}_m": run.extras[name] for name in ("north", "east") if name in run.extras},
+        **{f"{name}_m_s": run.extras[name] for name in ("surge", "sway") if name in run.extras}, **columns,
+    }  # fmt: skip
+    path = folder / f"{name or run.name}.csv"
+    pd.DataFrame({key: column for key, column in table.items() if column is not None}).to_csv(
+        path, index=False
+    )
+    return path
 
 
 class Otter:

@@ -50,5 +50,5 @@ def test_init_offers_it(tmp_path: Path) -> None:
 def test_thrusters_need_an_arm(tmp_path: Path) -> None:
     file = tmp_path / "campaign.toml"
     file.write_text('schema = "automarine/campaign/1"\n[planar]\nruns = ["x"]\nforce = "thrusters"\n')
-    with pytest.raises(SettingError, match="which needs vehicle.arm_m; give it in metres"):
+    with pytest.raises(SettingError, match=r"which needs vehicle\.arm_m; give it in metres"):
         read_campaign(file)

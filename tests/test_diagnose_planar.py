@@ -1,15 +1,30 @@
 """diagnose of planar models on campaigns of an independent solver: what is hidden is named, nothing is not."""
 
+import json
 from functools import cache
+from pathlib import Path
 
+import numpy as np
 import pytest
-from made_planar import HIDDEN, campaign
+from click.testing import CliRunner
+from made_planar import HIDDEN, campaign, log
 
-from automarine_cli.diagnosis.planar import PlanarSearch, find_missing
-from automarine_cli.fits.planar_structure import observed
+from automarine_cli.cli import automarine
+from automarine_cli.diagnosis.planar import PlanarSearch, find_missing, foretold
+from automarine_cli.diagnosis.planar_candidates import base_of
+from automarine_cli.diagnosis.planar_where import find_planar_where
+from automarine_cli.dofs import YAW
+from automarine_cli.fits.planar_fit import Estimated
+from automarine_cli.fits.planar_likelihood import PlanarLikelihood
+from automarine_cli.fits.planar_structure import Observed, observed
+from automarine_cli.logs import ColumnMap
 from automarine_cli.models.planar import Inertia, PlanarModel
-from automarine_cli.models.planar_store import StoredPlanar
+from automarine_cli.models.planar_store import StoredPlanar, load_planar_model, planar_json
 from automarine_cli.models.yaw_model import Term
+from automarine_cli.report.figures.diagnosis_where import where_panels
+from automarine_cli.report.figures.planar_diagnosis import why_figure
+from automarine_cli.runs.run import Run
+from automarine_cli.workflows.planar_runs import load_planar
 
 GIVEN = PlanarModel(
     Inertia(18.0, 18.0, 2.2),
@@ -23,7 +38,7 @@ SPEEDS = ("heading", "surge", "sway")
 def searched(kind: str, seed: int = 1, mirror: bool = False) -> PlanarSearch:
     """Three short runs are fitted, one is held out."""
     channels = ("heading", "north", "east") if kind == "current" else SPEEDS
-    runs = campaign(HIDDEN[kind], seed, 4, 10.0, channels, mirror)
+    runs = campaign(HIDDEN[kind], seed, 4, 6.0, channels, mirror)
     return find_missing(StoredPlanar(GIVEN, "by hand"), runs[:3], runs[3:], observed(runs))
 
 
@@ -55,3 +70,74 @@ def test_the_mirrored_campaign_has_the_mirrored_verdict() -> None:
     assert [one.candidate.added for one in other.named] == [("yaw.N_v",)]
     assert other.named[0].surplus == pytest.approx(one.named[0].surplus, rel=1e-2)
     assert other.after.known["yaw.N_v"] == pytest.approx(one.after.known["yaw.N_v"], rel=1e-3)
+
+
+def test_a_missing_moment_stands_out_against_sway() -> None:
+    """The filter needs -N_v v beside a model without it."""
+    every = PlanarLikelihood(tuple(campaign(HIDDEN["N_v"], 3, 6, 30.0, SPEEDS)), Observed(SPEEDS))
+    bare = StoredPlanar(GIVEN.with_theta([20.0, 20.0, 2.6, 0.0, 0.0, 0.0, 18.0, 60.0, 4.0]), "by hand")
+    near = Estimated(base_of(bare, every.seen), np.zeros((0, 0)), 0.0, 0, random={"yaw.disturbance": 0.5})
+    before = every.estimate(near.model, near, brief=True)
+    search = PlanarSearch(before, (), every, 6, (foretold(every, before),) * 2, (np.zeros(6),) * 2)
+    where = find_planar_where(search, 0)
+    assert where is not None
+    best = min(where.variables, key=lambda one: one.p_value)
+    assert best.name == "sway" and best.telling.kind == "yaw moment"
+    slope = np.polyfit(best.middle, best.telling.mean, 1)[0]
+    assert slope == pytest.approx(-4.0, rel=0.25)
+    assert where.regions
+    for region in where.regions:
+        told = region.to_json(YAW)
+        assert {"variable", "from", "to", "unit", "gap_deg", "p_value", "runs"} <= set(told)
+        assert region.p_value < 0.05 and set(region.runs) <= set(where.names)
+    panel = where_panels(where, "nothing added").axes[0]
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("sway [m/s]", "missing yaw moment [N m]")
+
+
+def test_the_evidence_shows_every_candidate() -> None:
+    found = searched("N_v")
+    (bars,) = why_figure(found).axes
+    assert len(bars.patches) == len(found.rounds[0].promised) > 8
+    assert bars.get_yticklabels()[-1].get_text() == "cross-coupling N_v"
+
+
+def test_nothing_stands_out_where_nothing_is_missing() -> None:
+    where = find_planar_where(searched("nothing"), 0)
+    assert where is not None and where.regions == ()
+
+
+def test_logs_to_a_folder_of_results(tmp_path: Path) -> None:
+    for run in campaign(HIDDEN["Y_r"], 1, 5, 8.0, SPEEDS):
+        log(run, tmp_path)
+    model, out = tmp_path / "given.json", tmp_path / "out"
+    model.write_text(json.dumps(planar_json(GIVEN)))
+    done = CliRunner().invoke(automarine, ["diagnose", str(tmp_path), "--model", str(model), "-o", str(out)])
+    assert done.exit_code == 0, done.output
+    assert done.output.startswith(
+        "Named: cross-coupling Y_r; on runs held out the heading is predicted 5 s ahead"
+    )
+    names = {
+        "diagnosis.json",
+        "extended_model.json",
+        "diagnosis.md",
+        "where.png",
+        "why.png",
+        "before_after.png",
+    }
+    assert {path.name for path in out.iterdir()} == {*names, "manifest.json"}
+    told = json.loads((out / "diagnosis.json").read_text())
+    (effect,) = told["effects"]
+    assert effect["name"] == "cross-coupling" and effect["parameters"]["sway.Y_r"]["value"] == pytest.approx(
+        4.0, rel=0.1
+    )
+    for runs in ("fitted_runs", "held_out_runs"):
+        assert told["gap"][runs]["after_deg"] < told["gap"][runs]["before_deg"]
+        assert told["prediction"][runs]["horizon_s"] == 5.0
+    extended = load_planar_model(out / "extended_model.json")
+    again = find_missing(extended, *_split(tmp_path))
+    assert again.verdict == "nothing-missing" and set(extended.data["random"]) == set(again.after.random)  # type: ignore[call-overload]
+
+
+def _split(folder: Path) -> tuple[list[Run], list[Run], Observed]:
+    runs = list(load_planar([folder], ColumnMap()).runs)
+    return runs[:4], runs[4:], observed(runs)

@@ -7,10 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from click.testing import CliRunner
-from made_planar import Craft, driven, solved
+from made_planar import Craft, driven, log, solved
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
@@ -252,21 +251,6 @@ def test_tied_models_simulate_as_what_they_stand_for() -> None:
     assert tied.with_theta([30.0, 5.0]).model == other
     with pytest.raises(KeyError, match=r"no parameter surge.X_uu"):
         Tied(model, ("surge.X_uu",), {})
-
-
-def log(run: Run, folder: Path, name: str = "", **columns: object) -> Path:
-    """The run as a CSV log."""
-    table = {
-        "time_s": run.time, "heading_deg": np.rad2deg(run.position) % 360, "tau_Nm": run.moment,
-        "force_X_N": run.extras["force_X"], "force_Y_N": run.extras["force_Y"],
-        **{f"{name}_m": run.extras[name] for name in ("north", "east") if name in run.extras},
-        **{f"{name}_m_s": run.extras[name] for name in ("surge", "sway") if name in run.extras}, **columns,
-    }  # fmt: skip
-    path = folder / f"{name or run.name}.csv"
-    pd.DataFrame({key: column for key, column in table.items() if column is not None}).to_csv(
-        path, index=False
-    )
-    return path
 
 
 def test_logs_to_a_folder_of_results(tmp_path: Path) -> None:

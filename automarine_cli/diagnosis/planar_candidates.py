@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 from automarine_cli import effects
 from automarine_cli.dofs import SWAY, YAW
@@ -60,7 +61,8 @@ def candidates(base: Tied, seen: Observed, largest: float) -> Iterator[Candidate
         own: tuple[Term, ...] = getattr(model, dof.name)
         for law in [law for law in LAWS[-1] if law not in [term.name for term in own]]:
             added_drag = dof.parameter(law.removesuffix("-drag"))
-            wider = replace(model, **{dof.name: (*own, Term(law, (0.0,)))})
+            more: dict[str, Any] = {dof.name: (*own, Term(law, (0.0,)))}
+            wider = replace(model, **more)
             yield Candidate(law, (added_drag,), Tied(wider, (*base.free, added_drag), base.ties))
     mass = SWAY.parameter("inertia")
     if mass in base.ties:

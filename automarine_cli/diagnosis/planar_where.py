@@ -47,7 +47,7 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
     command = np.stack(
         [_at_nodes(course, [run.command_of(dof) for run in runs], runs) for dof in PLANAR.dofs]
     )
-    sign = np.where(seen, last_side(command[-1]), 0.0)
+    sign: Floats = np.where(seen, last_side(command[-1]), 0.0)
     gain = 100.0 * followed.states[places.gain, 0, :, -1]
     kinds = {YAW.words.position: (YAW.units.shown, np.asarray(YAW.shown(residual)))}
     for dof, force in zip(PLANAR.dofs, missing):
@@ -60,7 +60,7 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
         tuple(course.names[i] for i in r),
         part * residual[r],
         part * residual[r],
-        part * sign[r],
+        np.where(part, sign[r], 0.0),
         part,
         gain[r],
         floor,

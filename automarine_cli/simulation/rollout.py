@@ -231,7 +231,9 @@ def right_hand_side(
     single = not motion.turns
     inverse = 1.0 / inertia[:, 0, :1]
     if not single:
-        momentum, accelerated = product_with(inertia), product_with(np.linalg.inv(inertia))
+        momentum, accelerated = map(
+            product_with, (inertia, np.asarray(np.linalg.inv(inertia), dtype=np.float64))
+        )
     none = np.zeros(())
     flow = [none] * len(motion.dofs)
     states = [State(none, start, none, none, none, none, {}, flow) for start in origin]

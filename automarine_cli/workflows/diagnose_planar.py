@@ -32,6 +32,8 @@ from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.workflows.planar_runs import load_planar
 
 SCHEMA = "automarine/diagnosis/1"
+FEWEST = 4
+"""Runs of which one is held out: those of motion in the plane are few and long."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -180,10 +182,12 @@ def diagnose_planar(
         if hold_out
         else None
     )
-    runs, kept = (campaign.runs, other.runs) if other else split_off(campaign.runs, seed)
+    runs, kept = (campaign.runs, other.runs) if other else split_off(campaign.runs, seed, FEWEST)
     seen = observed(campaign.runs)
     if not kept:
-        raise SettingError("no run is held out: expected at least four logs, or some given with --hold-out")
+        raise SettingError(
+            f"no run is held out: expected at least {FEWEST} logs, or some given with --hold-out"
+        )
     aside = (*campaign.set_aside, *(other.set_aside if other else ()))
     parent = hashlib.sha256(model.read_bytes()).hexdigest()
 
