@@ -17,7 +17,11 @@ from test_readme import PAGES, fences
 from automarine_cli.cli import automarine
 
 ALLOWED = ("automarine", "cp", "mkdir", "sed", "echo", "head")
-SLOW = ("automarine run sample_runs/pool_day.toml -o out/pool_day", "automarine fit-planar ")
+SLOW = (
+    "automarine run sample_runs/pool_day.toml -o out/pool_day",
+    "automarine fit-planar ",
+    "automarine diagnose sample_runs/planar ",
+)
 """Lines that begin so take half a minute or more; they are run with AUTOMARINE_EVERY_EXAMPLE=1."""
 CLOSE = 0.01  # numbers may differ by so much on another machine, or by one in the last decimal
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
