@@ -3,8 +3,8 @@
     python tests/benchmarks/planar.py [--seeds 2] [--out planar.json]
 
 Each campaign: five runs of 16 s at 5 Hz are fitted, two are held out; heading, speeds and places with noise, 2 %
-scatter of the thrust. Right: that name and no other. Tie: it is among the rivals. Wrong: another name. Missed: none, or only
-suspected. Shown is also the error of the heading predicted 5 s ahead on held-out runs. Some ten minutes.
+scatter of the thrust. Right: that name and no other. Tie: it is among the rivals. Wrong: another name. Missed: none,
+or only suspected. Shown is also the error of the heading predicted 5 s ahead on held-out runs. Some ten minutes.
 """
 
 import argparse
