@@ -95,11 +95,14 @@ def probes(study: Study, name: str) -> list[Probe]:
         fixed = [
             float(choice) if choice is not None
             else study.reference(p.reference) if p.reference
+            else p.start if p.laws
             else p.off
             for p, choice in zip(own, law)
         ]  # fmt: skip
-        scans = [effect.scan(p, tuple(fixed)) for p in own]
-        sized = tuple(i for i, p in enumerate(own) if not scans[i] and not p.held)
+        held = effect.held(tuple(fixed))
+        scans = [() if still else effect.scan(p, tuple(fixed)) for p, still in zip(own, held)]
+        fixed = [p.off if p.laws and not still else v for p, v, still in zip(own, fixed, held)]
+        sized = tuple(i for i in range(len(own)) if not scans[i] and not held[i])
         one_sided = not sized or (len(sized) == 1 and own[sized[0]].lower == own[sized[0]].off)
         for shape in product(*(scan or (None,) for scan in scans)):
             at = [v if s is None else p.scaled(s, study.largest) for p, v, s in zip(own, fixed, shape)]
