@@ -22,6 +22,8 @@ from automarine_cli.models.yaw_model import YawModel
 Floats = NDArray[np.float64]
 
 DRAWS = 2000
+NEAR = 0.5
+"""Share of an effect's best score from which another of its laws is worth a fit."""
 SMALL = 0.03  # size at which a parameter without a start of its own is tried
 
 
@@ -159,11 +161,12 @@ def law_of(name: str, values: Sequence[float] | Floats) -> tuple[object, ...]:
 
 
 def _by_effect(found: Sequence[Score]) -> tuple[Score, ...]:
-    """The best law of each effect, with the others' starts; best effect first."""
+    """The best law of each effect, with the starts of those near it; best effect first."""
     ranked = sorted(found, key=lambda s: -s.penalised)
     names = dict.fromkeys(s.effect for s in ranked)
     own = {name: [s for s in ranked if s.effect == name] for name in names}
-    return tuple(replace(own[n][0], others=tuple(s.start for s in own[n][1:])) for n in names)
+    near = {n: [s.start for s in laws[1:] if s.drop > NEAR * laws[0].drop] for n, laws in own.items()}
+    return tuple(replace(own[n][0], others=tuple(near[n])) for n in names)
 
 
 def _varying(weighted: Pull, columns: slice, random: np.random.Generator) -> tuple[float, Floats]:

@@ -39,8 +39,10 @@ Map = Callable[[Callable[[Any], "Trial | None"], Sequence[Any], str], Sequence["
 
 TIE = 10.0
 """Difference of evidence (in deviance) below which two explanations count as tied."""
+LEADERS = 6
+"""Candidates that are fitted in every case: the first by their scores."""
 LIKELY = 0.1
-"""Share of the best score from which a candidate beyond the sixth is fitted, after the first round."""
+"""Share of the best score from which the others are fitted."""
 BRIEF = 4
 """Iterations that every candidate's fit gets; only those in the running are fitted to the end."""
 RUNNING = ((0.5, 6), (0.9, ITERATIONS))
@@ -137,13 +139,14 @@ def _trial(study: Study, model: YawModel, added: tuple[str, ...], fit: Fit) -> T
 
 
 def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> Round:
-    """Score all candidates, fit all (the first time) or the ones within reach."""
+    """Score all candidates in all their laws, fit the leaders: twice as many while nothing has been added, and a third
+    where no score is beyond chance."""
     scores = score(study, current.model, current.fit, candidates(study, current.model), seed)
     likely = max(0.0, LIKELY * scores.ranked[0].penalised) if scores.ranked else 0.0
-    every = whole and not study.driven
-    ranked = (
-        scores.ranked if every else [s for i, s in enumerate(scores.ranked) if i < 6 or s.penalised > likely]
-    )
+    least = max(scores.threshold(LEVEL), 0.0)
+    beyond = bool(scores.ranked) and scores.ranked[0].penalised > least
+    leaders = (2 * LEADERS if whole else LEADERS) if beyond else LEADERS // (1 if whole else 3)
+    ranked = [s for i, s in enumerate(scores.ranked) if i < leaders or s.penalised > max(likely, least)]
     work = [(s.effect, start) for s in ranked for start in (s.start, *s.others)]
     found = each(partial(add_effect, study, current, iterations=BRIEF), work, "trying effects")
     done = {law_of(t.added[-1], t.model.terms[-1].values): t for t in found if t is not None}
@@ -158,7 +161,7 @@ def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> R
         best_law.setdefault(trial.added[-1], trial)
     ranking = [trial for trial in best_law.values() if not drag_drives(trial.model, study.fastest)]
     current = _from_elsewhere(study, current, ranking[:3])
-    return Round(current, scores, tuple(ranking), max(scores.threshold(LEVEL), 0.0))
+    return Round(current, scores, tuple(ranking), least)
 
 
 def _from_elsewhere(study: Study, current: Trial, trials: Sequence[Trial]) -> Trial:
