@@ -234,6 +234,11 @@ class Effect:
         """Which of its laws holds at these values: the place among the choices, 0 where there is one law only."""
         return next((round(value) for p, value in zip(self.parameters, values) if p.choices), 0)
 
+    def law_at(self, values: Sequence[float]) -> Law:
+        """The law that holds at these values, the first one with the effect's own equation and source."""
+        law = self.law(values)
+        return self.laws[law - 1] if law else Law(self.equation, self.source, self.mistaken_for)
+
     def counts(self, parameter: Parameter, values: Sequence[float]) -> bool:
         """Whether a parameter means anything under the law that holds at these values."""
         return not parameter.laws or self.law(values) in parameter.laws

@@ -114,7 +114,7 @@ class YawSubject:
 
     def equation_of(self, effect: str) -> str:
         """An effect's equation in the letters of the motion and in letters of ASCII."""
-        return plain(effects.get(effect).card(self.dof).equation)
+        return plain(self.dof.fill(effects.get(effect).law_at(self.values[effect]).equation))
 
     @property
     def inertias(self) -> tuple[float, float]:
