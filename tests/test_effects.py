@@ -359,6 +359,7 @@ def test_laws_together_are_as_each_alone(name: str) -> None:
     together = headings(models[0], theta=np.stack([model.theta for model in models]))
     for found, model in zip(together, models):
         np.testing.assert_allclose(found, headings(model)[0], rtol=0, atol=1e-12)
+    assert all(np.rad2deg(np.abs(other - together[0]).max()) > 0.5 for other in together[1:])
 
 
 # The command

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from effect_contract import Floats, base_for, long_plans, measured, short_plans, unmeasured
 
-from automarine_cli import effects
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.diagnosis.estimates import parameter_estimates
@@ -30,23 +29,6 @@ RUNS = [unmeasured(plan, i) for i, plan in enumerate(long_plans())]
 def headings(model: YawModel, runs: Sequence[Run], start: Start | None = None) -> Floats:
     """Simulated headings (R, N)."""
     return simulate(model, make_batch(runs, 0.05), start=start).position[0]
-
-
-@BY_LAW
-def test_second_law_is_another_and_off_at_no_size(name: str) -> None:
-    effect, values = effects.get(name), SECOND_LAWS[name]
-    plain = headings(BASE, RUNS)
-    first, second = (headings(BASE.with_effect(name, (*values[:-1], law)), RUNS) for law in (0.0, 1.0))
-    assert np.rad2deg(np.abs(second - first).max()) > 5.0
-    off = headings(BASE.with_effect(name, (*effect.off[:-1], 1.0)), RUNS)
-    np.testing.assert_allclose(off, plain, rtol=0, atol=1e-9)
-
-
-@BY_LAW
-def test_second_law_is_even(name: str) -> None:
-    model = BASE.with_effect(name, SECOND_LAWS[name])
-    mirrored = [replace(run, moment=-run.command) for run in RUNS]
-    np.testing.assert_allclose(headings(model, mirrored), -headings(model, RUNS), rtol=0, atol=1e-10)
 
 
 MOMENT, STEP = 0.9, 1e-3

@@ -6,7 +6,7 @@ penalty, the run as the unit; the threshold is what the best of all candidates r
 in which nothing is missing; runs predicted from the others have a veto.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -49,6 +49,8 @@ BRIEF = 4
 RUNNING = ((0.5, 6), (0.9, ITERATIONS))
 """Who is fitted further, and how far: candidates with this share of the best gain, or within REACH of it; fits that far
 behind never catch up."""
+LAWS = 0.1
+"""Share of what an effect gains by its best law that another of its laws may lack to be fitted further."""
 MATTERS = 0.1
 """Share of all evidence gained that an effect beyond MOST_EFFECTS would have to gain for the runs to be unexplained."""
 TRUST = 1e-3
@@ -158,15 +160,32 @@ def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> R
     for share, iterations in RUNNING:
         best = min((trial.evidence for trial in done.values()), default=0.0)
         least = best + max(REACH, (1.0 - share) * (current.evidence - best))
-        running = [trial for trial in done.values() if trial.evidence < least and not trial.fit.converged]
+        first = _best_law(done.values())
+        running = [
+            trial for trial in done.values()
+            if trial.evidence < least and not trial.fit.converged
+            and trial.evidence < _behind_law(current, first[trial.added[-1]])
+        ]  # fmt: skip
         again = each(partial(go_on, study, current, iterations=iterations), running, "fitting")
         done |= {law_of(t.added[-1], t.model.terms[-1].values): t for t in again if t is not None}
-    best_law: dict[str, Trial] = {}
-    for trial in sorted(done.values(), key=lambda trial: trial.evidence):
-        best_law.setdefault(trial.added[-1], trial)
-    ranking = [trial for trial in best_law.values() if not drag_drives(trial.model, study.fastest)]
+    ranking = [
+        trial for trial in _best_law(done.values()).values() if not drag_drives(trial.model, study.fastest)
+    ]
     current = _from_elsewhere(study, current, ranking[:3])
     return Round(current, scores, tuple(ranking), least)
+
+
+def _best_law(trials: Iterable[Trial]) -> dict[str, Trial]:
+    """The best trial of each effect, best first."""
+    best: dict[str, Trial] = {}
+    for trial in sorted(trials, key=lambda trial: trial.evidence):
+        best.setdefault(trial.added[-1], trial)
+    return best
+
+
+def _behind_law(current: Trial, best: Trial) -> float:
+    """Evidence from which another law of an effect is not fitted further."""
+    return best.evidence + max(REACH, LAWS * (current.evidence - best.evidence))
 
 
 def _from_elsewhere(study: Study, current: Trial, trials: Sequence[Trial]) -> Trial:

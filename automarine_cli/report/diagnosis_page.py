@@ -129,9 +129,7 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
             f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}."
         )
     lines += filter(None, [effect.other_rivals])
-    return "
-
-".join([*lines, f"Source: {law.source}."])
+    return "\n\n".join([*lines, f"Source: {law.source}."])
 
 
 def _where(where: Where) -> str:
