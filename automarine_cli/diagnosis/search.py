@@ -150,10 +150,10 @@ def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> R
     where no score is beyond chance."""
     scores = score(study, current.model, current.fit, candidates(study, current.model), seed)
     likely = max(0.0, LIKELY * scores.ranked[0].penalised) if scores.ranked else 0.0
-    least = max(scores.threshold(LEVEL), 0.0)
-    beyond = bool(scores.ranked) and scores.ranked[0].penalised > least
+    chance = max(scores.threshold(LEVEL), 0.0)
+    beyond = bool(scores.ranked) and scores.ranked[0].penalised > chance
     leaders = (2 * LEADERS if whole else LEADERS) if beyond else LEADERS // (1 if whole else 3)
-    ranked = [s for i, s in enumerate(scores.ranked) if i < leaders or s.penalised > max(likely, least)]
+    ranked = [s for i, s in enumerate(scores.ranked) if i < leaders or s.penalised > max(likely, chance)]
     work = [(s.effect, start) for s in ranked for start in (s.start, *s.others)]
     found = each(partial(add_effect, study, current, iterations=BRIEF), work, "trying effects")
     done = {law_of(t.added[-1], t.model.terms[-1].values): t for t in found if t is not None}
@@ -172,7 +172,7 @@ def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> R
         trial for trial in _best_law(done.values()).values() if not drag_drives(trial.model, study.fastest)
     ]
     current = _from_elsewhere(study, current, ranking[:3])
-    return Round(current, scores, tuple(ranking), least)
+    return Round(current, scores, tuple(ranking), chance)
 
 
 def _best_law(trials: Iterable[Trial]) -> dict[str, Trial]:
