@@ -35,6 +35,8 @@ from automarine_cli.effects import Effect, Place, State
 from automarine_cli.effects.base import EVEN, MIXED, ODD
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import ModelError
+from automarine_cli.filters.course import make_course
+from automarine_cli.fits.driven import driven_problem, starts_near
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -277,6 +279,21 @@ def test_other_units_of_moment_give_the_same_headings(name: str) -> None:
     parts = [{part: ten * run.extras[part] for part in PARTS} for run in RUNS]
     runs = [run.with_moment(ten * run.command, "N m", own) for run, own in zip(RUNS, parts)]
     np.testing.assert_allclose(headings(model, runs), headings(with_effect(name)), rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", [name for name in law_names() if name != "quadratic-drag"])
+def test_the_filter_of_driven_runs_knows_each_law(name: str) -> None:
+    """One run that starts, turns round, eases off and stops is likelier under the law that made it than without."""
+    effect, law = of_law(name)
+    truth = base_for(name).with_effect(effect.name, sizes_of(effect, law))
+    plan = [(0.9, 6.0), (-0.5, 5.0), (0.3, 4.0), (0.0, 4.0)]
+    runs = measured(truth, [unmeasured(plan, 0)], seed=1, noise_deg=0.3, gain=0.0)
+    density = []
+    for model in (truth, base_for(name)):
+        problem = driven_problem(model, make_course(runs, np.array([True]), effect.needs))
+        start = problem.search(starts_near(problem, [model.theta], {}))
+        density.append(float(problem.follow(start).log_density.sum()))
+    assert np.isfinite(density).all() and density[0] > density[1]
 
 
 # What the data give back
