@@ -224,8 +224,6 @@ def may_stand(trial: Trial, current: Trial, cycle: LimitCycle | None = None) -> 
     return predicts and not any(stopped)
 
 
-
-
 def _reconsider(
     study: Study, current: Trial, first: Round, seed: int, each: Map
 ) -> tuple[Trial, dict[str, Round]]:
