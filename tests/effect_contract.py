@@ -29,22 +29,36 @@ LARGEST = 1.2
 
 SIZES: Mapping[str, tuple[float, ...]] = {
     "battery-sag": (0.5, 0.12),
+    "battery-sag 1": (0.5, 0.25, 5.0),
     "compass-deviation": (0.06, -0.04, 0.03, 0.02),
+    "compass-deviation 2": (0.05, 0.04),
+    "coulomb-drag 1": (0.03, 0.06, 0.15),
+    "current-deviation": (0.06, 0.04),
     "cross-coupling": (0.4,),
     "cubic-drag": (0.35,),
+    "dead-band 1": (0.35,),
+    "dead-band 2": (0.4, 0.5),
     "drag-asymmetry": (0.12,),
     "heading-moment": (0.05, -0.03),
     "input-delay": (0.3,),
+    "input-delay 1": (0.2, 0.45),
     "linear-drag": (0.2,),
     "periodic-disturbance": (0.06, -0.04, 3.1),
     "saturation": (0.8,),
+    "saturation 1": (1.5,),
+    "tether-spring 1": (0.03, 1.5),
+    "tether-spring 2": (0.01, 0.002),
     "thrust-exponent": (1.2,),
     "thrust-loss": (0.25,),
     "thruster-dead-band": (0.05,),
     "thruster-imbalance": (0.12, -0.08, 0.1),
     "thruster-lag": (0.3,),
     "thruster-limit": (0.5,),
+    "thruster-lag 3": (0.5,),
+    "thruster-lag 4": (0.3, 2.2),
+    "wall": (0.25, -0.15),
     "water-swirl": (0.25, 8.0),
+    "water-swirl 5": (0.3, 8.0, 2.5),
 }
 """Sizes that show in the campaign below, where half more than the start is not one; references left out."""
 
@@ -62,7 +76,7 @@ PLAIN = frozenset(
 def texts_of(card: Card) -> list[str]:
     """All that people read of an effect."""
     own = [text for p in card.parameters for text in (p.name, p.meaning, p.unit)]
-    return [card.equation, card.says, card.reveals, card.separated_by, *own]
+    return [card.equation, *card.laws, card.says, card.reveals, card.separated_by, *own]
 
 
 def tokens(text: str) -> set[str]:
@@ -97,22 +111,45 @@ def base_for(name: str, scale: float = 1.0, unit: str = "nu") -> YawModel:
     return YawModel.base("3", scale * INERTIA, (scale * K_RR,), unit, YAW)
 
 
-def sizes_of(effect: Effect) -> tuple[float, ...]:
-    """Values of all parameters with which the effect is planted, for moments up to LARGEST: in its first law."""
+def laws_of(effect: Effect) -> int:
+    """How many laws it has; one that lets runs vary is judged by tests of its own."""
+    return 1 if effect.per_run else max(len(p.choices) or 1 for p in effect.parameters)
+
+
+def law_names() -> list[str]:
+    """Every law of every effect: "water-swirl" is its first one, "water-swirl 1" the next."""
+    every = [(name, law) for name in effects.names() for law in range(laws_of(effects.get(name)))]
+    return [f"{name} {law}" if law else name for name, law in every]
+
+
+def of_law(name: str) -> tuple[Effect, int]:
+    """The effect of such a name, and its law."""
+    first, _, law = name.partition(" ")
+    return effects.get(first), int(law or 0)
+
+
+def sizes_of(effect: Effect, law: int = 0) -> tuple[float, ...]:
+    """Values of all parameters with which the effect is planted, for moments up to LARGEST, in one of its laws; a
+    parameter that this law does not use is at its start, or at nothing."""
     fixed = {"moment": LARGEST, "clock": 0.0, "voltage": 12.0}
-    own = iter(SIZES.get(effect.name, ()))
+    own = iter(
+        SIZES.get(f"{effect.name} {law}", SIZES.get(effect.name, ())) if law else SIZES.get(effect.name, ())
+    )
+    at_law = tuple(float(law) if p.choices else p.start for p in effect.parameters)
     return tuple(
         fixed[p.reference] if p.reference
-        else 0.0 if p.choices
+        else float(law) if p.choices
+        else (p.start if p.laws else p.off) if held
         else next(own, 1.5 * p.start if p.start != p.off else 0.03)
-        for p in effect.parameters
+        for p, held in zip(effect.parameters, effect.held(at_law))
     )  # fmt: skip
 
 
 def with_planted(base: YawModel, *names: str) -> YawModel:
     """The model with these effects at their planted sizes."""
     for name in names:
-        base = base.with_effect(name, sizes_of(effects.get(name)))
+        effect, law = of_law(name)
+        base = base.with_effect(effect.name, sizes_of(effect, law))
     return base
 
 

@@ -227,7 +227,7 @@ FULL = PlanarModel(
     sway=(Term("quadratic-drag", (40.0,)), Term("linear-drag", (5.0,))),
     yaw=(
         Term("linear-drag", (0.6,)), Term("quadratic-drag", (2.5,)), Term("bias-moment", (0.1,)),
-        Term("input-delay", (0.2,)),
+        Term("input-delay", (0.2, 0.0, 0.1)),
     ),
     cross=(
         Term("Y_r", (1.2,)), Term("N_v", (0.8,)), Term("N_vv", (1.7,)), Term("Y_rr", (0.9,)), Term("N_vr", (2.2,)),

@@ -13,8 +13,11 @@ from effect_contract import (
     SIZES,
     Floats,
     base_for,
+    law_names,
+    laws_of,
     long_plans,
     measured,
+    of_law,
     planted,
     sizes_of,
     strange_to,
@@ -32,12 +35,15 @@ from automarine_cli.effects import Effect, Place, State
 from automarine_cli.effects.base import EVEN, MIXED, ODD
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import ModelError
+from automarine_cli.filters.course import make_course
+from automarine_cli.fits.driven import driven_problem, starts_near
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
 
 EVERY_EFFECT = pytest.mark.parametrize("name", effects.names())
+EVERY_LAW = pytest.mark.parametrize("name", law_names())
 CONTRACT = (
     "linear-drag", "quadratic-drag", "cubic-drag", "bias-moment", "tether-spring", "dead-band", "saturation",
     "thrust-asymmetry", "drag-asymmetry", "thruster-lag", "input-delay", "thrust-loss", "battery-sag",
@@ -46,15 +52,19 @@ CONTRACT = (
 )  # fmt: skip
 EVERY_MOTION = pytest.mark.parametrize("dof", DOFS.values(), ids=list(DOFS))
 UNITS = ("nu", "N m")
+CUTS = ("dead-band 1", "dead-band 2")
+"""Where a cut lies between two moments nobody can tell: test_effects_laws judges them."""
 STARTS = (0.4, -1.1, 2.0)  # rad
 
 RUNS = [unmeasured(plan, i) for i, plan in enumerate([long_plans()[7], long_plans()[10], long_plans()[-1]])]
 """Three runs of different lengths: a step to port, a coast-down, a manoeuvre."""
 
 MIRRORED_SIGNS = {
-    "compass-deviation": (1, -1, 1, -1),  # sine terms are odd in the heading, cosine terms even
+    "compass-deviation": (1, -1, 1, -1, 1),  # sine terms are odd in the heading, cosine terms even
+    "current-deviation": (1, -1, 1),
     "heading-moment": (1, -1),
     "thruster-imbalance": (-1, -1, 1),  # port and starboard change places
+    "wall": (1, -1),
     "periodic-disturbance": (-1, -1, 1, 1),  # the moment turns round, the period stays
 }
 """What a mirrored campaign does to each parameter of a MIXED effect."""
@@ -71,8 +81,14 @@ def headings(
 
 
 def with_effect(name: str, values: Sequence[float] | None = None) -> YawModel:
-    """The base vehicle with the effect at these values, by default at its planted sizes."""
-    return base_for(name).with_effect(name, sizes_of(effects.get(name)) if values is None else values)
+    """The base vehicle with a law of an effect at these values, by default at its planted sizes."""
+    effect, law = of_law(name)
+    return base_for(effect.name).with_effect(effect.name, sizes_of(effect, law) if values is None else values)
+
+
+def off(effect: Effect, law: int) -> list[float]:
+    """The values with which it is off, in one of its laws."""
+    return [float(law) if p.choices else value for p, value in zip(effect.parameters, effect.off)]
 
 
 # What the registry finds
@@ -80,7 +96,7 @@ def with_effect(name: str, values: Sequence[float] | None = None) -> YawModel:
 
 def test_the_contracts_names_are_there() -> None:
     assert set(CONTRACT) <= set(effects.names())
-    assert set(SIZES) | set(MIRRORED_SIGNS) <= set(effects.names())
+    assert {*SIZES, *MIRRORED_SIGNS} <= {*effects.names(), *law_names()}
 
 
 @EVERY_EFFECT
@@ -149,9 +165,9 @@ def test_equations_have_the_letters_of_the_motion() -> None:
     assert equations("thrust-loss") == ["-b sqrt|tau| r", "-b sqrt|X| u", "-b sqrt|Z| w"]
     assert equations("tether-spring")[1:] == ["-kappa (x - x_start)", "-kappa (z - z_start)"]
     assert equations("water-swirl") == [
-        "drag on s = r - w, T_w w' = chi s - (1 - chi) w, or with |s| s for s",
-        "drag on s = u - u_w, T_w u_w' = chi s - (1 - chi) u_w, or with |s| s for s",
-        "drag on s = w - w_w, T_w w_w' = chi s - (1 - chi) w_w, or with |s| s for s",
+        "drag on s = r - w, T_w w' = chi s - (1 - chi) w",
+        "drag on s = u - u_w, T_w u_w' = chi s - (1 - chi) u_w",
+        "drag on s = w - w_w, T_w w_w' = chi s - (1 - chi) w_w",
     ]
 
 
@@ -184,12 +200,12 @@ def test_methods_are_those_of_its_place(name: str) -> None:
     assert bool(effect.states) == ("derivatives" in vars(type(effect)))
 
 
-@EVERY_EFFECT
+@EVERY_LAW
 def test_says_whether_it_asks_for_the_heading(name: str) -> None:
     """Without `steered` the simulator gives no heading: what asks for one all the same must not pass unnoticed."""
-    effect, one = effects.get(name), np.ones((1, 1))
+    (effect, law), one = of_law(name), np.ones((1, 1))
     own = np.zeros((effect.per_run, 1, 1))
-    values = (*(np.full((1, 1), value) for value in sizes_of(effect)), *own)
+    values = (*(np.full((1, 1), value) for value in sizes_of(effect, law)), *own)
     unknown = State(one * np.nan, one * np.nan, one, 0.5 * one, one, one, dict.fromkeys(effect.needs, one))
     assert np.isnan(effect.moment(unknown, values)).any() == effect.steered
 
@@ -197,37 +213,41 @@ def test_says_whether_it_asks_for_the_heading(name: str) -> None:
 # What it does to a simulation
 
 
-@EVERY_EFFECT
+@EVERY_LAW
 def test_vectorised_over_parameter_sets_and_runs(name: str) -> None:
     """Each parameter set and each run comes out as if it were alone, whatever the company and the padding."""
     model = with_effect(name)
-    theta = np.stack([model.theta, with_effect(name, effects.get(name).off).theta, model.theta * 1.1])
+    effect, law = of_law(name)
+    other = [v if p.choices else 1.1 * v for p, v in zip(effect.parameters, sizes_of(effect, law))]
+    theta = np.stack([model.theta, with_effect(name, effect.off).theta, with_effect(name, other).theta])
     together = headings(model, theta=theta)
     assert together.shape == (3, len(RUNS), max(len(run) for run in RUNS)) and np.isfinite(together).all()
     for p, values in enumerate(theta):
         for r, run in enumerate(RUNS):
-            batch = make_batch([run], 0.05, effects.get(name).needs)
+            batch = make_batch([run], 0.05, effect.needs)
             alone = simulate(model, batch, values, Start(position=np.array([[STARTS[r]]]))).position[0, 0]
             np.testing.assert_allclose(together[p, r, : len(run)], alone, rtol=0, atol=1e-12)
 
 
-@EVERY_EFFECT
+@EVERY_LAW
 def test_off_is_exactly_the_base_model(name: str) -> None:
-    off = headings(with_effect(name, effects.get(name).off))
-    np.testing.assert_allclose(off, headings(base_for(name)), rtol=0, atol=1e-5 if "lag" in name else 1e-9)
+    effect, law = of_law(name)
+    found = headings(with_effect(name, off(effect, law)))
+    close = 1e-5 if "lag" in name else 1e-9
+    np.testing.assert_allclose(found, headings(base_for(effect.name)), rtol=0, atol=close)
 
 
-@EVERY_EFFECT
+@EVERY_LAW
 def test_on_is_not_the_base_model(name: str) -> None:
-    most = np.abs(headings(with_effect(name)) - headings(base_for(name))).max()
+    most = np.abs(headings(with_effect(name)) - headings(base_for(of_law(name)[0].name))).max()
     assert np.rad2deg(most) > 1.0
 
 
-@EVERY_EFFECT
+@EVERY_LAW
 def test_mirrored_runs_have_the_declared_parity(name: str) -> None:
-    effect = effects.get(name)
+    effect, law = of_law(name)
     runs = [mirrored(run) for run in RUNS]
-    values = sizes_of(effect)
+    values = sizes_of(effect, law)
     found = headings(
         with_effect(name, [s * v for s, v in zip(mirrored_signs(effect), values)]), runs, sign=-1
     )
@@ -251,32 +271,49 @@ def mirrored_signs(effect: Effect) -> tuple[int, ...]:
     return tuple(-1 if effect.parity == ODD and not p.held else 1 for p in effect.parameters)
 
 
-@EVERY_EFFECT
+@EVERY_LAW
 def test_other_units_of_moment_give_the_same_headings(name: str) -> None:
-    effect, ten = effects.get(name), 10.0
-    scaled = [p.scaled(value, ten) for p, value in zip(effect.parameters, sizes_of(effect))]
-    model = base_for(name, ten, "N m").with_effect(name, scaled)
+    (effect, law), ten = of_law(name), 10.0
+    scaled = [p.scaled(value, ten) for p, value in zip(effect.parameters, sizes_of(effect, law))]
+    model = base_for(effect.name, ten, "N m").with_effect(effect.name, scaled)
     parts = [{part: ten * run.extras[part] for part in PARTS} for run in RUNS]
     runs = [run.with_moment(ten * run.command, "N m", own) for run, own in zip(RUNS, parts)]
     np.testing.assert_allclose(headings(model, runs), headings(with_effect(name)), rtol=0, atol=1e-10)
 
 
+@pytest.mark.parametrize("name", [name for name in law_names() if name != "quadratic-drag"])
+def test_the_filter_of_driven_runs_knows_each_law(name: str) -> None:
+    """One run that starts, turns round, eases off and stops is likelier under the law that made it than without."""
+    effect, law = of_law(name)
+    truth = base_for(name).with_effect(effect.name, sizes_of(effect, law))
+    plan = [(0.9, 6.0), (-0.5, 5.0), (0.3, 4.0), (0.0, 4.0)]
+    runs = measured(truth, [unmeasured(plan, 0)], seed=1, noise_deg=0.3, gain=0.0)
+    density = []
+    for model in (truth, base_for(name)):
+        problem = driven_problem(model, make_course(runs, np.array([True]), effect.needs))
+        start = problem.search(starts_near(problem, [model.theta], {}))
+        density.append(float(problem.follow(start).log_density.sum()))
+    assert np.isfinite(density).all() and density[0] > density[1]
+
+
 # What the data give back
 
 
-@EVERY_EFFECT
+@pytest.mark.parametrize("name", [name for name in law_names() if name not in CUTS])
 def test_recovered_from_data_made_with_it(name: str) -> None:
-    effect, base = effects.get(name), base_for(name)
-    truth = sizes_of(effect)
+    effect, law = of_law(name)
+    base = base_for(effect.name)
+    truth = sizes_of(effect, law)
     study = study_of(planted(base, name, seed=1), base)
-    model = base.with_theta(1.1 * base.theta).with_effect(name, _off_the_truth(effect, truth))
+    model = base.with_theta(1.1 * base.theta).with_effect(effect.name, _off_the_truth(effect, truth))
     fit = study.fit(model)
-    trial = Trial((name,), model.with_theta(fit.theta[:-1]), fit, 0.0)
-    found = parameter_estimates(study, trial, name)
-    for parameter, filled, value in zip(effect.parameters, effect.card(YAW, "nu").parameters, truth):
+    trial = Trial((effect.name,), model.with_theta(fit.theta[:-1]), fit, 0.0)
+    found = parameter_estimates(study, trial, effect.name)
+    every = zip(effect.parameters, effect.card(YAW, "nu").parameters, truth, effect.held(truth))
+    for parameter, filled, value, held in every:
         estimate = found[filled.name]
         assert estimate.unit == filled.unit
-        if parameter.held:
+        if held:
             assert estimate.value == pytest.approx(value)
         else:
             assert 0 < estimate.stderr < 0.25 * max(abs(v) for v in truth), parameter.name
@@ -288,8 +325,9 @@ def test_recovered_from_data_made_with_it(name: str) -> None:
 def _off_the_truth(effect: Effect, truth: Sequence[float]) -> list[float]:
     """Where a diagnosis would start: sizes a good way off, shapes at the nearest value that is scanned."""
     return [
-        value if p.held else min(p.scan, key=lambda s: abs(np.log(s / value))) if p.scan else 0.7 * value
-        for p, value in zip(effect.parameters, truth)
+        value if held else min(scan, key=lambda s: abs(np.log(s / value))) if scan else 0.7 * value
+        for p, value, held in zip(effect.parameters, truth, effect.held(tuple(truth)))
+        for scan in (effect.scan(p, tuple(truth)),)
     ]
 
 
@@ -303,8 +341,42 @@ def test_several_together_are_recovered() -> None:
     model = truth.with_theta(fit.theta[:-1])
     for name in names:
         found = parameter_estimates(study, Trial(names, model, fit, 0.0), name)
-        for estimate, value in zip(found.values(), sizes_of(effects.get(name)), strict=True):
+        truly = sizes_of(effects.get(name))
+        every = zip(found.values(), truly, effects.get(name).held(truly), strict=True)
+        for estimate, value in ((e, v) for e, v, held in every if not held):
             assert abs(estimate.value - value) <= 4.0 * estimate.stderr, f"{name}: {estimate}"
+
+
+@EVERY_EFFECT
+def test_laws_and_what_only_they_use_are_declared(name: str) -> None:
+    effect = effects.get(name)
+    choices = [p for p in effect.parameters if p.choices]
+    assert len(choices) <= 1
+    assert all(p.upper == len(p.choices) - 1 and p.start == p.lower == 0.0 for p in choices)
+    last = len(choices[0].choices) if choices else 0
+    assert len(effect.laws) == max(last - 1, 0)
+    for law in effect.laws:
+        assert (
+            law.source
+            and not law.source.endswith(".")
+            and set(law.mistaken_for) <= set(effects.names()) - {name}
+        )
+    assert all(0 < law < last for p in effect.parameters for law in p.laws), (
+        "the first law is what it always was"
+    )
+
+
+@EVERY_EFFECT
+def test_laws_together_are_as_each_alone(name: str) -> None:
+    """Parameter sets of different laws in one simulation do not touch each other."""
+    effect = effects.get(name)
+    if (laws := laws_of(effect)) < 2:
+        return
+    models = [base_for(name).with_effect(name, sizes_of(effect, law)) for law in range(laws)]
+    together = headings(models[0], theta=np.stack([model.theta for model in models]))
+    for found, model in zip(together, models):
+        np.testing.assert_allclose(found, headings(model)[0], rtol=0, atol=1e-12)
+    assert all(np.rad2deg(np.abs(other - together[0]).max()) > 0.5 for other in together[1:])
 
 
 # The command
@@ -359,14 +431,16 @@ def test_json_is_the_library_without_infinities(run: Callable[..., Result]) -> N
     assert [card["name"] for card in whole["effects"]] == list(effects.names())
     (card,) = json.loads(run("effects", "saturation", "--json").stdout)["effects"]
     assert card in whole["effects"]
-    (limit,) = card["parameters"]
+    limit, _ = card["parameters"]
     assert (limit["lower"], limit["upper"], limit["off"], limit["any_when_off"]) == (0.0, None, None, False)
 
 
 def test_unknown_name_is_told_its_nearest(run: Callable[..., Result]) -> None:
     found = run("effects", "Dead_bnd")
     assert (found.exit_code, found.stdout) == (1, "")
-    assert found.stderr.startswith("Error: effect 'Dead_bnd' is not in the library; known are battery-sag, ")
+    assert found.stderr.startswith(
+        "Error: effect 'Dead_bnd' is not in the library; known are backlash, battery-sag, "
+    )
     assert found.stderr.endswith(", water-swirl. Did you mean dead-band or thruster-dead-band?\n")
     with pytest.raises(ModelError, match=r"water-swirl$"):
         effects.get("quux")

@@ -1,13 +1,12 @@
 """Effects of which nature has more than one law, or which differ from run to run: each law is told from the other."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from effect_contract import Floats, base_for, long_plans, measured, short_plans, unmeasured
 
-from automarine_cli import effects
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.diagnosis.estimates import parameter_estimates
@@ -32,41 +31,188 @@ def headings(model: YawModel, runs: Sequence[Run], start: Start | None = None) -
     return simulate(model, make_batch(runs, 0.05), start=start).position[0]
 
 
-@BY_LAW
-def test_second_law_is_another_and_off_at_no_size(name: str) -> None:
-    effect, values = effects.get(name), SECOND_LAWS[name]
-    plain = headings(BASE, RUNS)
-    first, second = (headings(BASE.with_effect(name, (*values[:-1], law)), RUNS) for law in (0.0, 1.0))
-    assert np.rad2deg(np.abs(second - first).max()) > 5.0
-    off = headings(BASE.with_effect(name, (*effect.off[:-1], 1.0)), RUNS)
-    np.testing.assert_allclose(off, plain, rtol=0, atol=1e-9)
+MOMENT, STEP = 0.9, 1e-3
+PLAN = [(MOMENT, 6.0), (-0.5, 5.0), (0.3, 4.0), (0.0, 4.0)]
+"""Runs that start, turn round, ease off and stop, whichever way `sign` turns them."""
 
 
-@BY_LAW
-def test_second_law_is_even(name: str) -> None:
-    model = BASE.with_effect(name, SECOND_LAWS[name])
-    mirrored = [replace(run, moment=-run.command) for run in RUNS]
-    np.testing.assert_allclose(headings(model, mirrored), -headings(model, RUNS), rtol=0, atol=1e-10)
+def in_fine_steps(run: Run, law: Callable[..., Floats], states: int = 0) -> Floats:
+    """Headings at the samples by Heun's method in steps of STEP: `law` (state, moment, time) gives the derivative of
+    heading, rate and `states` more."""
+    edges, levels = np.cumsum([1.5, *(s for _, s in PLAN)]) - 0.05, [0.0, *(m for m, _ in PLAN)]
+    sign = 1.0 if run.command.max() >= -run.command.min() else -1.0
+    state, out = np.zeros(2 + states), [0.0]
+    for m in range(round(float(run.time[-1] - run.time[0]) / STEP)):
+        time = (m + 0.5) * STEP
+        moment = sign * levels[min(int(np.searchsorted(edges, time)), len(levels) - 1)]
+        first = law(state, moment, time)
+        state = state + 0.5 * STEP * (first + law(state + STEP * first, moment, time + STEP))
+        if (m + 1) % round(0.1 / STEP) == 0:
+            out.append(state[0])
+    return np.array(out)
 
 
-def test_turbulent_swirl_against_its_own_equation() -> None:
-    """w' = c |s| s - w / T_d with c = chi / T_w and T_d = T_w / (1 - chi), in small steps of its own."""
-    chi, lag = SECOND_LAWS["water-swirl"][:2]
-    (run,) = [unmeasured([(0.9, 20.0), (-0.5, 10.0)], 0)]
-    found = headings(BASE.with_effect("water-swirl", (chi, lag, 1.0)), [run])[0]
-    inertia, drag, h = BASE.inertia, BASE.drag()[1], 2e-4
-    psi = rate = water = 0.0
-    edges = np.array([1.5, 21.5]) - 0.05  # a change is logged half a sample interval after it
-    own = [0.0]
-    for m in range(round(float(run.time[-1] - run.time[0]) / h)):
-        tau = (0.0, 0.9, -0.5)[int(np.searchsorted(edges, (m + 0.5) * h))]
-        slip = rate - water
-        psi += h * rate + 0.5 * h * h * (tau - drag * abs(slip) * slip) / inertia
-        rate += h * (tau - drag * abs(slip) * slip) / inertia
-        water += h * (chi / lag * abs(slip) * slip - (1.0 - chi) / lag * water)
-        if (m + 1) % 500 == 0:
-            own.append(psi)
-    assert np.rad2deg(np.abs(found[: len(own)] - own[: len(found)]).max()) < 0.1
+def turning(rate: float, pushed: float, slip: float | None = None) -> float:
+    """Acceleration under quadratic drag."""
+    through = rate if slip is None else slip
+    return float((pushed - BASE.drag()[1] * abs(through) * through) / BASE.inertia)
+
+
+def root(moment: float) -> float:
+    """The propeller's speed that gives a moment."""
+    return float(np.sign(moment) * np.sqrt(abs(moment)))
+
+
+def lagging(spun: Callable[[float, float], float], of_thrust: bool = False) -> Callable[..., Floats]:
+    """A thruster's own state n with n' = spun(moment commanded, n)."""
+
+    def law(state: Floats, moment: float, time: float) -> Floats:
+        _, rate, n = state
+        pushed = n if of_thrust else n * abs(n)
+        return np.array([rate, turning(rate, pushed), spun(moment, n)])
+
+    return law
+
+
+def swirling(pulled: Callable[[float, float, float, float], float]) -> Callable[..., Floats]:
+    """Water w with w' = pulled(slip, rate, moment, w)."""
+
+    def law(state: Floats, moment: float, time: float) -> Floats:
+        _, rate, w = state
+        return np.array([rate, turning(rate, moment, rate - w), pulled(rate - w, rate, moment, w)])
+
+    return law
+
+
+def pushed_by(extra: Callable[[float, float, float], float]) -> Callable[..., Floats]:
+    """A moment beside the command: extra(heading, rate, moment)."""
+
+    def law(state: Floats, moment: float, time: float) -> Floats:
+        psi, rate = state
+        return np.array([rate, turning(rate, moment + extra(psi, rate, moment))])
+
+    return law
+
+
+def sagging(state: Floats, moment: float, time: float) -> Floats:
+    """A battery that follows the load after 5 s, by a quarter at MOMENT."""
+    _, rate, drawn = state
+    return np.array(
+        [rate, turning(rate, moment * (1.0 - 0.25 * drawn)), (abs(moment) / MOMENT - drawn) / 5.0]
+    )
+
+
+OWN = {
+    "thruster-lag 0": ((0.3, 0, MOMENT, 1), lagging(lambda u, n: (root(u) - n) / 0.3), 1),
+    "thruster-lag 1": ((0.3, 1, MOMENT, 1), lagging(lambda u, n: (u - n) / 0.3, of_thrust=True), 1),
+    "thruster-lag 2": ((0.3, 2, MOMENT, 1), lagging(lambda u, n: (u - n * abs(n)) / (0.6 * root(MOMENT))), 1),
+    "thruster-lag 3": (
+        (0.8, 3, MOMENT, 1),
+        lagging(lambda u, n: float(np.clip((root(u) - n) / 0.004, -1, 1)) * root(MOMENT) / 0.8),
+        1,
+    ),
+    "thruster-lag 4": (
+        (0.3, 4, MOMENT, 2.0),
+        lagging(lambda u, n: (root(u) - n) / (0.6 if (root(u) - n) * n < 0 else 0.3)),
+        1,
+    ),
+    "water-swirl 1": ((0.4, 9, 1, 1, 1), swirling(lambda s, r, u, w: (0.4 * abs(s) * s - 0.6 * w) / 9), 1),
+    "water-swirl 2": ((0.4, 9, 2, 1, 1), swirling(lambda s, r, u, w: (0.4 * abs(r) * s - 0.6 * w) / 9), 1),
+    "water-swirl 3": (
+        (0.2, 9, 3, MOMENT, 1),
+        swirling(lambda s, r, u, w: (0.2 * u / MOMENT - 0.8 * w) / 9),
+        1,
+    ),
+    "water-swirl 4": (
+        (0.4, 9, 4, 1, 1),
+        swirling(lambda s, r, u, w: (0.4 * abs(s) * s - 0.6 * abs(w) * w) / 9),
+        1,
+    ),
+    "water-swirl 5": (
+        (0.3, 9, 5, 1, 2.0),
+        swirling(lambda s, r, u, w: (0.3 * s - 0.7 * w) / (18 if (0.3 * s - 0.7 * w) * w < 0 else 9)),
+        1,
+    ),
+    "coulomb-drag 1": (
+        (0.03, 1, 0.06, 0.15),
+        pushed_by(lambda x, r, u: -(0.03 + 0.06 * np.exp(-((r / 0.15) ** 2))) * np.tanh(r / 0.02)),
+        0,
+    ),
+    "tether-spring 1": (
+        (0.05, 1, 1.5, 0),
+        pushed_by(lambda x, r, u: -0.05 * (max(x - 1.5, 0.0) + min(x + 1.5, 0.0))),
+        0,
+    ),
+    "tether-spring 2": ((0.01, 2, 1, 0.004), pushed_by(lambda x, r, u: -0.01 * x - 0.004 * x**3), 0),
+    "thrust-loss 1": (
+        (0.3, 1),
+        pushed_by(lambda x, r, u: -0.3 * abs(u) ** 0.5 * r if u * r > 0 else 0.0),
+        0,
+    ),
+    "saturation 1": ((1.0, 1), pushed_by(lambda x, r, u: np.tanh(u) - u), 0),
+    "battery-sag 1": ((0.0, 0.25, MOMENT, 0.0, 1, 5.0), sagging, 1),
+    "wall 0": (
+        (0.2, -0.1),
+        pushed_by(lambda x, r, u: -(0.2 * np.cos(2 * x) - 0.1 * np.sin(2 * x)) * abs(r) * r),
+        0,
+    ),
+}
+"""Laws written a second time: values of the effect's parameters, derivative of the state, number of further states."""
+
+
+@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_each_law_against_its_own_equation(name: str, sign: int) -> None:
+    values, law, states = OWN[name]
+    run = unmeasured([(sign * m, s) for m, s in PLAN], 0)
+    model = BASE.with_effect(name.split()[0], [float(v) for v in values])
+    found, own = headings(model, [run])[0], in_fine_steps(run, law, states)
+    assert np.rad2deg(np.abs(found[: len(own)] - own[: len(found)]).max()) < 0.3
+    assert np.rad2deg(np.ptp(found - headings(BASE, [run])[0])) > 2.0
+
+
+def test_a_delay_of_what_falls_is_another() -> None:
+    """A step held 4 s acts 0.2 s late and ends 0.5 s late; as one that holds 0.3 s longer, 0.2 s later."""
+    found = headings(
+        BASE.with_effect("input-delay", (0.2, 1.0, 0.5)), [unmeasured([(0.8, 4.0), (0.0, 5.0)], 0)]
+    )[0]
+    longer = headings(BASE.with_effect("input-delay", (0.2,)), [unmeasured([(0.8, 4.3), (0.0, 4.7)], 0)])[0]
+    np.testing.assert_allclose(found, longer, rtol=0, atol=2e-3)
+    mirrored = headings(
+        BASE.with_effect("input-delay", (0.2, 1.0, 0.5)), [unmeasured([(-0.8, 4.0), (0.0, 5.0)], 0)]
+    )
+    np.testing.assert_allclose(mirrored[0], -found, rtol=0, atol=1e-12)
+
+
+def test_a_stalling_thruster_goes_on_below_its_start() -> None:
+    """A moment that does not start it keeps it going once it runs; one below the lower edge stalls it."""
+    model = BASE.with_effect("dead-band", (0.5, 2.0, 0.4))
+    up, down = (
+        headings(model, [unmeasured(plan, 0)])[0] for plan in ([(0.3, 5.0)], [(0.9, 3.0), (0.3, 5.0)])
+    )
+    same = headings(BASE, [unmeasured([(0.9, 3.0), (0.3, 5.0)], 0)])[0]
+    np.testing.assert_allclose(up, 0.0, atol=1e-9)
+    np.testing.assert_allclose(down, same, rtol=0, atol=1e-9)
+    ends = headings(model, [unmeasured([(0.9, 3.0), (0.15, 5.0)], 0)])[0]
+    np.testing.assert_allclose(
+        ends, headings(BASE, [unmeasured([(0.9, 3.0), (0.0, 5.0)], 0)])[0], rtol=0, atol=1e-9
+    )
+
+
+def test_backlash_keeps_what_it_was_pushed_to() -> None:
+    """Up to 0.9 and back to 0.2 with a play of 0.3: delivered are 0.6, then 0.5."""
+    found = headings(BASE.with_effect("backlash", (0.3,)), [unmeasured([(0.9, 4.0), (0.2, 5.0)], 0)])[0]
+    own = headings(BASE, [unmeasured([(0.6, 4.0), (0.5, 5.0)], 0)])[0]
+    np.testing.assert_allclose(found, own, rtol=0, atol=1e-12)
+
+
+def test_the_current_pulls_the_compass_at_once() -> None:
+    run = unmeasured([(0.8, 5.0), (-0.8, 5.0)], 0)
+    pull = (
+        headings(BASE.with_effect("current-deviation", (0.06, 0.02, 0.8)), [run])[0]
+        - headings(BASE, [run])[0]
+    )
+    np.testing.assert_allclose(pull, 0.06 * run.command / 0.8 + 0.02 * np.abs(run.command) / 0.8, atol=1e-12)
 
 
 def fitted(study: Study, name: str, start: Sequence[float]) -> Trial:

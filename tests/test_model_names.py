@@ -43,12 +43,12 @@ def model_of(dof: Dof, number: str = "2") -> YawModel:
 
 @EVERY_MOTION
 def test_parameters_have_qualified_names(dof: Dof) -> None:
-    own, model = dof.symbols, model_of(dof).with_effect("input-delay", [0.2]).with_effect("cubic-drag", [0.1])
+    own, model = dof.symbols, model_of(dof).with_effect("sensor-lag", [0.2]).with_effect("cubic-drag", [0.1])
     base = [own.inertia, own.quadratic, own.linear, *([own.constant] if dof.has_constant else [])]
     assert model.parameter_names == (
-        *(f"{dof.name}.{name}" for name in base), "input-delay.t_d", f"cubic-drag.{own.cubic}",
+        *(f"{dof.name}.{name}" for name in base), "sensor-lag.T_s", f"cubic-drag.{own.cubic}",
     )  # fmt: skip
-    assert model.short_names == (*base, "t_d", own.cubic)
+    assert model.short_names == (*base, "T_s", own.cubic)
     for name, value in zip(model.parameter_names, model.theta, strict=True):
         assert model.theta[model.index(name)] == value
     assert model.theta[model.index(dof.parameter("quadratic"))] == 3.0
@@ -60,8 +60,10 @@ def test_names_that_two_effects_have_are_told_apart() -> None:
     model = YawModel.base("3", 1.0, [1.2], "nu", YAW).with_effect("linear-drag", [0.1])
     for name in ("bias-moment", "thrust-loss"):
         model = model.with_effect(name, [0.05])
-    assert model.parameter_names[2:] == ("linear-drag.k_r", "bias-moment.b", "thrust-loss.b")
-    assert model.short_names == ("I_r", "k_rr", "k_r", "b", "thrust-loss.b")
+    assert model.parameter_names[2:] == (
+        "linear-drag.k_r", "bias-moment.b", "thrust-loss.b", "thrust-loss.law",
+    )  # fmt: skip
+    assert model.short_names == ("I_r", "k_rr", "k_r", "b", "thrust-loss.b", "law")
     sided = YawModel.base("3", 1.0, [1.2, 0.3], "N", SURGE).with_effect("bias-moment", [0.05])
     assert sided.parameter_names == ("surge.m_u", "surge.X_uu", "surge.half_difference", "bias-moment.b")
 

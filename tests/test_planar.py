@@ -244,7 +244,9 @@ def test_effects_see_the_ground_and_the_water() -> None:
     """A brake against the ground holds where drag lets go: Coulomb friction is on the velocity over ground."""
     time, zero = np.arange(0, 60, 0.5), np.zeros(120)
     model = PlanarModel(
-        BODY, surge=(Term("linear-drag", (3.0,)), Term("coulomb-drag", (5.0,))), water=(0.3, 0.0)
+        BODY,
+        surge=(Term("linear-drag", (3.0,)), Term("coulomb-drag", (5.0, 0.0, 0.0, 0.1))),
+        water=(0.3, 0.0),
     )
     batch = make_batch([planar_run(time, zero, zero, zero)], 0.05, motion=PLANAR)
     assert abs(simulate(model, batch).velocities[0, 0, -1, 0]) < 0.02  # 3 N s/m at 0.3 m/s are less than 5 N
@@ -322,11 +324,12 @@ def test_a_log_without_a_force_is_refused() -> None:
 
 def test_parameters_have_qualified_names() -> None:
     model = replace(
-        resisted(), yaw=(*resisted().yaw, Term("input-delay", (0.2,)), Term("bias-moment", (0.1,)))
+        resisted(), yaw=(*resisted().yaw, Term("input-delay", (0.2, 0.0, 0.1)), Term("bias-moment", (0.1,)))
     )
     assert model.parameter_names == (
         "surge.m_u", "sway.m_v", "yaw.I_r", "planar.m_vr", "planar.m_ur", "planar.m_uv",
         "surge.X_u", "surge.X_uu", "sway.Y_vv", "sway.Y_v", "yaw.k_r", "yaw.k_rr", "yaw.input-delay.t_d",
+        "yaw.input-delay.law", "yaw.input-delay.t_off",
         "yaw.constant_force", "sway.Y_r", "yaw.N_v", "yaw.N_vv", "sway.Y_rr", "yaw.N_vr", "sway.Y_rv", "surge.X_v",
         "current.north", "current.east",
     )  # fmt: skip
@@ -335,9 +338,9 @@ def test_parameters_have_qualified_names() -> None:
     values = np.arange(1.0, 1 + len(model.theta))
     changed = model.with_theta(values)
     np.testing.assert_array_equal(changed.theta, values)
-    assert changed.inertia.m_vr == 4.0 and changed.surge[1].values == (8.0,) and changed.water == (22.0, 23.0)
+    assert changed.inertia.m_vr == 4.0 and changed.surge[1].values == (8.0,) and changed.water == (24.0, 25.0)
     assert "current.north" not in replace(model, water=None).parameter_names
-    with pytest.raises(ModelError, match="2 values given for the 23 parameters"):
+    with pytest.raises(ModelError, match="2 values given for the 25 parameters"):
         model.with_theta([1.0, 2.0])
 
 

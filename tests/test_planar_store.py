@@ -63,7 +63,8 @@ def test_units() -> None:
         "surge.m_u": "kg", "sway.m_v": "kg", "yaw.I_r": "N m s²", "planar.m_vr": "kg m", "planar.m_ur": "kg m",
         "planar.m_uv": "kg", "surge.X_u": "N s/m", "surge.X_uu": "N s²/m²", "sway.Y_vv": "N s²/m²",
         "sway.Y_v": "N s/m", "yaw.k_r": "N m s", "yaw.k_rr": "N m s²", "yaw.constant_force": "N m",
-        "yaw.input-delay.t_d": "s", "sway.Y_r": "N s", "yaw.N_v": "N s", "yaw.N_vv": "N s²/m", "sway.Y_rr": "N s²",
+        "yaw.input-delay.t_d": "s", "yaw.input-delay.law": "1",
+        "yaw.input-delay.t_off": "s", "sway.Y_r": "N s", "yaw.N_v": "N s", "yaw.N_vv": "N s²/m", "sway.Y_rr": "N s²",
         "yaw.N_vr": "N s²", "sway.Y_rv": "N s²/m", "surge.X_v": "N s/m", "current.north": "m/s",
         "current.east": "m/s",
     }  # fmt: skip

@@ -44,7 +44,7 @@ def test_what_is_true_fits_itself() -> None:
     ("name", "values", "rival", "more"),
     [
         ("dead-band", (0.03,), "coulomb-drag", COASTS + RAMPS),
-        ("thruster-lag", (0.15,), "input-delay", COASTS * 2),
+        ("thruster-lag", (0.15,), "sensor-lag", COASTS * 2),
         ("water-swirl", (0.03, 10.0), "tether-spring", RAMPS),
     ],
 )

@@ -22,6 +22,8 @@ from automarine_cli.models.yaw_model import YawModel
 Floats = NDArray[np.float64]
 
 DRAWS = 2000
+NEAR = 0.5
+"""Share of an effect's best score from which another of its laws is worth a fit."""
 SMALL = 0.03  # size at which a parameter without a start of its own is tried
 
 
@@ -95,11 +97,14 @@ def probes(study: Study, name: str) -> list[Probe]:
         fixed = [
             float(choice) if choice is not None
             else study.reference(p.reference) if p.reference
+            else p.start if p.laws
             else p.off
             for p, choice in zip(own, law)
         ]  # fmt: skip
-        scans = [effect.scan(p, tuple(fixed)) for p in own]
-        sized = tuple(i for i, p in enumerate(own) if not scans[i] and not p.held)
+        held = effect.held(tuple(fixed))
+        scans = [() if still else effect.scan(p, tuple(fixed)) for p, still in zip(own, held)]
+        fixed = [p.off if p.laws and not still else v for p, v, still in zip(own, fixed, held)]
+        sized = tuple(i for i in range(len(own)) if not scans[i] and not held[i])
         one_sided = not sized or (len(sized) == 1 and own[sized[0]].lower == own[sized[0]].off)
         for shape in product(*(scan or (None,) for scan in scans)):
             at = [v if s is None else p.scaled(s, study.largest) for p, v, s in zip(own, fixed, shape)]
@@ -156,11 +161,12 @@ def law_of(name: str, values: Sequence[float] | Floats) -> tuple[object, ...]:
 
 
 def _by_effect(found: Sequence[Score]) -> tuple[Score, ...]:
-    """The best law of each effect, with the others' starts; best effect first."""
+    """The best law of each effect, with the starts of those near it; best effect first."""
     ranked = sorted(found, key=lambda s: -s.penalised)
     names = dict.fromkeys(s.effect for s in ranked)
     own = {name: [s for s in ranked if s.effect == name] for name in names}
-    return tuple(replace(own[n][0], others=tuple(s.start for s in own[n][1:])) for n in names)
+    near = {n: [s.start for s in laws[1:] if s.drop > NEAR * laws[0].drop] for n, laws in own.items()}
+    return tuple(replace(own[n][0], others=tuple(near[n])) for n in names)
 
 
 def _varying(weighted: Pull, columns: slice, random: np.random.Generator) -> tuple[float, Floats]:

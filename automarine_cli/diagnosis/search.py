@@ -6,7 +6,7 @@ penalty, the run as the unit; the threshold is what the best of all candidates r
 in which nothing is missing; runs predicted from the others have a veto.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
+from automarine_cli.diagnosis.crowd import compensating, one_instead
 from automarine_cli.diagnosis.limit_cycle import LimitCycle
 from automarine_cli.diagnosis.physical import drag_drives
-from automarine_cli.diagnosis.scores import candidates, fitted_parameters, law_of, penalty, score
-from automarine_cli.diagnosis.study import ITERATIONS, Fit, Study
+from automarine_cli.diagnosis.refits import add_effect, go_on, trial_of, without
+from automarine_cli.diagnosis.scores import candidates, law_of, score
+from automarine_cli.diagnosis.study import ITERATIONS, Study
 from automarine_cli.diagnosis.trials import (
     CLEAR,
     LEVEL,
@@ -32,20 +34,23 @@ from automarine_cli.diagnosis.trials import (
 )
 from automarine_cli.errors import FitError
 from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.models.yaw_model import YawModel
 
 Floats = NDArray[np.float64]
 Map = Callable[[Callable[[Any], "Trial | None"], Sequence[Any], str], Sequence["Trial | None"]]
 
 TIE = 10.0
 """Difference of evidence (in deviance) below which two explanations count as tied."""
+LEADERS = 6
+"""Candidates that are fitted in every case: the first by their scores."""
 LIKELY = 0.1
-"""Share of the best score from which a candidate beyond the sixth is fitted, after the first round."""
+"""Share of the best score from which the others are fitted."""
 BRIEF = 4
 """Iterations that every candidate's fit gets; only those in the running are fitted to the end."""
 RUNNING = ((0.5, 6), (0.9, ITERATIONS))
 """Who is fitted further, and how far: candidates with this share of the best gain, or within REACH of it; fits that far
 behind never catch up."""
+LAWS = 0.1
+"""Share of what an effect gains by its best law that another of its laws may lack to be fitted further."""
 MATTERS = 0.1
 """Share of all evidence gained that an effect beyond MOST_EFFECTS would have to gain for the runs to be unexplained."""
 TRUST = 1e-3
@@ -62,24 +67,28 @@ REACH = 60.0
 
 def search(study: Study, seed: int, each: Map) -> Found:
     """Find what is missing; `each` maps a function over candidates, in processes or not."""
-    base = _trial(study, study.base, (), study.fit(study.base))
+    base = trial_of(study, study.base, (), study.fit(study.base))
     current, rounds, p_values = base, list[Round](), dict[str, float]()
+    others: list[Trial] = []
     while len(current.added) < MOST_EFFECTS:
         try:
             this = _round(study, current, seed + len(rounds), each, whole=not rounds)
         except FitError:
             if not rounds:
                 raise
-            break
+            if not others:  # simulations beside the last one run away, and beside all that could stand for it
+                current = rounds[-1].before
+                break
+            current = others.pop(0)
+            continue
         rounds.append(this)
         current = this.before
         least = max(this.threshold, TRUST * (rounds[0].before.evidence - current.evidence))
         able = [t for t in this.trials if this.gain(t) > least and may_stand(t, current, study.cycle)]
-        best = min(able, key=lambda trial: trial.evidence, default=None)
-        if best is None:
+        if not able:
             break
-        p_values[best.added[-1]] = this.scores.p_value(this.gain(best))
-        current = best
+        p_values |= {t.added[-1]: this.scores.p_value(this.gain(t)) for t in able}
+        current, *others = sorted(able, key=lambda trial: trial.evidence)
     base = rounds[0].before
     current, around = _reconsider(study, current, rounds[0], seed + MOST_EFFECTS, each)
     for name, this in around.items():
@@ -90,8 +99,15 @@ def search(study: Study, seed: int, each: Map) -> Found:
         more = next_gain > MATTERS * total
         if 0.0 < next_gain <= MATTERS * total:
             current, around = _without_menders(study, current, around, TRIFLE * total)
+    current, crowd = one_instead(study, current, rounds[0], seed, each, may_stand)
+    if crowd:
+        around, more = {current.added[0]: rounds[0]}, False
+        p_values[current.added[0]] = rounds[0].scores.p_value(rounds[0].gain(current))
     names = {name: p_values.get(name, LEVEL) for name in current.added}
-    found = Found(study, base, current, tuple(rounds), names, _rivals(current, around), more)
+    found = Found(
+        study, base, current, tuple(rounds), names, _rivals(current, around), more,
+        crowd=crowd, compensating=compensating(study, base, current),
+    )  # fmt: skip
     return found if current.added else replace(found, doubtful=_doubtful(found))
 
 
@@ -125,40 +141,51 @@ def _without_menders(
     they mend the form of another one's law."""
     for name, this in sorted(around.items(), key=lambda item: item[1].before.evidence):
         if this.before.evidence - current.evidence < trifle and len(current.added) > 1:
-            current = _without(study, current, name) or current
+            current = without(study, current, name) or current
     return current, {name: this for name, this in around.items() if name in current.added}
 
 
-def _trial(study: Study, model: YawModel, added: tuple[str, ...], fit: Fit) -> Trial:
-    model = study.told(model, fit)
-    own = model.terms[len(study.base.terms) :]
-    cost = penalty(sum(fitted_parameters(term.name, term.values) for term in own), len(study.runs))
-    return Trial(added, model, fit, -2.0 * fit.log_likelihood + cost)
-
-
 def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> Round:
-    """Score all candidates, fit all (the first time) or the ones within reach."""
+    """Score all candidates in all their laws, fit the leaders: twice as many while nothing has been added, and a third
+    where no score is beyond chance."""
     scores = score(study, current.model, current.fit, candidates(study, current.model), seed)
     likely = max(0.0, LIKELY * scores.ranked[0].penalised) if scores.ranked else 0.0
-    every = whole and not study.driven
-    ranked = (
-        scores.ranked if every else [s for i, s in enumerate(scores.ranked) if i < 6 or s.penalised > likely]
-    )
+    chance = max(scores.threshold(LEVEL), 0.0)
+    beyond = bool(scores.ranked) and scores.ranked[0].penalised > chance
+    leaders = (2 * LEADERS if whole else LEADERS) if beyond else LEADERS // (1 if whole else 3)
+    ranked = [s for i, s in enumerate(scores.ranked) if i < leaders or s.penalised > max(likely, chance)]
     work = [(s.effect, start) for s in ranked for start in (s.start, *s.others)]
     found = each(partial(add_effect, study, current, iterations=BRIEF), work, "trying effects")
     done = {law_of(t.added[-1], t.model.terms[-1].values): t for t in found if t is not None}
     for share, iterations in RUNNING:
         best = min((trial.evidence for trial in done.values()), default=0.0)
         least = best + max(REACH, (1.0 - share) * (current.evidence - best))
-        running = [trial for trial in done.values() if trial.evidence < least and not trial.fit.converged]
-        again = each(partial(_go_on, study, current, iterations=iterations), running, "fitting")
+        first = _best_law(done.values())
+        running = [
+            trial for trial in done.values()
+            if trial.evidence < least and not trial.fit.converged
+            and trial.evidence < _behind_law(current, first[trial.added[-1]])
+        ]  # fmt: skip
+        again = each(partial(go_on, study, current, iterations=iterations), running, "fitting")
         done |= {law_of(t.added[-1], t.model.terms[-1].values): t for t in again if t is not None}
-    best_law: dict[str, Trial] = {}
-    for trial in sorted(done.values(), key=lambda trial: trial.evidence):
-        best_law.setdefault(trial.added[-1], trial)
-    ranking = [trial for trial in best_law.values() if not drag_drives(trial.model, study.fastest)]
+    ranking = [
+        trial for trial in _best_law(done.values()).values() if not drag_drives(trial.model, study.fastest)
+    ]
     current = _from_elsewhere(study, current, ranking[:3])
-    return Round(current, scores, tuple(ranking), max(scores.threshold(LEVEL), 0.0))
+    return Round(current, scores, tuple(ranking), chance)
+
+
+def _best_law(trials: Iterable[Trial]) -> dict[str, Trial]:
+    """The best trial of each effect, best first."""
+    best: dict[str, Trial] = {}
+    for trial in sorted(trials, key=lambda trial: trial.evidence):
+        best.setdefault(trial.added[-1], trial)
+    return best
+
+
+def _behind_law(current: Trial, best: Trial) -> float:
+    """Evidence from which another law of an effect is not fitted further."""
+    return best.evidence + max(REACH, LAWS * (current.evidence - best.evidence))
 
 
 def _from_elsewhere(study: Study, current: Trial, trials: Sequence[Trial]) -> Trial:
@@ -168,36 +195,12 @@ def _from_elsewhere(study: Study, current: Trial, trials: Sequence[Trial]) -> Tr
     for trial in trials if study.driven else trials[:1]:
         values = trial.fit.of_model[:own]
         try:
-            again = _trial(study, current.model, current.added, study.fit(current.model, values, trial.fit))
+            again = trial_of(study, current.model, current.added, study.fit(current.model, values, trial.fit))
         except (FitError, np.linalg.LinAlgError):
             continue
         if again.evidence < current.evidence - SETTLED_EVIDENCE:
             current = again
     return current
-
-
-def add_effect(
-    study: Study, current: Trial, candidate: tuple[str, Floats], iterations: int = ITERATIONS
-) -> Trial | None:
-    """The current model with one more effect, everything refitted; None where no fit is found."""
-    name, start = candidate
-    values = np.concatenate([current.fit.of_model, start])
-    return _fitted(study, current, current.model.with_effect(name, start), values, current.fit, iterations)
-
-
-def _go_on(study: Study, current: Trial, trial: Trial, iterations: int) -> Trial | None:
-    """A trial's fit taken further from where it stands."""
-    return _fitted(study, current, trial.model, trial.fit.of_model, trial.fit, iterations)
-
-
-def _fitted(
-    study: Study, current: Trial, model: YawModel, values: Floats, near: Fit, iterations: int
-) -> Trial | None:
-    try:
-        fit = study.fit(model, values, near, iterations)
-    except (FitError, np.linalg.LinAlgError):
-        return None
-    return _trial(study, model, (*current.added, model.terms[-1].name), fit)
 
 
 def may_stand(trial: Trial, current: Trial, cycle: LimitCycle | None = None) -> bool:
@@ -221,20 +224,6 @@ def may_stand(trial: Trial, current: Trial, cycle: LimitCycle | None = None) -> 
     return predicts and not any(stopped)
 
 
-def _without(study: Study, trial: Trial, out: str) -> Trial | None:
-    """The trial's model with one effect taken out, refitted."""
-    own = len(study.base.terms)
-    kept = [term for term in trial.model.terms[own:] if term.name != out]
-    model = study.base.with_theta(trial.model.theta[: len(study.base.theta)])
-    for term in kept:
-        model = model.with_effect(term.name, term.values)
-    try:
-        fit = study.fit(model, model.theta, trial.fit)
-    except (FitError, np.linalg.LinAlgError):
-        return None
-    return _trial(study, model, tuple(term.name for term in kept), fit)
-
-
 def _reconsider(
     study: Study, current: Trial, first: Round, seed: int, each: Map
 ) -> tuple[Trial, dict[str, Round]]:
@@ -250,19 +239,19 @@ def _reconsider(
     while waiting and steps < 3 * MOST_EFFECTS:
         steps += 1
         name = waiting.pop(0)
-        without = _without(study, current, name)
-        if without is None:
+        left = without(study, current, name)
+        if left is None:
             continue
         try:
-            this = _round(study, without, seed + steps, each, whole=False)
+            this = _round(study, left, seed + steps, each, whole=False)
         except FitError:  # simulations beside this fit run away: it cannot be asked
             continue
-        able = [trial for trial in this.trials if may_stand(trial, without, study.cycle)]
+        able = [trial for trial in this.trials if may_stand(trial, left, study.cycle)]
         best = min((*able, current), key=lambda trial: trial.evidence)
-        least = max(this.threshold, TRUST * (first.before.evidence - without.evidence))
-        if without.evidence - best.evidence <= least:
-            best = without
-        if best.evidence < current.evidence - SETTLED_EVIDENCE or best is without:
+        least = max(this.threshold, TRUST * (first.before.evidence - left.evidence))
+        if left.evidence - best.evidence <= least:
+            best = left
+        if best.evidence < current.evidence - SETTLED_EVIDENCE or best is left:
             current, around, waiting = best, {}, list(best.added)
         else:
             around[name] = this

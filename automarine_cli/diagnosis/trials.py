@@ -55,11 +55,32 @@ class Rival:
 
 
 @dataclass(frozen=True)
+class Compensating:
+    """Two effects of opposite pull: the correlation of their sizes, and the largest share of what both gain that one of
+    them gains alone."""
+
+    names: tuple[str, str]
+    correlation: float
+    alone: float
+
+    @property
+    def says(self) -> str:
+        """The sentence for people."""
+        first, second = self.names
+        return (
+            f"{first} and {second} undo each other (correlation {self.correlation:.2f}; alone either gains at most "
+            f"{100 * self.alone:.0f}% of what both do): together they may stand for one law that is not in the library."
+        )
+
+
+@dataclass(frozen=True)
 class Found:
     """Outcome of a search: the study as judged, base and final model, rounds, p-value of each effect added, rivals.
 
     `more` says that after MOST_EFFECTS effects another candidate would still beat chance; `doubtful` is the outcome if
-    what chance reaches in WEAK of all campaigns were enough, where nothing was added.
+    what chance reaches in WEAK of all campaigns were enough, where nothing was added. `crowd` is a sentence where one
+    effect took the place of several that had been added, `compensating` has the pairs of final effects of which each
+    undoes most of what the other does: neither has earned its name.
     """
 
     study: Study
@@ -70,6 +91,8 @@ class Found:
     rivals: tuple[Rival, ...]
     more: bool = False
     doubtful: "Found | None" = None
+    crowd: str = ""
+    compensating: tuple["Compensating", ...] = ()
 
     @property
     def without_effects(self) -> "Found":

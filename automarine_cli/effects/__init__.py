@@ -10,10 +10,13 @@ from automarine_cli.errors import ModelError
 
 __all__ = ["Card", "Commands", "Effect", "Parameter", "Place", "State", "get", "names"]
 
+NO_EFFECTS = ("base", "inputs", "laws")
+
 
 def names() -> tuple[str, ...]:
     """Names of all effects in the library, sorted."""
-    return tuple(sorted(m.name.replace("_", "-") for m in pkgutil.iter_modules(__path__) if m.name != "base"))
+    modules = (m.name for m in pkgutil.iter_modules(__path__) if m.name not in NO_EFFECTS)
+    return tuple(sorted(name.replace("_", "-") for name in modules))
 
 
 @cache

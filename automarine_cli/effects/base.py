@@ -23,7 +23,7 @@ Every method is a pure function of arrays of shape (P, R), parameter sets by run
 to it. An effect acts on one degree of freedom and sees the state of that one, and the flow along the others.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar
@@ -32,6 +32,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.effects.inputs import Commands, State
+
+__all__ = [
+    "EVEN", "MIXED", "ODD", "Card", "Commands", "Effect", "Floats", "Law", "Parameter", "ParameterCard", "Place",
+    "State",
+]  # fmt: skip
 
 Floats = NDArray[np.float64]
 
@@ -62,7 +68,8 @@ class Parameter:
     `log` marks those searched on the logarithm. A parameter with a `reference` is not fitted but says against what the
     others are meant: "moment" the largest moment of the logs, "clock" their first instant, "voltage" their mean
     supply voltage. One with `choices` is not fitted either: its value counts in these words, laws of which nature has
-    one, and a diagnosis tries them all; where it is not given it is the first.
+    one, and a diagnosis tries them all; where it is not given it is the first. `laws` are the places of those choices
+    in which a parameter counts, none for all; in other laws it is left as it is, and files may leave it out.
     """
 
     name: str
@@ -76,6 +83,12 @@ class Parameter:
     log: bool = False
     reference: str = ""
     choices: tuple[str, ...] = ()
+    laws: tuple[int, ...] = ()
+
+    @property
+    def optional(self) -> bool:
+        """Whether files may leave it out: it is then at its start."""
+        return bool(self.choices or self.laws)
 
     @property
     def held(self) -> bool:
@@ -90,6 +103,15 @@ class Parameter:
     def name_in(self, dof: Dof) -> str:
         """What a motion calls it: its key in files."""
         return dof.fill(self.name)
+
+
+@dataclass(frozen=True)
+class Law:
+    """A law of nature beside an effect's first one: its equation (a template), source, and look-alikes by name."""
+
+    equation: str
+    source: str
+    mistaken_for: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -111,50 +133,7 @@ class Card:
     reveals: str
     separated_by: str
     parameters: tuple[ParameterCard, ...]
-
-
-@dataclass(slots=True)
-class State:
-    """State of one degree of freedom of all runs under all parameter sets at one instant: arrays that broadcast to
-    (P, R).
-
-    `position` [rad or m, unwrapped, true], `origin` the same at the run's start, `velocity` over ground [per s],
-    `relative` the velocity through the water, on which drag depends, `delivered` moment or force after the actuators,
-    `time` in the run [s], `signals` other logged columns held over the step, `flow` the velocities through the water
-    of all degrees of freedom that move together, by their place. The simulator fills it in anew for every instant. In
-    the plane `position` is north, east or the heading.
-    """
-
-    position: Floats
-    origin: Floats
-    velocity: Floats
-    relative: Floats
-    delivered: Floats
-    time: Floats
-    signals: Mapping[str, Floats]
-    flow: Sequence[Floats] = ()
-
-    @property
-    def travelled(self) -> Floats:
-        """Way since the run's start [rad or m]."""
-        return self.position - self.origin
-
-
-@dataclass(frozen=True)
-class Commands:
-    """The commands of all runs on the simulation grid, for actuator effects.
-
-    `force` (P, R, M), moment or force, is held over each of the M steps, `start` and `length` (P, R, M) [s] say when;
-    `before` (R, 1) is what was held before the first sample, `clock` (R, 1) the campaign's clock [s] at the run's
-    first sample; `signals` are other logged columns, (R, M).
-    """
-
-    force: Floats
-    start: Floats
-    length: Floats
-    before: Floats
-    clock: Floats
-    signals: Mapping[str, Floats]
+    laws: tuple[str, ...] = ()
 
 
 class Effect:
@@ -169,6 +148,9 @@ class Effect:
     mistaken_for: ClassVar[tuple[str, ...]]
     separated_by: ClassVar[str]
     source: ClassVar[str]
+    laws: ClassVar[tuple[Law, ...]] = ()
+    """Its laws beside the first, in the order of the choices."""
+
     parity: ClassVar[str] = EVEN
     states: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
@@ -196,6 +178,9 @@ class Effect:
 
     remembers: ClassVar[bool] = False
     """Whether what a sensor shows depends on what it showed before; it then says how, in `remember`."""
+
+    fed: ClassVar[bool] = False
+    """Whether what its sensor shows depends on the moment delivered, which `read` then gets after the values."""
 
     delays: ClassVar[bool] = False
     """Whether it makes every command late by the same time."""
@@ -228,6 +213,7 @@ class Effect:
             reveals=dof.fill(self.reveals),
             separated_by=dof.fill(self.separated_by),
             parameters=parameters,
+            laws=tuple(dof.fill(law.equation) for law in self.laws),
         )
 
     def names_in(self, dof: Dof) -> tuple[str, ...]:
@@ -242,11 +228,29 @@ class Effect:
 
     def held(self, values: tuple[float, ...]) -> tuple[bool, ...]:
         """Which parameters a fit leaves as they are, at these values."""
-        return tuple(p.held for p in self.parameters)
+        return tuple(p.held or not self.counts(p, values) for p in self.parameters)
+
+    def law(self, values: Sequence[float]) -> int:
+        """Which of its laws holds at these values: the place among the choices, 0 where there is one law only."""
+        return next((round(value) for p, value in zip(self.parameters, values) if p.choices), 0)
+
+    def law_at(self, values: Sequence[float]) -> Law:
+        """The law that holds at these values, the first one with the effect's own equation and source."""
+        law = self.law(values)
+        return self.laws[law - 1] if law else Law(self.equation, self.source, self.mistaken_for)
+
+    def counts(self, parameter: Parameter, values: Sequence[float]) -> bool:
+        """Whether a parameter means anything under the law that holds at these values."""
+        return not parameter.laws or self.law(values) in parameter.laws
 
     def varies(self, values: tuple[float, ...]) -> bool:
         """Whether each run has coefficients of its own, at these values."""
         return False
+
+    def lacking(self, given: Collection[str], values: Sequence[float], dof: Dof) -> str:
+        """The first parameter that a file has to give and that is not among its names `given`; empty for none."""
+        named = zip(self.names_in(dof), self.parameters)
+        return next((n for n, p in named if n not in given and not p.choices and self.counts(p, values)), "")
 
     def scan(self, parameter: Parameter, values: tuple[float, ...]) -> tuple[float, ...]:
         """Values at which fits of a parameter may start, given the choices in `values`."""

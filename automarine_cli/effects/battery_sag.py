@@ -2,11 +2,15 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
+from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place
+from automarine_cli.effects.laws import choose
 
 
 class BatterySag(Effect):
     """tau exp(-discharge t) (1 - load |tau|/tau_ref), t the hours on the campaign's clock since t_ref.
+
+    A battery that polarises follows the load after a time: l for |tau|/tau_ref, T_V l' = |tau|/tau_ref - l, rested at
+    each run's start. Charge drawn is told by the clock: what runs that are not at hand drew, nobody knows.
 
     Thrust falls in proportion to itself: never below nothing, and another t_ref is another gain and no more.
     """
@@ -28,6 +32,18 @@ class BatterySag(Effect):
             0.0,
             reference="clock",
         ),
+        Parameter("law", "how the load tells", "1", 0.0, 1.0, 0.0, choices=("at once", "after a time")),
+        Parameter(
+            "T_V",
+            "time constant of the sag under load",
+            "s",
+            0.3,
+            300.0,
+            5.0,
+            scan=(2.0, 6.0, 20.0),
+            log=True,
+            laws=(1,),
+        ),
     )
     equation = "{f}_delivered = {f} exp(-discharge (t - t_ref)) (1 - load |{f}|/tau_ref)"
     says = "The supply sags: thrust falls with load or as the battery empties."
@@ -35,9 +51,31 @@ class BatterySag(Effect):
     mistaken_for = ("cubic-drag", "thrust-exponent", "saturation")
     separated_by = "the first run repeated last, in random order, with the voltage logged"
     source = "Stipanov et al. (2007), section 2.1: 24 V from lead-acid cells of 2.9 Ah"
+    laws = (
+        Law(
+            "{f}_delivered = {f} exp(-discharge (t - t_ref)) (1 - load l), T_V l' = |{f}|/tau_ref - l",
+            "Chen and Rincon-Mora (2006), IEEE Trans. Energy Conversion 21:504 (resistor and capacitor in series)",
+            ("water-swirl", "tether-spring", "cubic-drag"),
+        ),
+    )
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        discharge, load, moment, clock = values
+        discharge, load, moment, clock, law, lag = values
         hours = (commands.clock + commands.start - clock) / 3600.0
-        fresh = np.exp(-discharge * hours)
-        return commands.force * fresh * (1.0 - load * np.abs(commands.force) / moment)
+        fresh, drawn = np.exp(-discharge * hours), np.abs(commands.force) / moment
+        sag = choose(law, lambda: drawn, lambda: _polarised(drawn, commands.length, lag))
+        return commands.force * fresh * (1.0 - load * sag)
+
+
+def _polarised(drawn: Floats, length: Floats, lag: Floats) -> Floats:
+    """Mean over each step of y, T_V y' = drawn - y, from rest, (P, R, M)."""
+    shape = np.broadcast_shapes(drawn.shape, length.shape, lag.shape)
+    drawn, length = np.broadcast_to(drawn, shape), np.broadcast_to(length, shape)
+    left, y = -np.expm1(-length / lag), np.zeros(shape[:2])
+    share = lag * left / np.maximum(length, 1e-12)  # of the step's first difference in its mean
+    out = np.empty(shape)
+    for m in range(shape[2]):
+        gap = y - drawn[..., m]
+        out[..., m] = drawn[..., m] + gap * share[..., m]
+        y = y - gap * left[..., m]
+    return out

@@ -3,7 +3,7 @@
 import numpy as np
 
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place
+from automarine_cli.effects.base import MIXED, Effect, Floats, Law, Parameter, Place
 
 
 class CompassDeviation(Effect):
@@ -17,6 +17,9 @@ class CompassDeviation(Effect):
         Parameter("C", "hard iron, cosine", "{x}", -0.5, 0.5, 0.0),
         Parameter("D", "soft iron, sine", "{x}", -0.3, 0.3, 0.0),
         Parameter("E", "soft iron, cosine", "{x}", -0.3, 0.3, 0.0),
+        Parameter(
+            "law", "what iron", "1", 0.0, 2.0, 0.0, choices=("hard and soft", "hard alone", "soft alone")
+        ),
     )
     equation = "psi_m = psi + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi"
     says = "The compass deviates with the heading, the same in both directions and at all moments."
@@ -24,12 +27,30 @@ class CompassDeviation(Effect):
     mistaken_for = ("heading-moment", "thrust-asymmetry")
     separated_by = "start headings a quarter turn apart, at a small and a large moment"
     source = "National Geospatial-Intelligence Agency (2004), Handbook of Magnetic Compass Adjustment"
+    laws = (
+        Law(
+            "psi_m = psi + B sin psi + C cos psi",
+            "National Geospatial-Intelligence Agency (2004), Handbook of Magnetic Compass Adjustment",
+            ("heading-moment", "thrust-asymmetry"),
+        ),
+        Law(
+            "psi_m = psi + D sin 2 psi + E cos 2 psi",
+            "National Geospatial-Intelligence Agency (2004), Handbook of Magnetic Compass Adjustment",
+            ("wall", "heading-moment"),
+        ),
+    )
     parity = MIXED
 
     def acts_in(self, dof: Dof) -> bool:
         return dof.wraps
 
+    def held(self, values: tuple[float, ...]) -> tuple[bool, ...]:
+        no_hard, no_soft = self.law(values) == 2, self.law(values) == 1
+        return (no_hard, no_hard, no_soft, no_soft, True)
+
     def read(self, heading: Floats, time: Floats, values: tuple[Floats, ...]) -> Floats:
-        b, c, d, e = values
+        b, c, d, e, law = values
+        if law.any():
+            b, c, d, e = b * (law != 2), c * (law != 2), d * (law != 1), e * (law != 1)
         single = b * np.sin(heading) + c * np.cos(heading)
         return heading + single + d * np.sin(2 * heading) + e * np.cos(2 * heading)

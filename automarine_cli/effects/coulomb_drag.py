@@ -2,17 +2,34 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
+from automarine_cli.effects.base import Effect, Floats, Law, Parameter, Place, State
 
 CREEP = 0.02  # rad/s within which the sign is smoothed, far below any rate that a step reaches
 
 
 class CoulombDrag(Effect):
-    """-c sgn(r), smoothed within CREEP."""
+    """-c sgn(r), smoothed within CREEP; with Stribeck's law it is larger near rest, by c_s exp(-(r/r_s)²)."""
 
     name = "coulomb-drag"
     place = Place.MOMENT
-    parameters = (Parameter("c", "dry friction {force}", "{force}", 0.0, float("inf"), 0.03),)
+    parameters = (
+        Parameter("c", "dry friction {force}", "{force}", 0.0, float("inf"), 0.03),
+        Parameter("law", "whether it grows near rest", "1", 0.0, 1.0, 0.0, choices=("the same", "Stribeck")),
+        Parameter(
+            "c_s", "what is more of it at rest", "{force}", 0.0, float("inf"), 0.03, off=0.0, laws=(1,)
+        ),
+        Parameter(
+            "v_s",
+            "{speed} at which that has faded to 1/e",
+            "{x}/s",
+            0.02,
+            2.0,
+            0.15,
+            scan=(0.07, 0.15, 0.3),
+            log=True,
+            laws=(1,),
+        ),
+    )
     equation = "-c sgn({v})"
     says = "A friction {force} of constant size opposes every motion."
     reveals = (
@@ -22,8 +39,17 @@ class CoulombDrag(Effect):
     mistaken_for = ("dead-band", "linear-drag")
     separated_by = "a coast-down: Coulomb drag stops it in finite time, a dead-band leaves it alone"
     source = "Olsson et al. (1998), Friction models and friction compensation, European J. Control 4:176"
+    laws = (
+        Law(
+            "-(c + c_s exp(-({v}/v_s)^2)) sgn({v})",
+            "Armstrong-Helouvry, Dupont and Canudas de Wit (1994), Automatica 30:1083",
+            ("dead-band", "linear-drag"),
+        ),
+    )
     power = 0
 
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
-        (c,) = values
+        c, law, more, fades = values
+        if law.any():
+            c = c + law * more * np.exp(-((state.velocity / fades) ** 2))
         return -c * np.tanh(state.velocity / CREEP)

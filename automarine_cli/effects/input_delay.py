@@ -1,40 +1,78 @@
 """Commands that act late: serial and CAN links, video, software."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
+from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place
+from automarine_cli.effects.laws import deliver_by_law
 
 FAR = 10.0  # seconds before the log over which its first command is taken to have held
 
 
 class InputDelay(Effect):
-    """tau(t - t_d); a delay below half a sample interval is the logger's convention and is fitted apart."""
+    """tau(t - t_d), or another dead time t_off for what falls; a delay below half a sample interval is the logger's
+    convention and is fitted apart."""
 
     name = "input-delay"
     place = Place.ACTUATOR
-    parameters = (Parameter("t_d", "dead time of the command", "s", 0.0, 3.0, 0.2),)
+    parameters = (
+        Parameter("t_d", "dead time of the command", "s", 0.0, 3.0, 0.2),
+        Parameter("law", "of what", "1", 0.0, 1.0, 0.0, choices=("every change", "on and off apart")),
+        Parameter("t_off", "dead time of what falls", "s", 0.0, 3.0, 0.1, laws=(1,)),
+    )
     equation = "{f}_delivered(t) = {f}(t - t_d)"
     says = "The command acts only after a dead time."
     reveals = "starts of steps: a flat start of the same length at all {forces}; square waves"
     mistaken_for = ("thruster-lag", "sensor-lag")
     separated_by = "a fast square wave, a knock test, or a log of the propeller's speed"
     source = "Franklin, Powell and Emami-Naeini, Feedback Control of Dynamic Systems"
+    laws = (
+        Law(
+            "{f}_delivered(t) = {f}(t - t_d) as |{f}| rises, {f}(t - t_off) as it falls",
+            "Wie (2008), Space Vehicle Dynamics and Control (delays of thrusters that open and close)",
+            ("thruster-lag", "sensor-lag"),
+        ),
+    )
     delays = True
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Mean of the delayed command over each step: the delayed impulse is exact for any delay."""
-        (delay,) = values
-        shape = np.broadcast_shapes(commands.force.shape, commands.length.shape, delay.shape)
-        rows = (shape[0] * shape[1], shape[2])
-        moment, length = (np.broadcast_to(x, shape).reshape(rows) for x in (commands.force, commands.length))
-        begin = np.broadcast_to(commands.start, shape)[..., :1].reshape(-1, 1)
-        late = np.broadcast_to(delay, (*shape[:2], 1)).reshape(-1, 1)
-        before = np.broadcast_to(commands.before, (*shape[:2], 1)).reshape(-1, 1)
-        nodes = begin + np.concatenate([-FAR + 0.0 * begin, 0.0 * begin, np.cumsum(length, axis=1)], axis=1)
-        gained = np.concatenate([-FAR * before, 0.0 * begin, np.cumsum(moment * length, axis=1)], axis=1)
-        # One interpolation for all rows: each has a stretch of the axis of its own, with room before and after it.
-        own = np.arange(rows[0])[:, None] * (float(np.ptp(nodes)) + 2.0 * FAR)
-        asked = np.maximum(nodes[:, 1:] - late, nodes[:, :1]) + own
-        passed = np.interp(asked.ravel(), (nodes + own).ravel(), gained.ravel()).reshape(asked.shape)
-        out = np.diff(passed, axis=1) / np.maximum(length, 1e-12)
-        return np.where(length > 1e-9, out, moment).reshape(shape)
+        return deliver_by_law((_late, _on_and_off), commands, values, values[1])
+
+
+def _late(commands: Commands, values: tuple[Floats, ...]) -> Floats:
+    """All of it late by t_d."""
+    delay = values[0]
+    shape = np.broadcast_shapes(commands.force.shape, commands.length.shape, delay.shape)
+    rows = (shape[0] * shape[1], shape[2])
+    moment, length = (np.broadcast_to(x, shape).reshape(rows) for x in (commands.force, commands.length))
+    begin = np.broadcast_to(commands.start, shape)[..., :1].reshape(-1, 1)
+    late = np.broadcast_to(delay, (*shape[:2], 1)).reshape(-1, 1)
+    before = np.broadcast_to(commands.before, (*shape[:2], 1)).reshape(-1, 1)
+    nodes = begin + np.concatenate([-FAR + 0.0 * begin, 0.0 * begin, np.cumsum(length, axis=1)], axis=1)
+    gained = np.concatenate([-FAR * before, 0.0 * begin, np.cumsum(moment * length, axis=1)], axis=1)
+    # One interpolation for all rows: each has a stretch of the axis of its own, with room before and after it.
+    own = np.arange(rows[0])[:, None] * (float(np.ptp(nodes)) + 2.0 * FAR)
+    asked = np.maximum(nodes[:, 1:] - late, nodes[:, :1]) + own
+    passed = np.interp(asked.ravel(), (nodes + own).ravel(), gained.ravel()).reshape(asked.shape)
+    out = np.diff(passed, axis=1) / np.maximum(length, 1e-12)
+    return np.where(length > 1e-9, out, moment).reshape(shape)
+
+
+def _on_and_off(commands: Commands, values: tuple[Floats, ...]) -> Floats:
+    """What rises late by t_d and what falls by t_off, (P, R, M), each side's thrust by itself: a command is the sum of
+    its rises and falls."""
+    on, _, off = values
+    before = np.broadcast_to(commands.before, (*commands.force.shape[:2], 1))
+    delivered = np.zeros(())
+    for side in (1.0, -1.0):
+        first = np.maximum(side * before, 0.0)
+        change = np.diff(np.maximum(side * commands.force, 0.0), axis=2, prepend=first)
+        for late, part, base in (
+            (on, np.maximum(change, 0.0), first),
+            (off, np.minimum(change, 0.0), 0.0 * first),
+        ):
+            held = replace(commands, force=base + np.cumsum(part, axis=2), before=base)
+            delivered = delivered + side * _late(held, (late,))
+    return delivered

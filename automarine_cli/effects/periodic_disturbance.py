@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place, State
+from automarine_cli.effects.base import MIXED, Effect, Floats, Law, Parameter, Place, State
 
 
 class PeriodicDisturbance(Effect):
@@ -28,12 +28,19 @@ class PeriodicDisturbance(Effect):
             choices=("the same", "its own in each"),
         ),
     )
-    equation = "A sin(2 pi t/T) + B cos(2 pi t/T), or with a phase of its own in every run"
+    equation = "A sin(2 pi t/T) + B cos(2 pi t/T)"
     says = "A {force} comes and goes with a fixed period, as waves or a sloshing pool would make it."
     reveals = "the spectrum of a rest record"
     mistaken_for = ("heading-moment", "dead-band")
     separated_by = "a rest record of a minute"
     source = "Faltinsen and Timokha (2009), Sloshing; pool modes of 1 to 5 s"
+    laws = (
+        Law(
+            "the same with A and B of its own in every run",
+            "Faltinsen and Timokha (2009), Sloshing; waves do not wait for a run to begin",
+            ("heading-moment", "dead-band"),
+        ),
+    )
     parity = MIXED
     per_run = 2
 

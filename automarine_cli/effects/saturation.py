@@ -2,11 +2,15 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
+from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place
+from automarine_cli.effects.laws import choose
+
+SOFT = (0.9, 1.4, 2.2)
+"""Limits at which a soft one is tried, as shares of the largest moment: it bends moments far below it."""
 
 
 class Saturation(Effect):
-    """min(|tau|, tau_max) with the sign of tau."""
+    """min(|tau|, tau_max) with the sign of tau, or, where the limit comes on softly, tau_max tanh(tau / tau_max)."""
 
     name = "saturation"
     place = Place.ACTUATOR
@@ -21,6 +25,7 @@ class Saturation(Effect):
             off=float("inf"),
             scan=(0.6, 0.75, 0.9),
         ),
+        Parameter("law", "how the limit comes on", "1", 0.0, 1.0, 0.0, choices=("hard", "soft")),
     )
     equation = "{f}_delivered = sgn({f}) min(|{f}|, tau_max)"
     says = "The thrusters give no more than a largest {force}, whatever is commanded."
@@ -28,7 +33,20 @@ class Saturation(Effect):
     mistaken_for = ("cubic-drag", "battery-sag", "thrust-exponent")
     separated_by = "more levels above and below the suspected limit"
     source = "Blanke, Lindegaard and Fossen (2000), Dynamic model for thrust generation of marine propellers"
+    laws = (
+        Law(
+            "{f}_delivered = tau_max tanh({f}/tau_max)",
+            "Khalil (2002), Nonlinear Systems, section 1.2 (saturation and its smooth forms)",
+            ("thrust-exponent", "battery-sag", "cubic-drag"),
+        ),
+    )
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        (tau_max,) = values
-        return np.sign(commands.force) * np.minimum(np.abs(commands.force), tau_max)
+        tau_max, law = values
+        size = np.abs(commands.force)
+        most = np.minimum(tau_max, 1e9 * (1.0 + size))  # a limit that is off is infinite
+        left = choose(law, lambda: np.minimum(size, tau_max), lambda: most * np.tanh(size / most))
+        return np.sign(commands.force) * left
+
+    def scan(self, parameter: Parameter, values: tuple[float, ...]) -> tuple[float, ...]:
+        return SOFT if parameter.scan and self.law(values) else parameter.scan

@@ -1,22 +1,61 @@
 """A tether that twists: a torsional spring towards the heading at which the run began."""
 
-from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
+import numpy as np
+
+from automarine_cli.effects.base import Effect, Floats, Law, Parameter, Place, State
+from automarine_cli.effects.laws import choose
 
 
 class TetherSpring(Effect):
-    """-kappa (psi - psi_start)."""
+    """-kappa (psi - psi_start); beyond a slack that it takes up first; or hardening with the cube of the way."""
 
     name = "tether-spring"
     place = Place.MOMENT
-    parameters = (Parameter("kappa", "{stiffness} of the tether", "{force}/{x}", 0.0, float("inf"), 0.01),)
+    parameters = (
+        Parameter("kappa", "{stiffness} of the tether", "{force}/{x}", 0.0, float("inf"), 0.01),
+        Parameter("law", "how it pulls", "1", 0.0, 2.0, 0.0, choices=("taut", "with slack", "hardening")),
+        Parameter(
+            "slack",
+            "way before it pulls",
+            "{x}",
+            0.0,
+            30.0,
+            1.0,
+            scan=(0.7, 1.5, 3.0),
+            laws=(1,),
+        ),
+        Parameter(
+            "kappa_3", "part that grows with the cube", "{force}/{x}^3", 0.0, float("inf"), 0.001, laws=(2,)
+        ),
+    )
     equation = "-kappa ({x} - {x}_start)"
     says = "The tether pulls back like a {spring}, the more the vehicle has {moved}."
     reveals = "{moves} of {whole_way}, and {back_again}"
     mistaken_for = ("water-swirl", "linear-drag")
     separated_by = "a long {move} and back again: a spring helps the way back, swirl resists it"
     source = "stiffness G J / L of a twisted cable; Feldman (1979) on tow cables"
+    laws = (
+        Law(
+            "-kappa sgn(d) max(|d| - slack, 0), d = {x} - {x}_start",
+            "Driscoll, Lueck and Nahon (2000), Applied Ocean Research 22:169 (slack tethers)",
+            ("water-swirl", "battery-sag"),
+        ),
+        Law(
+            "-kappa d - kappa_3 d^3, d = {x} - {x}_start",
+            "Duffing (1918), Erzwungene Schwingungen",
+            ("water-swirl", "battery-sag"),
+        ),
+    )
     steered = True
 
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
-        (kappa,) = values
-        return -kappa * state.travelled
+        kappa, law, slack, cubic = values
+        way = state.travelled
+        if not law.any():
+            return -kappa * way
+        return choose(
+            law,
+            lambda: -kappa * way,
+            lambda: -kappa * (way - np.clip(way, -slack, slack)),
+            lambda: -(kappa + cubic * way**2) * way,
+        )

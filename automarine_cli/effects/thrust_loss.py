@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
+from automarine_cli.effects.base import Effect, Floats, Law, Parameter, Place, State
 
 
 class ThrustLoss(Effect):
-    """-b n r with n = sqrt|tau|, the second term of the bilinear thruster model."""
+    """-b n r with n = sqrt|tau|, the second term of the bilinear thruster model; or only while the vehicle moves the
+    way it is pushed, so that the propellers advance."""
 
     name = "thrust-loss"
     place = Place.MOMENT
@@ -19,6 +20,7 @@ class ThrustLoss(Effect):
             float("inf"),
             0.05,
         ),
+        Parameter("law", "when thrust is lost", "1", 0.0, 1.0, 0.0, choices=("both ways", "in advance only")),
     )
     equation = "-b sqrt|{f}| {v}"
     says = "Thrust falls as the {move} feeds the propellers with moving water."
@@ -29,7 +31,15 @@ class ThrustLoss(Effect):
     mistaken_for = ("quadratic-drag", "linear-drag")
     separated_by = "coast-downs (no propeller turns) beside steps"
     source = "Fossen (1994), bilinear thruster model: equation 1 of Stipanov et al. (2007)"
+    laws = (
+        Law(
+            "-b sqrt|{f}| {v} where {f} {v} > 0, else 0",
+            "Carlton (2007), Marine Propellers and Propulsion (the quadrants of a propeller)",
+            ("quadratic-drag", "linear-drag"),
+        ),
+    )
 
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
-        (b,) = values
-        return -b * np.sqrt(np.abs(state.delivered)) * state.velocity
+        b, law = values
+        loss = -b * np.sqrt(np.abs(state.delivered)) * state.velocity
+        return np.where((law > 0) & (state.delivered * state.velocity <= 0), 0.0, loss) if law.any() else loss

@@ -1,49 +1,185 @@
-"""Propellers that take time to reach the commanded speed."""
+"""Thrusters that take time to do what is commanded."""
+
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
+from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place
+from automarine_cli.effects.laws import deliver_by_law
+
+SHORTEST = 1e-6  # s
+Advance = Callable[[Floats, Floats, Floats, tuple[Floats, ...]], tuple[Floats, Floats]]
 
 
 class ThrusterLag(Effect):
-    """T n' = n_c - n with the moment as n |n|: first order in the propeller's speed, not in its thrust."""
+    """First order in the propeller's speed n, with the {force} as n |n|, or in the thrust itself; or n' limited.
+
+    Every law is solved exactly under a command that is held, a change of sign included.
+    """
 
     name = "thruster-lag"
     place = Place.ACTUATOR
-    parameters = (Parameter("T", "time constant of the propeller speed", "s", 0.0, 3.0, 0.15),)
+    parameters = (
+        Parameter(
+            "T", "time constant; of a slew limit the time to the speed at tau_ref", "s", 0.0, 3.0, 0.15
+        ),
+        Parameter(
+            "law",
+            "what is slow",
+            "1",
+            0.0,
+            4.0,
+            0.0,
+            choices=(
+                "propeller speed",
+                "thrust",
+                "propeller, faster at speed",
+                "slew limit",
+                "own time as it falls",
+            ),
+        ),
+        Parameter(
+            "tau_ref",
+            "{force} at whose speed T is meant",
+            "{force}",
+            0.0,
+            float("inf"),
+            1.0,
+            reference="moment",
+            laws=(2, 3),
+        ),
+        Parameter(
+            "fall",
+            "time constant as the speed falls, as a multiple of T",
+            "1",
+            0.05,
+            20.0,
+            1.0,
+            scan=(0.4, 2.5),
+            log=True,
+            laws=(4,),
+        ),
+    )
     equation = "T n' = n_c - n, {f} = n |n|"
-    says = "The propellers reach the commanded speed only after a lag."
+    says = "The thrusters reach what is commanded only after a lag."
     reveals = "starts of steps, reversals and square waves; nothing in the steady {move}"
     mistaken_for = ("input-delay", "sensor-lag")
     separated_by = "a fast square wave, or a log of the propeller's speed"
     source = "Yoerger, Cooke and Slotine (1990), IEEE J. Oceanic Engineering 15:167"
+    laws = (
+        Law(
+            "T {f}' = {f}_c - {f}",
+            "Healey et al. (1995), IEEE J. Oceanic Engineering 20:354",
+            ("input-delay", "sensor-lag", "periodic-disturbance"),
+        ),
+        Law(
+            "2 T n_ref n' = {f}_c - n |n|, {f} = n |n|, n_ref = sqrt(tau_ref)",
+            "Yoerger, Cooke and Slotine (1990), IEEE J. Oceanic Engineering 15:167",
+            ("input-delay", "dead-band"),
+        ),
+        Law(
+            "|n'| <= n_ref/T, {f} = n |n|, n_ref = sqrt(tau_ref)",
+            "Van Amerongen (1982), Adaptive steering of ships, Delft (limited rate of an actuator)",
+            ("input-delay", "saturation"),
+        ),
+        Law(
+            "T n' = n_c - n, or fall T n' = n_c - n as |n| falls, {f} = n |n|",
+            "Bachmayer, Whitcomb and Grosenbaugh (2000), IEEE J. Oceanic Engineering 25:146",
+            ("input-delay", "thrust-loss"),
+        ),
+    )
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
-        """Mean of n |n| over each step, exact for a command held over it, a change of sign included."""
-        (lag,) = values
-        wanted = np.sign(commands.force) * np.sqrt(np.abs(commands.force))
-        shape = np.broadcast_shapes(wanted.shape, commands.length.shape, lag.shape)
-        wanted, length = np.broadcast_to(wanted, shape), np.broadcast_to(commands.length, shape)
-        lag = np.broadcast_to(np.maximum(lag, 1e-6), shape)[..., 0]
-        delivered = np.empty(shape)
-        before = np.sign(commands.before) * np.sqrt(np.abs(commands.before))
-        speed = np.broadcast_to(before[..., 0], shape[:2])
-        for m in range(shape[2]):
-            target, step = wanted[..., m], length[..., m]
-            gap = speed - target
-            crosses = speed * target < 0
-            ratio = np.where(crosses, -target / np.where(gap == 0, 1.0, gap), 1.0)
-            zero = np.minimum(-lag * np.log(ratio), step)
-            whole, part = _squares(target, gap, lag, step), _squares(target, gap, lag, zero)
-            impulse = np.where(crosses, np.sign(speed) * part + np.sign(target) * (whole - part), 0.0)
-            sign = np.where(target != 0, np.sign(target), np.sign(speed))
-            impulse = np.where(crosses, impulse, sign * whole)
-            delivered[..., m] = impulse / np.maximum(step, 1e-12)
-            speed = target + gap * np.exp(-step / lag)
-        return delivered
+        """Mean {force} over each step."""
+        laws = [partial(_step_by_step, advance) for advance in ADVANCES]
+        return deliver_by_law(laws, commands, values, values[1])
+
+
+def _step_by_step(advance: Advance, commands: Commands, values: tuple[Floats, ...]) -> Floats:
+    """Mean of n |n| over each step, n advanced from step to step by one law."""
+    lag, _, largest, fall = values
+    wanted = np.sign(commands.force) * np.sqrt(np.abs(commands.force))
+    shape = np.broadcast_shapes(wanted.shape, commands.length.shape, lag.shape)
+    wanted, length = np.broadcast_to(wanted, shape), np.broadcast_to(commands.length, shape)
+    own = (np.maximum(lag, SHORTEST)[..., 0], np.sqrt(np.maximum(largest, 1e-12))[..., 0], fall[..., 0])
+    delivered = np.empty(shape)
+    before = np.sign(commands.before) * np.sqrt(np.abs(commands.before))
+    speed = np.broadcast_to(before[..., 0], shape[:2])
+    for m in range(shape[2]):
+        impulse, speed = advance(wanted[..., m], speed, length[..., m], own)
+        delivered[..., m] = impulse / np.maximum(length[..., m], 1e-12)
+    return delivered
+
+
+def _in_speed(target: Floats, speed: Floats, step: Floats, own: tuple[Floats, ...]) -> tuple[Floats, Floats]:
+    """T n' = n_c - n: impulse over a step and the speed at its end."""
+    return _relaxed(target, speed, step, own[0], own[0])
+
+
+def _own_time_as_it_falls(
+    target: Floats, speed: Floats, step: Floats, own: tuple[Floats, ...]
+) -> tuple[Floats, Floats]:
+    """The same with another time constant as |n| falls, also on its way through zero to the other side."""
+    lag, _, fall = own
+    falls = (speed * target < 0) | (np.abs(target) < np.abs(speed))
+    return _relaxed(target, speed, step, np.where(falls, fall * lag, lag), lag)
+
+
+def _relaxed(
+    target: Floats, speed: Floats, step: Floats, lag: Floats, beyond: Floats
+) -> tuple[Floats, Floats]:
+    """First order with the time constant `lag`, and `beyond` after a change of sign."""
+    gap = speed - target
+    crosses = speed * target < 0
+    ratio = np.where(crosses, -target / np.where(gap == 0, 1.0, gap), 1.0)
+    zero = np.where(crosses, np.minimum(-lag * np.log(ratio), step), step)
+    there, rest = target + gap * np.exp(-zero / lag), step - zero
+    crossed = crosses & (rest > 0)
+    sign = np.where(speed != 0, np.sign(speed), np.sign(target))
+    impulse = sign * _squares(target, gap, lag, zero)
+    impulse = impulse + np.sign(target) * _squares(target, -target, beyond, np.where(crossed, rest, 0.0))
+    return impulse, np.where(crossed, -target * np.expm1(-rest / beyond), there)
 
 
 def _squares(target: Floats, gap: Floats, lag: Floats, time: Floats) -> Floats:
     """Integral of n² over `time` for n = target + gap exp(-t/lag)."""
     once, twice = -np.expm1(-time / lag), -np.expm1(-2.0 * time / lag)
     return target**2 * time + 2.0 * target * gap * lag * once + 0.5 * gap**2 * lag * twice
+
+
+def _in_thrust(target: Floats, speed: Floats, step: Floats, own: tuple[Floats, ...]) -> tuple[Floats, Floats]:
+    """T f' = f_c - f for f = n |n|."""
+    wanted, thrust, lag = target * np.abs(target), speed * np.abs(speed), own[0]
+    gap = thrust - wanted
+    after = wanted + gap * np.exp(-step / lag)
+    return wanted * step - gap * lag * np.expm1(-step / lag), np.sign(after) * np.sqrt(np.abs(after))
+
+
+def _faster_at_speed(
+    target: Floats, speed: Floats, step: Floats, own: tuple[Floats, ...]
+) -> tuple[Floats, Floats]:
+    """2 T n_ref n' = n_c |n_c| - n |n|: about a speed n the time constant is T n_ref / n; solved by tan and tanh."""
+    pace = 1.0 / (2.0 * own[0] * own[1])
+    sign = np.where(target != 0, np.sign(target), np.where(speed < 0, -1.0, 1.0))
+    goal, u = np.abs(target), sign * speed
+    safe = np.maximum(goal, 1e-9)
+    back = np.where(u < 0, np.arctan2(-u, goal) / (safe * pace), 0.0)  # time until it turns the other way
+    backward = np.minimum(back, step)
+    slowed = np.tan(np.minimum(safe * pace * backward, 1.57)) / safe
+    u1 = np.where(u < 0, np.where(back < step, 0.0, (u + goal**2 * slowed) / (1.0 - u * slowed)), u)
+    q = np.tanh(safe * pace * (step - backward)) / safe
+    u2 = np.where(u1 >= 0, (u1 + goal**2 * q) / (1.0 + np.maximum(u1, 0.0) * q), u1)
+    return sign * (goal**2 * step - (u2 - u) / pace), sign * u2
+
+
+def _slew(target: Floats, speed: Floats, step: Floats, own: tuple[Floats, ...]) -> tuple[Floats, Floats]:
+    """|n'| at most n_ref / T."""
+    pace = own[1] / own[0]
+    moved = np.clip(target - speed, -pace * step, pace * step)
+    after = speed + moved
+    ramp = np.sign(moved) * (np.abs(after) ** 3 - np.abs(speed) ** 3) / (3.0 * pace)
+    return ramp + target * np.abs(target) * np.maximum(step - np.abs(moved) / pace, 0.0), after
+
+
+ADVANCES: tuple[Advance, ...] = (_in_speed, _in_thrust, _faster_at_speed, _slew, _own_time_as_it_falls)

@@ -2,13 +2,17 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
+from automarine_cli.effects.base import Effect, Floats, Law, Parameter, Place, State
+from automarine_cli.effects.laws import choose
 
 
 class WaterSwirl(Effect):
-    """Drag acts on the slip s = r - w; the water is stirred in proportion to s, or to |s| s as turbulence would.
+    """Drag acts on the slip s = r - w. The water is stirred in proportion to s, to |s| s as turbulence would, to |r| s
+    as what passes a hull that moves, or to the thrusters' jets; it calms in proportion to w, to |w| w, or in a time
+    of its own.
 
-    At a slip of 1 rad/s both laws stir alike, so that their parameters have the same size and meaning.
+    At a slip and speed of 1 per s, and under the largest moment, all laws stir alike, so that their parameters have the
+    same size and meaning.
     """
 
     name = "water-swirl"
@@ -18,9 +22,45 @@ class WaterSwirl(Effect):
         Parameter(
             "T_w", "time constant of the water", "s", 0.5, 200.0, 10.0, scan=(2.5, 10.0, 40.0), log=True
         ),
-        Parameter("law", "how the slip stirs the water", "1", 0.0, 1.0, 0.0, choices=("linear", "turbulent")),
+        Parameter(
+            "law",
+            "what stirs the water, and how it calms",
+            "1",
+            0.0,
+            5.0,
+            0.0,
+            choices=(
+                "linear",
+                "turbulent",
+                "by slip and speed",
+                "by the jets",
+                "turbulent, calms as its square",
+                "own time to calm",
+            ),
+        ),
+        Parameter(
+            "tau_ref",
+            "{force} whose jets stir as a slip of one",
+            "{force}",
+            0.0,
+            float("inf"),
+            1.0,
+            reference="moment",
+            laws=(3,),
+        ),
+        Parameter(
+            "calm",
+            "time to calm, as a multiple of T_w",
+            "1",
+            0.05,
+            20.0,
+            1.0,
+            scan=(0.4, 2.5),
+            log=True,
+            laws=(5,),
+        ),
     )
-    equation = "drag on s = {v} - {water}, T_w {water}' = chi s - (1 - chi) {water}, or with |s| s for s"
+    equation = "drag on s = {v} - {water}, T_w {water}' = chi s - (1 - chi) {water}"
     says = "The water begins to {move} with the vehicle and carries it along."
     reveals = "{moves} of {whole_way}, a reversal after a long {move}, coast-downs that do not end at zero"
     mistaken_for = ("tether-spring", "battery-sag")
@@ -28,6 +68,33 @@ class WaterSwirl(Effect):
     source = (
         "Stipanov et al. (2007), section 3.2 (whirlpool); Thomasson and Woolsey (2013), IEEE J. Oceanic "
         "Engineering"
+    )
+    laws = (
+        Law(
+            "T_w {water}' = chi |s| s - (1 - chi) {water}",
+            "Pope (2000), Turbulent Flows (stress as the square of the slip)",
+            ("tether-spring", "battery-sag"),
+        ),
+        Law(
+            "T_w {water}' = chi |{v}| s - (1 - chi) {water}",
+            "Batchelor (1967), An Introduction to Fluid Dynamics (exchange with what passes a body)",
+            ("tether-spring", "battery-sag", "linear-drag"),
+        ),
+        Law(
+            "T_w {water}' = chi {f}/tau_ref - (1 - chi) {water}",
+            "Faltinsen (1990), Sea Loads on Ships and Offshore Structures (jets of thrusters)",
+            ("tether-spring", "battery-sag", "thrust-loss"),
+        ),
+        Law(
+            "T_w {water}' = chi |s| s - (1 - chi) |{water}| {water}",
+            "Pope (2000), Turbulent Flows (decay as the square)",
+            ("tether-spring", "battery-sag"),
+        ),
+        Law(
+            "T_w {water}' = chi s - (1 - chi) {water}, or calm T_w for T_w as |{water}| falls",
+            "Greenspan (1968), The Theory of Rotating Fluids (spin-up and spin-down)",
+            ("tether-spring", "battery-sag"),
+        ),
     )
 
     states = ("water",)
@@ -38,8 +105,23 @@ class WaterSwirl(Effect):
     def derivatives(
         self, state: State, states: tuple[Floats, ...], values: tuple[Floats, ...]
     ) -> tuple[Floats, ...]:
-        chi, lag, law = values
-        slip = state.relative
-        if law.any():
-            slip = slip * (1.0 + law * (np.abs(slip) - 1.0))
-        return ((chi * slip - (1.0 - chi) * states[0]) / lag,)
+        chi, lag, law, largest, calm = values
+        slip, (water,) = state.relative, states
+        kept = (1.0 - chi) * water
+        if not law.any():
+            return ((chi * slip - kept) / lag,)
+
+        def own_time() -> Floats:
+            pulled = chi * slip - kept
+            return pulled / np.where(pulled * water < 0, calm, 1.0)
+
+        rate = choose(
+            law,
+            lambda: chi * slip - kept,
+            lambda: chi * np.abs(slip) * slip - kept,
+            lambda: chi * np.abs(state.velocity) * slip - kept,
+            lambda: chi * state.delivered / largest - kept,
+            lambda: chi * np.abs(slip) * slip - np.abs(water) * kept,
+            own_time,
+        )
+        return (rate / lag,)

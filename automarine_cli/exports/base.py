@@ -114,7 +114,7 @@ class YawSubject:
 
     def equation_of(self, effect: str) -> str:
         """An effect's equation in the letters of the motion and in letters of ASCII."""
-        return plain(effects.get(effect).card(self.dof).equation)
+        return plain(self.dof.fill(effects.get(effect).law_at(self.values[effect]).equation))
 
     @property
     def inertias(self) -> tuple[float, float]:
@@ -192,9 +192,10 @@ class Target:
     """One simulator or paper.
 
     `forms` by name with the ending of the file, the first for who asks for none; `frames` likewise. `carries` the
-    effects it has terms for, `carries_with` the same where that hangs on the settings, `varying` whether also when
-    they differ from run to run; `why` not, by effect, and `instead` the option that helps. `si` whether moments must
-    be newton metres; `uses` the settings that mean something; `motions` those whose models it takes.
+    effects it has terms for, `laws` those of their laws beside the first (None: all), `carries_with` what it carries
+    where that hangs on the settings, `varying` whether also effects that differ from run to run; `why` not, by effect,
+    and `instead` the option that helps. `si` whether moments must be newton metres; `uses` the settings that mean
+    something; `motions` those whose models it takes.
     `planar` is how it takes surge, sway and yaw together, if it does.
     """
 
@@ -205,6 +206,7 @@ class Target:
     write: Callable[[Any], Written]
     frames: tuple[str, ...] = ("NED", "ENU")
     carries: frozenset[str] = frozenset(DRAG)
+    laws: frozenset[tuple[str, int]] | None = frozenset()
     si: bool = True
     uses: frozenset[str] = frozenset()
     takes: str = YAW_MODEL

@@ -74,6 +74,8 @@ def _rows(
         told = [_turned(subject, term, [column[i] for column in columns]) for i in range(4)]
         card = effect.card(dof, subject.model.moment_unit)
         for i, (p, told_of) in enumerate(zip(effect.parameters, card.parameters)):
+            if not effect.counts(p, term.values):
+                continue
             value = term.values[i]
             spread, ends = abs(told[1][i]), sorted((told[2][i], told[3][i]))
             law = f": {p.choices[int(value)]}" if p.choices else ""
@@ -181,6 +183,7 @@ TARGET = Target(
     source="Mitchell et al. (2019), doi 10.1145/3287560.3287596",
     forms={"markdown": ".md"},
     carries=frozenset(effects.names()),
+    laws=None,
     varying=True,
     si=False,
     uses=frozenset({"newton_metres_per_nu"}),

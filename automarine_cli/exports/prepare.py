@@ -74,7 +74,11 @@ def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
     if effect.varies(term.values) and not target.varying:
         return "it differs from run to run"
     if term.name in carried:
-        return ""
+        law = effect.law(term.values)
+        known = (
+            not law or target.laws is None or (term.name, law) in target.laws or effect.varies(term.values)
+        )
+        return "" if known else f"its law {_law_name(term)!r} remembers earlier commands"
     named = WHY_NAMED | dict(target.why)
     if dof.has_constant and term.name == "bias-moment":
         return WHY_CONSTANT
@@ -85,6 +89,12 @@ def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
         if effect.columns
         else dof.fill(WHY[effect.place.value])
     )
+
+
+def _law_name(term: Term) -> str:
+    """What the term's law is called."""
+    effect = effects.get(term.name)
+    return next(p.choices[effect.law(term.values)] for p in effect.parameters if p.choices)
 
 
 def _merged(terms: tuple[Term, ...]) -> tuple[Term, ...]:
@@ -105,8 +115,9 @@ def _matters(term: Term) -> bool:
 def cannot(target: Target, left_out: tuple[LeftOut, ...], origin: Origin) -> str:
     """The sentence for effects that the target has no term for."""
     told = "; ".join(f"{one.name} ({one.why})" for one in left_out)
-    python = targets.get("python").carries
-    hint = ", or take --to python, which has them" if all(one.name in python for one in left_out) else ""
+    python = targets.get("python")
+    has = target is not python and all(one.name in python.carries for one in left_out)
+    hint = ", or take --to python, which has them" if has else ""
     return (
         f"{origin.file}: {target.name} cannot represent {told}; give {target.instead or ''}--allow-partial to write "
         f"the file without{hint}"

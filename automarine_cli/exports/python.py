@@ -9,7 +9,7 @@ from automarine_cli import effects
 from automarine_cli.effects.base import Parameter
 from automarine_cli.exports import planar_python
 from automarine_cli.exports.base import Planar, Target, Written, YawSubject, commented, head, number, plain
-from automarine_cli.exports.python_terms import CUT, LINES, SWIRL, Lines
+from automarine_cli.exports.python_terms import LAWS, LINES, STATES, Lines
 from automarine_cli.models.yaw_model import Term
 
 STEP = 0.02  # s: the longest step of the integrator
@@ -52,7 +52,10 @@ def write(subject: YawSubject) -> Written:
     terms, values, own = subject.model.terms, subject.values, letters(subject)
     written = [lines_of(subject, term) for term in terms]
     more = ["n"] * ("thruster-lag" in values) + ["water"] * ("water-swirl" in values)
-    lag = values.get("thruster-lag", (STEP / SHARE,))[0]
+    laws = [(term.name, effects.get(term.name).law(term.values)) for term in terms]
+    more += [STATES[law] for law in laws if law in STATES]
+    lag, *_, fall = values.get("thruster-lag", (STEP / SHARE, 1.0))
+    lag *= min(1.0, fall)
     top = own | {
         "head": commented(head(subject, equation(subject), ()), "#"),
         "constants": inertia(subject) + "".join(constants(subject, term) for term in terms),
@@ -111,11 +114,7 @@ def equation(subject: YawSubject) -> str:
 
 def lines_of(subject: YawSubject, term: Term) -> Lines:
     """The lines of one term with the names of its constants in them."""
-    lines = LINES[term.name]
-    if term.name == "dead-band" and term.values[1] > 0:
-        lines = CUT
-    if term.name == "water-swirl":
-        lines = SWIRL[term.values[2] > 0]
+    lines = LAWS.get((term.name, effects.get(term.name).law(term.values)), LINES[term.name])
     # a name that is a symbol of the motion stands in the lines by what it is
     names = {p.name.strip("{}"): constant(subject, term, p) for p in effects.get(term.name).parameters}
     return lines.filled({**letters(subject), **names})
@@ -151,7 +150,7 @@ def constants(subject: YawSubject, term: Term) -> str:
     return "".join(
         f"{constant(subject, term, p)} = {number(value)}  # {plain(told.unit)}: {plain(told.meaning)}\n"
         for p, told, value in lines
-        if not p.choices
+        if not p.choices and effect.counts(p, term.values)
     )
 
 
@@ -173,6 +172,7 @@ TARGET = Target(
     source="automarine effects NAME",
     forms={"simulate": ".py"},
     carries=frozenset(LINES),
+    laws=frozenset(LAWS),
     si=False,
     uses=frozenset({"newton_metres_per_nu"}),
     write=write,

@@ -47,7 +47,8 @@ LINES: Mapping[str, Lines] = {
         command=("phase = 2 * np.pi * (t - time[0]) / {T}",),
         moment="+ {A} * np.sin(phase) + {B} * np.cos(phase)",
     ),
-    "water-swirl": Lines(),  # see SWIRL
+    "wall": Lines(moment="- ({p} * np.cos(2 * {x}) + {q} * np.sin(2 * {x})) * abs(s) * s"),
+    "water-swirl": Lines(state=("water_dot = ({chi} * s - (1.0 - {chi}) * water) / {T_w}",)),
     "input-delay": Lines(),  # a matter of which command holds
     "thruster-lag": Lines(command=("n_dot = (np.sign({F}) * abs({F}) ** 0.5 - n) / {T}", "{F} = n * abs(n)")),
     "dead-band": Lines(command=("{F} = np.sign({F}) * max(abs({F}) - {width}, 0.0)",)),
@@ -77,15 +78,68 @@ LINES: Mapping[str, Lines] = {
         )
     ),
 }
-CUT = Lines(
-    command=(
-        f"{{F}} = {{F}} * min(max((abs({{F}}) - {{width}}) / ({2 * EDGE:g} * {{width}}) + 0.5, 0.0), 1.0)",
-    )
-)
-"""A dead-band of which all is left above the width."""
+WANTED = "n_c = np.sign({F}) * abs({F}) ** 0.5"
+FRESH = "fresh = np.exp(-{discharge} * (t - {t_ref}) / 3600)"
+SETTLE = 0.02  # s in which a speed under a slew limit settles on the one that is wanted
 
-SWIRL = (
-    Lines(state=("water_dot = ({chi} * s - (1.0 - {chi}) * water) / {T_w}",)),
-    Lines(state=("water_dot = ({chi} * s * abs(s) - (1.0 - {chi}) * water) / {T_w}",)),
-)
-"""Water that is stirred by the slip, or by its square."""
+LAWS: Mapping[tuple[str, int], Lines] = {
+    ("battery-sag", 1): Lines(
+        command=(
+            FRESH,
+            "load_dot = (abs({F}) / {tau_ref} - load) / {T_V}",
+            "{F} = {F} * fresh * (1.0 - {load} * load)",
+        )
+    ),
+    ("compass-deviation", 1): Lines(reading=("{x} = {x} + {B} * np.sin({x}) + {C} * np.cos({x})",)),
+    ("compass-deviation", 2): Lines(reading=("{x} = {x} + {D} * np.sin(2 * {x}) + {E} * np.cos(2 * {x})",)),
+    ("coulomb-drag", 1): Lines(
+        moment=f"- ({{c}} + {{c_s}} * np.exp(-(({{v}} / {{v_s}}) ** 2))) * np.tanh({{v}} / {CREEP})"
+    ),
+    ("dead-band", 1): Lines(
+        command=(
+            f"{{F}} = {{F}} * min(max((abs({{F}}) - {{width}}) / ({2 * EDGE:g} * {{width}}) + 0.5, 0.0), 1.0)",
+        )
+    ),
+    ("saturation", 1): Lines(command=("{F} = {tau_max} * np.tanh({F} / {tau_max})",)),
+    ("tether-spring", 1): Lines(moment="- {kappa} * ({x} - {x}0 - np.clip({x} - {x}0, -{slack}, {slack}))"),
+    ("tether-spring", 2): Lines(moment="- ({kappa} + {kappa_3} * ({x} - {x}0) ** 2) * ({x} - {x}0)"),
+    ("thrust-loss", 1): Lines(moment="- {b} * abs({F}) ** 0.5 * {v} * ({F} * {v} > 0)"),
+    ("thruster-lag", 1): Lines(command=("n_dot = ({F} - n) / {T}  # n is the thrust", "{F} = n")),
+    ("thruster-lag", 2): Lines(
+        command=("n_dot = ({F} - n * abs(n)) / (2 * {T} * {tau_ref} ** 0.5)", "{F} = n * abs(n)")
+    ),
+    ("thruster-lag", 3): Lines(
+        command=(
+            WANTED,
+            "pace = {tau_ref} ** 0.5 / {T}",
+            f"n_dot = min(max((n_c - n) / {SETTLE}, -pace), pace)",
+            "{F} = n * abs(n)",
+        )
+    ),
+    ("thruster-lag", 4): Lines(
+        command=(
+            WANTED,
+            "falls = n_c * n < 0 or abs(n_c) < abs(n)",
+            "n_dot = (n_c - n) / ({T} * ({fall} if falls else 1.0))",
+            "{F} = n * abs(n)",
+        )
+    ),
+    ("water-swirl", 1): Lines(state=("water_dot = ({chi} * abs(s) * s - (1.0 - {chi}) * water) / {T_w}",)),
+    ("water-swirl", 2): Lines(state=("water_dot = ({chi} * abs({v}) * s - (1.0 - {chi}) * water) / {T_w}",)),
+    ("water-swirl", 3): Lines(
+        state=("water_dot = ({chi} * {F} / {tau_ref} - (1.0 - {chi}) * water) / {T_w}",)
+    ),
+    ("water-swirl", 4): Lines(
+        state=("water_dot = ({chi} * abs(s) * s - (1.0 - {chi}) * abs(water) * water) / {T_w}",)
+    ),
+    ("water-swirl", 5): Lines(
+        state=(
+            "pull = {chi} * s - (1.0 - {chi}) * water",
+            "water_dot = pull / ({T_w} * ({calm} if pull * water < 0 else 1.0))",
+        )
+    ),
+}
+"""Laws beside an effect's first one; those of which the file would have to remember commands are not here."""
+
+STATES: Mapping[tuple[str, int], str] = {("battery-sag", 1): "load"}
+"""Names of states, beside those of every law of an effect."""

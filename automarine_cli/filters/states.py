@@ -204,6 +204,12 @@ class Step:
             out[place] = term.effect.remember(flat[place], x[of], out[of], h, term.values)
         return out
 
+    def _delivered_at(self, dof: int, m: int) -> Floats:
+        """What the actuators give as node m is reached, (P, R, 1)."""
+        step, half = max(m - 1, 0), 0.5 if m else -0.5
+        rise = half * self.course.length[:, step] * self.tilt[dof, :, :, step]
+        return np.asarray((self.delivered[dof, :, :, step] + rise)[..., None])
+
     def reading(
         self, channel: Channel, m: int, mean: Floats, covariance: Floats
     ) -> tuple[Floats, list[tuple[int, Floats]]]:
@@ -223,7 +229,8 @@ class Step:
         tried = mean[place] + np.stack([0.0 * size, size, -size])
         time = self.clock[:, m, None]
         for term in own:
-            tried = np.stack([term.effect.read(x[..., None], time, term.wide())[..., 0] for x in tried])
+            values = (*term.wide(), *((self._delivered_at(channel.dof, m),) if term.effect.fed else ()))
+            tried = np.stack([term.effect.read(x[..., None], time, values)[..., 0] for x in tried])
         return tried[0], [(place, (tried[1] - tried[2]) / (2.0 * size))]
 
 

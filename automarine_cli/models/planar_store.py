@@ -177,11 +177,12 @@ def _own(dof: Dof, rest: str, left: dict[str, float], where: str) -> Term | None
     if not effect.acts_in(dof):
         raise ModelError(f"{where}.{dof.name}.{rest}: {name} does not act in {dof.name}; leave it out")
     keys = tuple(parameters_of(dof, Term(name, ())))
+    given = left.keys() & set(keys)
     if f"{dof.name}.{rest}" not in keys:
         raise ModelError(f"{where}: unknown key {told(f'{dof.name}.{rest}')}; did you mean {told(keys[0])}?")
     values = []
     for key, parameter in zip(keys, effect.parameters):
-        if parameter.choices and key not in left:
+        if parameter.optional and key not in left:
             values.append(parameter.start)
             continue
         needed(left, key, where, PLANAR.name)
@@ -192,6 +193,9 @@ def _own(dof: Dof, rest: str, left: dict[str, float], where: str) -> Term | None
                 f"{where}.{key}: found {value:g}, expected {parameter.lower:g} to {parameter.upper:g}"
             )
         values.append(value)
+    found = {key.partition(".")[2].removeprefix(f"{name}.") for key in given}
+    if not effect.role and (lacking := effect.lacking(found, values, dof)):
+        needed(left, f"{dof.name}.{name}.{lacking}", where, PLANAR.name)
     return Term(name, tuple(values))
 
 

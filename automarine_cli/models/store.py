@@ -216,7 +216,7 @@ def _parameters(name: str, given: Mapping[str, object], where: str, dof: Dof) ->
             raise ModelError(f"{where}: unknown key {_told(key)}; {name} takes {', '.join(wanted) or 'none'}")
     values = []
     for key, parameter in wanted.items():
-        if parameter.choices and key not in given:
+        if parameter.optional and key not in given:
             values.append(parameter.start)
             continue
         value = number_at(needed(given, key, where, dof.name), f"{where}.{key}", dof.name)
@@ -225,6 +225,8 @@ def _parameters(name: str, given: Mapping[str, object], where: str, dof: Dof) ->
                 f"{where}.{key}: found {value:g}, expected {parameter.lower:g} to {parameter.upper:g}"
             )
         values.append(value)
+    if lacking := effects.get(name).lacking(given, values, dof):
+        needed(given, lacking, where, dof.name)
     return tuple(values)
 
 

@@ -133,10 +133,10 @@ class YawModel:
         return replace(self, inertia=values[0], terms=terms)
 
     def with_effect(self, name: str, values: Sequence[float] | Floats) -> "YawModel":
-        """The same model with one more effect; choices of law at the end may be left out, for the first."""
+        """The same model with one more effect; laws, and what only they use, may be left out at the end."""
         own = effects.get(name).parameters
         count, given = len(own), len(values)
-        values = [*values, *(p.start for p in own[given:] if p.choices)]
+        values = [*values, *(p.start for p in own[given:] if p.optional)]
         if len(values) != count:
             raise ModelError(
                 f"effect {name!r} has {count} parameters, {given} values were given; give one for each"

@@ -238,7 +238,7 @@ def _read_diagnosis(path: Path, stored: StoredModels) -> Told:
         effect = effects.get(name)
         for key, parameter in zip(effect.names_in(stored.dof), effect.parameters):
             estimate = _estimate(given.get(key)) if isinstance(given, Mapping) else None
-            if estimate is None and not parameter.choices:
+            if estimate is None and not parameter.optional:
                 raise ModelError(
                     f"{where}: effects[{i}].parameters: {key} has no value; expected an estimate"
                 )

@@ -69,7 +69,12 @@ def with_effect(fitting: Fitting, model: YawModel, name: str, largest: float) ->
         else:
             values = parameter.scan or (parameter.start,)
             options.append([parameter.scaled(value, largest) for value in values])
-    starts = list(product(*options))
+    own = effect.parameters
+    starts = [
+        start
+        for start in product(*options)
+        if all(v == several[0] or effect.counts(p, start) for p, v, several in zip(own, start, options))
+    ]
     every = max(1, -(-len(starts) // MOST_STARTS))
     return [
         replace(fitting, model=model.with_effect(name, start), fit="diagnosis") for start in starts[::every]

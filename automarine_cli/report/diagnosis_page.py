@@ -23,7 +23,7 @@ from automarine_cli.report.diagnosis_page_tables import (
     gap_table,
     regions_table,
 )
-from automarine_cli.report.diagnosis_tables import outlook_table, parameter_cell, verdict_sentence
+from automarine_cli.report.diagnosis_tables import counting, outlook_table, parameter_cell, verdict_sentence
 from automarine_cli.report.tables import MISSING, Table, interval, number
 
 LARGE_MOVE = 2.0
@@ -111,7 +111,7 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
         "", ("parameter", "meaning", "estimate and 95 % interval", "unit"),
         tuple(
             (name, means[name], parameter_cell(effect.name, i, e), e.unit or MISSING)
-            for i, (name, e) in enumerate(effect.parameters.items())
+            for i, name, e in counting(effect.name, effect.parameters)
         ),
     )  # fmt: skip
     smallest = 1.0 / (1 + len(diagnosis.found.rounds[0].scores.null))
@@ -122,13 +122,14 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     )
     if not effect.rivals:
         sure += " No other effect of the library comes near."
-    lines = [effect.says, f"`{card.equation}`", table.to_markdown(), sure]
+    law = effects.get(effect.name).law_at([e.value for e in effect.parameters.values()])
+    lines = [effect.says, f"`{diagnosis.study.base.dof.fill(law.equation)}`", table.to_markdown(), sure]
     for rival in effect.few_rivals:
         lines.append(
             f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}."
         )
     lines += filter(None, [effect.other_rivals])
-    return "\n\n".join([*lines, f"Source: {effects.get(effect.name).source}."])
+    return "\n\n".join([*lines, f"Source: {law.source}."])
 
 
 def _where(where: Where) -> str:

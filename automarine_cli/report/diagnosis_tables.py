@@ -1,5 +1,7 @@
 """What the terminal shows of a yaw diagnosis: the verdict in a sentence, and its tables."""
 
+from collections.abc import Iterator, Mapping
+
 from automarine_cli import effects as library
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.study import JUDGED
@@ -76,6 +78,14 @@ def parameter_cell(effect: str, i: int, estimate: Estimate) -> str:
     return parameter.choices[round(estimate.value)] if parameter.choices else interval(estimate)
 
 
+def counting(effect: str, parameters: Mapping[str, Estimate]) -> Iterator[tuple[int, str, Estimate]]:
+    """Place, name and estimate of an effect's parameters, without those of laws that do not hold."""
+    one, values = library.get(effect), [estimate.value for estimate in parameters.values()]
+    for i, (name, estimate) in enumerate(parameters.items()):
+        if one.counts(one.parameters[i], values):
+            yield i, name, estimate
+
+
 def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
     """Effects with their parameters, gap, and the best candidates."""
     rows = [
@@ -87,7 +97,7 @@ def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
             f"{effect.confidence:.0%}",
         )
         for effect in diagnosis.effects
-        for i, (name, estimate) in enumerate(effect.parameters.items())
+        for i, name, estimate in counting(effect.name, effect.parameters)
     ]
     found = diagnosis.found.rounds[0]
     best = sorted(found.trials, key=lambda trial: trial.evidence)[:5]

@@ -127,7 +127,8 @@ def simulate(
         read = true
         for term in terms:
             if term.effect.place is Place.SENSOR:
-                shown = term.effect.read(read[term.dof], time, term.wide())
+                fed = (_at_nodes(commands[term.dof]),) if term.effect.fed else ()
+                shown = term.effect.read(read[term.dof], time, (*term.wide(), *fed))
                 read = shown[None] if len(read) == 1 else np.stack(
                     [shown if d == term.dof else one for d, one in enumerate(read)]
                 )  # fmt: skip
@@ -138,6 +139,12 @@ def _actuated(commands: Commands, term: Bound) -> Commands:
     """The commands as an actuator effect delivers them."""
     forward = replace(commands, length=np.maximum(commands.length, 0.0))  # it only knows time to pass
     return replace(commands, force=term.effect.deliver(forward, term.wide()))
+
+
+def _at_nodes(commands: Commands) -> Floats:
+    """What is delivered as each node is reached, (P, R, M + 1)."""
+    before = np.broadcast_to(commands.before, (*commands.force.shape[:2], 1))
+    return np.concatenate([before, commands.force], axis=2)
 
 
 def _integrate(

@@ -46,11 +46,10 @@ class EffectSetting:
         for name in self.values:
             if name not in names:
                 raise SettingError(f"effect {self.name!r} has no parameter {name!r}; it has {allowed}")
-        for name, parameter in zip(names, effect.parameters):
-            if name not in self.values and not parameter.choices:
-                raise SettingError(
-                    f"effect {self.name!r} needs its parameter {name!r} (of {allowed}); give it"
-                )
+        if lacking := effect.lacking(self.values, self.ordered, self.dof):
+            raise SettingError(
+                f"effect {self.name!r} needs its parameter {lacking!r} (of {allowed}); give it"
+            )
 
     @property
     def ordered(self) -> tuple[float, ...]:

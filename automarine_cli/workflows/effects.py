@@ -104,12 +104,17 @@ def _card(one: Effect, dof: Dof, every: bool) -> tuple[Table | str, ...]:
         ("source", one.source),
     ]
     width = max(len(label) for label, _ in lines)
-    sentences = (one.name, "", *(f"{label.ljust(width)}  {text}" for label, text in lines))
+    sentences = "\n".join((one.name, "", *(f"{label.ljust(width)}  {text}" for label, text in lines)))
+    choices = next((p.choices for p in one.parameters if p.choices), ())
+    for word, law, equation in zip(choices[1:], one.laws, card.laws):
+        sentences += (
+            f"\n\nlaw: {word}\n  {equation}\n  mistaken for {', '.join(law.mistaken_for)}; {law.source}"
+        )
     rows = tuple(_parameter_row(*three, dof) for three in zip(card.parameters, one.parameters, one.shapes))
     header = ("symbol", "meaning", "unit", "bounds", "start", "off", "reference or choices")
     note = f"Starts are for a largest {dof.words.force} of one. A parameter with a reference is taken from the logs, "
     note += "not fitted; one with choices is 0 for the first and so on, and a diagnosis tries each."
-    return ("\n".join(sentences), Table("Parameters", header, rows, notes=(note,)))
+    return (sentences, Table("Parameters", header, rows, notes=(note,)))
 
 
 def _parameter_row(card: ParameterCard, parameter: Parameter, shape: bool, dof: Dof) -> tuple[str, ...]:
@@ -149,6 +154,10 @@ def _card_json(one: Effect, dof: Dof) -> dict[str, object]:
                 "choices": list(p.choices),
             }
             for filled, p, shape in zip(card.parameters, one.parameters, one.shapes)
+        ],
+        "laws": [
+            {"equation": equation, "source": law.source, "mistaken_for": list(law.mistaken_for)}
+            for law, equation in zip(one.laws, card.laws)
         ],
         "states": list(one.states),
         "columns_needed": list(one.columns),

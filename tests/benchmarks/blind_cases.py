@@ -46,15 +46,31 @@ LAWS: dict[str, tuple[str, float, float]] = {
     "heading-moment": ("heading-moment", 0.03, 0.08),
     "surge": ("cross-coupling", 0.3, 1.5),
     "exponent": ("thrust-exponent", 0.1, 0.35),
+    "thrust-lag": ("thruster-lag", 0.2, 0.8),
+    "loaded-lag": ("thruster-lag", 0.15, 0.8),
+    "slew": ("thruster-lag", 0.4, 1.5),
+    "lag-down": ("thruster-lag", 0.12, 0.5),
+    "swirl-passing": ("water-swirl", 0.03, 0.2),
+    "swirl-jets": ("water-swirl", 0.02, 0.1),
+    "swirl-settling": ("water-swirl", 0.02, 0.1),
+    "smooth-saturation": ("saturation", 0.6, 1.2),
+    "stribeck": ("coulomb-drag", 0.04, 0.1),
+    "slack-spring": ("tether-spring", 0.02, 0.08),
+    "hard-spring": ("tether-spring", 0.001, 0.01),
+    "advance-loss": ("thrust-loss", 0.15, 0.6),
+    "sag-slow": ("battery-sag", 0.15, 0.4),
+    "delay-off": ("input-delay", 0.3, 1.0),
+    "stall": ("dead-band", 0.3, 0.5),
+    "current-pull": ("current-deviation", 0.05, 0.2),
+    "hysteresis": ("backlash", 0.08, 0.2),
+    "wall": ("wall", 0.1, 0.5),
 }
 """The truth's laws: the library's name, a usual size, and the largest that leaves a vehicle that turns."""
 
 STRANGE: dict[str, tuple[float, float]] = {
     "temperature": (0.1, 0.3),
     "snags": (0.15, 0.6),
-    "wall": (0.1, 0.5),
     "history": (0.1, 0.6),
-    "hysteresis": (0.08, 0.2),
     "clock-drift": (0.3, 1.0),
 }
 """Laws that are not in the library, with a usual and a largest size."""
@@ -70,7 +86,7 @@ PAIRS = (
     ("exponent", "gyro-drift"),
 )
 SIGNED = {"bias", "thrust-asymmetry", "drag-asymmetry", "gyro-drift", "hard-iron", "soft-iron", "surge",
-          "heading-moment", "exponent"}  # fmt: skip
+          "heading-moment", "exponent", "current-pull"}  # fmt: skip
 OTHER_BASE = {
     "quadratic",
     "cut",
@@ -80,6 +96,11 @@ OTHER_BASE = {
     "swirl",
     "hard-iron",
     "soft-iron",
+    "swirl-passing",
+    "swirl-jets",
+    "swirl-settling",
+    "smooth-saturation",
+    "hard-spring",
 }
 """Laws told in such a form that the library's inertia and drag need not be the truth's."""
 
@@ -195,7 +216,7 @@ def _size(
     value = usual
     if law in ("cut", "clock-drift"):  # their visibility is no smooth matter of size
         return (usual if size != "large" else 0.5 * (usual + most)), np.inf
-    if law == "soft-saturation":
+    if law in ("soft-saturation", "smooth-saturation", "stall"):
         return (usual if size != "large" else most), np.inf
     yardstick = Yardstick.of(plan, vehicle, chance, scatter, noise)
     length = yardstick.visible(law, value)

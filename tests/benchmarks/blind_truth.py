@@ -94,6 +94,10 @@ def commanded(plan: Plan, step: float, delay: float) -> Floats:
 def delivered(plan: Plan, vehicle: Vehicle, step: float) -> Floats:
     """Moment that the thrusters aim at, (R, M), before propeller lag and the runs' own gains."""
     u = commanded(plan, step, vehicle.size("delay")) / vehicle.scale
+    if late := vehicle.size("delay-off"):
+        u = _released(u, max(round(late / step), 1))
+    if stall := vehicle.size("stall"):
+        u = _stalling(u, stall)
     if cut := vehicle.size("cut"):
         u = np.where(np.abs(u) < cut, 0.0, u)
     if band := vehicle.size("dead-band"):
@@ -106,12 +110,17 @@ def delivered(plan: Plan, vehicle: Vehicle, step: float) -> Floats:
         u = np.clip(u, -LARGEST * (1 - short), LARGEST * (1 - short))
     if short := vehicle.size("soft-saturation"):
         u = u / (1.0 + (np.abs(u) / (LARGEST * (1 - short))) ** 8) ** 0.125
+    if short := vehicle.size("smooth-saturation"):
+        most = LARGEST / short
+        u = most * (1.0 - np.exp(-2.0 * u / most)) / (1.0 + np.exp(-2.0 * u / most))
     if odd := vehicle.size("thrust-asymmetry"):
         u = u * np.exp(odd * np.sign(u))
     if droop := vehicle.size("sag-load"):
         u = u / (1.0 + droop * np.abs(u) / LARGEST)
     if spent := vehicle.size("sag-charge"):
         u = u * (1.0 - spent * _charge(u, plan))
+    if droop := vehicle.size("sag-slow"):
+        u = u * (1.0 - droop * _charged(np.abs(u) / LARGEST, step))
     if warm := vehicle.size("temperature"):
         clock = plan.clock[:, None] + step * np.arange(u.shape[1])
         u = u * (1.0 + warm * np.sin(2 * np.pi * clock / (0.6 * plan.clock.max())))
@@ -127,6 +136,35 @@ def _charge(u: Floats, plan: Plan) -> Floats:
     return (before[:, None] + own) / own[:, -1].sum()
 
 
+def _released(u: Floats, late: int) -> Floats:
+    """Thrust that is let go `late` steps after it was told to, on either side."""
+    out = u.copy()
+    for k in range(1, late + 1):
+        past = np.concatenate([np.zeros((len(u), k)), u[:, :-k]], axis=1)
+        grown = np.where(np.sign(past) == np.sign(out), np.maximum(np.abs(past), np.abs(out)), np.abs(past))
+        out = np.where((past != 0) & (np.sign(past) * out >= 0), np.sign(past) * grown, out)
+    return out
+
+
+def _stalling(u: Floats, width: float) -> Floats:
+    """A propeller that starts above `width` and stalls below 0.45 of it."""
+    out, runs = np.zeros_like(u), np.zeros(len(u), dtype=bool)
+    for m in range(u.shape[1]):
+        turned = m > 0 and u[:, m] * u[:, m - 1] < 0
+        runs = np.where(np.abs(u[:, m]) > width, True, runs & (np.abs(u[:, m]) > 0.45 * width) & ~turned)
+        out[:, m] = np.where(runs, u[:, m], 0.0)
+    return out
+
+
+def _charged(load: Floats, step: float) -> Floats:
+    """A capacitor of 4 s that follows the load, at the end of each step."""
+    out, now = np.empty_like(load), np.zeros(len(load))
+    for m in range(load.shape[1]):
+        now = now + step / 4.0 * (load[:, m] - now)
+        out[:, m] = now
+    return out
+
+
 def _play(u: Floats, width: float) -> Floats:
     """Backlash: what is delivered follows only once the command has moved by `width`."""
     out, now = np.empty_like(u), np.zeros(len(u))
@@ -140,7 +178,7 @@ def headings(plan: Plan, vehicle: Vehicle, chance: Chance, step: float = STEP) -
     """Headings (R, M + 1) that the sensor would read without noise, on the fine grid [rad]."""
     u = delivered(plan, vehicle, step)
     runs, steps = u.shape
-    lag = vehicle.size("propeller-lag")
+    lag = next((vehicle.size(law) for law in LAGS if vehicle.size(law)), 0.0)
     kept = len(MEMORY) if vehicle.size("history") else 0
     y = np.zeros((4 + kept, runs))  # heading, rate, propeller, water, memory of the water
     y[0] = plan.heading
@@ -158,7 +196,10 @@ def headings(plan: Plan, vehicle: Vehicle, chance: Chance, step: float = STEP) -
             new[1] = np.where(y[1] * new[1] < 0, 0.0, new[1])
         y = new
         out[:, m + 1] = y[0]
-    return _read(out, vehicle, step)
+    read = _read(out, vehicle, step)
+    if pull := vehicle.size("current-pull"):
+        read[:, 1:] += pull * u / (LARGEST * vehicle.scale)
+    return read
 
 
 def _slope(
@@ -171,12 +212,17 @@ def _slope(
     wanted = np.sign(aim) * np.sqrt(np.abs(aim))
     speed = propeller if lag else wanted
     thrust = chance.gain * speed * np.abs(speed)
+    if vehicle.size("thrust-lag"):
+        thrust = chance.gain * propeller
     slip = rate - water
     drag = (vehicle.quadratic + size("quadratic")) * slip * np.abs(slip) + vehicle.linear * slip
     if wall := size("wall"):
         drag = drag * (1.0 + wall * np.cos(2 * psi))
     drag = drag + size("linear") * slip + size("cubic") * slip**3 + size("drag-asymmetry") * slip**2
-    moment = size("bias") - size("spring") * (psi - plan.heading)
+    turned = psi - plan.heading
+    moment = size("bias") - size("spring") * turned - size("hard-spring") * turned**3
+    if taut := size("slack-spring"):
+        moment = moment - taut * (np.maximum(turned - 2.0, 0.0) + np.minimum(turned + 2.0, 0.0))
     if push := size("heading-moment"):
         moment = moment + push * np.sin(psi - 0.9)
     if wave := size("waves"):
@@ -188,6 +234,11 @@ def _slope(
         moment = moment + snag * (chance.snag * near).sum(axis=1)
     total = thrust + scale * (moment - drag)
     total = total - np.sqrt(scale) * size("thrust-loss") * np.sqrt(np.abs(thrust)) * rate
+    if feed := size("advance-loss"):
+        fed = np.maximum(np.sign(thrust) * rate, 0.0)
+        total = total - np.sqrt(scale) * feed * np.sqrt(np.abs(thrust)) * np.sign(thrust) * fed
+    if stick := size("stribeck"):
+        total = total - scale * stick * (0.4 + np.exp(-((rate / 0.12) ** 2))) * np.tanh(rate / 0.02)
     if history := size("history"):
         total = total - scale * history * (memory * 0.62 / np.sqrt(MEMORY)[:, None]).sum(axis=0)
     if dry:
@@ -196,12 +247,37 @@ def _slope(
     d[0] = rate
     d[1] = total / (scale * vehicle.inertia)
     if lag:
-        d[2] = (wanted - propeller) / lag
+        d[2] = _spun(vehicle, aim, wanted, propeller, lag)
     if stir := size("swirl"):
         d[3] = stir * slip * np.abs(slip) - water / 20.0
+    if stir := size("swirl-passing"):
+        d[3] = stir * slip * np.abs(rate) - water / 20.0
+    if stir := size("swirl-jets"):
+        d[3] = stir * thrust / scale - water / 20.0
+    if stir := size("swirl-settling"):
+        d[3] = stir * slip - water / np.where(stir * slip * water > water**2 / 8.0, 8.0, 25.0)
     if len(memory):
         d[4:] = d[1] - memory / MEMORY[:, None]
     return d
+
+
+LAGS = ("propeller-lag", "thrust-lag", "loaded-lag", "slew", "lag-down")
+"""Laws of the thrusters' state: of each campaign at most one."""
+
+
+def _spun(vehicle: Vehicle, aim: Floats, wanted: Floats, propeller: Floats, lag: float) -> Floats:
+    """Time derivative of the propeller's speed, or of the thrust, under the law that is hidden."""
+    fastest = np.sqrt(LARGEST * vehicle.scale)
+    if vehicle.size("thrust-lag"):
+        return (aim - propeller) / lag
+    if vehicle.size("loaded-lag"):  # a torque that spins it up, and the water's square that brakes it
+        return (aim - propeller * np.abs(propeller)) / (2.0 * lag * fastest)
+    if vehicle.size("slew"):
+        return np.clip((wanted - propeller) / 0.02, -fastest / lag, fastest / lag)
+    if vehicle.size("lag-down"):
+        falls = (wanted - propeller) * propeller < 0
+        return (wanted - propeller) / np.where(falls, 3.0 * lag, lag)
+    return (wanted - propeller) / lag
 
 
 def surge(last: Floats, time: Floats) -> Floats:
