@@ -135,6 +135,7 @@ def _effect_json(effect: NamedEffect) -> dict[str, Any]:
         "confidence": effect.confidence,
         "p_value": effect.p_value,
         "rivals": [asdict(rival) for rival in effect.rivals],
+        **({} if effect.learned is None else {"learned": effect.learned.to_json()}),
     }
 
 

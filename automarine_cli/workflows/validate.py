@@ -233,11 +233,12 @@ def _usable(
 def _complete(run: Run, signals: Sequence[str]) -> None:
     """Refuse a run without a value of each signal at each sample."""
     for name in signals:
-        if name not in run.extras:
+        signal = run.signal(name)
+        if signal is None:
             raise RunError(
                 f"an effect of the model needs the {lacking_signal(name, '; map it with --columns')}"
             )
-        missing = int(np.count_nonzero(~np.isfinite(run.extras[name])))
+        missing = int(np.count_nonzero(~np.isfinite(signal)))
         if missing:
             raise RunError(
                 f"an effect of the model needs {name!r} in every row; {missing} rows lack it. Complete the column, or "
