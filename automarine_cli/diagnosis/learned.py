@@ -17,7 +17,7 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.learned_scores import Curve, all_signals, gains_follow, scored, with_curve
 from automarine_cli.diagnosis.scores import penalty
 from automarine_cli.diagnosis.search import BRIEF, REACH, TIE, Map, may_stand
-from automarine_cli.diagnosis.smooth import places, smoothed
+from automarine_cli.diagnosis.smooth import learned_term, places, smoothed
 from automarine_cli.diagnosis.study import ITERATIONS, Fit, Study
 from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Rival, Trial
 from automarine_cli.effects.learned import FIRST
@@ -42,9 +42,10 @@ SAME_SPREAD = 0.1
 def learn(study: Study, found: Found, seed: int, each: Map, explained: Callable[[Found], bool]) -> Found:
     """What a search found, with a learned curve where something is left that asks for one and a curve explains it.
 
-    `explained` judges an outcome. Driven runs are left as they are: their disturbances would learn as well.
+    `explained` judges an outcome. Driven runs are left as they are, for their disturbances would be learned as well,
+    and so is a model that has its curve.
     """
-    if study.driven or not isinstance(found.final.fit, MixedFit):
+    if study.driven or learned_term(study.base) is not None:
         return found
     wide = replace(study, signals=all_signals(study))
     follow = gains_follow(wide, found.final)
@@ -126,7 +127,7 @@ def _further(study: Study, base: Trial, trial: Trial) -> Trial | None:
     """The same taken to the end; the spread is chosen again by each fit."""
     for _ in range(1 + SETTLES):
         assert isinstance(trial.fit, MixedFit)
-        spread, _ = smoothed(trial.fit, trial.model)
+        spread, _ = smoothed(trial.fit, trial.model, study.sensor_floor)
         model = with_curve(trial.model, spread, trial.fit.theta[places(trial.model)])
         again = _trial(study, base, model, model.theta, trial.fit, ITERATIONS)
         if again is None:
@@ -145,7 +146,7 @@ def _trial(
     try:
         fit = study.fit(model, values, near, iterations)
         assert isinstance(fit, MixedFit)
-        count = smoothed(fit, model)[1]
+        count = smoothed(fit, model, study.sensor_floor)[1]
     except (FitError, np.linalg.LinAlgError):
         return None
     cost = _cost(base) + count * penalty(1, len(study.runs))

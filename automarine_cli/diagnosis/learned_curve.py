@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from automarine_cli import effects
-from automarine_cli.diagnosis.smooth import elsewhere, learned_term, places, precision
+from automarine_cli.diagnosis.smooth import elsewhere, learned_term, places, prior_of
 from automarine_cli.diagnosis.trials import Found, Trial
 from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.effects.learned import FIRST, KINDS, PREFIX, Learned, basis
@@ -17,7 +17,7 @@ from automarine_cli.fits.mixed_model import MixedFit
 
 Floats = NDArray[np.float64]
 
-POINTS = 25
+POINTS = 61
 """Places at which a curve is told."""
 
 
@@ -46,6 +46,8 @@ class LearnedCurve:
     pull: Floats
     other: Floats
     sized: bool
+    needs: tuple[str, ...]
+    read: str
 
     @property
     def range(self) -> float:
@@ -66,20 +68,20 @@ class LearnedCurve:
         }
 
 
-def curve_of(trial: Trial) -> LearnedCurve | None:
-    """The learned curve of a trial; None where it has none."""
+def curve_of(trial: Trial, floor: float) -> LearnedCurve | None:
+    """The learned curve of a trial in which noise of `floor` was expected; None where it has none."""
     inside = learned_term(trial.model)
     if inside is None or not isinstance(trial.fit, MixedFit):
         return None
     model, term = trial.model, trial.model.terms[inside]
     effect = effects.get(term.name)
     assert isinstance(effect, Learned)
-    low, high, size, spread = term.values[:FIRST]
+    low, high, size, _ = term.values[:FIRST]
     gain, variable = term.values[-1] > 0.5, effect.variable
     at = places(model)
     covariance, values = trial.fit.covariance[np.ix_(at, at)], trial.fit.theta[at]
     stiff = np.linalg.inv(covariance)
-    own = precision(model, spread)
+    own = prior_of(trial.fit, model, floor)
     scale = 1.0 if gain else size
     x = np.linspace(low, high, POINTS)
     shape = basis(x, low, high, closed=bool(variable.turn))
@@ -102,12 +104,14 @@ def curve_of(trial: Trial) -> LearnedCurve | None:
         pull=stiff @ values / scale,
         other=elsewhere(model, term),
         sized=variable.sized,
+        needs=variable.needs,
+        read=variable.code,
     )
 
 
 def with_curves(found: Found, named: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:
     """The effects named with what was learned, and a sentence that says whether it is thrust or a moment."""
-    curve = curve_of(found.final)
+    curve = curve_of(found.final, found.study.sensor_floor)
     return tuple(
         replace(one, learned=curve, says=sentence(curve, found))
         if curve is not None and one.name == PREFIX + curve.variable

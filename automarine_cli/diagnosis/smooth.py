@@ -21,8 +21,10 @@ from automarine_cli.models.yaw_model import Term, YawModel
 
 Floats = NDArray[np.float64]
 
-SPREADS = np.geomspace(1e-3, 1.0, 13)
+SPREADS = np.geomspace(3e-4, 1.0, 15)
 """Spreads that are tried."""
+LEAST = 1e-4
+"""Least noise that is expected [the sensor's unit]."""
 FIRM = 100.0
 """Times the spread's own precision with which a curve keeps away from what other terms of the model are."""
 
@@ -85,7 +87,7 @@ def fit_smooth(
     is expected; the likelihood that it tells is that of the readings alone."""
     at, inside = places(model), learned_term(model)
     assert inside is not None
-    root = floor * np.linalg.cholesky(precision(model, model.terms[inside].values[FIRST - 1])).T
+    root = max(floor, LEAST) * np.linalg.cholesky(precision(model, model.terms[inside].values[FIRST - 1])).T
     effects_of = _with_row(problem.effects)
     width, part = problem.seen.shape[1], problem.counted[0].part
     row = np.arange(width)[part][:KNOTS]
@@ -140,12 +142,20 @@ def _shared_out(gram: Gram) -> Gram:
     )  # fmt: skip
 
 
-def smoothed(fit: MixedFit, model: YawModel) -> tuple[float, float]:
+def prior_of(fit: MixedFit, model: YawModel, floor: float) -> Floats:
+    """The prior's precision (KNOTS, KNOTS) as it entered a fit in which noise of `floor` was expected."""
+    inside = learned_term(model)
+    assert inside is not None
+    return (
+        precision(model, model.terms[inside].values[FIRST - 1])
+        * (max(floor, LEAST) / float(fit.noises[0])) ** 2
+    )
+
+
+def smoothed(fit: MixedFit, model: YawModel, floor: float) -> tuple[float, float]:
     """The spread of largest marginal likelihood by the curvature of a fit of `model`, and the curve's effective number
     of parameters at the spread that was fitted."""
-    at, inside = places(model), learned_term(model)
-    assert inside is not None
-    fitted = precision(model, model.terms[inside].values[FIRST - 1])
+    at, fitted = places(model), prior_of(fit, model, floor)
     spread = fit.covariance[np.ix_(at, at)]
     stiff = np.linalg.inv(spread)
     pull = stiff @ fit.theta[at]

@@ -216,9 +216,8 @@ class Study:
             dict(zip(near.effects.factor_names, near.factors)) if isinstance(near, MixedFit) else {}
         )
         factors = np.array([begin.get(name, 0.02) for name in problem.effects.factor_names])
-        fitted = fit_mixed
-        if learned_term(model) is not None:
-            fitted = partial(fit_smooth, model, max(self.sensor_floor, 1e-4))
+        smooth = partial(fit_smooth, model, self.sensor_floor)
+        fitted = fit_mixed if learned_term(model) is None else smooth
         if not isinstance(near, MixedFit):
             return fitted(
                 problem, start, noise=max(2 * self.sensor_floor, 1e-4), factors=factors, iterations=ITERATIONS,
@@ -295,5 +294,6 @@ def study_of(
         at_rest = np.array([starts_at_rest(run) for run in runs])
         driven = disturbed(runs, base, at_rest, channels)
     have = set.intersection(*(set(run.extras) for run in runs))
-    needed = {name for effect in effects.names() for name in effects.get(effect).needs}
-    return Study(tuple(runs), base, driven, tuple(sorted(needed & have)), channels=channels)
+    needed = {name for effect in effects.names() for name in effects.get(effect).needs} & have
+    needed |= {name for term in base.terms for name in effects.get(term.name).needs}
+    return Study(tuple(runs), base, driven, tuple(sorted(needed)), channels=channels)

@@ -1,7 +1,7 @@
 """A dependence that no law of the library has: a smooth curve over one variable, learned from the logs.
 
-`learned("water_temp_C")` makes the effect of a variable; its name is "learned:water_temp_C". The curve is a natural
-cubic spline through values at KNOTS places, equally far apart from `low` to `high`, and constant beyond; over an angle
+`learned("water_temp_C")` makes the effect of a variable; its name is "learned:water_temp_C". The curve is a cubic
+spline through values at KNOTS places, equally far apart from `low` to `high`, and constant beyond; over an angle
 it closes on itself. Which curve is likely is said by its `spread` alone, see `roughness`.
 """
 
@@ -17,7 +17,7 @@ from automarine_cli.errors import ModelError
 from automarine_cli.quantities import CLOCK, SINCE
 
 PREFIX = "learned:"
-KNOTS = 7
+KNOTS = 10
 FIRST = 4
 """Place of the curve's first value among the parameters; what stands before them is not fitted."""
 TIME = "time-in-run"
@@ -31,7 +31,8 @@ Read = Callable[[State], Floats]
 
 @dataclass(frozen=True)
 class Variable:
-    """What a curve runs over: its unit (a template), how it is read from the state, the kinds that are tried.
+    """What a curve runs over: its unit (a template), how it is read from the state and the `code` that reads it, the
+    kinds that are tried.
 
     Where `sized` only its size counts, and a moment has its sign; `turn` is where it closes on itself; `steered`,
     `placed` and `needs` as those of an effect, `motions` the names of the degrees of freedom that have it.
@@ -47,6 +48,7 @@ class Variable:
     placed: bool = False
     needs: tuple[str, ...] = ()
     motions: tuple[str, ...] = tuple(DOFS)
+    code: str = ""
 
 
 def hyphened(words: str) -> str:
@@ -56,33 +58,52 @@ def hyphened(words: str) -> str:
 
 def variable_of(name: str) -> Variable:
     """The variable of that name: of the motion, of its command, a time, or else a logged column."""
-    return _own(name) or Variable(name, "", lambda state: state.signals[name], needs=(name,))
+    return _own(name) or Variable(
+        name, "", lambda state: state.signals[name], needs=(name,), code=f"state.signals[{name!r}]"
+    )
 
 
 def _own(name: str) -> Variable | None:
     """A variable that needs no column of the log."""
     if name == TIME:
-        return Variable(name, "s", lambda state: state.time)
+        return Variable(name, "s", lambda state: state.time, code="state.time")
     if name == CLOCK:
-        return Variable(name, "s", lambda state: state.signals[name], needs=(name,))
+        return Variable(
+            name, "s", lambda state: state.signals[name], needs=(name,), code=f"state.signals[{name!r}]"
+        )
     if name == SINCE:
-        return Variable(name, "s", lambda state: state.signals[name], kinds=KINDS[1:], needs=(name,))
+        return Variable(
+            name, "s", lambda state: state.signals[name], kinds=KINDS[1:], needs=(name,),
+            code=f"state.signals[{name!r}]",
+        )  # fmt: skip
 
     def those(of: Callable[[Dof], str]) -> tuple[str, ...]:
         return tuple(dof.name for dof in DOFS.values() if hyphened(of(dof)) == name)
 
     turning = tuple(one for one in those(lambda dof: dof.words.position) if DOFS[one].wraps)
     if moving := those(lambda dof: dof.words.rate):
-        return Variable(name, "{x}/s", lambda state: state.relative, sized=True, motions=moving)
+        return Variable(
+            name, "{x}/s", lambda state: state.relative, sized=True, motions=moving, code="state.relative"
+        )
     if moving := those(lambda dof: dof.words.force):
-        return Variable(name, "{force}", lambda state: state.delivered, KINDS[1:], sized=True, motions=moving)
+        return Variable(
+            name,
+            "{force}",
+            lambda state: state.delivered,
+            KINDS[1:],
+            sized=True,
+            motions=moving,
+            code="state.delivered",
+        )
     if moving := those(lambda dof: dof.words.travelled):
-        return Variable(name, "{x}", lambda state: state.travelled, steered=True, motions=moving)
+        return Variable(
+            name, "{x}", lambda state: state.travelled, steered=True, motions=moving, code="state.travelled"
+        )
     if turning:
         turn = DOFS[turning[0]].turn
         return Variable(
             name, "{x}", lambda state: state.position % turn, turn=turn, steered=True, placed=True,
-            motions=turning,
+            motions=turning, code=f"state.position % {turn!r}",
         )  # fmt: skip
     return None
 
@@ -112,7 +133,7 @@ class Learned(Effect):
 def spline(x: Floats, low: Floats, high: Floats, values: list[Floats], *, closed: bool) -> Floats:
     """The curve through `values`, K arrays that broadcast with `x`, at equal steps from `low` to `high`.
 
-    The natural cubic spline, constant beyond; where `closed` the first value comes again at `high`.
+    The cubic spline, constant beyond; where `closed` the first value comes again at `high`.
     """
     count = len(values)
     pieces = count if closed else count - 1
@@ -131,18 +152,18 @@ def spline(x: Floats, low: Floats, high: Floats, values: list[Floats], *, closed
 
     v = 1.0 - u
     straight = v * pick(every, left) + u * pick(every, right)
-    return straight + ((v**3 - v) * pick(bends, left) + (u**3 - u) * pick(bends, right)) / 6.0
+    return np.asarray(straight + ((v**3 - v) * pick(bends, left) + (u**3 - u) * pick(bends, right)) / 6.0)
 
 
 def _bending(count: int, closed: bool) -> Floats:
-    """From values at knots one apart to second derivatives there, (K, K): none at the ends, unless closed."""
+    """From values at knots one apart to second derivatives there, (K, K): the first two and the last two pieces are one
+    cubic (de Boor's not-a-knot), so that drag by powers of the speed is such a curve; unless closed."""
     before, after = np.roll(np.eye(count), 1, axis=0), np.roll(np.eye(count), -1, axis=0)
-    if closed:
-        both = before + after
-        return np.linalg.solve(both + 4.0 * np.eye(count), 6.0 * (both - 2.0 * np.eye(count)))
-    inner = np.zeros((count, count))
-    inner[1:-1, 1:-1] = np.linalg.solve((4.0 * np.eye(count) + before + after)[1:-1, 1:-1], np.eye(count - 2))
-    return inner @ (6.0 * (before + after - 2.0 * np.eye(count)))
+    second = before - 2.0 * np.eye(count) + after
+    equations, rises = 6.0 * np.eye(count) + second, 6.0 * second
+    if not closed:
+        equations[[0, -1]], rises[[0, -1]] = second[[1, -2]], 0.0
+    return np.asarray(np.linalg.solve(equations, rises), dtype=np.float64)
 
 
 _BENT = {closed: _bending(KNOTS, closed) for closed in (False, True)}
