@@ -28,7 +28,7 @@ COLUMNS = ("cpu_load", "current_A", "depth_below_m", "humidity", "pressure_hPa",
 LAWS: Mapping[str, tuple[str, str, Callable[[Floats], Floats]]] = {
     "temperature": ("water_temp_C", "gain", lambda x: 0.12 * np.sin(2.0 * np.pi * (x - 4.0) / 20.0)),
     "rate": ("yaw-rate", "moment", lambda x: -0.35 * np.abs(x) ** 1.5),
-    "depth": ("depth_below_m", "moment", lambda x: 0.08 * np.tanh(x - 2.0)),
+    "depth": ("depth_below_m", "moment", lambda x: 0.03 * np.tanh(x - 2.0)),
     "nothing": ("", "moment", lambda x: 0.0 * x),
 }
 """The variable, what its curve is, and the curve (of the speed, on its size)."""

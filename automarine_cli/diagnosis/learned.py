@@ -27,7 +27,7 @@ from automarine_cli.models.yaw_model import YawModel
 
 Floats = NDArray[np.float64]
 
-LEADERS, MOST_LEADERS, BEHIND = 4, 8, 0.5
+LEADERS, MOST_LEADERS, BEHIND = 4, 6, 0.5
 """So many curves are fitted, or more whose score is this share of the best."""
 FAR = 0.2
 """Share of the best gain by which brief fits may be behind that are taken further."""
