@@ -53,6 +53,13 @@ def test_the_curve_is_exact_for_cubics_and_constant_beyond() -> None:
     np.testing.assert_allclose(outside, values[[0, -1]], atol=CLOSE)
 
 
+@pytest.mark.parametrize("closed", [False, True])
+def test_where_a_simulation_runs_away_the_curve_is_no_number(closed: bool) -> None:
+    """A fit may try what no vehicle is; it sees the infinity and goes back."""
+    found = basis(np.array([np.nan, 0.5]), 0.0, 1.0, closed=closed)
+    assert np.all(np.isnan(found[0])) and np.all(np.isfinite(found[1]))
+
+
 def test_a_closed_curve_comes_back_to_itself() -> None:
     values = np.cos(2.0 * np.pi * np.arange(KNOTS) / KNOTS)
     x = np.linspace(0.0, 6.0, 50)

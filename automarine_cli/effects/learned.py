@@ -142,7 +142,8 @@ def spline(x: Floats, low: Floats, high: Floats, values: list[Floats], *, closed
     knots = np.stack(np.broadcast_arrays(*values))
     bent = np.tensordot(_BENT[closed], knots, axes=1)
     shape = np.broadcast_shapes(at.shape, knots.shape[1:])
-    left = np.broadcast_to(np.minimum(at.astype(int), pieces - 1), shape)[None]
+    piece = np.minimum(np.nan_to_num(at, posinf=0.0, neginf=0.0).astype(int), pieces - 1)  # of runaways none
+    left = np.broadcast_to(piece, shape)[None]
     right = (left + 1) % count
     u = np.broadcast_to(at, shape) - left[0]
     every, bends = (np.broadcast_to(one, (count, *shape)) for one in (knots, bent))
