@@ -9,6 +9,9 @@ from dataclasses import dataclass
 
 MOMENT_UNITS = ("nu", "N m")
 
+CLOCK, SINCE = "campaign-clock", "time-since-command-change"
+"""Signals that every log has beside its columns: its clock, and the time since its command last changed, both [s]."""
+
 
 @dataclass(frozen=True)
 class Quantity:

@@ -35,8 +35,9 @@ def diagnose(
 
     Every effect of the library is tried on whole runs with everything refitted; what chance would reach on the
     same runs is the bar. The verdict is a name (with the rivals that the runs cannot exclude), a suspicion that
-    the left-out runs do not bear out, nothing missing, or unexplained. With a thruster map as the model, bollard
-    tests are diagnosed in the same way.
+    the left-out runs do not bear out, nothing missing, or unexplained. What no effect of the library explains is
+    learned as a curve over one variable or logged column. With a thruster map as the model, bollard tests are
+    diagnosed in the same way.
 
     \b
     Example:

@@ -1,5 +1,7 @@
 """`automarine effects`: a name or none in, one workflow call, cards out."""
 
+from pathlib import Path
+
 import click
 
 from automarine_cli.cli import options
@@ -11,9 +13,18 @@ from automarine_cli.cli import options
     "--motion", metavar="NAME",
     help="Only what may act in this motion (surge, say), in its words, letters and units.  [default: all, of yaw]",
 )  # fmt: skip
+@click.option(
+    "--new",
+    type=click.Path(path_type=Path),
+    metavar="FILE.py",
+    help="Try an effect of your own, which runs this file, and keep a copy of it among your effects: the folder that "
+    "AUTOMARINE_EFFECTS names, else automarine/effects among your settings. What lies there is run whenever effects "
+    "are looked at.",
+)
+@options.overwrite_option
 @options.json_option
 @options.verbosity
-def effects(name: str | None, motion: str | None, as_json: bool) -> object:
+def effects(name: str | None, motion: str | None, new: Path | None, overwrite: bool, as_json: bool) -> object:
     """The effects that a model of a motion may have, and that diagnose can name.
 
     Without NAME: name, place, equation and parameters of each. With NAME the whole card: what the parameters
@@ -25,7 +36,10 @@ def effects(name: str | None, motion: str | None, as_json: bool) -> object:
       automarine effects dead-band
     """
     from automarine_cli.workflows.effects import effects as workflow
+    from automarine_cli.workflows.effects import keep_own
 
-    result = workflow(name, motion)
+    if new is not None and name is not None:
+        raise click.UsageError("--new names the effect by its file; leave NAME out")
+    result = workflow(name, motion) if new is None else keep_own(new, overwrite=overwrite)
     options.echo_result(result, as_json=as_json, tables=result.tables(), keep_hint=None)
     return result

@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli import effects
+from automarine_cli.diagnosis.smooth import learned_term
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Found, Trial
 from automarine_cli.effects.thruster_imbalance import PARTS
@@ -43,11 +45,13 @@ class Advice:
 
 
 def split_by(study: Study, found: Found) -> dict[tuple[str, str], str]:
-    """For each rival in `found`: the run that would tell it from the effect named, by (effect, rival)."""
+    """For each rival in `found`: the run that would tell it from the effect named, by (effect, rival). What curves over
+    columns would do in runs that nobody has made is not known: of these it is what the rival's card says."""
+    curved = learned_term(found.final.model) is not None
     return {
-        (rival.replaces, rival.name): suggest(
-            study, found.final, rival.trial, rival.replaces, rival.name
-        ).sentence
+        (rival.replaces, rival.name): effects.get(rival.name).card(study.base.dof).separated_by
+        if curved or learned_term(rival.trial.model) is not None
+        else suggest(study, found.final, rival.trial, rival.replaces, rival.name).sentence
         for rival in found.rivals
     }
 

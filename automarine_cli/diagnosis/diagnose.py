@@ -7,11 +7,21 @@ import numpy as np
 
 from automarine_cli.diagnosis.estimates import detectable
 from automarine_cli.diagnosis.gap import Gap, gap
+from automarine_cli.diagnosis.learned import learn
+from automarine_cli.diagnosis.learned_curve import with_curves
 from automarine_cli.diagnosis.outlook import Outlook, outlook
 from automarine_cli.diagnosis.search import Map, search
 from automarine_cli.diagnosis.study import Study, study_of
 from automarine_cli.diagnosis.trials import Found
-from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED, NamedEffect, Verdict, named_effects, verdict_of
+from automarine_cli.diagnosis.verdict import (
+    NAMED,
+    SUSPECTED,
+    UNEXPLAINED,
+    NamedEffect,
+    Verdict,
+    named_effects,
+    verdict_of,
+)
 from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import RunError
 from automarine_cli.models.yaw_model import YawModel
@@ -96,18 +106,24 @@ def diagnose_runs(
     each = each or (lambda function, work, stage: [function(item) for item in work])
     study = study_of(fitted, base, channels=chosen.names)
     found = search(study, seed, each)
+    where = find_where(found.study, found.base, seed)
+
+    def explained(one: Found) -> bool:
+        return verdict_of(one.study, one, where, None, None).word != UNEXPLAINED
+
+    found = learn(found.study, found, seed, each, explained)
     study = found.study
     signals, sensors = study.signals, study.channels
     held_out = Study(tuple(kept), base, study.driven, signals, channels=sensors) if kept else None
-    where = find_where(study, found.base, seed)
     last = found if found.final.added else found.doubtful or found
     held_out_ahead = None if held_out is None else outlook(held_out, last.base, last.final)
     said = verdict_of(study, found, where, held_out, held_out_ahead)
     before, after = said.found.base, said.found.final
+    listed = said.word in (NAMED, SUSPECTED)
     return Diagnosis(
         study=study,
         said=said,
-        effects=named_effects(study, said.found) if said.word in (NAMED, SUSPECTED) else (),
+        effects=with_curves(said.found, named_effects(study, said.found)) if listed else (),
         where=where,
         gap=gap(study, before, after, fitted=True),
         held_out=held_out,

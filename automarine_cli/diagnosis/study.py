@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.limit_cycle import LimitCycle, limit_cycle
+from automarine_cli.diagnosis.smooth import fit_smooth, learned_term
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.prediction import Predicted, predict
@@ -215,13 +216,15 @@ class Study:
             dict(zip(near.effects.factor_names, near.factors)) if isinstance(near, MixedFit) else {}
         )
         factors = np.array([begin.get(name, 0.02) for name in problem.effects.factor_names])
+        smooth = partial(fit_smooth, model, self.sensor_floor)
+        fitted = fit_mixed if learned_term(model) is None else smooth
         if not isinstance(near, MixedFit):
-            return fit_mixed(
+            return fitted(
                 problem, start, noise=max(2 * self.sensor_floor, 1e-4), factors=factors, iterations=ITERATIONS,
                 settled=SETTLED,
             )  # fmt: skip
         run_effects = near.effects.carried(near.run_effects, problem.effects)
-        return fit_mixed(
+        return fitted(
             problem, start, noise=near.noises, factors=factors, run_effects=run_effects,
             iterations=iterations, settled=SETTLED,
         )  # fmt: skip
@@ -237,7 +240,8 @@ class Study:
         """
         if id(fit) not in self._covariances:
             try:
-                found = run_covariance(fit, self.problem(model) if isinstance(fit, MixedFit) else None)
+                exact = isinstance(fit, MixedFit) and learned_term(model) is None
+                found = run_covariance(fit, self.problem(model) if exact else None)
             except (FitError, np.linalg.LinAlgError):
                 found = run_covariance(fit)
             self._covariances[id(fit)] = (fit, found)  # the fit is kept, or another could have its id
@@ -290,5 +294,6 @@ def study_of(
         at_rest = np.array([starts_at_rest(run) for run in runs])
         driven = disturbed(runs, base, at_rest, channels)
     have = set.intersection(*(set(run.extras) for run in runs))
-    needed = {name for effect in effects.names() for name in effects.get(effect).needs}
-    return Study(tuple(runs), base, driven, tuple(sorted(needed & have)), channels=channels)
+    needed = {name for effect in effects.names() for name in effects.get(effect).needs} & have
+    needed |= {name for term in base.terms for name in effects.get(term.name).needs}
+    return Study(tuple(runs), base, driven, tuple(sorted(needed)), channels=channels)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,8 @@ class NamedRival:
 class NamedEffect:
     """An effect that is missing from the base model, with its parameters, how sure that is, and its rivals.
 
-    `law` says in which form it acts, where nature has more than one.
+    `law` says in which form it acts, where nature has more than one; `learned` is the curve (`LearnedCurve`) of one
+    that was learned.
     """
 
     name: str
@@ -71,6 +73,7 @@ class NamedEffect:
     confidence: float
     p_value: float
     rivals: tuple[NamedRival, ...]
+    learned: Any = None
 
     @property
     def few_rivals(self) -> tuple[NamedRival, ...]:

@@ -1,4 +1,8 @@
-"""The library of effects: every file in this folder is one; `get(name)` finds it, `names()` lists them."""
+"""The library of effects: every file in this folder is one; `get(name)` finds it, `names()` lists them.
+
+Beside them stand the user's own (see `own`), and curves that a diagnosis learned, "learned:VARIABLE", which no list can
+hold.
+"""
 
 import difflib
 import importlib
@@ -6,26 +10,51 @@ import pkgutil
 from functools import cache
 
 from automarine_cli.effects.base import Card, Commands, Effect, Parameter, Place, State
+from automarine_cli.effects.learned import PREFIX, learned
+from automarine_cli.effects.own import own_effect, own_files
 from automarine_cli.errors import ModelError
 
-__all__ = ["Card", "Commands", "Effect", "Parameter", "Place", "State", "get", "names"]
+__all__ = ["Card", "Commands", "Effect", "Parameter", "Place", "State", "get", "known", "library", "names"]
 
-NO_EFFECTS = ("base", "inputs", "laws")
+NOT_EFFECTS = frozenset({"base", "inputs", "laws", "learned", "own"})
+"""Files of this folder that hold no effect of the library."""
 
 
 def names() -> tuple[str, ...]:
-    """Names of all effects in the library, sorted."""
-    modules = (m.name for m in pkgutil.iter_modules(__path__) if m.name not in NO_EFFECTS)
-    return tuple(sorted(name.replace("_", "-") for name in modules))
+    """Names of all effects of the library and the user's own, sorted."""
+    return tuple(sorted({*library(), *own_files()}))
 
 
 @cache
+def library() -> tuple[str, ...]:
+    """Names of all effects in the library, sorted."""
+    found = (m.name for m in pkgutil.iter_modules(__path__) if m.name not in NOT_EFFECTS)
+    return tuple(sorted(name.replace("_", "-") for name in found))
+
+
+def known(name: str) -> bool:
+    """Whether there is an effect of that name."""
+    return name in names() or (name.startswith(PREFIX) and len(name) > len(PREFIX))
+
+
 def get(name: str) -> Effect:
-    """The effect of that name; raises ModelError with the names that there are, and the nearest ones."""
-    if name not in names():
-        near = difflib.get_close_matches(name.lower().replace("_", "-"), names(), n=3, cutoff=0.5)
-        meant = f". Did you mean {' or '.join(near)}?" if near else ""
-        raise ModelError(f"effect {name!r} is not in the library; known are {', '.join(names())}{meant}")
+    """The effect of that name; raises ModelError with the names that there are, and the nearest ones. One of the user's
+    own is run from its file."""
+    if name in library() or name.startswith(PREFIX):
+        return _of_library(name)
+    own = own_files().get(name)
+    if own is not None:
+        return own_effect(own)
+    near = difflib.get_close_matches(name.lower().replace("_", "-"), names(), n=3, cutoff=0.5)
+    meant = f". Did you mean {' or '.join(near)}?" if near else ""
+    raise ModelError(f"effect {name!r} is not in the library; known are {', '.join(names())}{meant}")
+
+
+@cache
+def _of_library(name: str) -> Effect:
+    """An effect of the library, or one that was learned."""
+    if name.startswith(PREFIX):
+        return learned(name)
     module = importlib.import_module(f"{__name__}.{name.replace('-', '_')}")
     found = [
         c for c in vars(module).values() if isinstance(c, type) and issubclass(c, Effect) and c is not Effect

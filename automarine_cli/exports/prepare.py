@@ -7,6 +7,7 @@ from typing import Any
 from automarine_cli import effects
 from automarine_cli import exports as targets
 from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import DRAG, LeftOut, Origin, Settings, Target
 from automarine_cli.exports.units import in_newton_metres
@@ -73,6 +74,8 @@ def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
     carried = target.carries_with(settings) if target.carries_with else target.carries
     if effect.varies(term.values) and not target.varying:
         return "it differs from run to run"
+    if term.name.startswith(PREFIX) and PREFIX in carried:
+        return ""
     if term.name in carried:
         law = effect.law(term.values)
         known = (

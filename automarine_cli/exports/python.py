@@ -7,9 +7,10 @@ letters of position and rate, {F} for that of force or moment, {force} for its w
 
 from automarine_cli import effects
 from automarine_cli.effects.base import Parameter
+from automarine_cli.effects.learned import PREFIX, Learned
 from automarine_cli.exports import planar_python
 from automarine_cli.exports.base import Planar, Target, Written, YawSubject, commented, head, number, plain
-from automarine_cli.exports.python_terms import LAWS, LINES, STATES, Lines
+from automarine_cli.exports.python_terms import LAWS, LINES, STATES, Lines, curve_constants, curve_lines
 from automarine_cli.models.yaw_model import Term
 
 STEP = 0.02  # s: the longest step of the integrator
@@ -20,10 +21,10 @@ FILE = '''{head}import numpy as np
 
 {constants}
 
-def simulate(time, {given}, {x}0=0.0, {v}0=0.0):
+def simulate(time, {given}, {x}0=0.0, {v}0=0.0{more}):
     """{title} as it is read [{base_unit}] and {speed} [{base_unit}/s] at `time` [s] under `{given}` [{unit}], all (N,).
 
-    {given}[i] holds from time[i] to time[i + 1]; before time[0] there is none.
+    {given}[i] holds from time[i] to time[i + 1]; before time[0] there is none.{columns}
     """
 '''
 BODY = """    time, {given} = np.asarray(time, float), np.asarray({given}, float)
@@ -52,6 +53,7 @@ def write(subject: YawSubject) -> Written:
     terms, values, own = subject.model.terms, subject.values, letters(subject)
     written = [lines_of(subject, term) for term in terms]
     more = ["n"] * ("thruster-lag" in values) + ["water"] * ("water-swirl" in values)
+    logged = [name for term in terms for name in effects.get(term.name).needs]
     laws = [(term.name, effects.get(term.name).law(term.values)) for term in terms]
     more += [STATES[law] for law in laws if law in STATES]
     lag, *_, fall = values.get("thruster-lag", (STEP / SHARE, 1.0))
@@ -61,6 +63,8 @@ def write(subject: YawSubject) -> Written:
         "constants": inertia(subject) + "".join(constants(subject, term) for term in terms),
         "title": own["position"].capitalize(),
         "unit": subject.model.moment_unit,
+        "more": ", **columns" if logged else "",
+        "columns": f" So does columns[{logged[0]!r}][i]." if logged else "",
     }
     body = own | {
         "slope": indented(slope_of(subject, written, more), 8),
@@ -114,7 +118,10 @@ def equation(subject: YawSubject) -> str:
 
 def lines_of(subject: YawSubject, term: Term) -> Lines:
     """The lines of one term with the names of its constants in them."""
-    lines = LAWS.get((term.name, effects.get(term.name).law(term.values)), LINES[term.name])
+    effect = effects.get(term.name)
+    if isinstance(effect, Learned):
+        return curve_lines(term.values, effect.variable).filled(letters(subject))
+    lines = LAWS.get((term.name, effect.law(term.values)), LINES[term.name])
     # a name that is a symbol of the motion stands in the lines by what it is
     names = {p.name.strip("{}"): constant(subject, term, p) for p in effects.get(term.name).parameters}
     return lines.filled({**letters(subject), **names})
@@ -144,6 +151,8 @@ def constant_of_inertia(subject: YawSubject) -> str:
 def constants(subject: YawSubject, term: Term) -> str:
     """One line for each parameter that counts: name, value, unit and meaning. Choices of law are in the equation."""
     effect = effects.get(term.name)
+    if isinstance(effect, Learned):
+        return curve_constants(term.values, effect.variable)
     lines = zip(
         effect.parameters, effect.card(subject.dof, subject.model.moment_unit).parameters, term.values
     )
@@ -171,7 +180,7 @@ TARGET = Target(
     says="one file of Python and numpy with simulate()",
     source="automarine effects NAME",
     forms={"simulate": ".py"},
-    carries=frozenset(LINES),
+    carries=frozenset({*LINES, PREFIX}),
     laws=frozenset(LAWS),
     si=False,
     uses=frozenset({"newton_metres_per_nu"}),

@@ -5,11 +5,16 @@ In the lines stand s for the rate through the water, t and time for the times, a
 What is not here needs a logged column or differs from run to run.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from automarine_cli.effects.coulomb_drag import CREEP
 from automarine_cli.effects.dead_band import EDGE
+from automarine_cli.effects.learned import FIRST, Variable, basis
+
+CURVE_POINTS = 101
 
 
 @dataclass(frozen=True)
@@ -143,3 +148,37 @@ LAWS: Mapping[tuple[str, int], Lines] = {
 
 STATES: Mapping[tuple[str, int], str] = {("battery-sag", 1): "load"}
 """Names of states, beside those of every law of an effect."""
+
+
+def curve_lines(values: Sequence[float], variable: Variable) -> Lines:
+    """A learned curve over its variable, as a table between whose points straight lines go."""
+    own = {
+        "state.relative": "s",
+        "state.delivered": "{F}",
+        "state.travelled": "({x} - {x}0)",
+        "state.time": "(t - time[0])",
+    }
+    column = repr(variable.name).replace("{", "{{").replace("}", "}}")
+    elsewhere = f"{{x}} % {variable.turn!r}" if variable.turn else f"columns[{column}][i]"
+    read = own.get(variable.code, elsewhere)
+    size = f"abs({read})" if variable.sized else read
+    found = f"np.interp({size}, CURVE_X, CURVE_Y)"
+    if values[-1] > 0.5:
+        return Lines(moment=f"+ {{F}} * {found}")
+    return Lines(moment=f"+ np.sign({read}) * {found}" if variable.sized else f"+ {found}")
+
+
+def curve_constants(values: Sequence[float], variable: Variable) -> str:
+    """The table of a learned curve: its variable, and the moment or the share of the thrust."""
+    low, high, size = values[:3]
+    closed, gain = bool(variable.turn), values[-1] > 0.5
+    x = np.linspace(low, high, CURVE_POINTS)
+    y = basis(x, low, high, closed=closed) @ np.array(values[FIRST:-1]) * (1.0 if gain else size)
+    rows = {"CURVE_X": (x, variable.name), "CURVE_Y": (y, "share of the thrust" if gain else "what it adds")}
+    text = ""
+    for name, (column, says) in rows.items():
+        numbers = [f"{number:.6g}" for number in column]
+        lines = [", ".join(numbers[i : i + 10]) for i in range(0, len(numbers), 10)]
+        said = " ".join(says.split())
+        text += f"{name} = np.array([  # {said}\n" + "".join(f"    {line},\n" for line in lines) + "])\n"
+    return text

@@ -11,7 +11,7 @@ from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Commands
 from automarine_cli.filters.nodes import nodes_of, readings_of, step_of
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.batch import Channel, padded, unit_of
+from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
 
 Floats = NDArray[np.float64]
 
@@ -211,7 +211,7 @@ def _lay(
         early=float(run.time[0] - edges[0]),
         at=at,
         part=np.clip((node - edges[at]) / np.diff(edges)[at], 0.0, 1.0),
-        signals={name: mean(run.extras[name]) for name in signals},
+        signals={name: mean(signals_of([run], name)[0]) for name in signals},
         values=values,
         seen=seen,
         noise=noise,

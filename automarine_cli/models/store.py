@@ -200,7 +200,7 @@ def _effects(data: object, where: str, dof: Dof) -> list[tuple[str, tuple[float,
         entry = object_at(item, place)
         _refuse_unknown(entry, _effect_keys, place, dof)
         name = needed(entry, "name", place, dof.name)
-        if not isinstance(name, str) or name not in effects.names():
+        if not isinstance(name, str) or not effects.known(name):
             raise ModelError(
                 f"{place}.name: found {_told(name)}, expected one of {', '.join(effects.names())}"
             )

@@ -39,6 +39,7 @@ def alternatives(dof: Dof) -> dict[str, str]:
         "where": f"Where the gap between simulated and measured {words.position} is: against each variable that stands "
         "out",
         "why": f"Evidence for each effect of the library, and how the runs' own drag and {words.inertia} drift",
+        "learned": "What no effect of the library does: the curve that was learned, with its 95 % band",
         "before_after": "The gap before and after the missing effect was added, against the noise of the "
         f"{words.position}",
     }

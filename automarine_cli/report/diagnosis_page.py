@@ -16,6 +16,7 @@ from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED, UNEXPLAINED, WELL
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.channel_noise import fit_sentences
+from automarine_cli.report.diagnosis_learned import learned_lines
 from automarine_cli.report.diagnosis_page_tables import (
     MOST_REGIONS,
     budget_table,
@@ -129,6 +130,7 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
             f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}."
         )
     lines += filter(None, [effect.other_rivals])
+    lines += [] if effect.learned is None else learned_lines(effect.learned, len(diagnosis.study.runs))
     return "\n\n".join([*lines, f"Source: {law.source}."])
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs.canonical import names_of
+from automarine_cli.quantities import CLOCK, SINCE
 from automarine_cli.runs.noise import median, position_noise
 
 Floats = NDArray[np.float64]
@@ -101,6 +102,19 @@ class Run:
     def channel(self, quantity: str) -> Floats | None:
         """What a sensor logged, (N,) [base units], NaN where it has no reading; None where there is no such sensor."""
         return self.position if quantity == self.dof.position else self.extras.get(quantity)
+
+    def signal(self, name: str) -> Floats | None:
+        """What effects may need of a log, (N,): a column, the campaign's clock, or the time since the command last
+        changed [s], both by their names; None where there is no such column."""
+        if name == CLOCK:
+            return self.time
+        return self.since_change if name == SINCE else self.extras.get(name)
+
+    @cached_property
+    def since_change(self) -> Floats:
+        """Time since the command last changed, or since the first sample [s], (N,)."""
+        changed = np.append(True, np.diff(self.command) != 0)
+        return self.time - self.time[np.maximum.accumulate(np.where(changed, np.arange(len(self)), 0))]
 
     @cached_property
     def sample_period(self) -> float:

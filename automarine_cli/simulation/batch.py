@@ -170,7 +170,7 @@ def make_batch(
         before=np.array([[[_held_before(run, dof)] for run in runs] for dof in motion.dofs]),
         window=((np.cumsum(lengths, axis=1) - 0.5 * lengths) / WINDOW).astype(int),
         moment_unit=unit,
-        signals={n: padded([run.extras[n][g.held] for run, g in zip(runs, grids)], steps) for n in signals},
+        signals={n: padded([s[g.held] for s, g in zip(signals_of(runs, n), grids)], steps) for n in signals},
     )
 
 
@@ -186,10 +186,15 @@ def unit_of(runs: Sequence[Run], signals: Sequence[str] = ()) -> str:
             "--columns"
         )
     for run in runs:
-        missing = [name for name in signals if name not in run.extras]
+        missing = [name for name in signals if run.signal(name) is None]
         if missing:
             raise RunError(f"{run.source}, run {run.name!r}: the model needs {lacking_signal(missing[0])}")
     return units.pop()
+
+
+def signals_of(runs: Sequence[Run], name: str) -> list[Floats]:
+    """A signal of every run that has it, (N,) each."""
+    return [found for run in runs if (found := run.signal(name)) is not None]
 
 
 def padded(rows: Sequence[NDArray[Any]], width: int) -> NDArray[Any]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.estimates import base_estimates
+from automarine_cli.diagnosis.formula_file import learned_json
 from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.errors import SettingError
 from automarine_cli.fits.channel_noise import channels_json, fit_sentences
@@ -32,6 +33,7 @@ from automarine_cli.runs.stuck import without_stuck
 from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.workflows.diagnose_planar import PlanarDiagnosis, diagnose_planar
 from automarine_cli.workflows.diagnose_thrusters import ThrusterDiagnosis, diagnose_thrusters, is_thruster_map
+from automarine_cli.workflows.effects import own_inputs
 from automarine_cli.workflows.extended_model import extended_model
 from automarine_cli.workflows.moments import with_moments
 
@@ -61,7 +63,9 @@ class YawDiagnosis(Shown):
             **{key: text for key in ("why", "left") if (text := getattr(self.diagnosis.said, key))},
             "model": self.stored.preferred,
             f"{dof.words.force}_unit": self.stored.moment_unit,
-            "effects": [_effect_json(effect) for effect in self.diagnosis.effects],
+            "effects": [
+                _effect_json(effect, len(self.diagnosis.study.runs)) for effect in self.diagnosis.effects
+            ],
             "where": [region.to_json(dof) for region in self.diagnosis.where.regions],
             "gap": {
                 "fitted_runs": self.diagnosis.gap.to_json(dof),
@@ -126,7 +130,7 @@ class YawDiagnosis(Shown):
         )
 
 
-def _effect_json(effect: NamedEffect) -> dict[str, Any]:
+def _effect_json(effect: NamedEffect, runs: int) -> dict[str, Any]:
     return {
         "name": effect.name,
         **({"law": effect.law} if effect.law else {}),
@@ -135,6 +139,7 @@ def _effect_json(effect: NamedEffect) -> dict[str, Any]:
         "confidence": effect.confidence,
         "p_value": effect.p_value,
         "rivals": [asdict(rival) for rival in effect.rivals],
+        **({} if effect.learned is None else {"learned": learned_json(effect.learned, runs)}),
     }
 
 
@@ -190,6 +195,7 @@ def diagnose(
     inputs = [Input(file.name, file.path) for file in files]
     inputs += [Input(file.name, file.path, "hold_out") for file in more]
     inputs += given_as(model=model, columns=columns, dbc=names.database, thrusters=thrusters)
+    inputs += own_inputs()
     options = {
         "model": model,
         "hold_out": [file.name for file in more],

@@ -40,6 +40,7 @@ from automarine_cli.runs.channels import (
 from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
 from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.runs.undriven import without_undriven
+from automarine_cli.workflows.effects import own_inputs
 from automarine_cli.workflows.moments import moment_maker
 
 SCHEMA = "automarine/validation/1"
@@ -200,6 +201,7 @@ def validate(
     }
     inputs = [Input(file.name, file.path) for file in campaign.inputs]
     inputs += given_as(model=model, columns=columns, dbc=names.database, thrusters=thrusters)
+    inputs += own_inputs()
     with result_folder(
         out, command="validate", options=options, inputs=inputs, seed=seed, overwrite=overwrite
     ) as folder:
@@ -233,11 +235,12 @@ def _usable(
 def _complete(run: Run, signals: Sequence[str]) -> None:
     """Refuse a run without a value of each signal at each sample."""
     for name in signals:
-        if name not in run.extras:
+        signal = run.signal(name)
+        if signal is None:
             raise RunError(
                 f"an effect of the model needs the {lacking_signal(name, '; map it with --columns')}"
             )
-        missing = int(np.count_nonzero(~np.isfinite(run.extras[name])))
+        missing = int(np.count_nonzero(~np.isfinite(signal)))
         if missing:
             raise RunError(
                 f"an effect of the model needs {name!r} in every row; {missing} rows lack it. Complete the column, or "

@@ -1,0 +1,101 @@
+"""A formula as a file of the library of effects: what `automarine effects --new` takes."""
+
+import re
+from typing import Any
+
+from automarine_cli.diagnosis.formula import Formula, formula_of
+from automarine_cli.diagnosis.learned_curve import LearnedCurve
+
+FILE = '''"""{what}: {text}, proposed from a learned curve."""
+
+import numpy as np
+
+from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place, State
+
+
+class {title}(Effect):
+    """{text}, x = {variable}."""
+
+    name = {name!r}
+    place = Place.MOMENT
+    parameters = (
+{parameters}
+    )
+    equation = {equation!r}
+    says = {says!r}
+    reveals = {reveals!r}
+    mistaken_for = ()
+    separated_by = {separated!r}
+    source = "a curve that automarine diagnose learned; look for the physics of it"
+    parity = MIXED
+    needs = {needs!r}
+    steered = {steered}
+
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
+        {names} = values
+        x = {read}
+        return {code}
+'''
+
+
+def file_name(curve: LearnedCurve, formula: Formula) -> str:
+    """The name under which the effect's file has to be kept."""
+    return f"{_name(curve, formula).replace('-', '_')}.py"
+
+
+def effect_file(curve: LearnedCurve, formula: Formula) -> str:
+    """The text of a file that holds the formula as an effect."""
+    gain, form = curve.kind == "gain", formula.form
+    plain, code = formula.text, form.code + (" + c" if formula.constant else "")
+    read = f"np.abs({curve.read})" if curve.sized else curve.read
+    code = (
+        f"state.delivered * ({code})"
+        if gain
+        else f"np.sign({curve.read}) * ({code})"
+        if curve.sized
+        else code
+    )
+    variable = curve.variable.replace("{", "{{").replace("}", "}}")
+    rows = []
+    for name, estimate in formula.parameters.items():
+        value = float(f"{estimate.value:.4g}")
+        if name in form.shape:
+            rows.append(f'Parameter("{name}", "shape", "", -np.inf, np.inf, {value!r}, scan=({value!r},)),')
+        else:
+            unit = "1" if gain else "{force}"
+            rows.append(f'Parameter("{name}", "coefficient", "{unit}", -np.inf, np.inf, {value!r}),')
+    equation = f"{{f}}_delivered ({plain})" if gain else f"sgn(x) ({plain})" if curve.sized else plain
+    name = _name(curve, formula)
+    return FILE.format(
+        what="Thrust times" if gain else "A moment",
+        text=plain,
+        title="".join(part.capitalize() for part in name.split("-")),
+        variable=re.sub(r"[^\w .()/-]", " ", curve.variable),
+        name=name,
+        parameters="\n".join(f"        {row}" for row in rows),
+        equation=f"{equation}, x = {'size of ' if curve.sized else ''}{variable}",
+        says=f"The {{force}} depends on {variable}.",
+        reveals=f"the same {{forces}} over the whole range of {variable}",
+        separated=f"runs in which {variable} changes and all else stays as it is",
+        needs=curve.needs,
+        steered="state.position" in curve.read or "state.travelled" in curve.read,
+        names=", ".join(formula.parameters) + ("," if len(formula.parameters) == 1 else ""),
+        read=read,
+        code=code,
+    )
+
+
+def _name(curve: LearnedCurve, formula: Formula) -> str:
+    """The effect's name: its variable, and its form."""
+    variable = re.sub(r"[^a-z0-9]+", "-", curve.variable.lower()).strip("-") or "x"
+    return f"own-{variable}-{formula.form.name}"
+
+
+def learned_json(curve: LearnedCurve, runs: int) -> dict[str, Any]:
+    """The contract's form of a curve learned from so many runs, with its formula, null where no form fits."""
+    formula = formula_of(curve, runs)
+    told = None
+    if formula is not None:
+        file = {"file": file_name(curve, formula), "effect": effect_file(curve, formula)}
+        told = formula.to_json() | file
+    return {**curve.to_json(), "formula": told}

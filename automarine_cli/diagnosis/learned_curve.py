@@ -1,0 +1,135 @@
+"""What was learned, to be shown: the curve with its band, and what the verdict says of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from automarine_cli import effects
+from automarine_cli.diagnosis.smooth import elsewhere, learned_term, places, prior_of
+from automarine_cli.diagnosis.trials import Found, Trial
+from automarine_cli.diagnosis.verdict import NamedEffect
+from automarine_cli.effects.learned import FIRST, KINDS, PREFIX, Learned, basis
+from automarine_cli.fits.mixed_model import MixedFit
+
+Floats = NDArray[np.float64]
+
+POINTS = 61
+"""Places at which a curve is told."""
+
+
+@dataclass(frozen=True)
+class LearnedCurve:
+    """A curve over `variable` [`unit`]: `y` (POINTS,) at `x` [`y_unit`], with its 95 % band from `low` to `high`.
+
+    It is in the gauge of the fit: of a gain the mean is in inertia and drag, of a moment over the speed what drag of
+    the model would do is in that. `values` (K,) at the `knots` (K,) have the posterior covariance `covariance` (K, K);
+    the data alone say of them `information` (K, K) and `pull` (K,). `other` (n, K) are the curves that other terms of
+    the model are.
+    """
+
+    variable: str
+    unit: str
+    kind: str
+    y_unit: str
+    x: Floats
+    y: Floats
+    low: Floats
+    high: Floats
+    knots: Floats
+    values: Floats
+    covariance: Floats
+    information: Floats
+    pull: Floats
+    other: Floats
+    sized: bool
+    needs: tuple[str, ...]
+    read: str
+
+    @property
+    def range(self) -> float:
+        """Largest less smallest value of the curve."""
+        return float(np.ptp(self.y))
+
+    def to_json(self) -> dict[str, Any]:
+        """The contract's form."""
+        return {
+            "variable": self.variable,
+            "unit": self.unit,
+            "kind": self.kind,
+            "y_unit": self.y_unit,
+            "x": self.x.tolist(),
+            "y": self.y.tolist(),
+            "low": self.low.tolist(),
+            "high": self.high.tolist(),
+        }
+
+
+def curve_of(trial: Trial, floor: float) -> LearnedCurve | None:
+    """The learned curve of a trial in which noise of `floor` was expected; None where it has none."""
+    inside = learned_term(trial.model)
+    if inside is None or not isinstance(trial.fit, MixedFit):
+        return None
+    model, term = trial.model, trial.model.terms[inside]
+    effect = effects.get(term.name)
+    assert isinstance(effect, Learned)
+    low, high, size, _ = term.values[:FIRST]
+    gain, variable = term.values[-1] > 0.5, effect.variable
+    at = places(model)
+    covariance, values = trial.fit.covariance[np.ix_(at, at)], trial.fit.theta[at]
+    stiff = np.linalg.inv(covariance)
+    own = prior_of(trial.fit, model, floor)
+    scale = 1.0 if gain else size
+    x = np.linspace(low, high, POINTS)
+    shape = basis(x, low, high, closed=bool(variable.turn))
+    y = shape @ values * scale
+    half = stats.norm.ppf(0.975) * scale * np.sqrt(np.einsum("nk,kj,nj->n", shape, covariance, shape))
+    count = len(values)
+    return LearnedCurve(
+        variable=term.name.removeprefix(PREFIX),
+        unit=model.dof.unit_in(variable.unit, model.moment_unit),
+        kind=KINDS[int(gain)],
+        y_unit="1" if gain else model.moment_unit,
+        x=x,
+        y=y,
+        low=y - half,
+        high=y + half,
+        knots=np.linspace(low, high, count + bool(variable.turn))[:count],
+        values=values * scale,
+        covariance=covariance * scale**2,
+        information=(stiff - own) / scale**2,
+        pull=stiff @ values / scale,
+        other=elsewhere(model, term),
+        sized=variable.sized,
+        needs=variable.needs,
+        read=variable.code,
+    )
+
+
+def with_curves(found: Found, named: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:
+    """The effects named with what was learned, and a sentence that says whether it is thrust or a moment."""
+    curve = curve_of(found.final, found.study.sensor_floor)
+    return tuple(
+        replace(one, learned=curve, says=sentence(curve, found))
+        if curve is not None and one.name == PREFIX + curve.variable
+        else one
+        for one in named
+    )
+
+
+def sentence(curve: LearnedCurve, found: Found) -> str:
+    """What the verdict says of a curve."""
+    dof = found.final.model.dof
+    if curve.kind == KINDS[1]:
+        what = (
+            f"The thrust depends on {curve.variable}: it differs by {100 * curve.range:.2g} % over its range"
+        )
+    else:
+        what = (
+            f"A {dof.words.force} depends on {curve.variable}: it differs by {curve.range:.2g} {curve.y_unit} over "
+            "its range"
+        )
+    return f"{what}; no effect of the library does this."

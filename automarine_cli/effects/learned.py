@@ -1,0 +1,233 @@
+"""A dependence that no law of the library has: a smooth curve over one variable, learned from the logs.
+
+`learned("water_temp_C")` makes the effect of a variable; its name is "learned:water_temp_C". The curve is a cubic
+spline through values at KNOTS places, equally far apart from `low` to `high`, and constant beyond; over an angle
+it closes on itself. Which curve is likely is said by its `spread` alone, see `roughness`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place, State
+from automarine_cli.errors import ModelError
+from automarine_cli.quantities import CLOCK, SINCE
+
+PREFIX = "learned:"
+KNOTS = 10
+FIRST = 4
+"""Place of the curve's first value among the parameters; what stands before them is not fitted."""
+TIME = "time-in-run"
+KINDS = ("moment", "gain")
+"""What a curve may be: a moment (or force) of its own, or a relative gain on the thrust delivered."""
+STEEP, LEVEL = 0.1, 0.01
+"""How much a slope and a level count beside the curvature in `roughness`."""
+
+Read = Callable[[State], Floats]
+
+
+@dataclass(frozen=True)
+class Variable:
+    """What a curve runs over: its unit (a template), how it is read from the state and the `code` that reads it, the
+    kinds that are tried.
+
+    Where `sized` only its size counts, and a moment has its sign; `turn` is where it closes on itself; `steered`,
+    `placed` and `needs` as those of an effect, `motions` the names of the degrees of freedom that have it.
+    """
+
+    name: str
+    unit: str
+    read: Read
+    kinds: tuple[str, ...] = KINDS
+    sized: bool = False
+    turn: float = 0.0
+    steered: bool = False
+    placed: bool = False
+    needs: tuple[str, ...] = ()
+    motions: tuple[str, ...] = tuple(DOFS)
+    code: str = ""
+
+
+def hyphened(words: str) -> str:
+    """Words as the name of a variable."""
+    return words.replace(" ", "-")
+
+
+def variable_of(name: str) -> Variable:
+    """The variable of that name: of the motion, of its command, a time, or else a logged column."""
+    return _own(name) or Variable(
+        name, "", lambda state: state.signals[name], needs=(name,), code=f"state.signals[{name!r}]"
+    )
+
+
+def _own(name: str) -> Variable | None:
+    """A variable that needs no column of the log."""
+    if name == TIME:
+        return Variable(name, "s", lambda state: state.time, code="state.time")
+    if name == CLOCK:
+        return Variable(
+            name, "s", lambda state: state.signals[name], needs=(name,), code=f"state.signals[{name!r}]"
+        )
+    if name == SINCE:
+        return Variable(
+            name, "s", lambda state: state.signals[name], kinds=KINDS[1:], needs=(name,),
+            code=f"state.signals[{name!r}]",
+        )  # fmt: skip
+
+    def those(of: Callable[[Dof], str]) -> tuple[str, ...]:
+        return tuple(dof.name for dof in DOFS.values() if hyphened(of(dof)) == name)
+
+    turning = tuple(one for one in those(lambda dof: dof.words.position) if DOFS[one].wraps)
+    if moving := those(lambda dof: dof.words.rate):
+        return Variable(
+            name, "{x}/s", lambda state: state.relative, sized=True, motions=moving, code="state.relative"
+        )
+    if moving := those(lambda dof: dof.words.force):
+        return Variable(
+            name,
+            "{force}",
+            lambda state: state.delivered,
+            KINDS[1:],
+            sized=True,
+            motions=moving,
+            code="state.delivered",
+        )
+    if moving := those(lambda dof: dof.words.travelled):
+        return Variable(
+            name, "{x}", lambda state: state.travelled, steered=True, motions=moving, code="state.travelled"
+        )
+    if turning:
+        turn = DOFS[turning[0]].turn
+        return Variable(
+            name, "{x}", lambda state: state.position % turn, turn=turn, steered=True, placed=True,
+            motions=turning, code=f"state.position % {turn!r}",
+        )  # fmt: skip
+    return None
+
+
+class Learned(Effect):
+    """f(x) or f(x) times the thrust; `learned` makes one for a variable x."""
+
+    place = Place.MOMENT
+    mistaken_for = ()
+    source = "Wood (2017), Generalized Additive Models, sections 5 and 6 (penalised splines, smoothness by likelihood)"
+    parity = MIXED
+    variable: Variable
+
+    def acts_in(self, dof: Dof) -> bool:
+        return dof.name in self.variable.motions
+
+    def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
+        low, high, size, _, *curve, kind = values
+        x = self.variable.read(state)
+        side: Floats | float = 1.0
+        if self.variable.sized:
+            x, side = np.abs(x), np.sign(x)
+        found = spline(x, low, high, curve, closed=bool(self.variable.turn))
+        return np.asarray(np.where(kind > 0.5, state.delivered, size * side) * found)
+
+
+def spline(x: Floats, low: Floats, high: Floats, values: list[Floats], *, closed: bool) -> Floats:
+    """The curve through `values`, K arrays that broadcast with `x`, at equal steps from `low` to `high`.
+
+    The cubic spline, constant beyond; where `closed` the first value comes again at `high`.
+    """
+    count = len(values)
+    pieces = count if closed else count - 1
+    at = pieces * (x - low) / (high - low)
+    at = at % pieces if closed else np.clip(at, 0.0, pieces)
+    knots = np.stack(np.broadcast_arrays(*values))
+    bent = np.tensordot(_BENT[closed], knots, axes=1)
+    shape = np.broadcast_shapes(at.shape, knots.shape[1:])
+    piece = np.minimum(np.nan_to_num(at, posinf=0.0, neginf=0.0).astype(int), pieces - 1)  # of runaways none
+    left = np.broadcast_to(piece, shape)[None]
+    right = (left + 1) % count
+    u = np.broadcast_to(at, shape) - left[0]
+    every, bends = (np.broadcast_to(one, (count, *shape)) for one in (knots, bent))
+
+    def pick(one: Floats, where: NDArray[np.int64]) -> Floats:
+        return np.asarray(np.take_along_axis(one, where, axis=0)[0])
+
+    v = 1.0 - u
+    straight = v * pick(every, left) + u * pick(every, right)
+    return np.asarray(straight + ((v**3 - v) * pick(bends, left) + (u**3 - u) * pick(bends, right)) / 6.0)
+
+
+def _bending(count: int, closed: bool) -> Floats:
+    """From values at knots one apart to second derivatives there, (K, K): the first two and the last two pieces are one
+    cubic (de Boor's not-a-knot), so that drag by powers of the speed is such a curve; unless closed."""
+    before, after = np.roll(np.eye(count), 1, axis=0), np.roll(np.eye(count), -1, axis=0)
+    second = before - 2.0 * np.eye(count) + after
+    equations, rises = 6.0 * np.eye(count) + second, 6.0 * second
+    if not closed:
+        equations[[0, -1]], rises[[0, -1]] = second[[1, -2]], 0.0
+    return np.asarray(np.linalg.solve(equations, rises), dtype=np.float64)
+
+
+_BENT = {closed: _bending(KNOTS, closed) for closed in (False, True)}
+
+
+def basis(x: Floats, low: float, high: float, *, closed: bool) -> Floats:
+    """What each of the KNOTS values adds to the curve at `x` (n,): (n, KNOTS)."""
+    rows = [np.full(1, one) for one in np.eye(KNOTS).ravel()]
+    columns = [rows[k * KNOTS : (k + 1) * KNOTS] for k in range(KNOTS)]
+    ends = np.full(1, low), np.full(1, high)
+    return np.stack([spline(x, *ends, column, closed=closed) for column in columns], axis=1)
+
+
+def roughness(closed: bool) -> Floats:
+    """Prior precision of the values of a curve of spread one, (KNOTS, KNOTS): Gaussian second differences of standard
+    deviation one, with slopes and the level all but free."""
+    after = np.roll(np.eye(KNOTS), -1, axis=0)
+    slope = after - np.eye(KNOTS)
+    curve = after - 2.0 * np.eye(KNOTS) + after.T
+    if not closed:
+        slope, curve = slope[:-1], curve[1:-1]
+    return curve.T @ curve + STEEP * slope.T @ slope + LEVEL * np.eye(KNOTS)
+
+
+def learned(name: str) -> Effect:
+    """The effect of a variable by its whole name, "learned:VARIABLE". Raises ModelError where that names none."""
+    own = name.removeprefix(PREFIX)
+    if not own or own == name:
+        raise ModelError(f"effect {name!r}: expected learned: and a variable, such as learned:yaw-rate")
+    variable = variable_of(own)
+    text = own.replace("{", "{{").replace("}", "}}")
+    knots = tuple(
+        Parameter(f"y{k}", f"the curve at knot {k} of {KNOTS}", "1", -np.inf, np.inf, 0.0)
+        for k in range(1, KNOTS + 1)
+    )
+    members = {
+        "name": name,
+        "variable": variable,
+        "parameters": (
+            Parameter(
+                "low", f"{text} at the first knot", variable.unit, -np.inf, np.inf, 0.0, reference="logs"
+            ),
+            Parameter(
+                "high", f"{text} at the last knot", variable.unit, -np.inf, np.inf, 1.0, reference="logs"
+            ),
+            Parameter(
+                "size", "{force} of which a curve of {forces} is told in shares", "{force}", 0.0, np.inf, 1.0,
+                reference="moment",
+            ),
+            Parameter(
+                "spread", "how much neighbouring slopes of the curve may differ", "1", 0.0, np.inf, 1.0,
+                reference="logs",
+            ),
+            *knots,
+            Parameter("kind", "what the curve is", "1", 0.0, 1.0, 0.0, choices=KINDS),
+        ),
+        "equation": f"y({text}) times {{f}}_delivered, or times the size",
+        "says": f"The {{force}} depends on {text}; no effect of the library does this.",
+        "reveals": f"the same {{forces}} over the whole range of {text}",
+        "separated_by": f"runs in which {text} changes and all else stays as it is",
+        "steered": variable.steered,
+        "placed": variable.placed,
+        "needs": variable.needs,
+    }  # fmt: skip
+    made: Effect = type("Learned", (Learned,), members)()
+    return made
