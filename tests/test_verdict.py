@@ -9,7 +9,7 @@ from effect_contract import base_for, planted, short_plans
 from automarine_cli.diagnosis import diagnose, search
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.scores import Scores
-from automarine_cli.diagnosis.trials import WEAK
+from automarine_cli.diagnosis.trials import WEAK, Compensating
 from automarine_cli.report.diagnosis_tables import verdict_sentence
 from automarine_cli.report.figures.diagnosis_words import verdict
 from automarine_cli.runs.run import Run
@@ -80,3 +80,11 @@ def test_a_variable_that_stands_out_is_named_where_no_effect_gains(monkeypatch: 
     found = diagnosed(runs, [], monkeypatch)
     assert found.verdict == "unexplained" and found.where.regions
     assert found.where.regions[0].variable in found.said.why and "No effect of the library" in found.said.why
+
+
+def test_effects_that_undo_each_other_are_only_suspected(monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = Compensating((NAME, SMALL), 0.93, 0.1)
+    monkeypatch.setattr(search, "compensating", lambda *of: (pair,))
+    found = diagnosed(campaign(NAME), [], monkeypatch)
+    assert found.verdict == "suspected" and found.said.why == pair.says and "93" in pair.says.replace(".", "")
+    assert found.said.leaves is found.found.base

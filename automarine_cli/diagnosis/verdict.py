@@ -140,7 +140,10 @@ def _beyond_chance(doubtful: Found) -> str:
 def _borne_out(
     study: Study, found: Found, held_out: Study | None, kept: Gap | None, ahead: Outlook | None
 ) -> str:
-    """Why runs that were not fitted do not bear the effects of a search out; empty where they do."""
+    """Why effects have not earned their names: they undo each other, or runs that were not fitted do not bear them out;
+    empty where nothing speaks against them."""
+    if found.compensating:
+        return found.compensating[0].says
     if study.driven:
         doubt = "" if ahead is None else ahead.doubt(study.base.dof)
         return f"The runs that were held out do not bear it out: {doubt}." if doubt else ""

@@ -171,6 +171,7 @@ def _why(diagnosis: Diagnosis, key: NamingKey | None) -> str:
             said.append(diagnosis.study.cycle.sentence(dof))
     if key is not None:
         said = [_drift(key.best("k"), "drag", dof), _drift(key.best("I/k"), ratio, dof)]
+    said += filter(None, [diagnosis.found.crowd])
     return "\n\n".join([table.to_markdown(), " ".join(said)])
 
 
