@@ -19,6 +19,7 @@ from effect_contract import (
     measured,
     of_law,
     planted,
+    short_plans,
     sizes_of,
     strange_to,
     texts_of,
@@ -444,3 +445,12 @@ def test_unknown_name_is_told_its_nearest(run: Callable[..., Result]) -> None:
     assert found.stderr.endswith(", water-swirl. Did you mean dead-band or thruster-dead-band?\n")
     with pytest.raises(ModelError, match=r"water-swirl$"):
         effects.get("quux")
+
+
+def test_actuators_act_in_the_order_of_the_vehicle_not_of_the_list() -> None:
+    """A dead-band is one of the command, whether it was found before the lag of the propellers or after it."""
+    base, runs = base_for(""), [unmeasured(plan, i) for i, plan in enumerate(short_plans())]
+    batch = make_batch(runs, 0.05)
+    one = base.with_effect("dead-band", [0.1, 0.0, 0.5]).with_effect("thruster-lag", [0.4, 0.0, 1.0, 1.0])
+    other = base.with_effect("thruster-lag", [0.4, 0.0, 1.0, 1.0]).with_effect("dead-band", [0.1, 0.0, 0.5])
+    assert np.array_equal(simulate(one, batch).position, simulate(other, batch).position)

@@ -50,6 +50,10 @@ ODD = "odd"
 """A mirrored campaign has all parameters negated."""
 
 
+SINGLE, TOGETHER, SLOWLY = range(3)
+"""Stages of actuators; see `Effect.stage`."""
+
+
 class Place(Enum):
     """Where an effect acts; the simulator applies the places in this order."""
 
@@ -159,8 +163,9 @@ class Effect:
     logged: ClassVar[tuple[str, ...]] = ()
     """Columns of the log of which its signals are made, where they are no columns themselves."""
 
-    single: ClassVar[bool] = False
-    """Whether it is of single thrusters: it then acts before everything that acts on what they give together."""
+    stage: ClassVar[int] = TOGETHER
+    """When an actuator acts, whatever the order in which a model lists its terms: SINGLE thrusters first, then what
+    happens at once to what they give TOGETHER, at last what follows that SLOWLY."""
 
     steered: ClassVar[bool] = False
     placed: ClassVar[bool] = False

@@ -3,7 +3,7 @@
 import numpy as np
 
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
+from automarine_cli.effects.base import SINGLE, Commands, Effect, Floats, Parameter, Place
 from automarine_cli.effects.thruster_imbalance import PARTS, each
 
 
@@ -23,7 +23,7 @@ class ThrusterDeadBand(Effect):
     source = "Blue Robotics T200 performance data (2019): no thrust within 7 to 10 % of the command range"
     needs = PARTS
     logged = ("n_port", "n_stbd")
-    single = True
+    stage = SINGLE
 
     def acts_in(self, dof: Dof) -> bool:
         return len(dof.thrusters) == 2

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place
+from automarine_cli.effects.base import SLOWLY, Commands, Effect, Floats, Law, Parameter, Place
 from automarine_cli.effects.laws import deliver_by_law
 
 SHORTEST = 1e-6  # s
@@ -20,6 +20,7 @@ class ThrusterLag(Effect):
 
     name = "thruster-lag"
     place = Place.ACTUATOR
+    stage = SLOWLY
     parameters = (
         Parameter(
             "T", "time constant; of a slew limit the time to the speed at tau_ref", "s", 0.0, 3.0, 0.15

@@ -3,7 +3,7 @@
 import numpy as np
 
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
+from automarine_cli.effects.base import SINGLE, Commands, Effect, Floats, Parameter, Place
 from automarine_cli.effects.thruster_imbalance import PARTS, each
 
 
@@ -32,7 +32,7 @@ class ThrusterLimit(Effect):
     source = "Blanke, Lindegaard and Fossen (2000), Dynamic model for thrust generation of marine propellers"
     needs = PARTS
     logged = ("n_port", "n_stbd")
-    single = True
+    stage = SINGLE
 
     def acts_in(self, dof: Dof) -> bool:
         return len(dof.thrusters) == 2

@@ -62,7 +62,7 @@ def split(
 ) -> tuple[tuple[Term, ...], tuple[LeftOut, ...]]:
     """Terms that the target carries, and the others; an effect that is switched off is nobody's loss."""
     dof = model.dof
-    live = [term for term in _merged(model.terms) if _matters(term)]
+    live = sorted(filter(_matters, _merged(model.terms)), key=lambda term: effects.get(term.name).stage)
     kept = tuple(term for term in live if not _why_not(target, term, dof, settings))
     lost = (term for term in live if term not in kept)
     return kept, tuple(LeftOut(term.name, _why_not(target, term, dof, settings)) for term in lost)

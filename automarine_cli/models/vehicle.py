@@ -48,6 +48,6 @@ class Bound:
 
 
 def actuators(terms: Sequence[Bound]) -> list[Bound]:
-    """The terms that act on commands, in the order in which they do: those of single thrusters first."""
+    """The terms that act on commands, in the order in which they do."""
     found = [term for term in terms if term.effect.place is Place.ACTUATOR]
-    return sorted(found, key=lambda term: not term.effect.single)
+    return sorted(found, key=lambda term: term.effect.stage)
