@@ -107,7 +107,7 @@ def outlook_of(
 
 
 def _growth(before: Floats, after: Floats) -> float:
-    """By how many standard errors over runs mean squares (R,) grew; without end for a single run, or runs that agree."""
+    """By how many standard errors over runs mean squares (R,) grew; infinite where all agree."""
     grown = (after - before)[np.isfinite(after - before)]
     error = float(np.std(grown, ddof=1)) / np.sqrt(len(grown)) if len(grown) > 1 else 0.0
     if error > 0:
