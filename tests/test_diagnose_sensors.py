@@ -58,7 +58,7 @@ def test_with_a_gyro_each_lag_is_named_from_steps_alone(lag: str, monkeypatch: p
     assert found.channels.names == ("heading", "yaw_rate") and found.verdict == "named"
     (named,) = found.effects
     assert (named.name, named.rivals) == (lag, ())
-    (size,) = named.parameters.values()
+    size, *_ = named.parameters.values()
     assert abs(size.value - LAGS[lag]) < 4.0 * size.stderr
     assert size.stderr < 0.05 * LAGS[lag]
     assert found.gap.before > found.gap.after and found.gap.after < 1.05 * found.gap.floor

@@ -19,6 +19,7 @@ from automarine_cli.comparison.starts import rest_state, start_states
 from automarine_cli.comparison.validation import Comparison, compare
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Parameter, Place
+from automarine_cli.models.propulsion import parts_of
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.validation_tables import overall_table
@@ -314,7 +315,8 @@ def test_start_and_restart_state_are_what_the_models_compass_shows(monkeypatch: 
 
 def test_every_effect_of_the_library_can_be_validated(stored: StoredModels) -> None:
     run = sequence_run((0.6, -0.4), hold=2.0, noise_deg=1.0)
-    run = replace(run, extras={name: np.full(len(run), 12.0) for name in ("voltage", "surge")})
+    signals = {name: np.full(len(run), 12.0) for name in ("voltage", "surge")}
+    run = replace(run, extras=signals | parts_of([0.5 * run.command, 0.5 * run.command], run.dof))
     for name in effects.names():
         model = TRUE.with_effect(name, [parameter.start for parameter in effects.get(name).parameters])
         (score,) = compare(replace(stored, models={"3": model}), [run]).models["3"].scores

@@ -48,10 +48,13 @@ def learn(study: Study, found: Found, seed: int, each: Map, explained: Callable[
     if study.driven or learned_term(study.base) is not None:
         return found
     wide = replace(study, signals=all_signals(study))
-    follow = gains_follow(wide, found.final)
     enough, count = explained(found), len(found.final.added)
-    if enough and not follow and not (count > 1 or (count and _shows(wide, found.final, seed))):
-        return found
+    if (
+        enough
+        and count < 2
+        and not (_shows(wide, found.final, seed) if count else gains_follow(wide, found.final))
+    ):
+        return found  # a law that is only somewhat off keeps its name where nothing beside it shows
     bases, most = [found.base, found.final][: 1 + bool(count)], np.inf
     if enough and count:  # a library that does as well wins
         bases = [found.base]

@@ -24,6 +24,8 @@ Floats = NDArray[np.float64]
 DRAWS = 2000
 NEAR = 0.5
 """Share of an effect's best score from which another of its laws is worth a fit."""
+ROUNDING = 1e-10
+"""Share of a column's information below which what is left is rounding."""
 SMALL = 0.03  # size at which a parameter without a start of its own is tried
 
 
@@ -204,20 +206,30 @@ def _varying_start(probe: Probe) -> Floats:
 
 
 def _project(hessian: Floats, gradient: Floats, free: NDArray[np.int64], own: int) -> tuple[Floats, Floats]:
-    """Information (m, m) and score (m,) of the candidates' columns with the model's free parameters projected off."""
+    """Information (m, m) and score (m,) of the candidates' columns with the model's free parameters projected off.
+
+    Columns of which only rounding is left are nothing: what a model follows wholly, or what these runs do not stir.
+    """
     rest = np.arange(own, len(hessian))
     grid = np.ix_(free, free)
     across = hessian[np.ix_(rest, free)]
     inverse = linear_mixed.covariance_of(hessian[grid])
     information = hessian[np.ix_(rest, rest)] - across @ inverse @ across.T
-    return 0.5 * (information + information.T), gradient[rest] - across @ inverse @ gradient[free]
+    pull = gradient[rest] - across @ inverse @ gradient[free]
+    of_size = np.diagonal(hessian)[rest]
+    left = np.diagonal(information) > ROUNDING * np.maximum(of_size, ROUNDING * of_size.max(initial=0.0))
+    return 0.5 * (information + information.T) * np.outer(left, left), pull * left
 
 
 def _draw(information: Floats, random: np.random.Generator) -> Floats:
     """Scores of null campaigns: Gaussian with the information as covariance, (DRAWS, m)."""
-    values, vectors = np.linalg.eigh(information)
+    deviation = np.sqrt(
+        np.diagonal(information)
+    )  # taken out first: large columns would lend small ones their rounding
+    unit = np.where(deviation > 0, deviation, 1.0)
+    values, vectors = np.linalg.eigh(information / np.outer(unit, unit))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    return random.standard_normal((DRAWS, len(values))) @ root.T
+    return random.standard_normal((DRAWS, len(values))) @ root.T * deviation
 
 
 def _drop(block: Floats, pull: Floats, one_sided: bool) -> tuple[Floats, Floats]:

@@ -242,7 +242,11 @@ class Effect:
     def law_at(self, values: Sequence[float]) -> Law:
         """The law that holds at these values, the first one with the effect's own equation and source."""
         law = self.law(values)
-        return self.laws[law - 1] if law else Law(self.equation, self.source, self.mistaken_for)
+        return (
+            self.laws[law - 1]
+            if 0 < law <= len(self.laws)
+            else Law(self.equation, self.source, self.mistaken_for)
+        )
 
     def counts(self, parameter: Parameter, values: Sequence[float]) -> bool:
         """Whether a parameter means anything under the law that holds at these values."""

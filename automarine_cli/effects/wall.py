@@ -20,10 +20,7 @@ class Wall(Effect):
     reveals = "whole turns, several start headings, the same run at another place of the pool"
     mistaken_for = ("heading-moment", "compass-deviation")
     separated_by = "the same run in the middle of the pool and at its wall"
-    source = (
-        "Brennen (1982), A review of added mass and fluid inertial forces, NCEL CR 82.010; Korotkin (2009), Added "
-        "Masses of Ship Structures"
-    )
+    source = "Brennen (1982), NCEL report CR 82.010; Korotkin (2009), Added Masses of Ship Structures"
     parity = MIXED
     steered = True
     placed = True
