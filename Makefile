@@ -97,8 +97,12 @@ pictures: $(READY) ## The README's figures, from sample_runs
 bench: $(READY) ## Accuracy against the Cramer-Rao bound, speed, start-up time
 	$(BIN)/python tests/benchmarks/bench.py --out $(OUT)/bench.json
 
-blind: $(READY) ## Does diagnose name what is hidden? Campaigns with a known truth made without the library; hours
-	$(BIN)/python tests/benchmarks/blind.py --out $(OUT)/blind.json
+blind: $(READY) ## Does diagnose name what is hidden? Campaigns with a known truth made without the library; hours, goes on
+	mkdir -p $(OUT)/blind
+	test -e $(OUT)/blind/key.json || $(BIN)/python tests/benchmarks/blind_frozen.py write $(OUT)/blind/campaigns --key $(OUT)/blind/key.json
+	$(BIN)/python tests/benchmarks/blind_frozen.py answer $(OUT)/blind/campaigns --answers $(OUT)/blind/answers.json --jobs $(JOBS)
+	$(BIN)/python tests/benchmarks/blind_frozen.py score $(OUT)/blind/answers.json --key $(OUT)/blind/key.json \
+	  --figure $(OUT)/blind/confusion.png
 
 closed-loop: $(READY) ## The same where a controller steers and the water disturbs
 	$(BIN)/python tests/benchmarks/closed_loop.py --jobs $(JOBS) --out $(OUT)/closed_loop.json

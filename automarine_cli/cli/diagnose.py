@@ -44,12 +44,12 @@ def diagnose(
       automarine fit-yaw sample_runs/hidden_one -o out/hidden
       automarine diagnose sample_runs/hidden_one --model out/hidden/yaw_model.json -o out/diagnosis
     """
-    from automarine_cli.workflows.diagnose import FILES, diagnose_any, terminal
+    from automarine_cli.workflows.diagnose import diagnose_any, files_of, terminal
 
     result = diagnose_any(
         logs, model=model, hold_out=hold_out, columns=columns, thrusters=thrusters, arm=arm, channels=channels, out=out,
         overwrite=overwrite, strict=strict, seed=seed, jobs=jobs, cluster=cluster,
         progress=options.terminal_progress(),
     )  # fmt: skip
-    options.echo_result(result, as_json=as_json, out=out, tables=terminal(result), files=FILES)
+    options.echo_result(result, as_json=as_json, out=out, tables=terminal(result), files=files_of(result))
     return result

@@ -24,7 +24,13 @@ from automarine_cli.report.diagnosis_page_tables import (
     gap_table,
     regions_table,
 )
-from automarine_cli.report.diagnosis_tables import counting, outlook_table, parameter_cell, verdict_sentence
+from automarine_cli.report.diagnosis_tables import (
+    counting,
+    gains_instead,
+    outlook_table,
+    parameter_cell,
+    verdict_sentence,
+)
 from automarine_cli.report.tables import MISSING, Table, interval, number
 
 LARGE_MOVE = 2.0
@@ -83,10 +89,11 @@ def _summary(diagnosis: Diagnosis) -> str:
         gap = f"gap between simulated and measured {position}"
         if diagnosis.study.driven:
             gap = f"error of the {position} predicted {JUDGED:g} s ahead from the filtered state"
-        return (
-            f"The model lacks {names}. {says} With that added the {gap} falls "
-            f"from {before} to {after} {units}; the noise of the {position} itself is {floor} {units}. "
-            + " ".join(filter(None, (said.left, f"{runs}.")))
+        falls = gains_instead(diagnosis) or (
+            f"the {gap} falls from {before} to {after} {units}; the noise of the {position} itself is {floor} {units}"
+        )
+        return " ".join(
+            filter(None, (f"The model lacks {names}. {says} With that added {falls}.", said.left, f"{runs}."))
         )
     if said.word == SUSPECTED:
         names = " and ".join(f"**{effect.name}**" for effect in diagnosis.effects)
@@ -124,7 +131,8 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     if not effect.rivals:
         sure += " No other effect of the library comes near."
     law = effects.get(effect.name).law_at([e.value for e in effect.parameters.values()])
-    lines = [effect.says, f"`{diagnosis.study.base.dof.fill(law.equation)}`", table.to_markdown(), sure]
+    told = table.to_markdown() if effect.learned is None else ""  # the knots of a curve are in the file
+    lines = [effect.says, f"`{diagnosis.study.base.dof.fill(law.equation)}`", *filter(None, [told]), sure]
     for rival in effect.few_rivals:
         lines.append(
             f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}."

@@ -4,12 +4,17 @@ from collections.abc import Iterator, Mapping
 
 from automarine_cli import effects as library
 from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.learned_curve import LearnedCurve
 from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.trials import LEVEL
 from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED, UNEXPLAINED
 from automarine_cli.fits.estimate import Estimate
+from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.diagnosis_page_tables import gap_table
 from automarine_cli.report.tables import Table, interval, number
+
+FALLS = 0.02
+"""Share of the noise by which a gap has to fall for that to be told."""
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
@@ -20,11 +25,12 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         f"{dof.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
     )
     names = " and ".join(effect.name for effect in diagnosis.effects)
+    gains = gains_instead(diagnosis)
     noise = f"noise of the {position} {floor} {unit}"
     gap = "gap" if not diagnosis.study.driven else f"error of predictions {JUDGED:g} s ahead"
     said = diagnosis.said
     if said.word == NAMED:
-        falls = f"the {gap} falls from {before} to {after} {unit} ({_beside(diagnosis, noise)})"
+        falls = gains or f"the {gap} falls from {before} to {after} {unit} ({_beside(diagnosis, noise)})"
         return f"Named: {names}; {falls}. {said.left}".strip()
     if said.word == SUSPECTED:
         return f"Suspected, not named: {names}. {said.why}"
@@ -36,6 +42,26 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             f"({_beside(diagnosis, noise)})."
         )
     return f"Nothing missing that these runs could show: gap {before} {unit}, noise of the {position} {floor} {unit}."
+
+
+def gains_instead(diagnosis: Diagnosis) -> str:
+    """What was gained where no gap could fall because each run's own gain had followed what was missing: the scatter of
+    the thrust; empty elsewhere."""
+    gap, found = diagnosis.gap, diagnosis.found
+    before, after = (100.0 * trial.fit.factor(GAIN) for trial in (found.base, found.final))
+    if diagnosis.study.driven or gap.before - gap.after > FALLS * gap.floor or after > 0.7 * before:
+        return ""
+    return (
+        f"thrust differs from run to run by {after:.1f} % instead of {before:.1f} % (the gap stays at "
+        f"{diagnosis.study.base.dof.shown(gap.after):.2f} {diagnosis.study.base.dof.units.shown}, which is noise)"
+    )
+
+
+def curve_cell(curve: LearnedCurve) -> str:
+    """A curve in a cell: between which values it goes."""
+    scale, unit = (100.0, "%") if curve.kind == "gain" else (1.0, curve.y_unit)
+    low, high = scale * curve.y.min(), scale * curve.y.max()
+    return f"{low:+.3g} to {high:+.3g} {unit} over {number(curve.x[0], 3)} to {number(curve.x[-1], 3)}"
 
 
 def _beside(diagnosis: Diagnosis, noise: str) -> str:
@@ -97,8 +123,15 @@ def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
             f"{effect.confidence:.0%}",
         )
         for effect in diagnosis.effects
+        if effect.learned is None
         for i, name, estimate in counting(effect.name, effect.parameters)
     ]
+    rows += [
+        (effect.name, f"curve of a {effect.learned.kind}", curve_cell(effect.learned), effect.learned.unit,
+         f"{effect.confidence:.0%}")
+        for effect in diagnosis.effects
+        if effect.learned is not None
+    ]  # fmt: skip
     found = diagnosis.found.rounds[0]
     best = sorted(found.trials, key=lambda trial: trial.evidence)[:5]
     evidence = Table(

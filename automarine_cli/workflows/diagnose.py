@@ -38,6 +38,7 @@ from automarine_cli.workflows.extended_model import extended_model
 from automarine_cli.workflows.moments import with_moments
 
 FILES = ("diagnosis.json", "extended_model.json", "diagnosis.md", "where.png", "why.png", "before_after.png")
+LEARNED = "learned.png"
 
 
 @dataclass(frozen=True, repr=False)
@@ -246,6 +247,14 @@ def diagnose_any(
     return diagnose(
         logs, model=model, thrusters=thrusters, arm=arm, cluster=cluster, channels=channels, **settings
     )
+
+
+def files_of(result: "YawDiagnosis | ThrusterDiagnosis | PlanarDiagnosis") -> tuple[str, ...]:
+    """The files of either kind of diagnosis."""
+    curve = isinstance(result, YawDiagnosis) and any(
+        one.learned is not None for one in result.diagnosis.effects
+    )
+    return (*FILES, LEARNED) if curve else FILES
 
 
 def terminal(result: "YawDiagnosis | ThrusterDiagnosis | PlanarDiagnosis") -> list[Table | str]:

@@ -3,7 +3,8 @@
 The campaigns come from blind_truth.py and blind_cases.py, which know nothing of the library's equations. Outcomes of a
 campaign with one or two effects hidden: `right` names just these; `tie` names all of them, each itself or as a rival,
 or names another beside them; `wrong` names something else and does not list them; `missed` names nothing; `suspected`
-lists something and does not name it; and `unexplained`. Where nothing is hidden, `right` names nothing and `false`
+lists something and does not name it; `learned` names a curve over a variable, of a law that the library lacks; and
+`unexplained`. Where nothing is hidden, `right` names nothing and `false`
 anything.
 
 Usage: python tests/benchmarks/blind.py [--quick] [--seeds N] [--only TEXT] [--layout steps|full]
@@ -128,6 +129,8 @@ def judge(case: Case, verdict: str, named: dict[str, list[str]]) -> str:
         return verdict
     if not case.hidden or any(law in STRANGE for law in case.hidden):
         right = "nothing-missing" if not case.hidden else "unexplained"
+        if verdict == "named" and case.hidden and all(name.startswith("learned:") for name in named):
+            return "learned"
         if verdict == "named":
             return "tie" if case.hidden and all(named.values()) else "false"
         return "right" if verdict == right else verdict

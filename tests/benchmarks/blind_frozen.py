@@ -143,7 +143,14 @@ def score(answers: Mapping[str, Any], key: Mapping[str, Any], figure: Path | Non
             for got in taken_for(hidden, said["verdict"], named):
                 confusion[hidden, got] += 1
         if said["verdict"] == "named":
-            sure += [(one.get("confidence", 1.0), one["name"] in truth["effects"]) for one in said["effects"]]
+            outside = bool(truth["hidden"]) and not truth["effects"]
+            sure += [
+                (
+                    one.get("confidence", 1.0),
+                    one["name"] in truth["effects"] or (outside and is_curve(one["name"])),
+                )
+                for one in said["effects"]
+            ]
     words = sorted({word for counts in outcomes.values() for word in counts})
     rows = [
         (kind, str(sum(counts.values())), *(str(counts[word]) for word in words))
@@ -156,11 +163,16 @@ def score(answers: Mapping[str, Any], key: Mapping[str, Any], figure: Path | Non
         draw(confusion, figure)
 
 
+def is_curve(name: str) -> bool:
+    """Whether a name claims a dependence and no law: all that can be said of what is outside the library."""
+    return name.startswith("learned:")
+
+
 def taken_for(hidden: str, verdict: str, named: Mapping[str, Sequence[str]]) -> list[str]:
     """What a hidden effect was taken for."""
     if verdict != "named":
         return [{"nothing-missing": NOTHING}.get(verdict, verdict)]
-    return [hidden] if hidden in named else list(named)
+    return [hidden] if hidden in named else ["learned" if is_curve(name) else name for name in named]
 
 
 def calibration(sure: Sequence[tuple[float, bool]]) -> Table:
