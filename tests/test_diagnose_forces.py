@@ -60,7 +60,7 @@ def test_effects_are_looked_for_where_they_may_act(motion: str) -> None:
     runs = [] if motion == "yaw" else hidden(motion, ("X_+8", "Z_+9"))
     model = YawModel.base("3", 1.0, [1.0, 0.0][: 1 + dof.has_constant], dof.units.forces[0], dof)
     tried = set(candidates(study_of(runs, model), model)) if runs else None
-    turning = {"compass-deviation", "heading-moment", "cross-coupling", "current-deviation"}
+    turning = {"compass-deviation", "heading-moment", "cross-coupling", "current-deviation", "wall"}
     if motion == "heave":  # has one thruster
         turning |= {"thruster-dead-band", "thruster-imbalance", "thruster-limit"}
     for name in effects.names():
