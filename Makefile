@@ -69,8 +69,8 @@ reproduce: $(READY) ## The demo twice, in two lands, and again from its manifest
 	count=$$(find $(OUT)/reproduce/first -type f | wc -l | tr -d ' '); test "$$count" -gt 0; \
 	  echo "Reproduced: $$count files, every byte equal."
 
-test: $(READY) ## Run the tests
-	$(BIN)/python -m pytest -q
+test: $(READY) ## Run the tests, a process a core
+	$(BIN)/python -m pytest -q -n auto --dist loadfile
 
 check: $(READY) ## Lint, format, types and the order of imports
 	$(BIN)/ruff check .
