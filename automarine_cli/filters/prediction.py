@@ -131,7 +131,11 @@ def carried(
     origin: NDArray[np.int64],
     last: NDArray[np.int64],
 ) -> Floats:
-    """What the channel shows from each origin on, (A, longest + 1), every prediction being a run of its own."""
+    """What the channel shows from each origin on, (A, longest + 1), every prediction being a run of its own.
+
+    A channel that does not count is a sum of velocities, to which no filter is tied: how far it goes is told from where
+    the sum is at the origin.
+    """
     longest = int(np.max(last - origin, initial=0))
     at = np.minimum(origin[:, None] + np.arange(longest), course.length.shape[1] - 1)
     step = Step(model, course, theta[None], noises.late)
@@ -154,6 +158,8 @@ def carried(
             mean = own.moved(m, mean, ramp)
             for d, place in enumerate(own.places.pushed):
                 mean[place] = mean[place] * fade[d]
+    if not channel.counts:
+        shown += (channel.values[run, origin] - shown[:, 0])[:, None]
     return shown
 
 
