@@ -12,7 +12,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.filters.course import make_course
 from automarine_cli.filters.kalman import Followed, Noises, follow
 from automarine_cli.filters.nodes import APART, LEAST_STEP
-from automarine_cli.filters.prediction import SETTLING, predict
+from automarine_cli.filters.prediction import SETTLING, predict, shown_channel
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 
@@ -195,18 +195,37 @@ def test_the_filter_is_the_same_to_both_sides() -> None:
     np.testing.assert_allclose(found[0].innovation, -found[1].innovation, atol=1e-12)
 
 
-def test_predictions_without_noise_are_exact() -> None:
+def exact_run() -> Run:
+    """A run of MODEL without any noise, with its rate."""
     time = 0.5 * np.arange(81)
     command = np.where((time // 8.0) % 2 == 0, 0.6, -0.3) * (time >= 1.0)
     a, b = LINEAR / INERTIA, 1.0 / INERTIA
-    heading, rate, x, r = np.zeros(81), 0.0, 0.0, 0.0
+    heading, rate, x, r = np.zeros(81), np.zeros(81), 0.0, 0.0
     for i in range(80):
         for u in command[i : i + 2] * b:
             steady, fade = u / a, np.exp(-0.25 * a)
             x, r = x + 0.25 * steady + (r - steady) * (1.0 - fade) / a, steady + (r - steady) * fade
-        heading[i + 1] = x
-    assert rate == 0.0
-    course = make_course([logged(time, heading, command)], REST)
+        heading[i + 1], rate[i + 1] = x, r
+    return logged(time, heading, command, yaw_rate=rate)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_predictions_of_a_sum_of_velocities_begin_where_the_sum_is(side: float) -> None:
+    """No filter is tied to such positions: what they are off by is no error of the model."""
+    run = exact_run()
+    run = replace(run, position=run.position + side * 7.0, summed_up=True)
+    course = make_course([run], REST, channels=("yaw_rate",))
+    assert course.channels[0].velocity and not shown_channel(course).counts
+    for one in predict(MODEL, course, MODEL.theta, noises(1e-6, thrust=0.0, reading=1e-5)):
+        assert np.rad2deg(np.abs(one.error).max()) < 1.0, (
+            one.horizon
+        )  # the sum by trapezoids is off by as much
+        assert np.rad2deg(one.rmse(one.constant)) > 5.0
+
+
+def test_predictions_without_noise_are_exact() -> None:
+    run = exact_run()
+    course = make_course([logged(run.time - 40.0, run.position, run.command)], REST)
     for one in predict(MODEL, course, MODEL.theta, noises(1e-6, thrust=0.0, reading=1e-5)):
         assert np.rad2deg(np.abs(one.error).max()) < 0.01, one.horizon
         assert np.rad2deg(one.rmse(one.constant)) > 5.0

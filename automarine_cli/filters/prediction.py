@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import integrate
 
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Noises, follow
@@ -63,7 +64,7 @@ def predict(
     """Predictions of a channel under one parameter set theta (p,), with the sizes of what is random."""
     followed = follow(model, course, theta[None], noises, keep=True)
     assert followed.states is not None
-    of, time = course.channels[channel], course.time
+    of, time = shown_channel(course, channel), course.time
     run, origin = np.nonzero(of.seen & (time >= SETTLING))
     targets = {h: _targets(of.seen, time, run, origin, h) for h in horizons}
     last = np.max([np.where(at >= 0, at, 0) for at in targets.values()], axis=0)
@@ -86,12 +87,24 @@ def predict(
     return tuple(found)
 
 
+def shown_channel(course: Course, channel: int = 0) -> Channel:
+    """The positions of a channel: its own readings, or the sum of its velocities by the trapezoidal rule."""
+    of = course.channels[channel]
+    if not of.velocity:
+        return of
+    summed = np.zeros_like(of.values)
+    for row, values, seen, time in zip(summed, of.values, of.seen, course.time):
+        row[seen] = integrate.cumulative_trapezoid(values[seen], time[seen], initial=0.0)
+    position = course.motion.positions[of.dof]
+    return replace(of, quantity=position, velocity=False, values=summed, counts=False)
+
+
 def free_run(model: Vehicle, course: Course, theta: Floats, noises: Noises, channel: int = 0) -> Floats:
     """A channel of each run simulated from its first filtered state on, (R, K + 1), with the logged commands and no
     further reading; not a number before that."""
     followed = follow(model, course, theta[None], noises, keep=True)
     assert followed.states is not None
-    of, time = course.channels[channel], course.time
+    of, time = shown_channel(course, channel), course.time
     late = of.seen & (time >= SETTLING)
     run = np.flatnonzero(late.any(axis=1))
     origin = late[run].argmax(axis=1)

@@ -13,7 +13,7 @@ from automarine_cli.comparison.rollouts import roll
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import follow
-from automarine_cli.filters.prediction import carried
+from automarine_cli.filters.prediction import carried, shown_channel
 from automarine_cli.fits.driven import driven_problem
 from automarine_cli.fits.identify import identify, starts_at_rest
 from automarine_cli.fits.innovations import InnovationsFit
@@ -93,14 +93,14 @@ def _from_filtered_states(
         [min(np.searchsorted(time[i], t + HORIZONS[-1] + 1.0), ends[i]) for i, t in zip(anchors.run, begin)]
     )
     path = carried(
-        fitted.model, course, found.of_model, noises, followed.states[:, 0], course.channels[0],
+        fitted.model, course, found.of_model, noises, followed.states[:, 0], shown_channel(course),
         np.asarray(anchors.run), origin, last,
     )  # fmt: skip
     rows = [
         np.interp(t + np.array(HORIZONS), time[i, o : e + 1], row[: e - o + 1], right=np.nan)
         for i, t, o, e, row in zip(anchors.run, begin, origin, last, path)
     ]
-    if course.channels[0].counts:
+    if shown_channel(course).counts:
         return np.array(rows)
     here = [  # a sum of velocities, to which the filter is not tied: it begins where the anchors say
         np.interp(t, time[i, o : e + 1], row[: e - o + 1])

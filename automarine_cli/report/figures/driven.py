@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from automarine_cli.filters.prediction import shown_channel
 from automarine_cli.fits.driven_use import JUDGED, Use
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure
@@ -56,7 +57,7 @@ def _positions(axes: Axes, fit: YawFit, use: Use, i: int) -> None:
     ahead = next((one for one in use.predictions if one.horizon == JUDGED), None)
     if ahead is not None:
         own = ahead.run == i
-        measured = use.course.channels[0].values[i, ahead.target[own]]
+        measured = shown_channel(use.course).values[i, ahead.target[own]]
         axes.plot(
             time[ahead.target[own]], dof.shown(measured - ahead.error[own]), ".", color=COLOURS["vermilion"],
             ms=2.2, label=f"predicted {JUDGED:g} s ahead, run left out of the fit",
