@@ -217,7 +217,7 @@ def test_predictions_of_a_sum_of_velocities_begin_where_the_sum_is(side: float) 
     course = make_course([run], REST, channels=("yaw_rate",))
     assert course.channels[0].velocity and not shown_channel(course).counts
     for one in predict(MODEL, course, MODEL.theta, noises(1e-6, thrust=0.0, reading=1e-5)):
-        assert np.rad2deg(np.abs(one.error).max()) < 1.0, (
+        assert np.rad2deg(np.abs(one.error).max()) < 2.0, (
             one.horizon
         )  # the sum by trapezoids is off by as much
         assert np.rad2deg(one.rmse(one.constant)) > 5.0
