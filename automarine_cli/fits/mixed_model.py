@@ -48,9 +48,6 @@ TRIFLE = 1e-2
 """Gain in the sum of squares (of standard deviations) that is not worth a step that had to be cut short: the response
 has a kink there, as that to a delay has where it is a whole number of steps."""
 
-NEARLY = 0.1
-"""Standard errors from a bound within which a parameter that would go beyond it stands at it."""
-
 BOLDEST = 1.0
 """Largest change of the logarithm of a positive parameter in one step."""
 
@@ -220,17 +217,6 @@ def _at_bound(phi: Floats, bounds: Floats) -> NDArray[np.bool_]:
     return (phi - bounds[:, 0] < 1e-9) | (bounds[:, 1] - phi < 1e-9)
 
 
-def _stopped(
-    weighted: linear_mixed.Weighted, phi: Floats, bounds: Floats
-) -> tuple[NDArray[np.bool_], Floats]:
-    """Which parameters a bound stops (p,), and phi with these on it: also such as had nearly come to it, or the
-    likelihood would be that of a point beyond the bound."""
-    onward = linear_mixed.least_squares(weighted, 0.0 * phi, bounds - phi[:, None])
-    spread = np.diagonal(linear_mixed.covariance_of(weighted.hessian.sum(axis=0)))
-    nearly = _at_bound(phi + onward, bounds) & (np.abs(onward) < NEARLY * np.sqrt(np.maximum(spread, 0.0)))
-    return _at_bound(phi, bounds) | nearly, np.where(nearly, phi + onward, phi)
-
-
 def _report(
     problem: Problem,
     point: _Point,
@@ -242,7 +228,7 @@ def _report(
     phi, gram = point.phi, point.gram
     weighted = linear_mixed.weigh(gram, problem.effects, variances)
     hessian = weighted.hessian.sum(axis=0)
-    at_bound, phi = _stopped(weighted, phi, bounds)
+    at_bound = _at_bound(phi, bounds)
     free = np.flatnonzero(~at_bound)
     grid = np.ix_(free, free)
     covariance = np.zeros_like(hessian)
