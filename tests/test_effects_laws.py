@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_contract import Floats, base_for, long_plans, measured, short_plans, unmeasured
+from effect_contract import Floats, base_for, long_plans, measured, planted, short_plans, unmeasured
 
 from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import diagnose_runs
@@ -318,3 +318,16 @@ def test_simulated_campaigns_draw_a_phase_for_every_run() -> None:
     added = [run.position - flat.position for run, flat in zip(runs, still)]
     assert len(added) == 6 and all(np.ptp(one) > 0.01 for one in added)
     assert all(np.abs(a - b).max() > 3e-3 for i, a in enumerate(added) for b in added[:i])
+
+
+@pytest.mark.parametrize("fades", [0.3, 0.5])
+def test_an_effect_that_shrinks_to_nothing_gains_nothing(fades: float) -> None:
+    """Friction near rest would have to drive the vehicle here; its size nears its bound, and so does its gain."""
+    base = base_for("cubic-drag")
+    runs = planted(base, "cubic-drag", seed=1, plans=short_plans())
+    study = study_of(runs, base)
+    without, start = study.fit(base), [0.0, 1.0, 0.03, fades]
+    values = np.concatenate([without.of_model, start])
+    fit = study.fit(base.with_effect("coulomb-drag", start), values, without)
+    assert max(fit.value("coulomb-drag.c_s"), fit.value("coulomb-drag.c")) < 1e-3
+    assert abs(fit.log_likelihood - without.log_likelihood) < 5.0

@@ -168,11 +168,13 @@ def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> R
         ]  # fmt: skip
         again = each(partial(go_on, study, current, iterations=iterations), running, "fitting")
         done |= {law_of(t.added[-1], t.model.terms[-1].values): t for t in again if t is not None}
-    ranking = [
-        trial for trial in _best_law(done.values()).values() if not drag_drives(trial.model, study.fastest)
-    ]
+    possible = [trial for trial in done.values() if not drag_drives(trial.model, study.fastest)]
+    ranking = sorted(_best_law(possible).values(), key=lambda trial: trial.evidence)
     current = _from_elsewhere(study, current, ranking[:3])
-    return Round(current, scores, tuple(ranking), chance)
+    # a law that may not stand does not keep another law of its effect from it
+    standing = _best_law(t for t in possible if may_stand(t, current, study.cycle))
+    ranking = [standing.get(trial.added[-1], trial) for trial in ranking]
+    return Round(current, scores, tuple(sorted(ranking, key=lambda trial: trial.evidence)), chance)
 
 
 def _best_law(trials: Iterable[Trial]) -> dict[str, Trial]:

@@ -238,7 +238,10 @@ def _report(
     if len(left_out) > 1:
         rest, pull = (hessian - weighted.hessian)[:, free][:, :, free], push.sum(axis=0) - push
         left_out[:, free] += linear_mixed.solve_scaled(rest, pull[:, free])
-    inside = gram.keep(free)  # what a bound stopped may not be profiled out beyond it
+    onward = linear_mixed.least_squares(weighted, 0.0 * phi, bounds - phi[:, None])
+    beyond = _at_bound(phi + onward, bounds)
+    # what a bound stops, or would with one more step, may not be profiled out: that is the likelihood beyond it
+    inside = gram.keep(np.flatnonzero(~(at_bound | beyond)))
     ml = linear_mixed.choose_variances(inside, problem.effects, variances, restricted=False)
     ml_deviance = linear_mixed.deviance(inside, problem.effects, ml, restricted=False)
     channels = len(problem.counted)
