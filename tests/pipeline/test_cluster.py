@@ -29,7 +29,8 @@ class Cluster:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        paths = os.pathsep.join([str(ROOT), str(Path(__file__).parent)])
+        here = Path(__file__).parent
+        paths = os.pathsep.join(map(str, (ROOT, here, here.with_name("helpers"))))
         self.environment = os.environ | {"PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"}
         self.processes: list[subprocess.Popen[bytes]] = []
         note = folder / "scheduler.json"
@@ -130,6 +131,7 @@ def test_diagnosis_on_a_cluster_is_the_same_bytes_even_if_a_worker_dies(
     struck.wait()
     assert there.exit_code == 0, there.output
     assert cluster.workers[1].poll() == -signal.SIGKILL, "the diagnosis was over before the worker was killed"
+    cluster.workers[1] = cluster.worker()
     for file in sorted((tmp_path / "here").iterdir()):
         assert file.read_bytes() == (tmp_path / "there" / file.name).read_bytes(), file.name
 
