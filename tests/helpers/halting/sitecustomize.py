@@ -12,11 +12,11 @@ from multiprocessing.process import parent_process
 
 def halt(event: str, arguments: tuple[object, ...]) -> None:
     """Sleep where the event is the one asked for, in the process asked for."""
-    if event == EVENT and str(arguments[0]).endswith(WORD):
-        if PROCESS == ("command" if parent_process() is None else "worker"):
-            os.write(1, b"halted\n")
-            while True:
-                time.sleep(3600)
+    process = "command" if parent_process() is None else "worker"
+    if (process, event) == (PROCESS, EVENT) and str(arguments[0]).endswith(WORD):
+        os.write(1, b"halted\n")
+        while True:
+            time.sleep(3600)
 
 
 PROCESS, EVENT, WORD = os.environ["HALT_AT"].split(maxsplit=2)
