@@ -75,8 +75,8 @@ class BatterySag(Effect):
         ),
         Law(
             "{f}_delivered = {f} exp(-discharge (t - t_ref) - load q), q = int (|{f}|/tau_ref)^3/2 dt/60 s",
-            "Chen and Rincon-Mora (2006), IEEE Trans. Energy Conversion 21:504 (voltage by the state of charge); current "
-            "as the power of a propeller at rest",
+            "Chen and Rincon-Mora (2006), IEEE Trans. Energy Conversion 21:504 (voltage by the state of charge); "
+            "current as the power of a propeller at rest",
             ("tether-spring", "water-swirl"),
         ),
     )

@@ -35,8 +35,8 @@ class HistoryForce(Effect):
     laws = (
         Law(
             "-h int {v}'(t - a) sqrt(1 s/a) da over all ages a",
-            "Van Hinsberg, ten Thije Boonkkamp and Clercx (2011), J. Computational Physics 230:1465 (Basset's force as a "
-            "sum of exponentials)",
+            "Van Hinsberg, ten Thije Boonkkamp and Clercx (2011), J. Computational Physics 230:1465 (Basset's "
+            "force by a sum of exponentials)",
             ("water-swirl", "linear-drag", "dead-band"),
         ),
     )

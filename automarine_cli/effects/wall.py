@@ -31,8 +31,8 @@ class Wall(Effect):
     laws = (
         Law(
             "-(p_f cos 2 psi + q_f sin 2 psi) {f}",
-            "Nienhuis (1992), Analysis of thruster effectivity for dynamic positioning and low speed manoeuvring, Delft "
-            "(jets that meet a wall)",
+            "Nienhuis (1992), Analysis of thruster effectivity for dynamic positioning and low speed manoeuvring, "
+            "thesis, Delft (thrusters at a plate)",
             ("heading-moment", "compass-deviation"),
         ),
     )
