@@ -7,6 +7,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from automarine_cli.cli import options
+from automarine_cli.cli.echo import echo_result, verbosity_level
 from automarine_cli.cli.terminal import coloured, width_of
 
 IN_A_PIPE = 100  # columns of a page that no terminal shows
@@ -52,15 +53,15 @@ def guide(ctx: click.Context, topic: str | None, as_json: bool) -> object:
             for title, some in (("Commands", result.commands), ("More pages", result.pages))
         ]
         said = "automarine guide TOPIC shows a page."
-        options.echo_result(result, as_json=as_json, tables=(*tables, said), keep_hint=None)
+        echo_result(result, as_json=as_json, tables=(*tables, said), keep_hint=None)
         return result
     shown = pages.page(topic)
     command = group.get_command(ctx, topic) if topic in pages.commands() else None
     width = min(width_of(sys.stdout) or IN_A_PIPE, WIDEST)
     if command is not None:
         shown = pages.with_options(shown, _options(ctx, command, width))
-    if as_json or options.verbosity_level() < 0:
-        options.echo_result(shown, as_json=as_json, keep_hint=None)
+    if as_json or verbosity_level() < 0:
+        echo_result(shown, as_json=as_json, keep_hint=None)
         return shown
     text = to_text(shown.markdown, width, lambda line: coloured(line, sys.stdout, "cyan", bold=True))
     if width_of(sys.stdout) is None:
