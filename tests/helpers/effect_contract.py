@@ -16,11 +16,11 @@ from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.effects import Card, Effect
 from automarine_cli.effects.base import MIXED, ODD
 from automarine_cli.effects.thruster_imbalance import PARTS
-from automarine_cli.models.propulsion import parts_of
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
+from automarine_cli.thrusters.propulsion import parts_of
 
 Floats = NDArray[np.float64]
 Plan = Sequence[tuple[float, float]]

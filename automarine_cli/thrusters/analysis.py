@@ -6,7 +6,7 @@ import numpy as np
 
 from automarine_cli.errors import FitError
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.fits.thruster_fit import (
+from automarine_cli.thrusters.fit import (
     FEWEST_LEVELS,
     SIDES,
     Side,
@@ -15,10 +15,9 @@ from automarine_cli.fits.thruster_fit import (
     sides_of,
     square_law,
 )
-from automarine_cli.fits.thruster_levels import levels_of
-from automarine_cli.fits.thruster_points import Floats, Ints, Points
-from automarine_cli.fits.thruster_selection import FormScore, Selection, select_form
-from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.points import Floats, Ints, Points, levels_of
+from automarine_cli.thrusters.selection import FormScore, Selection, select_form
 
 ROUNDING = 1e-12  # errors below this share of full scale are zero
 MIXED = 0.2  # share of readings with thrust of either sign from which a direction is two directions

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automarine_cli.fits.thruster_points import Floats
-from automarine_cli.models.thruster_forms import SQUARE, Form
+from automarine_cli.thrusters.forms import SQUARE, Form
+from automarine_cli.thrusters.points import Floats
 
 # Bounds of (amplitude, dead band, exponent, saturation), the second and fourth as shares of the largest
 # command.

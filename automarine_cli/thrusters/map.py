@@ -2,43 +2,26 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import isfinite
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.errors import ModelError
-from automarine_cli.models.thruster_forms import FORMS, Curve
-from automarine_cli.pipeline.plain_data import told
+from automarine_cli.models.entries import needed, number_at, object_at
+from automarine_cli.pipeline.plain_data import read_plain, told
+from automarine_cli.pipeline.words import printable
+from automarine_cli.thrusters.forms import FORMS, SQUARE, Curve
+from automarine_cli.thrusters.points import Floats
 
-Floats = NDArray[np.float64]
 SCHEMA = "automarine/thruster-map/1"
-SMALLEST, LARGEST = 1e-30, 1e30  # of any number: beyond it arithmetic overflows
 _REQUIRED = ("schema", "forward", "backward", "form", "parameters")
 _ALLOWED = (
     *_REQUIRED,
-    *(
-        "per_test",
-        "thrusters_per_test",
-        "r2",
-        "rmse_N",
-        "rmse_percent_of_full_scale",
-        "cv_rmse_N",
-        "full_scale_N",
-    ),
-    *(
-        "forms",
-        "chosen",
-        "chosen_because",
-        "n_unit",
-        "tare",
-        "flagged",
-        "voltages",
-        "voltage_range_V",
-        "voltage_exponent",
-    ),
-    *("notes", "runs", "points"),
-)
+    "per_test", "thrusters_per_test", "r2", "rmse_N", "rmse_percent_of_full_scale", "cv_rmse_N", "full_scale_N",
+    "forms", "chosen", "chosen_because", "n_unit", "tare", "flagged", "voltages", "voltage_range_V",
+    "voltage_exponent", "notes", "runs", "points",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -102,7 +85,7 @@ class ThrusterMap:
     @classmethod
     def from_json(cls, data: object, where: str = "thruster map") -> "ThrusterMap":
         """A map from the content of `thrusters.json`; ModelError names the key that is wrong."""
-        top = _object(data, where)
+        top = object_at(data, where)
         if top.get("schema") != SCHEMA:
             raise ModelError(
                 f"{where}: schema: found {told(top.get('schema'))}, expected {told(SCHEMA)}; "
@@ -110,14 +93,11 @@ class ThrusterMap:
             )
         _known(top, _ALLOWED, where)
         for key in _REQUIRED:
-            if key not in top:
-                raise ModelError(
-                    f"{where}: key {told(key)} is missing; give a file as `automarine fit-thrusters` writes it"
-                )
+            needed(top, key, where, "thrusters")
         form = top["form"]
         if not isinstance(form, str) or form not in FORMS:
             raise ModelError(f"{where}: form: found {told(form)}, expected one of {', '.join(FORMS)}")
-        parameters = _object(top["parameters"], f"{where}: parameters")
+        parameters = object_at(top["parameters"], f"{where}: parameters")
         _known(parameters, ("forward", "backward"), f"{where}: parameters")
         curves = {
             side: _curve_from(parameters.get(side), f"{where}: parameters.{side}")
@@ -131,6 +111,11 @@ class ThrusterMap:
         if not isinstance(unit, str):
             raise ModelError(f"{where}: n_unit: found {told(unit)}, expected text")
         return cls(form, curves["forward"], curves["backward"], unit)
+
+    @classmethod
+    def load(cls, path: Path) -> "ThrusterMap":
+        """The map of a `thrusters.json`. Raises ModelError with the file and the key's path."""
+        return cls.from_json(read_plain(path, "JSON", ModelError), printable(path.name))
 
 
 def _square_json(form: str, curve: Curve | None) -> dict[str, object]:
@@ -150,26 +135,20 @@ def _curve_json(curve: Curve | None) -> dict[str, object] | None:
 def _curve_from(data: object, where: str) -> Curve | None:
     if data is None:
         return None
-    entry = _object(data, where)
+    entry = object_at(data, where)
     _known(entry, ("a", "p", "n_0", "n_sat"), where)
-    a = _value(entry.get("a"), f"{where}.a", low=0.0)
-    p = _value(entry["p"], f"{where}.p", low=0.0) if entry.get("p") is not None else 2.0
-    dead_band = _value(entry["n_0"], f"{where}.n_0", low=None) if entry.get("n_0") is not None else 0.0
+    a = _positive(entry.get("a"), f"{where}.a")
+    p = _positive(entry["p"], f"{where}.p") if entry.get("p") is not None else SQUARE
+    dead_band = 0.0 if entry.get("n_0") is None else number_at(entry["n_0"], f"{where}.n_0", "thrusters")
     n_sat = entry.get("n_sat")
     if isinstance(n_sat, Mapping) and n_sat.get("value") is None:
         n_sat = None  # the fit found no saturation within the measured range
-    n_sat = None if n_sat is None else _value(n_sat, f"{where}.n_sat", low=0.0)
+    n_sat = None if n_sat is None else _positive(n_sat, f"{where}.n_sat")
     if dead_band < 0:
         raise ModelError(f"{where}.n_0: found {dead_band:g}, expected a dead band of zero or more")
     if n_sat is not None and n_sat <= dead_band:
         raise ModelError(f"{where}.n_sat: found {n_sat:g}, expected more than the dead band, {dead_band:g}")
     return Curve(a, p, dead_band, n_sat)
-
-
-def _object(data: object, where: str) -> Mapping[str, object]:
-    if not isinstance(data, Mapping):
-        raise ModelError(f"{where}: found {told(data)}, expected an object with named keys")
-    return data
 
 
 def _known(data: Mapping[str, object], allowed: tuple[str, ...], where: str) -> None:
@@ -178,20 +157,10 @@ def _known(data: Mapping[str, object], allowed: tuple[str, ...], where: str) -> 
         raise ModelError(f"{where}: unknown key {told(unknown[0])}; known are {', '.join(allowed)}")
 
 
-def _value(entry: object, where: str, low: float | None) -> float:
-    """A number, plain or as an estimate `{"value": ...}`; finite, and above `low` where that is given."""
-    if isinstance(entry, Mapping):
-        where, entry = f"{where}.value", entry.get("value")
-    if isinstance(entry, bool) or not isinstance(entry, int | float):
-        raise ModelError(f"{where}: found {told(entry)}, expected a number")
-    try:
-        value = float(entry)
-    except OverflowError:
-        value = inf
-    if not isfinite(value):
-        raise ModelError(f"{where}: found {told(entry)}, expected a finite number")
-    if value and not SMALLEST <= abs(value) <= LARGEST:
-        raise ModelError(f"{where}: found {told(entry)}, expected 0 or a size of {SMALLEST:g} to {LARGEST:g}")
-    if low is not None and value <= low:
-        raise ModelError(f"{where}: found {value:g}, expected more than {low:g}")
+def _positive(entry: object, where: str) -> float:
+    """A number above zero, plain or as an estimate `{"value": ...}`."""
+    value = number_at(entry, where, "thrusters")
+    if value <= 0.0:
+        where = f"{where}.value" if isinstance(entry, Mapping) else where
+        raise ModelError(f"{where}: found {value:g}, expected more than 0")
     return value

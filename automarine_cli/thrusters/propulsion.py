@@ -4,14 +4,12 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import ModelError, RunError
-from automarine_cli.models.thruster_map import ThrusterMap
-
-Floats = NDArray[np.float64]
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.points import Floats
 
 
 class Driven(Protocol):

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.errors import FitError
-from automarine_cli.fits.thruster_curves import fit_direction
-from automarine_cli.fits.thruster_fit import Side, best_curve
-from automarine_cli.fits.thruster_points import Floats
-from automarine_cli.models.thruster_forms import FORMS, Curve, Form
+from automarine_cli.thrusters.curves import fit_direction
+from automarine_cli.thrusters.fit import Side, best_curve
+from automarine_cli.thrusters.forms import FORMS, Curve, Form
+from automarine_cli.thrusters.points import Floats
 
 EQUAL = 1e-5  # errors below this share of full scale are rounding, not evidence
 

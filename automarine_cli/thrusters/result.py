@@ -5,16 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.fits.thruster_analysis import Analysis
-from automarine_cli.fits.thruster_fit import SIDES
-from automarine_cli.fits.thruster_plateaus import Reduction
-from automarine_cli.fits.thruster_points import Points
-from automarine_cli.fits.thruster_selection import FormScore
-from automarine_cli.fits.thruster_tare import Tare
-from automarine_cli.fits.thruster_voltage import VoltageExponent
-from automarine_cli.models.thruster_map import SCHEMA, ThrusterMap
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.runs.thruster_test import ThrusterLogs
+from automarine_cli.thrusters.analysis import Analysis
+from automarine_cli.thrusters.fit import SIDES
+from automarine_cli.thrusters.map import SCHEMA, ThrusterMap
+from automarine_cli.thrusters.plateaus import Reduction
+from automarine_cli.thrusters.points import Points
+from automarine_cli.thrusters.records import ThrusterLogs
+from automarine_cli.thrusters.selection import FormScore
+from automarine_cli.thrusters.tare import Tare
+from automarine_cli.thrusters.voltage import VoltageExponent
 
 
 @dataclass(frozen=True, repr=False)

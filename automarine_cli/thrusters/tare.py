@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from automarine_cli.fits.thruster_contradictions import left_out
-from automarine_cli.fits.thruster_points import Points
+from automarine_cli.thrusters.contradictions import left_out
+from automarine_cli.thrusters.points import Points
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,8 @@ three of them.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from automarine_cli.thrusters.points import Floats
 
 SQUARE = 2.0
 SUFFIX = "-saturation"

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from automarine_cli.fits.thruster_levels import levels_of
-from automarine_cli.fits.thruster_points import Floats, Ints, Points
+from automarine_cli.thrusters.points import Floats, Ints, Points, levels_of
 
 # Limits in shares of full scale, and in robust standard deviations of the readings; the larger counts.
 RISE, RISE_MADS = 0.03, 5.0  # thrust rises with the command: how far it may fall back

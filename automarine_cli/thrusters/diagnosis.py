@@ -5,17 +5,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from automarine_cli.diagnosis.thruster_bench import Bench, bench_of, held_out_levels, noise_floor
-from automarine_cli.diagnosis.thruster_search import Search, search_around_faults
-from automarine_cli.diagnosis.thruster_shapes import Fitted, Shape, effects_of, form_of
-from automarine_cli.diagnosis.thruster_verdict import Named, curve_parameters, named_effects, verdict_of
-from automarine_cli.diagnosis.thruster_where import Fault, Region, faults, regions
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.models.thruster_forms import SQUARE, Curve
-from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.runs.run import SetAside
-from automarine_cli.runs.thruster_test import ThrusterLogs
+from automarine_cli.thrusters.bollard_data import BollardData, bollard_data, held_out_levels, noise_level
+from automarine_cli.thrusters.forms import SQUARE, Curve
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.records import ThrusterLogs
+from automarine_cli.thrusters.search import Search, search_around_faults
+from automarine_cli.thrusters.shapes import Fitted, Shape, effects_of, form_of
+from automarine_cli.thrusters.verdict import Named, curve_parameters, named_effects, verdict_of
+from automarine_cli.thrusters.where import Fault, Region, faults, regions
 
 SCHEMA = "automarine/diagnosis/1"
 
@@ -37,7 +37,7 @@ class ThrusterGap:
 class ThrusterDiagnosis(Shown):
     """What the diagnosis of a thruster map found.
 
-    `bench` holds every point, `search.base.bench` those fitted, `held_out` the rest (None where too few levels were
+    `data` holds every point, `search.base.data` those fitted, `held_out` the rest (None where too few levels were
     there to hold any out). `final` is the extended model: the base refitted unless effects are named. `closest` is the
     effect that an unexplained gap resembles most, which is not a name for it. `cross` is the gap by leaving out
     levels; `smallest` the smallest size of each effect that these levels would have shown.
@@ -45,8 +45,8 @@ class ThrusterDiagnosis(Shown):
 
     verdict: str
     given: ThrusterMap
-    bench: Bench
-    held_out: Bench | None
+    data: BollardData
+    held_out: BollardData | None
     search: Search
     final: Fitted
     effects: tuple[Named, ...]
@@ -68,7 +68,7 @@ class ThrusterDiagnosis(Shown):
 
     def percent(self, value: float) -> float:
         """Newtons as a percentage of full scale."""
-        return 100.0 * value / self.bench.full_scale
+        return 100.0 * value / self.data.full_scale
 
     @property
     def extended_map(self) -> dict[str, object]:
@@ -76,13 +76,13 @@ class ThrusterDiagnosis(Shown):
         found = self.final
         curves = _both(found)
         form = form_of(frozenset().union(*(effects for _, effects in found.shape.curves))).name
-        result = ThrusterMap(form, curves[0], curves[1], self.bench.n_unit).to_json()
+        result = ThrusterMap(form, curves[0], curves[1], self.data.n_unit).to_json()
         estimates = curve_parameters(found)
         result["parameters"] = {name: estimates.get(name) for name in ("forward", "backward")}
         result |= {
             "rmse_N": self.gap.after,
             "cv_rmse_N": self.cross.after,
-            "full_scale_N": self.bench.full_scale,
+            "full_scale_N": self.data.full_scale,
             "notes": list(self._notes()),
         }
         if found.shape.voltage:
@@ -117,11 +117,11 @@ class ThrusterDiagnosis(Shown):
                 "held_out_runs": None if held is None else held.to_json(),
                 "cross_validation": self.cross.to_json(),
             },
-            "full_scale_N": self.bench.full_scale,
+            "full_scale_N": self.data.full_scale,
             "noise_floor_from": self.floor_from,
             "model_as_given_N": self.given_rmse,
             "levels": {
-                "fitted": self.base.bench.levels,
+                "fitted": self.base.data.levels,
                 "held_out": 0 if self.held_out is None else self.held_out.levels,
             },
             "smallest_detectable": self.smallest,
@@ -140,18 +140,18 @@ class ThrusterDiagnosis(Shown):
                 for trial in look.trials
             ],
             "runs": {
-                "used": len({int(number) for number in self.bench.points.record}),
+                "used": len({int(number) for number in self.data.points.record}),
                 "set_aside": [vars(run) for run in self.set_aside],
             },
         }
 
 
-def start_shape(base: ThrusterMap, bench: Bench, voltage: bool = False) -> Shape:
+def start_shape(base: ThrusterMap, data: BollardData, voltage: bool = False) -> Shape:
     """The base map as a shape: its form in each direction that was measured, tied where both curves are one."""
     measured = [
-        name for name, sign in (("forward", 1.0), ("backward", -1.0)) if np.any(bench.points.n * sign > 0)
+        name for name, sign in (("forward", 1.0), ("backward", -1.0)) if np.any(data.points.n * sign > 0)
     ]
-    with_voltage = voltage and bench.step is not None
+    with_voltage = voltage and data.step is not None
     if base.forward == base.backward and len(measured) == 2:
         return Shape((("both", _used(base, base.forward)),), with_voltage)
     return Shape(tuple((name, _used(base, getattr(base, name))) for name in measured), with_voltage)
@@ -189,12 +189,12 @@ def diagnose_thrusters(
             f"the map's control signal is in {base.n_unit}, the logs' in {n_unit}; give logs and map of one signal"
         )
     sides = tuple(name for name in ("forward", "backward") if getattr(base, name) is not None)
-    whole = bench_of(logs, thrusters, n_unit or base.n_unit, sides)
+    whole = bollard_data(logs, thrusters, n_unit or base.n_unit, sides)
     out = held_out_levels(whole, seed) & (hold_out is None)
     fitted, kept = whole.where(~out), whole.where(out) if np.any(out) else None
     if hold_out is not None:
         kept = _kept(hold_out, whole, thrusters, sides)
-    floor, floor_from = noise_floor(whole)
+    floor, floor_from = noise_level(whole)
     shape = start_shape(base, fitted, voltage)
     found, fitted = search_around_faults(fitted, shape, floor, seed)
     word = verdict_of(found, floor, seed)
@@ -205,7 +205,7 @@ def diagnose_thrusters(
     return ThrusterDiagnosis(
         verdict=word,
         given=base,
-        bench=whole,
+        data=whole,
         held_out=kept,
         search=found,
         final=final,
@@ -223,13 +223,13 @@ def diagnose_thrusters(
     )
 
 
-def _kept(logs: ThrusterLogs, fitted: Bench, thrusters: int, sides: Sequence[str]) -> Bench:
-    """Logs held out as a bench that has nothing the fitted levels do not have."""
+def _kept(logs: ThrusterLogs, fitted: BollardData, thrusters: int, sides: Sequence[str]) -> BollardData:
+    """Logs held out as bollard data with nothing the fitted levels do not have."""
     measured = [
         name for name, sign in (("forward", 1.0), ("backward", -1.0)) if np.any(fitted.points.n * sign > 0)
     ]
     try:
-        return bench_of(
+        return bollard_data(
             logs, thrusters, fitted.n_unit, tuple(side for side in sides if side in measured), fewest=1
         )
     except FitError:
@@ -238,22 +238,22 @@ def _kept(logs: ThrusterLogs, fitted: Bench, thrusters: int, sides: Sequence[str
         ) from None
 
 
-def _flagged(whole: Bench, here: np.ndarray, fitted: Bench) -> Bench:
-    """The whole bench with the weights and flags that its fitted points were given."""
+def _flagged(whole: BollardData, here: np.ndarray, fitted: BollardData) -> BollardData:
+    """All the data with the weights and flags that its fitted points were given."""
     weight, flag = whole.points.weight.copy(), whole.points.flag.copy()
     weight[here], flag[here] = fitted.points.weight, fitted.points.flag
     return replace(whole, points=replace(whole.points, weight=weight, flag=flag))
 
 
-def _rms(found: Fitted, bench: Bench) -> float:
-    rest = bench.points.force - found.thrust(bench)
-    return float(np.sqrt(bench.points.weight @ rest**2 / bench.points.weight.sum()))
+def _rms(found: Fitted, data: BollardData) -> float:
+    rest = data.points.force - found.thrust(data)
+    return float(np.sqrt(data.points.weight @ rest**2 / data.points.weight.sum()))
 
 
-def _given(base: ThrusterMap, bench: Bench) -> float | None:
+def _given(base: ThrusterMap, data: BollardData) -> float | None:
     """Gap of the map exactly as given [N]."""
-    rest = bench.points.force - base.force(bench.points.n)
-    return float(np.sqrt(bench.points.weight @ rest**2 / bench.points.weight.sum()))
+    rest = data.points.force - base.force(data.points.n)
+    return float(np.sqrt(data.points.weight @ rest**2 / data.points.weight.sum()))
 
 
 def _both(found: Fitted) -> tuple[Curve | None, Curve | None]:

@@ -11,8 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from automarine_cli.diagnosis.thruster_bench import Bench
-from automarine_cli.diagnosis.thruster_shapes import (
+from automarine_cli.thrusters.bollard_data import BollardData
+from automarine_cli.thrusters.curves import jacobian
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.points import Floats, Ints
+from automarine_cli.thrusters.shapes import (
     ASYMMETRY,
     SAG,
     VOLTAGE,
@@ -20,9 +23,6 @@ from automarine_cli.diagnosis.thruster_shapes import (
     form_of,
     multiplier_columns,
 )
-from automarine_cli.fits.thruster_curves import jacobian
-from automarine_cli.fits.thruster_points import Floats, Ints
-from automarine_cli.models.thruster_forms import Curve
 
 NULLS = 1999
 CHANCE = 0.01
@@ -70,18 +70,18 @@ class _Direction:
 
 def score(found: Fitted, candidates: Sequence[tuple[str, str]], random: np.random.Generator) -> Scores:
     """Score every candidate (effect, where) against the fitted model `found`."""
-    bench = found.bench
-    root = np.sqrt(bench.points.weight)
+    data = found.data
+    root = np.sqrt(data.points.weight)
     basis = _basis(root[:, None] * _base_columns(found))
     errors = _freed((root * found.residual)[None, :], basis)
     # Residuals shrink where the fit leans on a level; chance gets them back at their full size (HC3).
     leverage = np.minimum(np.sum(basis**2, axis=1), 0.99)
-    nulls = _freed(_thrown(bench, errors[0] / (1.0 - leverage), random), basis)
+    nulls = _freed(_thrown(data, errors[0] / (1.0 - leverage), random), basis)
     pieces = {key: _direction(found, *key, root, basis) for key in _single(candidates, found)}
     both = np.vstack([errors, nulls])
     falls = {key: piece.fall(both) for key, piece in pieces.items()}
-    squares = np.sum(both**2, axis=1) + (SMALLEST * bench.full_scale) ** 2
-    levels = len(np.unique(bench.group))
+    squares = np.sum(both**2, axis=1) + (SMALLEST * data.full_scale) ** 2
+    levels = len(np.unique(data.group))
     table = []
     for effect, where in candidates:
         keys = [key for key in pieces if key[0] == effect and where in ("both", key[1])]
@@ -118,9 +118,9 @@ def _smallest(pieces: dict[tuple[str, str], _Direction], needed: float) -> dict[
     return found
 
 
-def _thrown(bench: Bench, errors: Floats, random: np.random.Generator) -> Floats:
+def _thrown(data: BollardData, errors: Floats, random: np.random.Generator) -> Floats:
     """Null errors, shape (NULLS, P): every group's with a sign of its own."""
-    _, place = np.unique(bench.group, return_inverse=True)
+    _, place = np.unique(data.group, return_inverse=True)
     signs = random.choice([-1.0, 1.0], size=(NULLS, int(place.max()) + 1))
     return np.asarray(signs[:, place.ravel()] * errors[None, :])
 
@@ -137,7 +137,7 @@ def _freed(rows: Floats, basis: Floats) -> Floats:
 
 
 def _values(curve: Curve, scale: float) -> Floats:
-    """The curve as `fits.thruster_curves` writes it: amplitude at full command, dead band, exponent, saturation."""
+    """The curve as `thrusters.curves` writes it: amplitude at full command, dead band, exponent, saturation."""
     dead = curve.n_0 / scale
     top = 1.0 if curve.n_sat is None else min(curve.n_sat / scale, 1.0)
     return np.array([[curve.a * (scale - curve.n_0) ** curve.p, dead, curve.p, top]])
@@ -145,15 +145,15 @@ def _values(curve: Curve, scale: float) -> Floats:
 
 def _base_columns(found: Fitted) -> Floats:
     """Derivatives of the thrust [N] by every free parameter, shape (P, K)."""
-    bench, columns = found.bench, [multiplier_columns(found, found.shape)]
-    gain = found.gain(bench)
-    for name, (index, side) in bench.parts(found.shape.tied).items():
+    data, columns = found.data, [multiplier_columns(found, found.shape)]
+    gain = found.gain(data)
+    for name, (index, side) in data.parts(found.shape.tied).items():
         form = form_of(dict(found.shape.curves)[name])
         scale = float(side.magnitude.max())
         free = np.array([True, form.dead_band, form.exponent, form.saturation])
         own = jacobian(side.magnitude / scale, _values(found.curves[name], scale))[0][:, free]
         whole = np.zeros((len(gain), own.shape[1]))
-        whole[index] = (np.sign(bench.points.n[index]) * gain[index])[:, None] * own
+        whole[index] = (np.sign(data.points.n[index]) * gain[index])[:, None] * own
         columns.append(whole)
     return np.hstack(columns)
 
@@ -164,7 +164,7 @@ def _direction(found: Fitted, effect: str, where: str, root: Floats, basis: Floa
         rows = np.repeat(rows * sizes[0], 40, axis=0) * np.arange(1, 41)[:, None]
         sizes = sizes[0] * np.arange(1, 41)
     else:
-        index, side = found.bench.parts(found.shape.tied)[where]
+        index, side = found.data.parts(found.shape.tied)[where]
         rows, sizes = _bent(found, effect, where, index, side.magnitude)
     freed = _freed(rows * root[None, :], basis)
     lengths = np.sqrt(np.sum(freed**2, axis=1))
@@ -175,13 +175,13 @@ def _direction(found: Fitted, effect: str, where: str, root: Floats, basis: Floa
 
 def _multiplied(found: Fitted, effect: str) -> Floats:
     """The one direction of an effect that multiplies the thrust, shape (1, P), for a size of one."""
-    bench = found.bench
+    data = found.data
     if effect == ASYMMETRY:
-        return (found.predicted * np.sign(bench.points.n) * 0.5)[None, :]
+        return (found.predicted * np.sign(data.points.n) * 0.5)[None, :]
     if effect == VOLTAGE:
-        volts = bench.points.voltage
+        volts = data.points.voltage
         return (found.predicted * np.log(volts / np.median(volts)))[None, :]
-    return -(found.predicted * bench.order)[None, :]
+    return -(found.predicted * data.order)[None, :]
 
 
 def _bent(found: Fitted, effect: str, where: str, index: Ints, size: Floats) -> tuple[Floats, Floats]:
@@ -200,8 +200,8 @@ def _bent(found: Fitted, effect: str, where: str, index: Ints, size: Floats) -> 
         sizes = TOPS[TOPS * scale > curve.n_0 * 1.05]
         bent = [replace(curve, n_sat=share * scale) for share in sizes]
         shown = 1.0 - sizes
-    sign = np.sign(found.bench.points.n[index]) * found.gain(found.bench)[index]
-    rows = np.zeros((len(sizes), len(found.bench.points)))
+    sign = np.sign(found.data.points.n[index]) * found.gain(found.data)[index]
+    rows = np.zeros((len(sizes), len(found.data.points)))
     for row, one in enumerate(bent):
         # The same thrust at full command, so that the direction is a change of shape and not of units.
         top = float(curve.thrust(np.array([scale]))[0] / max(one.thrust(np.array([scale]))[0], 1e-300))

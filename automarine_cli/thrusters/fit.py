@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.fits.thruster_curves import HIGH, LOW, Fits, fit_direction
-from automarine_cli.fits.thruster_levels import groups_of
-from automarine_cli.fits.thruster_points import Floats, Ints, Points
-from automarine_cli.models.thruster_forms import SQUARE, Curve, Form
+from automarine_cli.thrusters.curves import HIGH, LOW, Fits, fit_direction
+from automarine_cli.thrusters.forms import SQUARE, Curve, Form
+from automarine_cli.thrusters.points import Floats, Ints, Points, groups_of
 
 FEWEST_LEVELS = 3
 ENOUGH_RECORDS = 4  # records from which their scatter alone carries an interval

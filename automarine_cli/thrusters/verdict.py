@@ -5,8 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automarine_cli.diagnosis.thruster_search import Search, Swap
-from automarine_cli.diagnosis.thruster_shapes import (
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.thrusters.fit import parameters
+from automarine_cli.thrusters.points import Floats
+from automarine_cli.thrusters.search import Search, Swap
+from automarine_cli.thrusters.shapes import (
     ASYMMETRY,
     SAG,
     VOLTAGE,
@@ -15,9 +18,6 @@ from automarine_cli.diagnosis.thruster_shapes import (
     form_of,
     multiplier_columns,
 )
-from automarine_cli.fits.estimate import Estimate
-from automarine_cli.fits.thruster_fit import parameters
-from automarine_cli.fits.thruster_points import Floats
 
 WELL_ABOVE = 1.5
 """Residual over the noise floor from which a map may lack something; the floor itself is known to some 20 %."""
@@ -83,9 +83,9 @@ def verdict_of(search: Search, floor: float, seed: int) -> str:
     Unexplained are residuals well above the floor that hang together along the command when what was added closes
     less than most of the excess: the best candidate then only fits least badly.
     """
-    floor = max(floor, 1e-9 * search.base.bench.full_scale)
+    floor = max(floor, 1e-9 * search.base.data.full_scale)
     before, after = (max((fit.rmse() / floor) ** 2 - 1.0, 0.0) for fit in (search.base, search.final))
-    well_above = search.final.rmse() > max(WELL_ABOVE * floor, MATERIAL * search.base.bench.full_scale)
+    well_above = search.final.rmse() > max(WELL_ABOVE * floor, MATERIAL * search.base.data.full_scale)
     if well_above and after > LEFT_OVER * before and hangs_together(search.final, seed) <= STRUCTURED:
         return "unexplained"
     return "named" if search.named else "nothing-missing"
@@ -93,10 +93,10 @@ def verdict_of(search: Search, floor: float, seed: int) -> str:
 
 def hangs_together(found: Fitted, seed: int) -> float:
     """p-value of neighbouring levels' residuals being alike: products of neighbours, against signs thrown."""
-    bench, random = found.bench, np.random.default_rng(seed)
-    step = np.zeros(len(bench.points)) if bench.step is None else bench.step
-    order = np.lexsort((bench.points.n, np.sign(bench.points.n), step))
-    rest = (np.sqrt(bench.points.weight) * found.residual)[order]
+    data, random = found.data, np.random.default_rng(seed)
+    step = np.zeros(len(data.points)) if data.step is None else data.step
+    order = np.lexsort((data.points.n, np.sign(data.points.n), step))
+    rest = (np.sqrt(data.points.weight) * found.residual)[order]
     together = rest[1:] * rest[:-1]
     signs = random.choice([-1.0, 1.0], size=(THROWS, len(together)))
     return float((1.0 + np.sum(signs @ together >= together.sum())) / (1.0 + THROWS))
@@ -121,17 +121,17 @@ def named_effects(search: Search, floor: float) -> tuple[Named, ...]:
 
 def effect_parameters(found: Fitted, effect: str, base: Fitted) -> dict[str, dict[str, object]]:
     """Estimates of one effect; a parameter of one direction says so in its name."""
-    bench, result = found.bench, {}
+    data, result = found.data, {}
     if effect in (VOLTAGE, SAG):
         shape = Shape(found.shape.curves, effect == VOLTAGE, effect == SAG)
         value = found.power if effect == VOLTAGE else found.sag
         column = multiplier_columns(found, shape)[:, 0]
-        steps = bench.step if effect == VOLTAGE else None
-        estimate = Estimate.from_stderr(value, _one_stderr(found, column, steps), bench.levels - 1, "1")
+        steps = data.step if effect == VOLTAGE else None
+        estimate = Estimate.from_stderr(value, _one_stderr(found, column, steps), data.levels - 1, "1")
         return {"p" if effect == VOLTAGE else "share_lost": estimate.to_json()}
     if effect == ASYMMETRY:
-        sides = [np.where(bench.points.n * sign > 0, found.predicted, 0.0) for sign in (1.0, -1.0)]
-        ends = [found.along(np.array([sign * np.max(np.abs(bench.points.n))]))[0] for sign in (1.0, -1.0)]
+        sides = [np.where(data.points.n * sign > 0, found.predicted, 0.0) for sign in (1.0, -1.0)]
+        ends = [found.along(np.array([sign * np.max(np.abs(data.points.n))]))[0] for sign in (1.0, -1.0)]
         ratio = float(abs(ends[1] / ends[0]))
         relative = float(np.hypot(_one_stderr(found, sides[0], None), _one_stderr(found, sides[1], None)))
         dof = min(int(np.count_nonzero(side)) for side in sides) - 1
@@ -148,13 +148,13 @@ def effect_parameters(found: Fitted, effect: str, base: Fitted) -> dict[str, dic
 def _curve_parameters(found: Fitted) -> dict[str, dict[str, object]]:
     """Estimates of every direction's curve ("both" where they share one), by parameter."""
     result = {}
-    gain = found.gain(found.bench)
-    for name, (index, side) in found.bench.parts(found.shape.tied).items():
+    gain = found.gain(found.data)
+    for name, (index, side) in found.data.parts(found.shape.tied).items():
         form, level = form_of(dict(found.shape.curves)[name]), side
         if found.power or found.sag:
             own = gain[index]
             level = type(side)(**{**vars(side), "thrust": side.thrust / own, "weight": side.weight * own**2})
-        values = parameters(level, form, found.curves[name], found.at_bound[name], found.bench.n_unit)
+        values = parameters(level, form, found.curves[name], found.at_bound[name], found.data.n_unit)
         result[name] = values
     return result
 
@@ -167,11 +167,11 @@ def curve_parameters(found: Fitted) -> dict[str, dict[str, object]]:
 
 def _one_stderr(found: Fitted, column: Floats, steps: np.ndarray | None) -> float:
     """Standard error of one parameter from its own derivative: by levels, or by voltage steps if that is more."""
-    weight = found.bench.points.weight
+    weight = found.data.points.weight
     squares = float(weight @ column**2)
     moment = weight * column * found.residual
     sizes = []
-    for unit in (found.bench.level, steps):
+    for unit in (found.data.level, steps):
         if unit is not None:
             count = len(np.unique(unit))
             sums = np.array([moment[unit == number].sum() for number in np.unique(unit)])
@@ -181,8 +181,8 @@ def _one_stderr(found: Fitted, column: Floats, steps: np.ndarray | None) -> floa
 
 def split_by(final: Fitted, swap: Swap, floor: float) -> str:
     """The pull at which the named effect and its rival differ most, from the two fitted models."""
-    bench = final.bench
-    n = bench.points.n
+    data = final.data
+    n = data.points.n
     along = np.linspace(min(float(n.min()), 0.0), max(float(n.max()), 0.0), 801)
     gap = np.nan_to_num(final.along(along) - swap.fit.along(along))
     if SAG in (swap.name, swap.instead_of):

@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import FitError
-from automarine_cli.fits.thruster_contradictions import flag_contradictions, left_out
-from automarine_cli.fits.thruster_fit import SIDES, Side, sides_of
-from automarine_cli.fits.thruster_levels import groups_of, levels_of, voltage_steps
-from automarine_cli.fits.thruster_plateaus import reduce_series
-from automarine_cli.fits.thruster_points import Floats, Ints, Points
-from automarine_cli.fits.thruster_tare import subtract_tare
-from automarine_cli.runs.thruster_test import ThrusterLogs
+from automarine_cli.thrusters.contradictions import flag_contradictions, left_out
+from automarine_cli.thrusters.fit import SIDES, Side, sides_of
+from automarine_cli.thrusters.plateaus import reduce_series
+from automarine_cli.thrusters.points import Floats, Ints, Points, groups_of, levels_of, voltage_steps
+from automarine_cli.thrusters.records import ThrusterLogs
+from automarine_cli.thrusters.tare import subtract_tare
 
 FEWEST_LEVELS = 5
 """Levels in a direction from which a curve with a second parameter can be told from chance."""
@@ -29,7 +28,7 @@ ALONG = 0.8
 
 
 @dataclass(frozen=True)
-class Bench:
+class BollardData:
     """Measured points of one thruster, without those at zero command; all arrays have shape (P,).
 
     `step` numbers the voltage steps (None with one voltage or none), `level` numbers commands (signed) at one
@@ -62,8 +61,8 @@ class Bench:
         """How many independent levels."""
         return len(np.unique(self.level))
 
-    def where(self, mask: NDArray[np.bool_]) -> "Bench":
-        """The bench with only the points that `mask` keeps."""
+    def where(self, mask: NDArray[np.bool_]) -> "BollardData":
+        """The points that `mask` keeps, as bollard data."""
         step = None if self.step is None else self.step[mask]
         return replace(
             self,
@@ -73,10 +72,6 @@ class Bench:
             group=self.group[mask],
             order=self.order[mask],
         )
-
-    def weighing(self, weight: Floats) -> "Bench":
-        """The bench with other weights, shape (P,)."""
-        return replace(self, points=replace(self.points, weight=weight))
 
     def parts(self, tied: bool) -> dict[str, tuple[Ints, Side]]:
         """Point numbers and `Side` of each direction, or of both together as one curve of |n| (`tied`)."""
@@ -108,10 +103,10 @@ class Bench:
         return f"{source}, run {run}" if run else source
 
 
-def bench_of(
+def bollard_data(
     loaded: ThrusterLogs, thrusters: int, n_unit: str, sides: tuple[str, ...], fewest: int = FEWEST_LEVELS
-) -> Bench:
-    """Logs -> bench: plateaus, one thruster, contradictions flagged, tare taken off, directions in `sides` only.
+) -> BollardData:
+    """Logs -> bollard data: plateaus, one thruster, contradictions flagged, tare taken off, directions in `sides` only.
 
     A direction with fewer than `fewest` levels is left out.
 
@@ -146,7 +141,7 @@ def bench_of(
     sources = tuple((record.source, record.run) for record in loaded.records)
     stderr = tare.stderr if tare.subtracted else 0.0
     values = (kept, kept_step, level.astype(np.int64), _groups(kept.n), order[keep], stderr, n_unit, sources)
-    return Bench(*values, points.force[points.n == 0.0])
+    return BollardData(*values, points.force[points.n == 0.0])
 
 
 def _groups(n: Floats) -> Ints:
@@ -158,36 +153,36 @@ def _groups(n: Floats) -> Ints:
     return group
 
 
-def held_out_levels(bench: Bench, seed: int) -> np.ndarray:
+def held_out_levels(data: BollardData, seed: int) -> np.ndarray:
     """Points of the quarter of the levels that is held out, (P,): one level drawn from every four neighbours.
 
     Never an end of the range; none where a direction has fewer than FEWEST_TO_HOLD_OUT levels.
     """
-    random, out = np.random.default_rng(seed), np.zeros(len(bench.points), dtype=bool)
-    number = levels_of(bench.points.n)
+    random, out = np.random.default_rng(seed), np.zeros(len(data.points), dtype=bool)
+    number = levels_of(data.points.n)
     for sign in (1.0, -1.0):
-        own = np.unique(number[bench.points.n * sign > 0])
+        own = np.unique(number[data.points.n * sign > 0])
         inner = own[1:-1]
         if 0 < len(own) < FEWEST_TO_HOLD_OUT:
-            return np.zeros(len(bench.points), dtype=bool)
+            return np.zeros(len(data.points), dtype=bool)
         for start in range(0, len(inner) - 3, 4):
             out |= number == inner[start + int(random.integers(4))]
     return out
 
 
-def noise_floor(bench: Bench) -> tuple[float, str]:
+def noise_level(data: BollardData) -> tuple[float, str]:
     """Noise of a point [N] measured apart from any model, and where it was read.
 
     Repeats at one command where there are enough; else what the neighbouring levels do not say: each level against a
     smooth local curve through the three levels on either side, freed of that curve's own error. Never less than the
     standard errors of the plateaus.
     """
-    points = bench.points
+    points = data.points
     own = points.stderr[np.isfinite(points.stderr)]
     samples = float(np.sqrt(np.mean(own**2))) if len(own) else 0.0
     squares, freedom = 0.0, 0
-    for number in np.unique(bench.level):
-        here = (bench.level == number) & (points.flag == "")
+    for number in np.unique(data.level):
+        here = (data.level == number) & (points.flag == "")
         # A measured speed is never the same twice: its neighbours are no repeats.
         if np.count_nonzero(here) > 1 and np.ptp(points.n[here]) <= SAME * np.max(np.abs(points.n)):
             squares += float(np.sum((points.force[here] - points.force[here].mean()) ** 2))
@@ -197,20 +192,20 @@ def noise_floor(bench: Bench) -> tuple[float, str]:
         if repeats >= samples:
             return repeats, "repeats at one command"
         return samples, "the samples of each plateau"
-    rough = _roughness(bench)
+    rough = _roughness(data)
     if rough >= samples:
         return rough, "neighbouring levels"
     return samples, "the samples of each plateau"
 
 
-def _roughness(bench: Bench) -> float:
+def _roughness(data: BollardData) -> float:
     """Root mean square over ranges of |n| of the robust scatter [N] about the neighbours' smooth curve."""
-    points = bench.points
+    points = data.points
     off, size = [], []
-    for step in [0] if bench.step is None else np.unique(bench.step):
+    for step in [0] if data.step is None else np.unique(data.step):
         for _, sign in SIDES:
             here = (points.n * sign > 0) & (points.flag == "")
-            here &= True if bench.step is None else bench.step == step
+            here &= True if data.step is None else data.step == step
             n = np.abs(points.n[here])
             numbers = levels_of(n)
             place = np.array([np.mean(n[numbers == k]) for k in np.unique(numbers)])

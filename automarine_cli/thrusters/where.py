@@ -5,10 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from automarine_cli.diagnosis.thruster_bench import Bench
-from automarine_cli.diagnosis.thruster_shapes import Fitted
-from automarine_cli.fits.thruster_fit import SIDES
-from automarine_cli.fits.thruster_points import Floats, Ints
+from automarine_cli.thrusters.bollard_data import BollardData
+from automarine_cli.thrusters.fit import SIDES
+from automarine_cli.thrusters.points import Floats, Ints
+from automarine_cli.thrusters.shapes import Fitted
 
 BINS = 10
 IN_A_BIN = 4
@@ -80,14 +80,14 @@ class Fault:
         }
 
 
-def variables(bench: Bench) -> dict[str, tuple[Floats, str]]:
+def variables(data: BollardData) -> dict[str, tuple[Floats, str]]:
     """What the gap is looked at against: values (P,) and unit, by name."""
-    found = {"n": (bench.points.n, bench.n_unit or "as logged")}
-    if bench.step is not None:
-        found["voltage"] = (bench.points.voltage, "V")
+    found = {"n": (data.points.n, data.n_unit or "as logged")}
+    if data.step is not None:
+        found["voltage"] = (data.points.voltage, "V")
     # In a single sweep the run order is the command once more.
-    if abs(np.corrcoef(bench.order, bench.points.n)[0, 1]) < SWEEP:
-        found["run-order"] = (np.arange(1.0, len(bench.order) + 1.0), "reading")
+    if abs(np.corrcoef(data.order, data.points.n)[0, 1]) < SWEEP:
+        found["run-order"] = (np.arange(1.0, len(data.order) + 1.0), "reading")
     return found
 
 
@@ -96,7 +96,7 @@ def gap_against(found: Fitted, variable: str) -> Floats:
 
     What weakens or strengthens thrust both ways would cancel over the directions otherwise.
     """
-    return found.residual if variable == "n" else found.residual * np.sign(found.bench.points.n)
+    return found.residual if variable == "n" else found.residual * np.sign(found.data.points.n)
 
 
 def bins_of(values: Floats) -> Ints:
@@ -114,12 +114,12 @@ def regions(found: Fitted, seed: int) -> tuple[Region, ...]:
 
     The p-value counts the largest bin of each shuffle, so that looking at every bin is paid for.
     """
-    bench, random = found.bench, np.random.default_rng(seed)
-    if not np.any(np.abs(found.residual) > 1e-9 * bench.full_scale):
+    data, random = found.data, np.random.default_rng(seed)
+    if not np.any(np.abs(found.residual) > 1e-9 * data.full_scale):
         return ()
     result: list[Region] = []
-    for name, (values, unit) in variables(bench).items():
-        rest = np.sqrt(bench.points.weight) * gap_against(found, name)
+    for name, (values, unit) in variables(data).items():
+        rest = np.sqrt(data.points.weight) * gap_against(found, name)
         shuffled = random.permuted(np.tile(rest, (SHUFFLES, 1)), axis=1)
         place = bins_of(values)
         rows = (place[None, :] == np.arange(place.max() + 1)[:, None]).astype(float)
@@ -132,19 +132,19 @@ def regions(found: Fitted, seed: int) -> tuple[Region, ...]:
         for start, stop in _stretches(p <= CHANCE):
             here = (place >= start) & (place < stop)
             share = float(np.sum(rest[here] ** 2) / np.sum(rest**2))
-            gap = float(np.sqrt(np.sum(rest[here] ** 2) / bench.points.weight[here].sum()))
-            runs = tuple(dict.fromkeys(bench.place(int(i)) for i in np.flatnonzero(here)))
+            gap = float(np.sqrt(np.sum(rest[here] ** 2) / data.points.weight[here].sum()))
+            runs = tuple(dict.fromkeys(data.place(int(i)) for i in np.flatnonzero(here)))
             ends = (float(values[here].min()), float(values[here].max()))
             result.append(Region(name, *ends, unit, gap, share, float(p[start:stop].min()), runs))
     return tuple(result)
 
 
-def faults(bench: Bench, found: Fitted) -> tuple[Fault, ...]:
+def faults(data: BollardData, found: Fitted) -> tuple[Fault, ...]:
     """Flagged stretches, exact zeros at a command, and a direction that looks computed; the largest gap first."""
-    points = bench.points
+    points = data.points
     result = [
-        _fault(bench, found, here, "faulty-stretch", str(points.flag[here[0]]))
-        for here in _together(bench, points.flag != "")
+        _fault(data, found, here, "faulty-stretch", str(points.flag[here[0]]))
+        for here in _together(data, points.flag != "")
     ]
     zeros = np.flatnonzero((points.force == 0.0) & (points.flag == ""))
     for here in (zeros[points.record[zeros] == record] for record in np.unique(points.record[zeros])):
@@ -152,18 +152,18 @@ def faults(bench: Bench, found: Fitted) -> tuple[Fault, ...]:
             "exactly zero thrust at a command: a dead-band, or readings that were set to zero or never taken; "
             "how wide the dead-band is rests on them"
         )
-        result.append(_fault(bench, found, here, "exact-zeros", why))
-    rough = {name: _off_polynomial(bench, sign) for name, sign in SIDES}
+        result.append(_fault(data, found, here, "exact-zeros", why))
+    rough = {name: _off_polynomial(data, sign) for name, sign in SIDES}
     for name, sign in SIDES:
         other = rough["backward" if name == "forward" else "forward"]
         own = rough[name]
-        if own is not None and other is not None and own < COMPUTED * bench.full_scale < 0.2 * other:
+        if own is not None and other is not None and own < COMPUTED * data.full_scale < 0.2 * other:
             here = np.flatnonzero(points.n * sign > 0)
             why = (
                 f"the {name} half lies on a polynomial to {own:.2g} N while the other half scatters: it looks "
                 "computed, not measured, and its agreement with any map says little"
             )
-            result.append(_fault(bench, found, here, "computed", why))
+            result.append(_fault(data, found, here, "computed", why))
     return tuple(sorted(result, key=lambda fault: -fault.gap))
 
 
@@ -173,12 +173,12 @@ def broken_stretch(found: Fitted, floor: float) -> Ints | None:
     A propeller's curve is continuous: what begins and ends between two neighbouring readings with a jump is the
     measurement. The clearest stretch is given.
     """
-    bench = found.bench
-    limit = max(STEP * bench.full_scale, STEPS * floor)
+    data = found.data
+    limit = max(STEP * data.full_scale, STEPS * floor)
     best, clearest = None, 0.0
-    for record in np.unique(bench.points.record):
+    for record in np.unique(data.points.record):
         for _, sign in SIDES:
-            here = np.flatnonzero((bench.points.record == record) & (bench.points.n * sign > 0))
+            here = np.flatnonzero((data.points.record == record) & (data.points.n * sign > 0))
             rest = sign * found.residual[here]
             for start in range(1, len(here) - SHORTEST):
                 for stop in range(start + SHORTEST, min(start + len(here) // 3, len(here) - 1) + 1):
@@ -194,25 +194,25 @@ def broken_stretch(found: Fitted, floor: float) -> Ints | None:
     return best
 
 
-def _fault(bench: Bench, found: Fitted, here: Ints, kind: str, why: str) -> Fault:
-    n = bench.points.n[here]
-    record = np.flatnonzero(bench.points.record == bench.points.record[here[0]])
+def _fault(data: BollardData, found: Fitted, here: Ints, kind: str, why: str) -> Fault:
+    n = data.points.n[here]
+    record = np.flatnonzero(data.points.record == data.points.record[here[0]])
     first = int(np.searchsorted(record, here[0])) + 1
     last = int(np.searchsorted(record, here[-1])) + 1
-    gap = float(np.sqrt(np.mean((bench.points.force[here] - found.thrust(bench)[here]) ** 2)))
+    gap = float(np.sqrt(np.mean((data.points.force[here] - found.thrust(data)[here]) ** 2)))
     low, high = float(n.min()), float(n.max())
     many = f"{len(here)} readings" if len(here) > 1 else "1 reading"
     at = f"from n = {low:.4g} to {high:.4g}" if len(here) > 1 else f"at n = {low:.4g}"
-    says = f"{bench.place(int(here[0]))}: {many} {at}: {why}."
-    return Fault(kind, bench.place(int(here[0])), first, last, low, high, len(here), gap, says)
+    says = f"{data.place(int(here[0]))}: {many} {at}: {why}."
+    return Fault(kind, data.place(int(here[0])), first, last, low, high, len(here), gap, says)
 
 
-def _together(bench: Bench, mask: np.ndarray) -> list[Ints]:
+def _together(data: BollardData, mask: np.ndarray) -> list[Ints]:
     """Points of the mask that follow each other in one record."""
     index = np.flatnonzero(mask)
     if len(index) == 0:
         return []
-    new = (np.diff(index) > 1) | (np.diff(bench.points.record[index]) != 0)
+    new = (np.diff(index) > 1) | (np.diff(data.points.record[index]) != 0)
     return list(np.split(index, np.flatnonzero(new) + 1))
 
 
@@ -222,14 +222,12 @@ def _stretches(mask: np.ndarray) -> list[tuple[int, int]]:
     return list(pairwise(edges.tolist()))[::2]
 
 
-def _off_polynomial(bench: Bench, sign: float) -> float | None:
+def _off_polynomial(data: BollardData, sign: float) -> float | None:
     """Root mean square [N] of one direction about a polynomial in n; None with too few points."""
-    here = bench.points.n * sign > 0
+    here = data.points.n * sign > 0
     if np.count_nonzero(here) < DEGREE + 7:
         return None
-    x = bench.points.n[here] / np.max(np.abs(bench.points.n[here]))
+    x = data.points.n[here] / np.max(np.abs(data.points.n[here]))
     matrix = np.vander(x, DEGREE + 1)
-    rest = (
-        bench.points.force[here] - matrix @ np.linalg.lstsq(matrix, bench.points.force[here], rcond=None)[0]
-    )
+    rest = data.points.force[here] - matrix @ np.linalg.lstsq(matrix, data.points.force[here], rcond=None)[0]
     return float(np.sqrt(np.mean(rest**2)))

@@ -1,11 +1,10 @@
-"""Thruster-test logs -> test records: read, missing values dropped and counted, unusable ones set aside."""
+"""Records of bollard tests: read from logs with missing values dropped and counted, or simulated."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
@@ -13,8 +12,14 @@ from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_lo
 from automarine_cli.pipeline.progress import Progress, counted, silent
 from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, unreadable
 from automarine_cli.runs.run import SetAside
+from automarine_cli.simulation.run_groups import levels_of
+from automarine_cli.simulation.settings import Bollard
+from automarine_cli.simulation.streams import normal, uniform
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.points import Floats
 
-Floats = NDArray[np.float64]
+FORCE_DECIMALS = 3
 
 
 @dataclass(frozen=True)
@@ -103,3 +108,13 @@ def _records(table: LogTable) -> tuple[list[Series], int, list[SetAside]]:
             )
         )
     return records, int(np.count_nonzero(~good)), idle
+
+
+def bollard_columns(bollard: Bollard, seed: int) -> dict[str, Floats]:
+    """`n` and `force_N` of all thrusters of a test together, shape (levels x repeats,), in random order."""
+    levels = np.repeat(np.array(levels_of(bollard.levels)), bollard.repeats)
+    order = np.argsort(uniform(len(levels), seed, bollard.file, "order"), kind="stable")
+    thrusters = ThrusterMap("square", Curve(bollard.a_f), Curve(bollard.a_b))
+    pull = bollard.thrusters_per_test * thrusters.force(levels)
+    measured = pull + bollard.noise_N * normal(len(levels), seed, bollard.file, "noise")
+    return {"n": levels[order], "force_N": (np.round(measured, FORCE_DECIMALS) + 0.0)[order]}

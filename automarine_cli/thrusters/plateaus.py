@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from automarine_cli.fits.thruster_points import Floats, Points, join
-from automarine_cli.runs.thruster_test import Series
+from automarine_cli.thrusters.points import Floats, Points, join
+from automarine_cli.thrusters.records import Series
 
 HANDFUL = 5  # up to this many equal commands in sequence are single readings, not a raw series
 BATCHES = 10  # batch means: enough for a variance, long enough to outlive the autocorrelation

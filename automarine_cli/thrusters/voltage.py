@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.fits.thruster_fit import SIDES, Side
-from automarine_cli.fits.thruster_levels import levels_of
-from automarine_cli.fits.thruster_points import Floats
+from automarine_cli.thrusters.fit import SIDES, Side
+from automarine_cli.thrusters.points import Floats, levels_of
 
 PLACES = 20
 FAINT = 0.02  # thrust below this share of full scale is too near the dead band for a logarithm

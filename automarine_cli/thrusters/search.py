@@ -5,11 +5,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import stats
 
-from automarine_cli.diagnosis.thruster_bench import Bench
-from automarine_cli.diagnosis.thruster_scores import CHANCE, Scores, score
-from automarine_cli.diagnosis.thruster_shapes import Fitted, Shape, fit_shape, form_of
-from automarine_cli.diagnosis.thruster_where import broken_stretch
-from automarine_cli.fits.thruster_points import Floats
+from automarine_cli.thrusters.bollard_data import BollardData
+from automarine_cli.thrusters.points import Floats
+from automarine_cli.thrusters.scores import CHANCE, Scores, score
+from automarine_cli.thrusters.shapes import Fitted, Shape, fit_shape, form_of
+from automarine_cli.thrusters.where import broken_stretch
 
 MOST_EFFECTS = 3
 BROKEN_WEIGHT = 0.01
@@ -83,27 +83,27 @@ class Search:
 
 @dataclass
 class _Fits:
-    """Fits of one bench, each made once."""
+    """Fits of the same data, each made once."""
 
-    bench: Bench
+    data: BollardData
     known: dict[Shape, Fitted] = field(default_factory=dict)
 
     def of(self, shape: Shape) -> Fitted:
         if shape not in self.known:
-            self.known[shape] = fit_shape(self.bench, shape)
+            self.known[shape] = fit_shape(self.data, shape)
         return self.known[shape]
 
     def judged(self, shape: Shape) -> bool:
         """Whether every direction has levels enough to leave some out."""
-        parts = self.bench.parts(shape.tied)
+        parts = self.data.parts(shape.tied)
         effects = dict(shape.curves)
         return all(side.groups >= form_of(effects[name]).parameters + 2 for name, (_, side) in parts.items())
 
 
-def search(bench: Bench, start: Shape, seed: int) -> Search:
+def search(data: BollardData, start: Shape, seed: int) -> Search:
     """Add the effects that are missing from `start`, at most three, and say what else they could be."""
     random = np.random.default_rng(seed)
-    fits = _Fits(bench)
+    fits = _Fits(data)
     base = current = fits.of(start)
     named: dict[str, float] = {}
     rounds: list[Round] = []
@@ -119,14 +119,16 @@ def search(bench: Bench, start: Shape, seed: int) -> Search:
     return Search(base, tuple(rounds), current, tuple(named), named, rivals)
 
 
-def search_around_faults(bench: Bench, shape: Shape, floor: float, seed: int) -> tuple[Search, Bench]:
+def search_around_faults(
+    data: BollardData, shape: Shape, floor: float, seed: int
+) -> tuple[Search, BollardData]:
     """The search, again without any stretch of readings that steps off the curve and back."""
-    found = search(bench, shape, seed)
+    found = search(data, shape, seed)
     for _ in range(MOST_STRETCHES):
         here = broken_stretch(found.final, floor)
         if here is None:
             break
-        weight, flag = bench.points.weight.copy(), bench.points.flag.copy()
+        weight, flag = data.points.weight.copy(), data.points.flag.copy()
         if np.all(flag[here] != ""):
             break
         weight[here] = BROKEN_WEIGHT
@@ -134,9 +136,9 @@ def search_around_faults(bench: Bench, shape: Shape, floor: float, seed: int) ->
         flag[here] = (
             f"{abs(off):.3g} N off the curve from one reading to the next, and back again: faulty stretch"
         )
-        bench = replace(bench, points=replace(bench.points, weight=weight, flag=flag))
-        found = search(bench, shape, seed)
-    return found, bench
+        data = replace(data, points=replace(data.points, weight=weight, flag=flag))
+        found = search(data, shape, seed)
+    return found, data
 
 
 def difference(worse: Floats, better: Floats, scale: float) -> tuple[float, float]:
@@ -148,20 +150,20 @@ def difference(worse: Floats, better: Floats, scale: float) -> tuple[float, floa
 
 def _round(fits: _Fits, current: Fitted, named: tuple[str, ...], random: np.random.Generator) -> Round:
     """One look; an effect that is named already may be added in the other direction too."""
-    bench = fits.bench
+    data = fits.data
     offered = [
         (effect, where, shape)
-        for effect, where, shape in current.shape.additions(bench.drifts_apart(), bench.step is not None)
+        for effect, where, shape in current.shape.additions(data.drifts_apart(), data.step is not None)
         if fits.judged(shape) and (len(named) < MOST_EFFECTS or effect in named)
     ]
     scores = score(current, [(effect, where) for effect, where, _ in offered], random)
     trials = []
-    if np.sqrt(current.squares / len(bench.points)) > ROUNDING * bench.full_scale:
+    if np.sqrt(current.squares / len(data.points)) > ROUNDING * data.full_scale:
         for (effect, where, shape), evidence, p in zip(offered, scores.evidence, scores.p_values):
             found = fits.of(shape)
-            gain, stderr = difference(current.loss, found.loss, bench.full_scale)
+            gain, stderr = difference(current.loss, found.loss, data.full_scale)
             trials.append(Trial(effect, where, found, float(evidence), float(p), gain, stderr))
-    return Round(current, tuple(trials), scores, _best(trials, bench.full_scale))
+    return Round(current, tuple(trials), scores, _best(trials, data.full_scale))
 
 
 def _best(trials: list[Trial], scale: float) -> Trial | None:
@@ -184,7 +186,7 @@ def _pruned(
     """Without the effects that the later ones made needless."""
     for effect in list(named) if len(named) > 1 else []:
         less = fits.of(current.shape.without(effect, base.shape))
-        worse, stderr = difference(less.loss, current.loss, fits.bench.full_scale)
+        worse, stderr = difference(less.loss, current.loss, fits.data.full_scale)
         if worse <= 0.5 * stderr and len(named) > 1:
             current, named = less, {name: p for name, p in named.items() if name != effect}
     return current, named
@@ -211,13 +213,13 @@ def _swapped(
 
 
 def _swaps(fits: _Fits, base: Fitted, current: Fitted, named: dict[str, float]) -> list[Swap]:
-    bench, found = fits.bench, []
+    data, found = fits.data, []
     for effect in named:
         less = current.shape.without(effect, base.shape)
-        for other, where, shape in less.additions(bench.drifts_apart(), bench.step is not None):
+        for other, where, shape in less.additions(data.drifts_apart(), data.step is not None):
             if other in named or not fits.judged(shape):
                 continue
             instead = fits.of(shape)
-            behind, stderr = difference(instead.loss, current.loss, bench.full_scale)
+            behind, stderr = difference(instead.loss, current.loss, data.full_scale)
             found.append(Swap(other, effect, where, instead, behind, stderr))
     return found

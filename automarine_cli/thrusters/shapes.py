@@ -6,11 +6,11 @@ from functools import cached_property
 
 import numpy as np
 
-from automarine_cli.diagnosis.thruster_bench import Bench
-from automarine_cli.fits.thruster_curves import fit_direction
-from automarine_cli.fits.thruster_fit import Side, best_curve
-from automarine_cli.fits.thruster_points import Floats, Ints
-from automarine_cli.models.thruster_forms import FORMS, SUFFIX, Curve, Form
+from automarine_cli.thrusters.bollard_data import BollardData
+from automarine_cli.thrusters.curves import fit_direction
+from automarine_cli.thrusters.fit import Side, best_curve
+from automarine_cli.thrusters.forms import FORMS, SUFFIX, Curve, Form
+from automarine_cli.thrusters.points import Floats
 
 CURVE_EFFECTS = ("dead-band", "thrust-exponent", "saturation")
 ASYMMETRY, VOLTAGE, SAG = "thrust-asymmetry", "voltage-exponent", "battery-sag"
@@ -95,13 +95,13 @@ def effects_of(form: str) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A shape fitted to a bench; `predicted` and `left_out` [N] have shape (P,).
+    """A shape fitted to bollard data; `predicted` and `left_out` [N] have shape (P,).
 
     `left_out` is what a fit without the point's group of levels says of it; `power` the exponent of the voltage
     against `reference` [V]; `sag` the share of thrust lost from the first reading to the last.
     """
 
-    bench: Bench
+    data: BollardData
     shape: Shape
     curves: dict[str, Curve]
     at_bound: dict[str, tuple[str, ...]]
@@ -111,21 +111,21 @@ class Fitted:
 
     @cached_property
     def predicted(self) -> Floats:
-        """Thrust [N] of every point of the bench."""
-        return self.thrust(self.bench)
+        """Thrust [N] of every point."""
+        return self.thrust(self.data)
 
     @cached_property
     def residual(self) -> Floats:
         """Measured less fitted [N]."""
-        return self.bench.points.force - self.predicted
+        return self.data.points.force - self.predicted
 
-    def gain(self, bench: Bench) -> Floats:
+    def gain(self, data: BollardData) -> Floats:
         """What multiplies the curves at each point [1]."""
-        return _gain(bench, self.power, self.sag, self.reference)
+        return _gain(data, self.power, self.sag, self.reference)
 
-    def thrust(self, bench: Bench) -> Floats:
-        """Thrust [N] at the points of any bench."""
-        return self.along(bench.points.n) * self.gain(bench)
+    def thrust(self, data: BollardData) -> Floats:
+        """Thrust [N] at the points of any bollard data."""
+        return self.along(data.points.n) * self.gain(data)
 
     def along(self, n: Floats) -> Floats:
         """Thrust [N] of the curves alone; NaN in a direction without a curve."""
@@ -139,8 +139,8 @@ class Fitted:
     @cached_property
     def left_out(self) -> Floats:
         """Thrust [N] of every point by a fit without its group."""
-        total, gain = np.zeros(len(self.bench.points)), self.gain(self.bench)
-        for name, (index, side) in self.bench.parts(self.shape.tied).items():
+        total, gain = np.zeros(len(self.data.points)), self.gain(self.data)
+        for name, (index, side) in self.data.parts(self.shape.tied).items():
             level = _levelled(side, gain[index])
             numbers = np.unique(side.group)
             out = side.group[None, :] == numbers[:, None]
@@ -150,79 +150,73 @@ class Fitted:
             )
             rows = np.searchsorted(numbers, side.group)
             thrust = fits.thrust(side.magnitude)[rows, np.arange(len(index))]
-            total[index] = np.sign(self.bench.points.n[index]) * thrust * gain[index]
+            total[index] = np.sign(self.data.points.n[index]) * thrust * gain[index]
         return total
 
     @cached_property
     def loss(self) -> Floats:
         """Weighted squared error [N²] of each group when it is left out, groups in rising number."""
-        error = self.bench.points.weight * (self.bench.points.force - self.left_out) ** 2
-        numbers = np.unique(self.bench.group)
-        return np.array([error[self.bench.group == number].sum() for number in numbers])
+        error = self.data.points.weight * (self.data.points.force - self.left_out) ** 2
+        numbers = np.unique(self.data.group)
+        return np.array([error[self.data.group == number].sum() for number in numbers])
 
     @property
     def squares(self) -> float:
         """Weighted sum of squared residuals [N²]."""
-        return float(self.bench.points.weight @ self.residual**2)
+        return float(self.data.points.weight @ self.residual**2)
 
     def rmse(self, left_out: bool = False) -> float:
         """Root mean square error [N], weighted as in the fit; cross-validated with `left_out`."""
         squares = float(self.loss.sum()) if left_out else self.squares
-        return float(np.sqrt(squares / self.bench.points.weight.sum()))
+        return float(np.sqrt(squares / self.data.points.weight.sum()))
 
 
-def fit_shape(bench: Bench, shape: Shape) -> Fitted:
+def fit_shape(data: BollardData, shape: Shape) -> Fitted:
     """Least squares of a shape: curves direction by direction, in turn with what multiplies them."""
-    reference = float(np.median(bench.points.voltage)) if bench.step is not None else 1.0
+    reference = float(np.median(data.points.voltage)) if data.step is not None else 1.0
     power, sag = 0.0, 0.0
-    parts = bench.parts(shape.tied)
+    parts = data.parts(shape.tied)
     effects = dict(shape.curves)
     curves: dict[str, Curve] = {}
     bounds: dict[str, tuple[str, ...]] = {}
     for _ in range(ROUNDS if shape.voltage or shape.sag else 1):
-        gain = _gain(bench, power, sag, reference)
+        gain = _gain(data, power, sag, reference)
         for name, (index, side) in parts.items():
             curves[name], bounds[name] = best_curve(_levelled(side, gain[index]), form_of(effects[name]))
-        found = Fitted(bench, shape, dict(curves), dict(bounds), power, sag, reference)
-        power, sag = _multipliers(bench, shape, found)
+        found = Fitted(data, shape, dict(curves), dict(bounds), power, sag, reference)
+        power, sag = _multipliers(data, shape, found)
     return replace(found, power=power, sag=sag) if shape.voltage or shape.sag else found
 
 
 def multiplier_columns(found: Fitted, shape: Shape) -> Floats:
     """Derivative of the thrust [N] by the voltage's power and the sag, those that are free; shape (P, K)."""
-    bench, columns = found.bench, []
+    data, columns = found.data, []
     if shape.voltage:
-        columns.append(found.predicted * np.log(bench.points.voltage / found.reference))
+        columns.append(found.predicted * np.log(data.points.voltage / found.reference))
     if shape.sag:
-        columns.append(-found.predicted * bench.order / (1.0 - found.sag * bench.order))
-    return np.stack(columns, axis=1) if columns else np.zeros((len(bench.points), 0))
+        columns.append(-found.predicted * data.order / (1.0 - found.sag * data.order))
+    return np.stack(columns, axis=1) if columns else np.zeros((len(data.points), 0))
 
 
-def _multipliers(bench: Bench, shape: Shape, found: Fitted) -> tuple[float, float]:
+def _multipliers(data: BollardData, shape: Shape, found: Fitted) -> tuple[float, float]:
     """One Gauss-Newton step of the voltage's power and the sag, with the amplitudes free beside them."""
     columns = multiplier_columns(found, shape)
     if columns.shape[1] == 0:
         return found.power, found.sag
-    sides = [np.where(bench.points.n * s > 0, found.predicted, 0.0)[:, None] for s in (1.0, -1.0)]
+    sides = [np.where(data.points.n * s > 0, found.predicted, 0.0)[:, None] for s in (1.0, -1.0)]
     matrix = np.hstack([columns, *sides])
-    root = np.sqrt(bench.points.weight)
+    root = np.sqrt(data.points.weight)
     step = np.linalg.lstsq(root[:, None] * matrix, root * found.residual, rcond=None)[0]
     power = float(np.clip(found.power + step[0], -4.0, 4.0)) if shape.voltage else found.power
     sag = float(np.clip(found.sag + step[int(shape.voltage)], -0.9, 0.9)) if shape.sag else found.sag
     return power, sag
 
 
-def _gain(bench: Bench, power: float, sag: float, reference: float) -> Floats:
-    gain = 1.0 - sag * bench.order
-    return gain * (bench.points.voltage / reference) ** power if power else gain
+def _gain(data: BollardData, power: float, sag: float, reference: float) -> Floats:
+    gain = 1.0 - sag * data.order
+    return gain * (data.points.voltage / reference) ** power if power else gain
 
 
 def _levelled(side: Side, gain: Floats) -> Side:
     """A side as it would have been without what multiplies its thrust."""
     return replace(side, thrust=side.thrust / gain, weight=side.weight * gain**2)
-
-
-def group_rows(bench: Bench, index: Ints) -> Floats:
-    """Which level each point belongs to, shape (levels, points): for sums over levels."""
-    numbers = np.unique(bench.level[index])
-    return (bench.level[index][None, :] == numbers[:, None]).astype(float)
