@@ -19,10 +19,10 @@ from automarine_cli.comparison.residuals import free_runs
 from automarine_cli.comparison.scores import SCORES, score_key
 from automarine_cli.dofs import YAW
 from automarine_cli.models.store import load_yaw_models
-from automarine_cli.models.thruster_forms import Curve
-from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.report.figures.style import MODEL_COLOURS
 from automarine_cli.report.figures.validation import validation_figure
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.workflows.validate import validate
 
 Run = Callable[..., Result]

@@ -19,11 +19,11 @@ from automarine_cli.comparison.starts import rest_state, start_states
 from automarine_cli.comparison.validation import Comparison, compare
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Parameter, Place
-from automarine_cli.models.propulsion import parts_of
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.validation_tables import overall_table
 from automarine_cli.runs.run import Run
+from automarine_cli.thrusters.propulsion import parts_of
 
 Floats = NDArray[np.float64]
 TRUE = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)

@@ -17,7 +17,7 @@ from automarine_cli.logs.canonical import CANONICAL
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 PAGES = {
     path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
-    for path in (ROOT / "README.md", *sorted((ROOT / ".github").rglob("*.md")))
+    for path in (ROOT / "README.md", *sorted((ROOT / "automarine_cli" / "guide").rglob("*.md")))
 }
 README = PAGES["README.md"]
 EVERY_PAGE = pytest.mark.parametrize("page", PAGES)
@@ -52,7 +52,9 @@ def pictures_of(page: str) -> list[tuple[str, str]]:
 
 def floor_plan() -> set[str]:
     """Paths of the files and folders named in the floor plan, folders with a slash at their end."""
-    (plan,) = (text for text in fences(".github/pages/developers.md") if text.startswith("automarine_cli/\n"))
+    (plan,) = (
+        text for text in fences("automarine_cli/guide/developers.md") if text.startswith("automarine_cli/\n")
+    )
     found, above = set(), [""]
     for line in plan.splitlines():
         depth = (len(line) - len(line.lstrip())) // 2
@@ -117,7 +119,7 @@ def test_options_named_in_the_text_exist(page: str) -> None:
     """On a command's own page, those of that command; elsewhere those of any command."""
     name = page.rpartition("/")[2].removesuffix(".md")
     known = commands()
-    its_own = [known[name]] if page.startswith(".github/commands/") else known.values()
+    its_own = [known[name]] if page.startswith("automarine_cli/guide/commands/") else known.values()
     flags = {flag for command in its_own for flag in flags_of(command)} | {"--version"}
     named = re.findall(r"(?<=`)--[a-z][a-z-]*", without_fences(page))
     assert [flag for flag in named if flag not in flags] == []
@@ -130,14 +132,9 @@ def commands() -> dict[str, click.Command]:
     return {name: automarine.get_command(ctx, name) for name in automarine.list_commands(ctx)}  # type: ignore[misc]
 
 
-def test_every_command_stands_in_the_table_with_its_page() -> None:
-    table = README.partition("\n## Commands\n")[2].partition("\n## ")[0]
-    listed = re.findall(r"^\| \[?`([\w-]+)`", table, flags=re.MULTILINE)
-    assert sorted(listed) == sorted(commands())
-    linked = re.findall(r"^\| \[`([\w-]+)`\]\(\.github/commands/([\w-]+)\.md\)", table, flags=re.MULTILINE)
-    assert [name for name, page in linked if name != page] == []
+def test_every_command_has_its_page() -> None:
     pages = {page.rpartition("/")[2].removesuffix(".md") for page in PAGES if "/commands/" in page}
-    assert {name for name, _ in linked} == pages == set(commands())
+    assert pages == set(commands())
 
 
 def test_make_targets_exist() -> None:
@@ -185,7 +182,7 @@ def test_files_named_in_the_text_exist() -> None:
 
 
 def test_columns_are_those_that_are_read() -> None:
-    cells = re.findall(r"^\|[^|]*\|(.*)\|$", PAGES[".github/pages/logs.md"], flags=re.MULTILINE)
+    cells = re.findall(r"^\|[^|]*\|(.*)\|$", PAGES["automarine_cli/guide/logs.md"], flags=re.MULTILINE)
     listed = {name for cell in cells for name in re.findall(r"`(\w+)`", cell)}
     assert listed == set(CANONICAL)
 

@@ -16,11 +16,11 @@ from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.effects import Card, Effect
 from automarine_cli.effects.base import MIXED, ODD
 from automarine_cli.effects.thruster_imbalance import PARTS
-from automarine_cli.models.propulsion import parts_of
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
+from automarine_cli.thrusters.propulsion import parts_of
 
 Floats = NDArray[np.float64]
 Plan = Sequence[tuple[float, float]]
@@ -33,13 +33,14 @@ MIRRORED_SIGNS = {
     "current-deviation": (1, -1, 1),
     "heading-moment": (1, -1),
     "thruster-imbalance": (-1, -1, 1),  # port and starboard change places
-    "wall": (1, -1),
+    "wall": (1, -1, 1, 1, -1),
     "periodic-disturbance": (-1, -1, 1, 1),  # the moment turns round, the period stays
 }
 """What a mirrored campaign does to each parameter of a MIXED effect."""
 SIZES: Mapping[str, tuple[float, ...]] = {
     "battery-sag": (0.5, 0.12),
     "battery-sag 1": (0.5, 0.25, 5.0),
+    "battery-sag 2": (0.5, 0.8),
     "compass-deviation": (0.06, -0.04, 0.03, 0.02),
     "compass-deviation 2": (0.05, 0.04),
     "coulomb-drag 1": (0.03, 0.06, 0.15),
@@ -50,6 +51,8 @@ SIZES: Mapping[str, tuple[float, ...]] = {
     "dead-band 2": (0.4, 0.5),
     "drag-asymmetry": (0.12,),
     "heading-moment": (0.05, -0.03),
+    "history-force": (0.4, 3.0),
+    "history-force 1": (0.3,),
     "input-delay": (0.3,),
     "input-delay 1": (0.2, 0.45),
     "linear-drag": (0.2,),
@@ -67,6 +70,7 @@ SIZES: Mapping[str, tuple[float, ...]] = {
     "thruster-lag 3": (0.5,),
     "thruster-lag 4": (0.3, 2.2),
     "wall": (0.25, -0.15),
+    "wall 1": (0.15, -0.1),
     "water-swirl": (0.25, 8.0),
     "water-swirl 5": (0.3, 8.0, 2.5),
 }

@@ -25,11 +25,12 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import AutomarineError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, read_column_map, read_log
 from automarine_cli.logs.text import MISSING
-from automarine_cli.models.store import load_thruster_map, load_yaw_models
+from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.outputs import json_text
 from automarine_cli.simulation.plans import make_plans
 from automarine_cli.simulation.specification import read_specification
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.workflows.check import check
 
 TOKENS = (
@@ -210,7 +211,7 @@ def judge_model(path: Path) -> None:
 
 def judge_map(path: Path) -> None:
     """A thruster map: read, and asked for a thrust both ways."""
-    found = load_thruster_map(path)
+    found = ThrusterMap.load(path)
     assert not np.isnan(found.force(np.array([0.0, 0.5]))).any()
 
 

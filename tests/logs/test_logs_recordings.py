@@ -189,7 +189,7 @@ def test_one_bad_recording_in_a_folder_is_set_aside(tmp_path: Path, suffix: str)
 
 def pages_maps() -> list[dict[str, Any]]:
     """The column maps that the page about formats shows."""
-    page = (ROOT / ".github" / "pages" / "log-formats.md").read_text(encoding="utf-8")
+    page = (ROOT / "automarine_cli" / "guide" / "vehicle-logs.md").read_text(encoding="utf-8")
     return [
         tomllib.loads(text) for text in re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     ]

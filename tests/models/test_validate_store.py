@@ -14,12 +14,12 @@ from made_sequences import model_file
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, RunError
-from automarine_cli.models.propulsion import drive_by_thrusters
-from automarine_cli.models.store import load_thruster_map, load_yaw_models, yaw_models_from_json
-from automarine_cli.models.thruster_forms import Curve
-from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.models.store import load_yaw_models, yaw_models_from_json
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.runs.run import Run
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.propulsion import drive_by_thrusters
 
 
 @pytest.fixture
@@ -133,7 +133,7 @@ def test_an_unknown_effect_is_answered_with_the_library(data: dict[str, Any]) ->
 def test_files_that_are_no_model(tmp_path: Path, content: bytes, why: str) -> None:
     path = tmp_path / "m.json"
     path.write_bytes(content)
-    for load in (load_yaw_models, load_thruster_map):
+    for load in (load_yaw_models, ThrusterMap.load):
         with pytest.raises(ModelError, match=f"^m.json: .*{why}"):
             load(path)
     with pytest.raises(ModelError, match=r"^gone\.json: cannot be read"):
@@ -144,7 +144,7 @@ def test_thruster_commands_become_a_moment(tmp_path: Path) -> None:
     thrusters = ThrusterMap("square", Curve(0.02), Curve(0.01))
     path = tmp_path / "thrusters.json"
     path.write_text(json.dumps(thrusters.to_json()))
-    assert load_thruster_map(path) == thrusters
+    assert ThrusterMap.load(path) == thrusters
     n = np.linspace(-10, 10, 20)
     run = Run("a", "a.csv", np.arange(20.0), np.zeros(20), None, "", {"n_port": n, "n_stbd": -n}, dof=YAW)
     (driven,) = drive_by_thrusters([run], thrusters, 0.4)

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from automarine_cli.errors import RunError, SettingError
-from automarine_cli.models.thruster_forms import Curve
-from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.planning.budget import Supply, allowance, costs
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.commands import command_file, in_words
@@ -16,7 +14,9 @@ from automarine_cli.planning.consumption import consumption
 from automarine_cli.planning.drive import drive_of
 from automarine_cli.planning.limits import Battery, Limits, Pool, Runs
 from automarine_cli.planning.schedule import in_order, pool_minutes, scheduled
-from automarine_cli.runs.thruster_test import Series
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.records import Series
 
 SUPPLY = Supply(idle=0.3, full=6.0, largest=1.0)
 STEP = Candidate("step", "step", ((1.0, 4.0),))

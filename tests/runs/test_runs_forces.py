@@ -11,9 +11,6 @@ from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW
 from automarine_cli.errors import LogError, RunError, SettingError
 from automarine_cli.fits.identify import identify
 from automarine_cli.logs import ColumnMap, LogFile, read_log
-from automarine_cli.models.propulsion import drive_run_by_thrusters
-from automarine_cli.models.thruster_forms import Curve
-from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.runs.half_turn import Trim, first_half_turn
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
@@ -21,6 +18,9 @@ from automarine_cli.runs.steps import find_steps, released
 from automarine_cli.runs.unwrap import find_glitches, unwrap
 from automarine_cli.simulation.campaign import make_runs
 from automarine_cli.simulation.specification import specification_from
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.propulsion import drive_run_by_thrusters
 from automarine_cli.workflows.check import check
 from automarine_cli.workflows.fit_yaw import FITS
 from automarine_cli.workflows.moments import moment_maker

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from repository import DATA
 
-from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.models.thruster_forms import Curve
-from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.report.thruster_diagnosis import sentences, tables
-from automarine_cli.runs.thruster_test import Series, ThrusterLogs
+from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis, diagnose_thrusters
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.records import Series, ThrusterLogs
 from automarine_cli.workflows import diagnose_thrusters as workflow
 
 TESTS = DATA / "thrusters"

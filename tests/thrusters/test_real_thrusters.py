@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from repository import DATA
 
-from automarine_cli.fits.thruster_result import ThrusterFit
 from automarine_cli.logs import read_column_map
+from automarine_cli.thrusters.result import ThrusterFit
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
 
 TESTS = DATA / "thrusters"

@@ -12,9 +12,9 @@ from click.testing import Result
 from matplotlib.figure import Figure
 
 from automarine_cli.cli import fit_thrusters as fit_thrusters_command
-from automarine_cli.models.thruster_forms import FORMS
-from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.report.figures.thrusters import thruster_figure
+from automarine_cli.thrusters.forms import FORMS
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.workflows.fit_thrusters import FILES, fit_thrusters
 
 Run = Callable[..., Result]

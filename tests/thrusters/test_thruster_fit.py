@@ -5,14 +5,13 @@ import pytest
 from scipy.optimize import least_squares
 
 from automarine_cli.errors import FitError
-from automarine_cli.fits.thruster_analysis import analyse
-from automarine_cli.fits.thruster_contradictions import flag_contradictions
-from automarine_cli.fits.thruster_curves import fit_direction
-from automarine_cli.fits.thruster_fit import best_curve, sides_of, square_law
-from automarine_cli.fits.thruster_levels import groups_of, levels_of, voltage_steps
-from automarine_cli.fits.thruster_points import Points
-from automarine_cli.fits.thruster_tare import subtract_tare
-from automarine_cli.models.thruster_forms import FORMS, Curve
+from automarine_cli.thrusters.analysis import analyse
+from automarine_cli.thrusters.contradictions import flag_contradictions
+from automarine_cli.thrusters.curves import fit_direction
+from automarine_cli.thrusters.fit import best_curve, sides_of, square_law
+from automarine_cli.thrusters.forms import FORMS, Curve
+from automarine_cli.thrusters.points import Points, groups_of, levels_of, voltage_steps
+from automarine_cli.thrusters.tare import subtract_tare
 
 # The source paper's equation 3 for two thrusters, halved (PHYSICS 4.5): N per control count squared.
 AHEAD, ASTERN = 2.6165e-4, 0.6640e-4

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from automarine_cli.errors import ModelError
-from automarine_cli.models.thruster_forms import FORMS, Curve
-from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.thrusters.forms import FORMS, Curve
+from automarine_cli.thrusters.map import ThrusterMap
 
 MAP = ThrusterMap("square", Curve(2.6165e-4), Curve(0.6640e-4))
 

@@ -113,7 +113,11 @@ def test_more_than_one_argument_without_a_name_is_refused(logs: Path) -> None:
 
 @pytest.mark.parametrize(
     ("page", "heading", "least"),
-    [("README.md", "From Python", 6), (".github/pages/developers.md", "Planar motion", 12)],
+    [
+        ("README.md", "Your own logs", 2),
+        ("automarine_cli/guide/python.md", "A session", 6),
+        ("automarine_cli/guide/developers.md", "Planar motion", 12),
+    ],
 )
 def test_sections_do_what_they_show(
     page: str, heading: str, least: int, monkeypatch: pytest.MonkeyPatch
