@@ -21,7 +21,10 @@ from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.workflows.campaigns import run_campaigns
 
 distributed = pytest.importorskip("distributed", reason="the extra automarine[cluster] is not installed")
-pytestmark = pytest.mark.filterwarnings("default")  # Dask's own warnings are none of ours
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("default"),  # Dask's own warnings are none of ours
+]
 
 
 class Cluster:
