@@ -21,7 +21,7 @@ class HistoryForce(Effect):
     parameters = (
         Parameter("h", "{force} by change of {speed}", "{force} s{/x}", 0.0, float("inf"), 0.1),
         Parameter(
-            "T", "time in which it fades", "s", 0.1, 100.0, 2.0, off=2.0, scan=(0.7, 3.0, 12.0), log=True
+            "T", "time in which it fades", "s", 0.1, 30.0, 2.0, off=2.0, scan=(0.7, 3.0, 12.0), log=True
         ),
         Parameter("law", "how it fades", "1", 0.0, 1.0, 0.0, choices=("exponentially", "as 1/sqrt(t)")),
     )
