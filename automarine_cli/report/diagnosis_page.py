@@ -138,7 +138,11 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
             f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}."
         )
     lines += filter(None, [effect.other_rivals])
-    lines += [] if effect.learned is None else learned_lines(effect.learned, len(diagnosis.study.runs))
+    lines += (
+        []
+        if effect.learned is None
+        else learned_lines(effect.learned, len(diagnosis.study.runs), diagnosis.study.base.dof)
+    )
     return "\n\n".join([*lines, f"Source: {law.source}."])
 
 
