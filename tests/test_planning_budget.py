@@ -9,13 +9,17 @@ import pytest
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.models.thruster_forms import Curve
 from automarine_cli.models.thruster_map import ThrusterMap
-from automarine_cli.planning.budget import Supply, allowance, costs
-from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.commands import command_file, in_words
-from automarine_cli.planning.consumption import consumption
-from automarine_cli.planning.drive import drive_of
+from automarine_cli.planning.candidates import (
+    Candidate,
+    Supply,
+    allowance,
+    costs,
+    in_order,
+    pool_minutes,
+    scheduled,
+)
 from automarine_cli.planning.limits import Battery, Limits, Pool, Runs
-from automarine_cli.planning.schedule import in_order, pool_minutes, scheduled
+from automarine_cli.planning.vehicle import command_file, consumption, drive_of, in_words
 from automarine_cli.runs.thruster_test import Series
 
 SUPPLY = Supply(idle=0.3, full=6.0, largest=1.0)
@@ -68,7 +72,7 @@ def test_commands_give_the_moment_through_the_map(equal_thrust: bool, moment: fl
     else:
         assert port == -starboard
     assert max(abs(n) for n in drive.commands(drive.largest)) == pytest.approx(150.0, rel=1e-5)
-    assert drive.largest_told <= drive.largest
+    assert drive.largest_rounded <= drive.largest
 
 
 def test_a_map_of_one_direction_and_an_unknown_end_are_refused() -> None:

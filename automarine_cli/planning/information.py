@@ -6,23 +6,23 @@ heading, gain of the thrust, instants of the changes (fits/linear_mixed.py). Not
 adds up over runs (Fedorov 1972, Theory of Optimal Experiments, chapter 2).
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
+from automarine_cli.errors import ModelError
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.influence import runs_that_carry
 from automarine_cli.fits.mixed_model import Problem, derivatives
 from automarine_cli.fits.output_error import ENOUGH_RUNS
 from automarine_cli.fits.run_effects import SWITCHES
-from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.fitting import Fitting
-from automarine_cli.planning.layout import alike
-
-Floats = NDArray[np.float64]
+from automarine_cli.planning.candidates import Candidate, Floats
+from automarine_cli.planning.fitting import Fitting, alike
 
 OFFSET = "switch offset"
 ANGLE = "inertial turn angle"
@@ -30,6 +30,9 @@ FEWEST = 3
 """Runs below which no interval is told."""
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
 """Where in its sample interval a command changes is averaged over, for fits that confine it to that interval."""
+LOOSE = 3.0
+"""Standard deviation of a parameter before any run, in its own size: it keeps the first choices from dividing by
+zero."""
 
 
 def names_of(fitting: Fitting) -> tuple[str, ...]:
@@ -126,7 +129,7 @@ def predicted(fitting: Fitting, per_run: Floats) -> dict[str, Estimate]:
     for name, direction in directions(fitting).items():
         many = len(per_run) >= ENOUGH_RUNS
         dof[name] = runs_that_carry(per_run, direction) if many else float(max(len(per_run) - 1, 1))
-    return told(fitting, covariance, dof)
+    return estimates_of(fitting, covariance, dof)
 
 
 def moving(per_run: Floats) -> Floats:
@@ -155,7 +158,7 @@ def relative_directions(fitting: Fitting) -> dict[str, Floats]:
     }
 
 
-def told(fitting: Fitting, covariance: Floats, dof: Mapping[str, float]) -> dict[str, Estimate]:
+def estimates_of(fitting: Fitting, covariance: Floats, dof: Mapping[str, float]) -> dict[str, Estimate]:
     """Estimates with this covariance (p, p) of the search's coordinates, as fits tell them."""
     values, logarithms, units = _parameters(fitting)
     found = {}
@@ -183,3 +186,114 @@ def _parameters(fitting: Fitting) -> tuple[dict[str, float], dict[str, bool], di
 def stderr_along(covariance: Floats, direction: Floats) -> float:
     """Standard error along a direction (p,)."""
     return float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
+
+
+def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:
+    """Covariance of the search's coordinates as the model's file tells it, (p, p) with the offset left open; None
+    where a parameter has no standard error.
+
+    Files hold no correlations; that of inertia and quadratic drag follows from the interval of their ratio.
+    """
+    names = [name for name in names_of(fitting) if name != OFFSET]
+    logs = dict(zip((*labels(fitting), OFFSET), fitting.on_log))
+    if any(name not in now or not now[name].stderr > 0 for name in names):
+        return None
+    size = {n: now[n].stderr / (abs(now[n].value) if logs[n] else 1.0) for n in names}
+    covariance = np.diag([size[n] ** 2 for n in names])
+    own = fitting.model.dof.symbols
+    if ANGLE in now and own.quadratic in names:
+        i, k = names.index(own.inertia), names.index(own.quadratic)
+        relative = now[ANGLE].stderr / now[ANGLE].value
+        shared = 0.5 * (size[own.inertia] ** 2 + size[own.quadratic] ** 2 - relative**2)
+        most = 0.999 * size[own.inertia] * size[own.quadratic]
+        covariance[i, k] = covariance[k, i] = float(np.clip(shared, -most, most))
+    return covariance
+
+
+def information_now(fitting: Fitting, now: Mapping[str, Estimate], use: bool) -> Floats:
+    """Information (p, p) before the campaign: the earlier runs' if they are to be `use`d and known, else next to
+    none."""
+    values = np.append(fitting.model.theta, 0.3)
+    free = dict(zip((*labels(fitting), OFFSET), zip(values, fitting.on_log)))
+    sizes = [1.0 if on else max(abs(value), 1e-3) for value, on in (free[name] for name in names_of(fitting))]
+    loose = np.diag(1.0 / (LOOSE * np.array(sizes)) ** 2)
+    loose[-1, -1] = 1.0
+    covariance = covariance_now(fitting, now) if use else None
+    if covariance is not None:
+        loose[:-1, :-1] += np.linalg.inv(covariance)
+    return loose
+
+
+def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
+    """The directions (p, m) whose intervals count, in shares of the parameters: of `names`, or of every parameter.
+
+    Raises ModelError for another name.
+    """
+    known = relative_directions(fitting)
+    for name in names:
+        if name not in known:
+            raise ModelError(f"the model has no parameter {name!r} to plan for; it has {', '.join(known)}")
+    return np.stack([known[name] for name in names or [n for n in known if n != ANGLE]], axis=1)
+
+
+class Objective(ABC):
+    """What a campaign is for. Worth is that of `counts` (K,), how often each candidate is run."""
+
+    @abstractmethod
+    def scores(self, counts: Floats, extras: NDArray[np.int64]) -> Floats:
+        """Worth of the campaign with one more run, each of `extras` (B,) in turn, (B,)."""
+
+    @abstractmethod
+    def score(self, counts: Floats) -> float:
+        """Worth of the campaign."""
+
+    @abstractmethod
+    def reached(self, counts: Floats) -> bool:
+        """Whether nothing more is wanted."""
+
+
+@dataclass(frozen=True)
+class Intervals(Objective):
+    """Intervals to narrow: worth is the mean logarithm by which the wanted standard errors have come down.
+
+    `information` (K, p, p) of the candidates, `known` (p, p) beforehand, `wanted` (p, m) the directions whose
+    intervals count. `goal` is the largest standard error of a wanted direction at which nothing more is wanted, or
+    None.
+    """
+
+    information: Floats
+    known: Floats
+    wanted: Floats
+    goal: float | None = None
+
+    def scores(self, counts: Floats, extras: NDArray[np.int64]) -> Floats:
+        return self._worth(self._spread(counts, extras))
+
+    def score(self, counts: Floats) -> float:
+        return float(self._worth(self._spread(counts, None))[0])
+
+    def reached(self, counts: Floats) -> bool:
+        if self.goal is None:
+            return False
+        return bool(np.all(np.sqrt(np.diagonal(self._spread(counts, None)[0])) <= self.goal))
+
+    def _worth(self, spread: Floats) -> Floats:
+        unit = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
+        shape = np.linalg.slogdet(spread / unit[:, :, None] / unit[:, None, :])[1]
+        return np.asarray(-(np.log(unit).sum(axis=1) + 0.5 * shape) / self.wanted.shape[1])
+
+    def _spread(self, counts: Floats, extras: NDArray[np.int64] | None) -> Floats:
+        """Covariance (B, m, m) of the wanted directions as the jackknife over runs tells it: see
+        `reported_covariance`. A parameter that hangs on a single run is not known."""
+        base = np.tensordot(counts, self.information, axes=1) + self.known
+        more = np.zeros((1, *base.shape)) if extras is None else self.information[extras]
+        whole = base + more
+        inverse = np.linalg.inv(whole)
+        ran = np.flatnonzero(counts)
+        told = inverse @ self.known
+        each = np.linalg.inv(whole[:, None] - self.information[ran]) @ self.information[ran]
+        told = told + np.tensordot(each, counts[ran], axes=((1,), (0,)))
+        told = told + np.linalg.inv(whole - more) @ more
+        covariance = told @ inverse
+        covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
+        return np.asarray(self.wanted.T @ covariance @ self.wanted)

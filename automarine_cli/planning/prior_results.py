@@ -5,9 +5,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from automarine_cli import effects
 from automarine_cli.errors import ModelError
 from automarine_cli.fits.estimate import Estimate
@@ -15,19 +12,11 @@ from automarine_cli.models.store import StoredModels, yaw_models_from_json
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.plain_data import read_plain, told
 from automarine_cli.pipeline.words import printable
-from automarine_cli.planning.fitting import Fitting
-from automarine_cli.planning.information import ANGLE, OFFSET, labels, names_of, relative_directions
-
-Floats = NDArray[np.float64]
+from automarine_cli.planning.information import ANGLE
 
 DIAGNOSIS = "automarine/diagnosis/1"
 NOISE_DEG, SCATTER = 1.0, 0.03
 """Of a model whose file does not say: a compass in a pool, and the thrust of small motors."""
-LOOSE = 3.0
-"""Standard deviation of a parameter before any run, in its own size: it keeps the first choices from dividing by
-zero."""
-
-
 NO_RIVALS = "The diagnosis leaves no rivals open to split, so the runs are chosen to narrow the intervals."
 
 
@@ -40,7 +29,7 @@ class Doubt:
 
 
 @dataclass(frozen=True)
-class Known:
+class PriorResults:
     """The model with all that is believed to act, its estimates by label, the logs' noise [degrees] and scatter (None
     where the file does not say), how many runs were fitted, the doubts that are open, and the noise of a gyro that the
     fit rests on."""
@@ -57,7 +46,7 @@ class Known:
 
 
 @dataclass(frozen=True)
-class Told:
+class Diagnosed:
     """What a diagnosis says: effects with their values, estimates by label, base values, doubts."""
 
     effects: tuple[tuple[str, tuple[float, ...]], ...]
@@ -66,7 +55,7 @@ class Told:
     doubts: tuple[Doubt, ...] = ()
 
 
-def read_known(model: Path, diagnosis: Path | None) -> Known:
+def read_prior_results(model: Path, diagnosis: Path | None) -> PriorResults:
     """What the files say. Raises ModelError with file and key."""
     name = printable(model.name)
     data = read_plain(model, "JSON", ModelError)
@@ -113,7 +102,7 @@ def read_known(model: Path, diagnosis: Path | None) -> Known:
                 "have; plan "
                 "from the model without it"
             )
-    return Known(
+    return PriorResults(
         stored, chosen, now, _size(noise), _size(spread), used if isinstance(used, int) else 0, doubts, notes,
         _noise_of(data.get("channels"), stored.dof.velocity),
     )  # fmt: skip
@@ -131,54 +120,6 @@ def _noise_of(channels: object, quantity: str) -> float | None:
 def _lacking(effect: str) -> list[str]:
     """Columns that an effect needs and planned runs do not have."""
     return [need for need in effects.get(effect).columns if need != "voltage"]
-
-
-def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:
-    """Covariance of the search's coordinates as the model's file tells it, (p, p) with the offset left open; None
-    where a parameter has no standard error.
-
-    Files hold no correlations; that of inertia and quadratic drag follows from the interval of their ratio.
-    """
-    names = [name for name in names_of(fitting) if name != OFFSET]
-    logs = dict(zip((*labels(fitting), OFFSET), fitting.on_log))
-    if any(name not in now or not now[name].stderr > 0 for name in names):
-        return None
-    size = {n: now[n].stderr / (abs(now[n].value) if logs[n] else 1.0) for n in names}
-    covariance = np.diag([size[n] ** 2 for n in names])
-    own = fitting.model.dof.symbols
-    if ANGLE in now and own.quadratic in names:
-        i, k = names.index(own.inertia), names.index(own.quadratic)
-        relative = now[ANGLE].stderr / now[ANGLE].value
-        shared = 0.5 * (size[own.inertia] ** 2 + size[own.quadratic] ** 2 - relative**2)
-        most = 0.999 * size[own.inertia] * size[own.quadratic]
-        covariance[i, k] = covariance[k, i] = float(np.clip(shared, -most, most))
-    return covariance
-
-
-def information_now(fitting: Fitting, now: Mapping[str, Estimate], use: bool) -> Floats:
-    """Information (p, p) before the campaign: the earlier runs' if they are to be `use`d and known, else next to
-    none."""
-    values = np.append(fitting.model.theta, 0.3)
-    free = dict(zip((*labels(fitting), OFFSET), zip(values, fitting.on_log)))
-    sizes = [1.0 if on else max(abs(value), 1e-3) for value, on in (free[name] for name in names_of(fitting))]
-    loose = np.diag(1.0 / (LOOSE * np.array(sizes)) ** 2)
-    loose[-1, -1] = 1.0
-    covariance = covariance_now(fitting, now) if use else None
-    if covariance is not None:
-        loose[:-1, :-1] += np.linalg.inv(covariance)
-    return loose
-
-
-def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
-    """The directions (p, m) whose intervals count, in shares of the parameters: of `names`, or of every parameter.
-
-    Raises ModelError for another name.
-    """
-    known = relative_directions(fitting)
-    for name in names:
-        if name not in known:
-            raise ModelError(f"the model has no parameter {name!r} to plan for; it has {', '.join(known)}")
-    return np.stack([known[name] for name in names or [n for n in known if n != ANGLE]], axis=1)
 
 
 def _size(value: object) -> float | None:
@@ -216,7 +157,7 @@ def _stored_estimates(data: Mapping[str, object], stored: StoredModels) -> dict[
     return _some(found)
 
 
-def _read_diagnosis(path: Path, stored: StoredModels) -> Told:
+def _read_diagnosis(path: Path, stored: StoredModels) -> Diagnosed:
     where, force = printable(path.name), stored.dof.words.force
     data, key = read_plain(path, "JSON", ModelError), f"{force}_unit"
     if data.get("schema") != DIAGNOSIS or key not in data:
@@ -252,7 +193,7 @@ def _read_diagnosis(path: Path, stored: StoredModels) -> Told:
         str(name): _estimate(one.get("after")) for name, one in (base.items() if isinstance(base, Mapping) else ())
         if isinstance(one, Mapping)
     }  # fmt: skip
-    return Told(tuple(named), _some(estimates), _some(after), tuple(doubts))
+    return Diagnosed(tuple(named), _some(estimates), _some(after), tuple(doubts))
 
 
 def _effect_name(entry: object, where: str) -> str:
