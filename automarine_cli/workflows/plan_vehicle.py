@@ -19,7 +19,11 @@ LARGEST_NU = 1.0
 
 
 def drive_for(
-    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, known: PriorResults, limits: Limits
+    thrusters: Path | ThrusterMap | None,
+    arm: float | None,
+    columns: ColumnMap,
+    known: PriorResults,
+    limits: Limits,
 ) -> Drive | None:
     """How the thrusters make the model's moments, or None without a map. Raises SettingError, ModelError."""
     given = map_and_arm(thrusters, arm, columns, YAW)
