@@ -49,7 +49,7 @@ def test_the_battery_after_each_run_is_what_was_drawn_until_then() -> None:
         [2.0 - spent[0], 2.0 - sum(spent[:2]) - waits, 2.0 - sum(spent) - 2 * waits], rel=1e-12
     )
     assert [slot.begins for slot in slots] == [0.0, 64.0, 132.0]
-    assert pool_minutes(slots, 3.0) == pytest.approx(139.0 / 60.0)
+    assert slots[-1].ends(3.0) / 60.0 == pytest.approx(139.0 / 60.0)
     assert [slot.candidate.start_heading for slot in slots] == [0.0, 90.0, 180.0]
 
 
