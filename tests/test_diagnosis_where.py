@@ -208,7 +208,9 @@ def test_a_run_tells_two_explanations_apart_only_where_they_differ(
     assert next(v for k, v in sigmas.items() if "rest record" in k) < 1e-6
     advice = suggest(study, final, rival, "dead-band", "coulomb-drag")
     assert (
-        advice.sigma == max(sigmas.values()) and advice.kind in advice.sentence and "sigma" in advice.sentence
+        sigmas[advice.kind] == max(sigmas.values())
+        and advice.kind in advice.sentence
+        and "sigma" in advice.sentence
     )
 
 

@@ -15,7 +15,6 @@ from automarine_cli.planning.candidates import (
     allowance,
     costs,
     in_order,
-    pool_minutes,
     scheduled,
 )
 from automarine_cli.planning.limits import Battery, Limits, Pool, Runs

@@ -37,10 +37,9 @@ NOT_TELLING = "none of the usual runs would: log the thrusters' speed or use a s
 
 @dataclass(frozen=True)
 class Advice:
-    """One extra run on paper: what it is, by how many sigma two models differ on it, and the sentence."""
+    """One extra run on paper: what it is, and the sentence."""
 
     kind: str
-    sigma: float
     sentence: str
 
 
@@ -68,7 +67,7 @@ def suggest(study: Study, final: Trial, rival: Trial, name: str, rival_name: str
         )
     else:
         sentence = f"{kind} would tell {name} from {rival_name} by {sigma:.0f} sigma"
-    return Advice(kind, sigma, sentence)
+    return Advice(kind, sentence)
 
 
 def separations(study: Study, final: Trial, rival: Trial) -> dict[str, float]:

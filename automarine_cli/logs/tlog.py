@@ -24,7 +24,6 @@ STAMP = 8  # bytes in front of each packet: microseconds since 1970, big-endian
 HEADS = {0xFE: 6, 0xFD: 10}  # the first byte of MAVLink 1 and 2 -> bytes of the header
 SIGNED, SIGNATURE = 0x01, 13
 MAV_MODE_ARMED = 128
-AUTOPILOT = 1  # the component that flies the vehicle
 TAKEN = {
     "ATTITUDE": {"yaw": "heading_rad", "yawspeed": "yaw_rate_rad_s"},
     "SYS_STATUS": {"voltage_battery": "voltage_V"},

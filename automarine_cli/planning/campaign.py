@@ -62,7 +62,6 @@ class Campaign:
 
     fitting: Fitting
     limits: Limits
-    supply: Supply
     wanted: tuple[str, ...]
     slots: tuple[Slot, ...]
     why: tuple[str, ...]
@@ -118,7 +117,6 @@ def plan_campaign(
     return Campaign(
         fitting=fitting,
         limits=limits,
-        supply=supply,
         wanted=wanted,
         slots=slots,
         why=tuple(choice.why[one.label] for one in runs),

@@ -16,7 +16,6 @@ SHEET = (
     "battery_left_Ah", "battery_left_percent", "command_file", "why",
 )  # fmt: skip
 CERTAIN = 1000.0
-LAST_KINDS = 3
 
 
 def in_print(name: str, dof: Dof) -> str:
