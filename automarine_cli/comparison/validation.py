@@ -4,8 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from automarine_cli import effects
-from automarine_cli.comparison.residuals import FreeRun, free_runs
-from automarine_cli.comparison.restart import Restarts, find_restarts, restarted_errors
 from automarine_cli.comparison.scores import (
     Overall,
     RunScore,
@@ -15,6 +13,13 @@ from automarine_cli.comparison.scores import (
     pooled_floor,
     resamples,
     score,
+)
+from automarine_cli.comparison.simulated_runs import (
+    FreeRun,
+    Restarts,
+    find_restarts,
+    free_runs,
+    restarted_errors,
 )
 from automarine_cli.dofs import Dof
 from automarine_cli.models.store import StoredModels

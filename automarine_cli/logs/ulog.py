@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.optional import needed, unsound_is_refused
-from automarine_cli.logs.quaternion import yaw_of
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
 from automarine_cli.logs.table import Floats
+from automarine_cli.logs.vehicles import needed, unsound_is_refused, yaw_of
 
 HEAD = b"ULog\x01\x12\x35"
 TAKEN = {

@@ -1,4 +1,4 @@
-"""Libraries that only some formats need: imported when such a log is read, kept quiet while they read."""
+"""What logs of vehicles' own computers share: libraries that not everybody has, directions, names of states."""
 
 import contextlib
 import importlib
@@ -6,8 +6,13 @@ import io
 import warnings
 from collections.abc import Iterator
 from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
+from automarine_cli.logs.table import Floats
 
 
 def needed(module: str, extra: str, source: str, what: str) -> ModuleType:
@@ -37,3 +42,29 @@ def unsound_is_refused(source: str, what: str, mend: str = "copy the file again"
         if isinstance(problem, OSError) and problem.errno is not None:
             raise
         raise LogError(f"{source}: the {what} data is damaged inside; {mend}") from None
+
+
+def yaw_of(w: Floats, x: Floats, y: Floats, z: Floats) -> Floats:
+    """Yaw [rad] of unit quaternions, shape (N,), from -pi to pi: the last of the turns z-y-x (Diebel 2006, eq. 290).
+
+    NaN where there is no direction: PX4 and ROS say so by zeros or NaN.
+    """
+    yaw = np.arctan2(2 * (w * z + x * y), w**2 + x**2 - y**2 - z**2)
+    with np.errstate(invalid="ignore"):
+        return np.where(w**2 + x**2 + y**2 + z**2 > 0.5, yaw, np.nan)
+
+
+def mode_names(codes: NDArray[Any], vehicle: int) -> NDArray[np.str_]:
+    """Names of flight modes, shape (N,), for a MAV_TYPE; a mode without a name keeps its number."""
+    from pymavlink.mavutil import mode_mapping_bynumber
+
+    if codes.dtype.kind not in "iuf":
+        return codes.astype(str)
+    known = mode_mapping_bynumber(vehicle) or {}
+    found, at = np.unique(codes, return_inverse=True)
+    return np.array([known.get(int(code), f"mode {int(code)}") for code in found], dtype=str)[at]
+
+
+def arming(armed: NDArray[np.bool_]) -> NDArray[np.str_]:
+    """`armed` or `disarmed`, shape (N,)."""
+    return np.where(armed, "armed", "disarmed")
