@@ -30,6 +30,7 @@ LARGEST = 1.2
 SIZES: Mapping[str, tuple[float, ...]] = {
     "battery-sag": (0.5, 0.12),
     "battery-sag 1": (0.5, 0.25, 5.0),
+    "battery-sag 2": (0.5, 0.8),
     "compass-deviation": (0.06, -0.04, 0.03, 0.02),
     "compass-deviation 2": (0.05, 0.04),
     "coulomb-drag 1": (0.03, 0.06, 0.15),
@@ -40,6 +41,8 @@ SIZES: Mapping[str, tuple[float, ...]] = {
     "dead-band 2": (0.4, 0.5),
     "drag-asymmetry": (0.12,),
     "heading-moment": (0.05, -0.03),
+    "history-force": (0.4, 3.0),
+    "history-force 1": (0.3,),
     "input-delay": (0.3,),
     "input-delay 1": (0.2, 0.45),
     "linear-drag": (0.2,),
@@ -57,6 +60,7 @@ SIZES: Mapping[str, tuple[float, ...]] = {
     "thruster-lag 3": (0.5,),
     "thruster-lag 4": (0.3, 2.2),
     "wall": (0.25, -0.15),
+    "wall 1": (0.15, -0.1),
     "water-swirl": (0.25, 8.0),
     "water-swirl 5": (0.3, 8.0, 2.5),
 }

@@ -65,7 +65,7 @@ MIRRORED_SIGNS = {
     "current-deviation": (1, -1, 1),
     "heading-moment": (1, -1),
     "thruster-imbalance": (-1, -1, 1),  # port and starboard change places
-    "wall": (1, -1),
+    "wall": (1, -1, 1, 1, -1),
     "periodic-disturbance": (-1, -1, 1, 1),  # the moment turns round, the period stays
 }
 """What a mirrored campaign does to each parameter of a MIXED effect."""
@@ -207,7 +207,10 @@ def test_says_whether_it_asks_for_the_heading(name: str) -> None:
     (effect, law), one = of_law(name), np.ones((1, 1))
     own = np.zeros((effect.per_run, 1, 1))
     values = (*(np.full((1, 1), value) for value in sizes_of(effect, law)), *own)
-    unknown = State(one * np.nan, one * np.nan, one, 0.5 * one, one, one, dict.fromkeys(effect.needs, one))
+    stored = [one] * len(effect.states)
+    unknown = State(
+        one * np.nan, one * np.nan, one, 0.5 * one, one, one, dict.fromkeys(effect.needs, one), stored=stored
+    )
     assert np.isnan(effect.moment(unknown, values)).any() == effect.steered
 
 

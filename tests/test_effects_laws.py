@@ -13,6 +13,7 @@ from automarine_cli.diagnosis.estimates import parameter_estimates
 from automarine_cli.diagnosis.scores import fitted_parameters
 from automarine_cli.diagnosis.study import Study, study_of
 from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.effects.history_force import SHARES, TIMES
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -102,6 +103,25 @@ def sagging(state: Floats, moment: float, time: float) -> Floats:
     )
 
 
+def emptying(state: Floats, moment: float, time: float) -> Floats:
+    """A battery that loses a share of 0.8 a minute under MOMENT."""
+    _, rate, charge = state
+    return np.array(
+        [rate, turning(rate, moment * np.exp(-0.8 * charge)), (abs(moment) / MOMENT) ** 1.5 / 60.0]
+    )
+
+
+def remembering(times: Sequence[float], shares: Sequence[float]) -> Callable[..., Floats]:
+    """Past changes of the rate, each fading in a time of its own, hold the vehicle by these shares."""
+
+    def law(state: Floats, moment: float, time: float) -> Floats:
+        (_, rate), left = state[:2], state[2:]
+        swing = turning(rate, moment - float(np.dot(shares, left)))
+        return np.array([rate, swing, *(swing - left / np.array(times))])
+
+    return law
+
+
 OWN = {
     "thruster-lag 0": ((0.3, 0, MOMENT, 1), lagging(lambda u, n: (root(u) - n) / 0.3), 1),
     "thruster-lag 1": ((0.3, 1, MOMENT, 1), lagging(lambda u, n: (u - n) / 0.3, of_thrust=True), 1),
@@ -151,6 +171,18 @@ OWN = {
     ),
     "saturation 1": ((1.0, 1), pushed_by(lambda x, r, u: np.tanh(u) - u), 0),
     "battery-sag 1": ((0.0, 0.25, MOMENT, 0.0, 1, 5.0), sagging, 1),
+    "battery-sag 2": ((0.0, 0.8, MOMENT, 0.0, 2, 5.0), emptying, 1),
+    "history-force 0": ((0.4, 3.0, 0), remembering([3.0], [0.4]), 1),
+    "history-force 1": (
+        (0.2, 2.0, 1),
+        remembering(TIMES, [0.2 * share for share in SHARES]),
+        3,
+    ),
+    "wall 1": (
+        (0.0, 0.0, 1, 0.15, -0.1),
+        pushed_by(lambda x, r, u: -(0.15 * np.cos(2 * x) - 0.1 * np.sin(2 * x)) * u),
+        0,
+    ),
     "wall 0": (
         (0.2, -0.1),
         pushed_by(lambda x, r, u: -(0.2 * np.cos(2 * x) - 0.1 * np.sin(2 * x)) * abs(r) * r),
@@ -169,6 +201,12 @@ def test_each_law_against_its_own_equation(name: str, sign: int) -> None:
     found, own = headings(model, [run])[0], in_fine_steps(run, law, states)
     assert np.rad2deg(np.abs(found[: len(own)] - own[: len(found)]).max()) < 0.3
     assert np.rad2deg(np.ptp(found - headings(BASE, [run])[0])) > 2.0
+
+
+def test_three_exponentials_are_bassets_kernel() -> None:
+    age = np.geomspace(0.2, 30.0, 50)
+    kernel = sum(share * np.exp(-age / time) for share, time in zip(SHARES, TIMES))
+    np.testing.assert_allclose(kernel * np.sqrt(age), 1.0, atol=0.04)
 
 
 def test_a_delay_of_what_falls_is_another() -> None:

@@ -5,7 +5,7 @@ stands out of the noise and of what the run's own nuisances (start heading, thru
 the uncertainty of inertia and drag would do anyway counts: sigma² = d' R^-1 d with R the covariance of such a run.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -200,7 +200,7 @@ def _next_start(study: Study) -> float:
     return float(tried[int(np.argmax(away))])
 
 
-def general_advice(study: Study, detectable: Mapping[str, float]) -> tuple[str, ...]:
+def general_advice(study: Study) -> tuple[str, ...]:
     """What to run next when nothing is missing: the kinds of runs that the campaign lacks."""
     coasts = reversals = 0
     for run in study.runs:

@@ -106,7 +106,7 @@ def plan_campaign(
     wanted_ones = wanted_directions(fitting, wanted)
     earlier = limits.goal.use_earlier_runs and covariance_now(fitting, known.now) is not None
     before = information_now(fitting, known.now, earlier)
-    grid = scheduled(paper_grid(fitting.base, limits, largest), limits, supply)
+    grid = scheduled(paper_grid(fitting.base, largest), limits, supply)
     grid_runs = [slot.candidate for slot in grid]
     pairs = pairs_of(known, fitting, grid_runs, largest)
     choice = select(fitting, limits, largest, supply, before, wanted_ones, pairs, progress)

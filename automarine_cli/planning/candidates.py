@@ -99,7 +99,7 @@ def full_step(model: YawModel, limits: Limits, moment: float) -> Candidate:
     return _step(model, moment, _furthest(limits))
 
 
-def paper_grid(model: YawModel, limits: Limits, largest: float) -> tuple[Candidate, ...]:
+def paper_grid(model: YawModel, largest: float) -> tuple[Candidate, ...]:
     """The paper's own campaign, scaled to the largest moment: twelve sizes, both sides, twice, half a turn each."""
     sizes = [largest * i / 12.0 for i in range(1, 13)]
     return tuple(_step(model, side * size, 180.0) for _ in range(2) for size in sizes for side in (1, -1))

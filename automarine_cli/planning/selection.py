@@ -124,7 +124,7 @@ def select(
     )
     _refuse_too_little(budget, limits)
     progress("choosing runs", 0, 2)
-    split = _split(pairs, found, spread, budget, limits) if pairs else fixed
+    split = _split(pairs, spread, budget, limits) if pairs else fixed
     progress("choosing runs", 1, 2)
     each = information(fitting, spread)
     goal = limits.goal.half_width_percent
@@ -141,13 +141,7 @@ def select(
     return Choice(chosen, why, check, found, each, cost)
 
 
-def _split(
-    pairs: Sequence[Pair],
-    found: Sequence[Candidate],
-    spread: Sequence[Candidate],
-    budget: PlanBudget,
-    limits: Limits,
-) -> Floats:
+def _split(pairs: Sequence[Pair], spread: Sequence[Candidate], budget: PlanBudget, limits: Limits) -> Floats:
     """How often to run each candidate so that every pair is split, as cheaply as may be, (K,)."""
     starts = np.array([head_start(a, b, limits.pool.runs) for a, b in pairs])
     asked = np.maximum(MARGIN * limits.goal.evidence - starts, 1.0)

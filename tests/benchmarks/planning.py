@@ -74,7 +74,7 @@ def known_of(model: YawModel, doubts: tuple[Doubt, ...] = ()) -> PriorResults:
 @cache
 def grid_motion() -> float:
     """Motion of the paper's grid [s]: 48 steps of half a turn."""
-    return sum(one.motion for one in paper_grid(MODEL, Limits(), LARGEST))
+    return sum(one.motion for one in paper_grid(MODEL, LARGEST))
 
 
 @cache
@@ -91,7 +91,7 @@ def grid_of(like: Campaign, passed: float = 1.0) -> Campaign:
     """The paper's grid in place of a campaign's runs; steps drawn out by the factor `passed`."""
     runs = [
         replace(one, commands=tuple((moment, round(passed * seconds, 1)) for moment, seconds in one.commands))
-        for one in paper_grid(MODEL, like.limits, LARGEST)
+        for one in paper_grid(MODEL, LARGEST)
     ]
     return replace(like, slots=scheduled(runs, like.limits, SUPPLY))
 
