@@ -22,7 +22,7 @@ from automarine_cli.logs.formats import Format, RawLog
 from automarine_cli.logs.slcan import read_slcan
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock
 from automarine_cli.logs.table import Floats
-from automarine_cli.logs.vehicles import needed, unsound_is_refused
+from automarine_cli.logs.vehicles import named, needed, unsound_is_refused
 from automarine_cli.pipeline.words import listed, printable
 
 OBJECT, OBJECT_HEAD = b"LOBJ", 16  # how an object in a BLF file begins, and bytes of its shortest header
@@ -216,6 +216,4 @@ def values_of(bits: Bits, signal: Any) -> Floats:
 
 def words_of(bits: Bits, signal: Any) -> NDArray[np.str_]:
     """The words that a DBC gives to the values of a signal, shape (N,); a value without one stays a number."""
-    codes, at = np.unique(raw_of(bits, signal), return_inverse=True)
-    known = {} if signal.choices is None else signal.choices
-    return np.array([str(known.get(int(code), int(code))) for code in codes], dtype=str)[at]
+    return named(raw_of(bits, signal), signal.choices or {})

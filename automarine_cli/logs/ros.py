@@ -20,7 +20,7 @@ from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
 from automarine_cli.logs.table import Floats
-from automarine_cli.logs.vehicles import needed, unsound_is_refused, yaw_of
+from automarine_cli.logs.vehicles import arming, needed, unsound_is_refused, yaw_of
 from automarine_cli.pipeline.words import listed, quoted
 
 MCAP = b"\x89MCAP0\r\n"
@@ -162,8 +162,8 @@ def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) 
         keep = topic.kind.startswith(STANDARD)
         streams.append(taken(topic.name, time, fields, own, columns, keep=keep))
         if topic.kind == STATE:
-            armed = np.where(fields["armed"] > 0, "armed", "disarmed")
-            streams.append(Stream(topic.name, time, {"mode": fields["mode"], "armed": armed}, lasting=True))
+            states = {"mode": fields["mode"], "armed": arming(fields["armed"] > 0)}
+            streams.append(Stream(topic.name, time, states, lasting=True))
     used = [stream for stream in streams if stream is not None]
     names = {stream.name for stream in used}
     unstamped = [one.name for one in topics if np.isnan(one.stamped).any() and one.name in names]

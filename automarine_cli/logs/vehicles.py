@@ -4,7 +4,7 @@ import contextlib
 import importlib
 import io
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from types import ModuleType
 from typing import Any
 
@@ -60,9 +60,13 @@ def mode_names(codes: NDArray[Any], vehicle: int) -> NDArray[np.str_]:
 
     if codes.dtype.kind not in "iuf":
         return codes.astype(str)
-    known = mode_mapping_bynumber(vehicle) or {}
+    return named(codes, mode_mapping_bynumber(vehicle) or {}, "mode {}")
+
+
+def named(codes: NDArray[Any], names: Mapping[int, object], other: str = "{}") -> NDArray[np.str_]:
+    """The name of each code, shape (N,); one without a name keeps its number, told by `other`."""
     found, at = np.unique(codes, return_inverse=True)
-    return np.array([known.get(int(code), f"mode {int(code)}") for code in found], dtype=str)[at]
+    return np.array([str(names.get(int(code), other.format(int(code)))) for code in found], dtype=str)[at]
 
 
 def arming(armed: NDArray[np.bool_]) -> NDArray[np.str_]:

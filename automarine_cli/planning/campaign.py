@@ -158,9 +158,8 @@ def _short_of(outcome: Sequence[Split], limits: Limits) -> tuple[str, ...]:
     """Sentences on explanations that these limits do not split."""
     asked = limits.goal.evidence
     return tuple(
-        f"Not split within these limits: {one.true} from {one.other} where {one.true} is true; {one.evidence:.1f} "
-        "of the "
-        f"{asked:g} asked for is expected. Allow more runs or time, or log what tells them apart directly."
+        f"Not split within these limits: {one.true} from {one.other} where {one.true} is true; {one.evidence:.1f} of "
+        f"the {asked:g} asked for is expected. Allow more runs or time, or log what tells them apart directly."
         for one in outcome
         if one.evidence < asked
     )

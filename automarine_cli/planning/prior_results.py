@@ -98,9 +98,8 @@ def read_prior_results(model: Path, diagnosis: Path | None) -> PriorResults:
     for term in chosen.terms:
         if _lacking(term.name):
             raise ModelError(
-                f"{name}: {term.name} needs the column {_lacking(term.name)[0]!r}, which planned runs do not "
-                "have; plan "
-                "from the model without it"
+                f"{name}: {term.name} needs the column {_lacking(term.name)[0]!r}, which planned runs do not have; "
+                "plan from the model without it"
             )
     return PriorResults(
         stored, chosen, now, _size(noise), _size(spread), used if isinstance(used, int) else 0, doubts, notes,

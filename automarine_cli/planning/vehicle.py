@@ -93,8 +93,7 @@ def drive_of(known: ThrusterMap, arm: float, most: float | None, equal_thrust: b
         lacking = "forward" if known.forward is None else "backward"
         raise SettingError(
             f"the thruster map has no {lacking} direction, but one thruster pulls each way in a turn; fit the map "
-            "from a "
-            "test that pulls both ways"
+            "from a test that pulls both ways"
         )
     ends = [curve.n_sat for curve in (known.forward, known.backward) if curve.n_sat is not None]
     largest = most if most is not None else min(ends, default=None)
