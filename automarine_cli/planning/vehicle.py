@@ -14,10 +14,10 @@ import numpy as np
 from scipy import optimize
 
 from automarine_cli.errors import RunError, SettingError
-from automarine_cli.models.thruster_forms import Curve
-from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.planning.candidates import POWER_LAW, Candidate, Floats
-from automarine_cli.runs.thruster_test import Series
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.records import Series
 
 ROUND_DOWN = 1e-6
 FEWEST = 6

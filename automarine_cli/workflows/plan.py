@@ -7,7 +7,6 @@ from typing import Any
 
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.logs import ColumnMap, given_columns
-from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import ResultFolder, result_folder
 from automarine_cli.pipeline.progress import Progress, silent
@@ -23,7 +22,8 @@ from automarine_cli.report import plan_page, plan_tables
 from automarine_cli.report.figures.files import refuse_unknown, write_figures
 from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.tables import Table
-from automarine_cli.runs.thruster_test import load_thruster_logs
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.records import load_thruster_logs
 from automarine_cli.workflows.plan_vehicle import drive_for, largest_moment, supply_for
 
 SCHEMA = "automarine/plan/1"
