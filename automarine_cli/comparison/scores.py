@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs
 
+from automarine_cli.comparison.rollouts import State
 from automarine_cli.comparison.simulated_runs import FreeRun
-from automarine_cli.comparison.starts import State
 from automarine_cli.dofs import Dof
 from automarine_cli.runs.bias import unbiased_velocity
 from automarine_cli.runs.clean import GAP_IN_PERIODS

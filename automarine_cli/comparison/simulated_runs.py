@@ -13,8 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.comparison.rollouts import groups, roll
-from automarine_cli.comparison.starts import State, aligned, rest_state, start_states
+from automarine_cli.comparison.rollouts import State, aligned, groups, rest_state, roll, start_states
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.bias import unbiased_velocity
 from automarine_cli.runs.noise import position_noise
