@@ -1,14 +1,10 @@
 """What a person sees on a terminal, and a program in a pipe: widths, colours, bars, versions, completion."""
 
-import fcntl
 import json
 import os
-import pty
 import shutil
-import struct
 import subprocess
 import sys
-import termios
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,35 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from repository import ROOT
 from small_campaign import make_small_campaign
+from terminal import ESCAPE, on_terminal
 
 from automarine_cli.report.table_text import text_table
 from automarine_cli.report.tables import Table
 
 STEPS = ROOT / "sample_runs" / "hidden_one"
-ESCAPE = "\x1b["
-
-
-def on_terminal(*arguments: object, columns: int = 80, **env: str) -> tuple[int, str]:
-    """Exit status, and what `automarine ARGUMENTS` writes, on a terminal of that many columns."""
-    here, there = pty.openpty()
-    fcntl.ioctl(there, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
-    clean = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", "COLUMNS", "TERM")}
-    command = [sys.executable, "-m", "automarine_cli", *map(str, arguments)]
-    process = subprocess.Popen(
-        command, stdin=there, stdout=there, stderr=there, cwd=ROOT, env=clean | {"TERM": "xterm"} | env
-    )
-    os.close(there)
-    said = b""
-    while True:
-        try:
-            piece = os.read(here, 65536)
-        except OSError:  # Linux tells the end of a terminal so
-            break
-        if not piece:
-            break
-        said += piece
-    os.close(here)
-    return process.wait(timeout=60), said.decode("utf-8").replace("\r\n", "\n")
 
 
 @pytest.mark.parametrize("columns", [60, 80, 200])

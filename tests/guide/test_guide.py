@@ -10,8 +10,8 @@ import pytest
 from click.shell_completion import ShellComplete
 from click.testing import Result
 from conftest import ROOT
+from terminal import ESCAPE, on_terminal
 from test_readme import commands, flags_of
-from test_terminal import ESCAPE, on_terminal
 
 from automarine_cli import guide
 from automarine_cli.cli import automarine
