@@ -22,7 +22,7 @@ MIXED: dict[str, Callable[[Values], Values]] = {
     # reading: pi/2 - (psi + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi)
     "compass-deviation": lambda v: (-v[1], -v[0], -v[2], *v[3:]),
     "heading-moment": lambda v: (-v[1], -v[0]),
-    "wall": lambda v: (-v[0], v[1]),
+    "wall": lambda v: (-v[0], v[1], v[2], -v[3], v[4]),
     "current-deviation": lambda v: (v[0], -v[1], v[2]),
     "periodic-disturbance": lambda v: (-v[0], -v[1], *v[2:]),
     "thruster-imbalance": lambda v: v,  # a thruster is the same in any frame
