@@ -20,20 +20,24 @@ from automarine_cli.planning.candidates import (
 )
 from automarine_cli.planning.fitting import Fitting
 from automarine_cli.planning.information import (
-    covariance_now,
     directions,
     estimates_of,
     information,
-    information_now,
     moving,
     predicted,
     relative_directions,
     reported_covariance,
     stderr_along,
-    wanted_directions,
 )
 from automarine_cli.planning.limits import Limits
-from automarine_cli.planning.prior_results import NOISE_DEG, SCATTER, PriorResults
+from automarine_cli.planning.prior_results import (
+    NOISE_DEG,
+    SCATTER,
+    PriorResults,
+    covariance_now,
+    information_now,
+    wanted_directions,
+)
 from automarine_cli.planning.rivals import Split, pairs_of, splits
 from automarine_cli.planning.selection import Choice, select
 from automarine_cli.simulation.specification import SCHEMA

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.errors import ModelError
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.influence import runs_that_carry
@@ -186,54 +185,6 @@ def _parameters(fitting: Fitting) -> tuple[dict[str, float], dict[str, bool], di
 def stderr_along(covariance: Floats, direction: Floats) -> float:
     """Standard error along a direction (p,)."""
     return float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
-
-
-def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:
-    """Covariance of the search's coordinates as the model's file tells it, (p, p) with the offset left open; None
-    where a parameter has no standard error.
-
-    Files hold no correlations; that of inertia and quadratic drag follows from the interval of their ratio.
-    """
-    names = [name for name in names_of(fitting) if name != OFFSET]
-    logs = dict(zip((*labels(fitting), OFFSET), fitting.on_log))
-    if any(name not in now or not now[name].stderr > 0 for name in names):
-        return None
-    size = {n: now[n].stderr / (abs(now[n].value) if logs[n] else 1.0) for n in names}
-    covariance = np.diag([size[n] ** 2 for n in names])
-    own = fitting.model.dof.symbols
-    if ANGLE in now and own.quadratic in names:
-        i, k = names.index(own.inertia), names.index(own.quadratic)
-        relative = now[ANGLE].stderr / now[ANGLE].value
-        shared = 0.5 * (size[own.inertia] ** 2 + size[own.quadratic] ** 2 - relative**2)
-        most = 0.999 * size[own.inertia] * size[own.quadratic]
-        covariance[i, k] = covariance[k, i] = float(np.clip(shared, -most, most))
-    return covariance
-
-
-def information_now(fitting: Fitting, now: Mapping[str, Estimate], use: bool) -> Floats:
-    """Information (p, p) before the campaign: the earlier runs' if they are to be `use`d and known, else next to
-    none."""
-    values = np.append(fitting.model.theta, 0.3)
-    free = dict(zip((*labels(fitting), OFFSET), zip(values, fitting.on_log)))
-    sizes = [1.0 if on else max(abs(value), 1e-3) for value, on in (free[name] for name in names_of(fitting))]
-    loose = np.diag(1.0 / (LOOSE * np.array(sizes)) ** 2)
-    loose[-1, -1] = 1.0
-    covariance = covariance_now(fitting, now) if use else None
-    if covariance is not None:
-        loose[:-1, :-1] += np.linalg.inv(covariance)
-    return loose
-
-
-def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
-    """The directions (p, m) whose intervals count, in shares of the parameters: of `names`, or of every parameter.
-
-    Raises ModelError for another name.
-    """
-    known = relative_directions(fitting)
-    for name in names:
-        if name not in known:
-            raise ModelError(f"the model has no parameter {name!r} to plan for; it has {', '.join(known)}")
-    return np.stack([known[name] for name in names or [n for n in known if n != ANGLE]], axis=1)
 
 
 class Objective(ABC):
