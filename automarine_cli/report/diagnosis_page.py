@@ -264,6 +264,4 @@ def _next(diagnosis: Diagnosis) -> str:
     for effect in diagnosis.effects:
         reveals = effects.get(effect.name).card(diagnosis.study.base.dof).reveals
         told.append(f"- To see {effect.name} better: {reveals}.")
-    return "\n".join(
-        [*told, *(f"- {line}" for line in general_advice(diagnosis.study, diagnosis.detectable))]
-    )
+    return "\n".join([*told, *(f"- {line}" for line in general_advice(diagnosis.study))])
