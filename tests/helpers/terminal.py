@@ -1,4 +1,4 @@
-"""The command on a terminal of a given width, as a person sees it."""
+"""A command as a person at a terminal sees it."""
 
 import fcntl
 import os
