@@ -14,7 +14,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from repository import ROOT
 from small_campaign import make_small_campaign
-from terminal import ESCAPE, on_terminal
 
 from automarine_cli.report.table_text import text_table
 from automarine_cli.report.tables import Table
