@@ -12,6 +12,7 @@ import pytest
 from click.testing import Result
 from hypothesis import given
 from hypothesis import strategies as st
+from pseudo_terminal import ESCAPE, on_terminal
 from repository import ROOT
 from small_campaign import make_small_campaign
 
