@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from automarine_cli.fits.planar_fit import PlanarFit
-from automarine_cli.fits.thruster_result import ThrusterFit
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.pipeline.outputs import json_text
+from automarine_cli.thrusters.result import ThrusterFit
 from automarine_cli.workflows import check as _check
 from automarine_cli.workflows import compare as _compare
 from automarine_cli.workflows import diagnose as _diagnose

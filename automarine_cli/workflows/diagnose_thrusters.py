@@ -3,11 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
-from automarine_cli.diagnosis.thruster_map import diagnose_thrusters as diagnose_points
 from automarine_cli.errors import ModelError, RunError, SettingError
 from automarine_cli.logs import ColumnMap, given_columns
-from automarine_cli.models.thruster_map import SCHEMA, ThrusterMap
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.plain_data import read_plain
@@ -15,7 +12,10 @@ from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import thruster_diagnosis as page
 from automarine_cli.report.figures import thruster_diagnosis as figures
 from automarine_cli.report.figures.files import refuse_unknown, write_figures
-from automarine_cli.runs.thruster_test import ThrusterLogs, load_thruster_logs
+from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
+from automarine_cli.thrusters.diagnosis import diagnose_thrusters as diagnose_points
+from automarine_cli.thrusters.map import SCHEMA, ThrusterMap
+from automarine_cli.thrusters.records import ThrusterLogs, load_thruster_logs
 
 FILES = (
     "diagnosis.json",

@@ -7,13 +7,13 @@ from automarine_cli.fits.planar_fit import Estimator, PlanarFit, search
 from automarine_cli.fits.planar_likelihood import PlanarLikelihood
 from automarine_cli.fits.planar_structure import Observed, observed
 from automarine_cli.logs import ColumnMap, given_columns
-from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report import planar_report
 from automarine_cli.report.figures.files import refuse_unknown, write_figures
 from automarine_cli.runs.run import Run
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.workflows.planar_runs import load_planar
 
 

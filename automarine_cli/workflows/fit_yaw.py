@@ -15,7 +15,6 @@ from automarine_cli.fits.step_response import Known
 from automarine_cli.fits.tails import asked_tail
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.logs import ColumnMap, given_columns
-from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.pipeline.parallel import ordered_map
@@ -26,6 +25,7 @@ from automarine_cli.runs.channels import AUTO, asked_channels, wanted_channels
 from automarine_cli.runs.half_turn import UNTRIMMED, Trim
 from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.workflows.moments import moment_maker
 
 FIT_TO = ("auto", "half-turns", "whole-runs")

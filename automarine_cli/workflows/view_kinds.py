@@ -6,10 +6,8 @@ from typing import Any
 from automarine_cli.comparison.scores import SCORES, score_key
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.naming_key import naming_key
-from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
 from automarine_cli.fits.channel_noise import noise_words
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.fits.thruster_result import ThrusterFit
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report import (
     compare_tables,
@@ -29,6 +27,8 @@ from automarine_cli.report.figures.diagnosis_gap import before_after_figure
 from automarine_cli.report.figures.diagnosis_where import where_figure
 from automarine_cli.report.figures.diagnosis_why import why_figure
 from automarine_cli.report.tables import number
+from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
+from automarine_cli.thrusters.result import ThrusterFit
 from automarine_cli.workflows import planar_views
 from automarine_cli.workflows.check import Check
 from automarine_cli.workflows.compare import ResultComparison
