@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from automarine_cli.errors import FitError
 from automarine_cli.thrusters.contradictions import flag_contradictions, left_out
-from automarine_cli.thrusters.fit import SIDES, Side, sides_of
+from automarine_cli.thrusters.fit import Side, sides_of
+from automarine_cli.thrusters.forms import SIDES
 from automarine_cli.thrusters.plateaus import reduce_series
 from automarine_cli.thrusters.points import Floats, Ints, Points, groups_of, levels_of, voltage_steps
 from automarine_cli.thrusters.records import ThrusterLogs
@@ -55,6 +56,11 @@ class BollardData:
     def voltage(self) -> Floats | None:
         """Supply voltage [V] where it was varied in steps, else None."""
         return None if self.step is None else self.points.voltage
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """The directions that were measured."""
+        return tuple(name for name, sign in SIDES if np.any(self.points.n * sign > 0))
 
     @property
     def levels(self) -> int:
