@@ -12,7 +12,7 @@ MAKEFLAGS += --no-print-directory
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test check fit-thrusters fit-yaw validate diagnose run reproduce sample-runs paper pictures bench blind closed-loop real clean
+.PHONY: help demo test test-all check fit-thrusters fit-yaw validate diagnose run reproduce wheel sample-runs paper pictures bench blind closed-loop real clean
 
 help: ## Show this list
 	echo "make TARGET, where TARGET is one of"
@@ -57,7 +57,7 @@ diagnose-%: $(READY)
 run: $(READY) ## Every step of the campaign sample_runs/pool_day.toml and its report, into OUT/pool_day
 	$(AUTOMARINE) run sample_runs/pool_day.toml -o $(OUT)/pool_day --jobs $(JOBS)
 
-reproduce: $(READY) ## The demo twice, in two lands, and again from its manifests; fails unless every byte is equal
+reproduce: $(READY) ## The demo twice, under two locales, and again from its manifests; fails unless every byte is equal
 	rm -rf $(OUT)/reproduce
 	$(MAKE) demo OUT=$(OUT)/reproduce/first > /dev/null
 	umask 077; export TZ=Pacific/Kiritimati LC_ALL=C PYTHONHASHSEED=4242; \
@@ -69,8 +69,14 @@ reproduce: $(READY) ## The demo twice, in two lands, and again from its manifest
 	count=$$(find $(OUT)/reproduce/first -type f | wc -l | tr -d ' '); test "$$count" -gt 0; \
 	  echo "Reproduced: $$count files, every byte equal."
 
-test: $(READY) ## Run the tests, a process a core
-	$(BIN)/python -m pytest -q -n auto --dist loadfile
+wheel: $(READY) ## Build the wheel into OUT/wheel, install it into an empty environment and use it there
+	.ci/wheel $(OUT)/wheel $(BIN)/python
+
+test: $(READY) ## Run the tests but for the slow ones, a process for each core
+	$(BIN)/python -m pytest -q -n auto --dist loadfile -m "not slow"
+
+test-all: $(READY) test ## Then the slow ones: clusters, kills, same bytes, planted effects, real data, every example
+	$(BIN)/python -m pytest -q -n auto --dist loadfile -m slow
 
 check: $(READY) ## Lint, format, types and the order of imports
 	$(BIN)/ruff check .
@@ -91,7 +97,7 @@ sample-runs: $(READY) ## Make sample_runs again from its specifications, byte fo
 paper: $(READY) ## The paper's own tables against 200 simulated campaigns
 	$(BIN)/python tests/benchmarks/paper.py --out $(OUT)
 
-pictures: $(READY) ## The README's figures, from sample_runs
+pictures: $(READY) ## The figures of README and guide, from sample_runs
 	$(BIN)/python tests/benchmarks/pictures.py
 
 bench: $(READY) ## Accuracy against the Cramer-Rao bound, speed, start-up time

@@ -12,6 +12,7 @@ from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.estimates import base_estimates
 from automarine_cli.diagnosis.formula_file import learned_json
 from automarine_cli.diagnosis.verdict import NamedEffect
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.fits.channel_noise import channels_json, fit_sentences
 from automarine_cli.fits.linear_mixed import in_words_of
@@ -65,7 +66,7 @@ class YawDiagnosis(Shown):
             "model": self.stored.preferred,
             f"{dof.words.force}_unit": self.stored.moment_unit,
             "effects": [
-                _effect_json(effect, len(self.diagnosis.study.runs)) for effect in self.diagnosis.effects
+                _effect_json(effect, len(self.diagnosis.study.runs), dof) for effect in self.diagnosis.effects
             ],
             "where": [region.to_json(dof) for region in self.diagnosis.where.regions],
             "gap": {
@@ -131,7 +132,7 @@ class YawDiagnosis(Shown):
         )
 
 
-def _effect_json(effect: NamedEffect, runs: int) -> dict[str, Any]:
+def _effect_json(effect: NamedEffect, runs: int, dof: Dof) -> dict[str, Any]:
     return {
         "name": effect.name,
         **({"law": effect.law} if effect.law else {}),
@@ -140,7 +141,7 @@ def _effect_json(effect: NamedEffect, runs: int) -> dict[str, Any]:
         "confidence": effect.confidence,
         "p_value": effect.p_value,
         "rivals": [asdict(rival) for rival in effect.rivals],
-        **({} if effect.learned is None else {"learned": learned_json(effect.learned, runs)}),
+        **({} if effect.learned is None else {"learned": learned_json(effect.learned, runs, dof)}),
     }
 
 

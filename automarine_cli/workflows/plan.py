@@ -12,14 +12,12 @@ from automarine_cli.pipeline.outputs import ResultFolder, result_folder
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.recipe import to_mapping, toml_text
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.planning.campaign import Campaign, plan_campaign
-from automarine_cli.planning.commands import command_file
-from automarine_cli.planning.drive import Drive
-from automarine_cli.planning.known import read_known
+from automarine_cli.planning.campaign import Campaign, plan_campaign, specification
+from automarine_cli.planning.candidates import Slot
 from automarine_cli.planning.limits import EXAMPLE, Limits, read_limits
-from automarine_cli.planning.rehearsal import specification
+from automarine_cli.planning.prior_results import read_prior_results
 from automarine_cli.planning.rivals import Split
-from automarine_cli.planning.schedule import Slot
+from automarine_cli.planning.vehicle import Drive, command_file
 from automarine_cli.report import plan_page, plan_tables
 from automarine_cli.report.figures.files import refuse_unknown, write_figures
 from automarine_cli.report.figures.plan import plan_figure
@@ -123,7 +121,7 @@ def plan(
     Writes the results if `out` is given. Raises ModelError, SettingError, LogError, RunError or OutputError.
     """
     refuse_unknown(figure_formats)
-    known = read_known(model, diagnosis)
+    known = read_prior_results(model, diagnosis)
     allowed = limits if isinstance(limits, Limits) else Limits() if limits is None else read_limits(limits)
     column_map = given_columns(columns)
     drive = drive_for(thrusters, arm, column_map, known, allowed)

@@ -1,0 +1,330 @@
+"""Curves over one variable: the spline, the fit under its prior, the search, the files, and effects of one's own."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from made_driven import Sea, steered
+from made_learned import BASE, LAWS, campaign, true_gap, written
+
+from automarine_cli import effects
+from automarine_cli.cli import automarine
+from automarine_cli.diagnosis import search
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.diagnosis.formula import formula_of
+from automarine_cli.diagnosis.learned import ties
+from automarine_cli.diagnosis.smooth import places, prior_of, smoothed
+from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.trials import Found, Trial
+from automarine_cli.dofs import DOFS, YAW
+from automarine_cli.effects import State
+from automarine_cli.effects.learned import KNOTS, basis, roughness
+from automarine_cli.errors import ModelError
+from automarine_cli.fits.mixed_model import MixedFit
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.pipeline.manifest import read_manifest
+from automarine_cli.workflows.diagnose import YawDiagnosis, diagnose
+
+CLOSE = 1e-9
+"""Of splines that should be exact."""
+EVERY_VARIABLE = [
+    "yaw-rate",
+    "heading",
+    "turned-angle",
+    "moment",
+    "time-in-run",
+    "campaign-clock",
+    "depth_m",
+    "a {b}",
+]
+
+
+def flat(name: str, kind: float = 0.0, *, value: float = 0.0, spread: float = 0.1) -> YawModel:
+    """The base model with a curve that is `value` everywhere."""
+    return BASE.with_effect(f"learned:{name}", [0.0, 1.0, 1.2, spread, *[value] * KNOTS, kind])
+
+
+def test_the_curve_is_exact_for_cubics_and_constant_beyond() -> None:
+    knots, x = np.linspace(-1.0, 3.0, KNOTS), np.linspace(-1.0, 3.0, 41)
+    values = 0.3 - knots + 0.7 * knots**2 - 0.2 * knots**3
+    found = basis(x, -1.0, 3.0, closed=False) @ values
+    np.testing.assert_allclose(found, 0.3 - x + 0.7 * x**2 - 0.2 * x**3, atol=CLOSE)
+    outside = basis(np.array([-9.0, 12.0]), -1.0, 3.0, closed=False) @ values
+    np.testing.assert_allclose(outside, values[[0, -1]], atol=CLOSE)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_where_a_simulation_runs_away_the_curve_is_no_number(closed: bool) -> None:
+    """A fit may try what no vehicle is; it sees the infinity and goes back."""
+    found = basis(np.array([np.nan, 0.5]), 0.0, 1.0, closed=closed)
+    assert np.all(np.isnan(found[0])) and np.all(np.isfinite(found[1]))
+
+
+def test_a_closed_curve_comes_back_to_itself() -> None:
+    values = np.cos(2.0 * np.pi * np.arange(KNOTS) / KNOTS)
+    x = np.linspace(0.0, 6.0, 50)
+    once, again = (basis(x + turns * 6.0, 0.0, 6.0, closed=True) @ values for turns in (0, 2))
+    np.testing.assert_allclose(once, again, atol=CLOSE)
+    np.testing.assert_allclose(once, np.cos(2.0 * np.pi * x / 6.0), atol=2e-3)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_smooth_curves_are_likelier_than_rough_ones(closed: bool) -> None:
+    at = np.arange(KNOTS)
+    stiff = roughness(closed)
+    smooth, rough = np.cos(2.0 * np.pi * at / KNOTS), (-1.0) ** at
+    assert np.linalg.eigvalsh(stiff).min() > 0.0
+    assert 10.0 * smooth @ stiff @ smooth < rough @ stiff @ rough
+
+
+@pytest.mark.parametrize("name", EVERY_VARIABLE)
+def test_a_curve_at_zero_adds_exactly_nothing(name: str) -> None:
+    effect = effects.get(f"learned:{name}")
+    random, values = np.random.default_rng(0), tuple(np.full((2, 1), value) for value in effect.off)
+    drawn = [random.normal(size=(2, 3)) for _ in range(5)]
+    state = State(*drawn, np.arange(3.0), {name: np.arange(3.0)})
+    assert np.all(np.asarray(effect.moment(state, values)) == 0.0)
+    assert f"learned:{name}" not in effects.names() and effects.known(f"learned:{name}")
+    for dof in DOFS.values():
+        if effect.acts_in(dof):
+            assert name in effect.card(dof).says
+
+
+def test_over_the_speed_a_moment_has_its_sign() -> None:
+    effect = effects.get("learned:yaw-rate")
+    model = flat("yaw-rate", value=0.5)
+    values = tuple(np.full((1, 1), value) for value in model.terms[-1].values)
+    rates = np.array([[-0.7, 0.7]])
+    found = np.asarray(effect.moment(State(rates, rates, rates, rates, rates, rates, {}), values))
+    np.testing.assert_allclose(found, [[-0.6, 0.6]], atol=CLOSE)
+
+
+def test_a_name_without_a_variable_is_refused() -> None:
+    assert not effects.known("learned:")
+    with pytest.raises(ModelError, match="expected learned: and a variable"):
+        effects.get("learned:")
+
+
+def test_the_prior_holds_what_the_data_do_not_show() -> None:
+    """Without any such effect a stiff curve is nothing, and a free one costs what it can follow."""
+    runs = campaign("nothing", repeats=1)
+    study = Study(tuple(runs), BASE, False, ("water_temp_C",))
+    base = study.fit(BASE)
+    count = []
+    for spread in (1e-4, 1.0):
+        model = BASE.with_effect("learned:water_temp_C", [4.0, 24.0, 1.2, spread, *[0.0] * KNOTS, 1.0])
+        fit = study.fit(model, np.append(base.of_model, model.terms[-1].values), base)
+        assert isinstance(fit, MixedFit) and fit.left_out.shape[0] == len(runs) == len(fit.predictive)
+        count.append(smoothed(fit, model, study.sensor_floor)[1])
+        own = fit.covariance[np.ix_(places(model), places(model))]
+        assert np.all(
+            np.linalg.eigvalsh(np.linalg.inv(own) - prior_of(fit, model, study.sensor_floor))
+            > -1e-2 / own.max()
+        )
+        if spread < 1e-3:
+            np.testing.assert_allclose(fit.theta[places(model)], 0.0, atol=2e-3)
+            assert abs(fit.log_likelihood - base.log_likelihood) < 0.5
+    assert count[0] < 0.2 and 3.0 < count[1] < KNOTS
+
+
+@pytest.fixture(scope="module")
+def few_candidates() -> Iterator[None]:
+    """Two laws of the library: judging all of it is the matter of other tests."""
+    every, among = search.candidates, {"linear-drag", "bias-moment"}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(search, "candidates", lambda *of: [name for name in every(*of) if name in among])
+        yield
+
+
+@pytest.fixture(scope="module")
+def by_command(tmp_path_factory: pytest.TempPathFactory, few_candidates: None) -> tuple[Path, YawDiagnosis]:
+    """Logs of a campaign in which thrust follows the temperature, fitted and diagnosed into a folder."""
+    folder = tmp_path_factory.mktemp("learned")
+    logs = written(campaign("temperature"), folder / "logs")
+    assert run("fit-yaw", logs, "--fit-to", "whole-runs", "-o", folder / "fit").exit_code == 0
+    return folder, diagnose([logs], model=folder / "fit" / "yaw_model.json", out=folder / "diagnosis")
+
+
+@pytest.fixture(scope="module")
+def folder(by_command: tuple[Path, YawDiagnosis]) -> Path:
+    """Its folder."""
+    return by_command[0]
+
+
+@pytest.fixture(scope="module", params=["temperature", "rate", "depth", "product"])
+def found(request: pytest.FixtureRequest, few_candidates: None) -> tuple[str, Diagnosis]:
+    """A law, and the diagnosis of a campaign with it."""
+    if request.param == "temperature":
+        return request.param, request.getfixturevalue("by_command")[1].diagnosis
+    return request.param, diagnose_runs(campaign(request.param, repeats=1), BASE)
+
+
+def test_the_right_variable_is_named(found: tuple[str, Diagnosis]) -> None:
+    name, diagnosis = found
+    assert (diagnosis.verdict, diagnosis.found.final.added) == ("named", (f"learned:{LAWS[name][0]}",))
+    assert diagnosis.held_out_gap is not None and diagnosis.found.rivals == ()
+    assert diagnosis.held_out_gap.after < 1.1 * true_gap(name, diagnosis)
+
+
+def test_the_band_holds_the_truth_and_the_formula_is_its_own(found: tuple[str, Diagnosis]) -> None:
+    name, diagnosis = found
+    _, kind, law = LAWS[name]
+    curve = diagnosis.effects[0].learned
+    assert curve.kind == kind and kind.replace("gain", "thrust") in diagnosis.effects[0].says
+    off = np.eye(KNOTS) - np.linalg.pinv(curve.other) @ curve.other  # what inertia and drag have of it
+    truth = basis(curve.x, curve.x[0], curve.x[-1], closed=False) @ off @ law(curve.knots)
+    assert np.mean((truth > curve.low) & (truth < curve.high)) > 0.85
+    formula = formula_of(curve, len(diagnosis.study.runs))
+    assert formula is not None
+    wanted = {
+        "temperature": ("sine", "T", 20.0),
+        "rate": ("power", "p", 1.5),
+        "depth": ("tanh", "x_0", 2.0),
+        "product": ("line", "a", 0.04),
+    }[name]
+    low, high = formula.parameters[wanted[1]].ci95
+    assert formula.form.name == wanted[0] and low < wanted[2] < high
+
+
+def test_of_driven_runs_a_gain_on_the_temperature_is_learned(few_candidates: None) -> None:
+    runs = steered(6, sea=Sea(warmth=0.4), length=40.0)
+    diagnosis = diagnose_runs(runs, YawModel.base("3", 1.0, (1.2,), "nu", YAW))
+    assert diagnosis.study.driven and diagnosis.found.final.added == ("learned:water_temp_C",)
+    curve = diagnosis.effects[0].learned
+    truth = 0.2 * np.tanh((curve.x - 14.0) / 4.0)
+    miss = truth - truth.mean() - (curve.y - curve.y.mean())
+    assert curve.kind == "gain" and np.abs(miss).max() < 0.5 * np.ptp(truth)
+
+
+def test_a_curve_that_does_as_well_as_an_effect_is_its_rival() -> None:
+    base = Trial((), BASE, cast(MixedFit, None), 100.0)
+    named = replace(base, added=("battery-sag",), evidence=40.0)
+    found = Found(cast(Study, None), base, named, (), {}, ())
+    for evidence, rivals in ((45.0, [("battery-sag", "learned:campaign-clock", 5.0)]), (60.0, [])):
+        curve = replace(base, added=("learned:campaign-clock",), evidence=evidence)
+        assert [(one.replaces, one.name, one.behind) for one in ties(found, curve)] == rivals
+
+
+def test_clean_campaigns_stay_silent(few_candidates: None) -> None:
+    for seed in (1, 2):
+        assert (
+            diagnose_runs(campaign("nothing", seed, repeats=1), BASE, seed=seed).verdict == "nothing-missing"
+        )
+
+
+def run(*words: object) -> Result:
+    """One command."""
+    return CliRunner().invoke(automarine, [str(word) for word in words])
+
+
+def learned(folder: Path) -> dict[str, Any]:
+    """The result's own entry of the curve."""
+    effect = json.loads((folder / "diagnosis" / "diagnosis.json").read_text())["effects"][0]
+    assert effect["name"] == "learned:water_temp_C" and effect["says"].startswith("The thrust depends on")
+    entry: dict[str, Any] = effect["learned"]
+    return entry
+
+
+def test_the_result_holds_the_curve(folder: Path) -> None:
+    entry = learned(folder)
+    x, y, low, high = (np.array(entry[key]) for key in ("x", "y", "low", "high"))
+    assert entry["variable"] == "water_temp_C" and entry["formula"]["form"] == "sine"
+    assert len(x) == len(y) and np.all((low < y) & (y < high)) and np.all(np.diff(x) > 0)
+    assert (folder / "diagnosis" / "learned.png").stat().st_size > 1000
+    page = (folder / "diagnosis" / "diagnosis.md").read_text()
+    assert "![What was learned](learned.png)" in page and "automarine effects --new" in page
+
+
+def test_the_extended_model_is_better_on_the_logs_and_is_exported(folder: Path, tmp_path: Path) -> None:
+    model, errors = folder / "diagnosis" / "extended_model.json", []
+    for number, one in enumerate([folder / "fit" / "yaw_model.json", model]):
+        out = tmp_path / str(number)
+        assert run("validate", folder / "logs", "--model", one, "-o", out, "--no-figures").exit_code == 0
+        errors.append(json.loads((out / "validation.json").read_text())["models"]["3"]["rmse_deg"])
+    assert errors[1] < 0.5 * errors[0]
+    assert run("export", model, "--to", "card", "-o", tmp_path / "card.md").exit_code == 0
+    assert "learned:water_temp_C" in (tmp_path / "card.md").read_text()
+    assert run("export", model, "--to", "python", "-o", tmp_path / "sim.py").exit_code == 0
+
+
+def test_the_proposed_file_is_an_effect_of_ones_own(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    formula = learned(folder)["formula"]
+    (tmp_path / formula["file"]).write_text(formula["effect"])
+    monkeypatch.setenv("AUTOMARINE_EFFECTS", str(tmp_path / "own"))
+    done = run("effects", "--new", tmp_path / formula["file"])
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "own-water-temp-c-sine" in effects.names()
+    own = effects.get("own-water-temp-c-sine")
+    assert own.needs == ("water_temp_C",) and own.acts_in(YAW)
+    logs, model = folder / "logs", folder / "fit" / "yaw_model.json"
+    assert run("validate", logs, "--model", model, "-o", tmp_path / "out", "--no-figures").exit_code == 0
+    entries = read_manifest(tmp_path / "out" / "manifest.json").inputs
+    assert [one.file for one in entries if one.role == "own_effect"] == [formula["file"]]
+
+
+OWN = '''from automarine_cli.effects.base import Effect, Parameter, Place
+
+
+class Mine(Effect):
+    """A push."""
+
+    name = "mine"
+    place = Place.MOMENT
+    parameters = (Parameter("k", "push", "{force}", 0.0, 9.0, 0.1),)
+    equation, says, reveals = "k", "Something pushes.", "any run"
+    mistaken_for, separated_by, source = (), "nothing", "mine"
+
+    def moment(self, state, values):
+        (k,) = values
+        return k + 0.0 * state.velocity
+'''
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ("return k +", "return 1.0 + k +", "with every parameter off it still changes the moment"),
+        ('"mine"\n    place', '"yours"\n    place', "its name is 'yours'; a file of that name holds 'mine'"),
+        (
+            "return k + 0.0 * state.velocity",
+            "return k.sum() + 0.0 * state.velocity - k.sum() + k * k.max()",
+            "alone",
+        ),
+        ("0.1)", "99.0)", "parameter k starts at 99, outside 0 to 9"),
+        ('"k", "Some', '"{nobody}", "Some', "KeyError"),
+        ("class Mine(Effect)", "class Mine(", "cannot be run: SyntaxError"),
+        ("class Mine(Effect)", "class Mine", "holds 0 subclasses of Effect; expected one"),
+    ],
+)
+def test_an_effect_of_ones_own_that_breaks_the_contract_is_refused(
+    old: str, new: str, why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AUTOMARINE_EFFECTS", str(tmp_path / "own"))
+    file = tmp_path / "mine.py"
+    assert old in OWN
+    file.write_text(OWN.replace(old, new))
+    done = run("effects", "--new", file)
+    assert done.exit_code == 1 and why in done.stderr and "Traceback" not in done.stderr
+    assert not (tmp_path / "own").exists() and "mine" not in effects.names()
+
+
+def test_a_name_of_the_library_and_a_second_file_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AUTOMARINE_EFFECTS", str(tmp_path / "own"))
+    (tmp_path / "dead_band.py").write_text(OWN)
+    assert "is an effect of the library" in run("effects", "--new", tmp_path / "dead_band.py").stderr
+    file = tmp_path / "mine.py"
+    file.write_text(OWN)
+    assert run("effects", "--new", file).exit_code == 0 and "mine" in effects.names()
+    file.write_text(OWN.replace("A push", "A shove"))
+    assert "--overwrite replaces it" in run("effects", "--new", file).stderr
+    assert run("effects", "--new", file, "--overwrite").exit_code == 0
+    assert "mine" in run("effects").stdout

@@ -1,0 +1,307 @@
+"""A figure that cannot be drawn costs no result: a warning in the manifest and on standard error, all else as ever."""
+
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from click.testing import Result
+
+from automarine_cli.diagnosis import search
+from automarine_cli.errors import FitError, SettingError
+from automarine_cli.pipeline import attempts
+from automarine_cli.pipeline.attempts import attempted
+from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.report import diagnosis_report
+from automarine_cli.report.figures.style import FORMATS
+from automarine_cli.simulation.specification import SCHEMA
+from automarine_cli.workflows import api
+from automarine_cli.workflows.diagnose import YawDiagnosis
+
+Run = Callable[..., Result]
+SENTENCE = "The figure {} could not be drawn (RuntimeError: no ink); everything else was written."
+
+
+def boom(*of: object, **more: object) -> Any:
+    """What every figure does here that is to fail."""
+    raise RuntimeError("no\nink")
+
+
+class Case(NamedTuple):
+    """A command on the campaign below, what draws one of its figures, and that figure's name."""
+
+    command: str
+    draws: str
+    figure: str
+
+
+REPORT, WORK = "automarine_cli.report", "automarine_cli.workflows"
+CASES = {
+    "fit-thrusters": Case(
+        "fit-thrusters pool/thrusters --thrusters-per-test 2", f"{WORK}.fit_thrusters.thruster_figure", "thrusters"
+    ),
+    "fit-yaw": Case("fit-yaw pool/steps", f"{REPORT}.figures.yaw.drag_figure", "drag"),
+    "fit-yaw, whole runs": Case(
+        "fit-yaw pool/driving pool/steps --fit-to whole-runs", f"{REPORT}.figures.yaw.whole_runs_figure", "whole_runs"
+    ),
+    "fit-surge": Case("fit-surge forces/surge", f"{REPORT}.figures.yaw.half_turns_figure", "steps"),
+    "fit-heave": Case("fit-heave forces/heave", f"{REPORT}.figures.yaw.inertia_figure", "inertia"),
+    "validate": Case(
+        "validate pool/validation --model yaw/yaw_model.json",
+        f"{WORK}.validate.validation_figure",
+        "validation_there_and_back",
+    ),
+    "diagnose": Case(
+        "diagnose pool/steps --model yaw/yaw_model.json", f"{REPORT}.diagnosis_report.where_figure", "where"
+    ),
+    "diagnose thrusters": Case(
+        "diagnose pool/thrusters --model thrusters/thrusters.json", f"{REPORT}.figures.thruster_diagnosis.why_figure",
+        "why",
+    ),
+    "compare": Case("compare yaw driven", f"{WORK}.compare.compare_figure", "comparison"),
+    "plan": Case("plan yaw/yaw_model.json", f"{WORK}.plan.plan_figure", "plan"),
+}  # fmt: skip
+
+
+def force_steps(motion: str) -> dict[str, object]:
+    """A specification of six steps of surge or heave."""
+    of = {
+        "surge": {"m_u": 17.0, "X_uu": 24.0},
+        "heave": {"m_w": 22.0, "Z_ww": 50.0, "constant_force": 2.0},
+    }
+    forces = [s * force for force in (8.0, 15.0, 30.0) for s in (1.0, -1.0)]
+    return {
+        "schema": SCHEMA,
+        "seed": 2,
+        "vehicle": {"motion": motion, **of[motion], "force_unit": "N"},
+        "logger": {"rate_hz": 5, "noise_m": 0.01},
+        "runs": [{"kind": "step", "forces": forces, "duration_s": 8.0}],
+    }
+
+
+@pytest.fixture(scope="module")
+def made(small_day: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the logs of small campaigns, and results that other commands take."""
+    place = tmp_path_factory.mktemp("failing")
+    for name in ("pool", "out/thrusters", "out/yaw"):
+        shutil.copytree(small_day / name, place / Path(name).name)
+    for motion in ("surge", "heave"):
+        specification = place / f"{motion}.json"
+        specification.write_text(json.dumps(force_steps(motion)))
+        api.simulate(specification, out=place / "forces" / motion)
+    api.FITS["fit_yaw"](
+        [place / "pool/driving", place / "pool/steps"], fit_to="whole-runs", out=place / "driven"
+    )
+    return place
+
+
+def few(patch: pytest.MonkeyPatch) -> None:
+    """Two effects will do for a diagnosis here."""
+    every = search.candidates
+    tried = ("dead-band", "bias-moment")
+    patch.setattr(search, "candidates", lambda *of: [name for name in every(*of) if name in tried])
+
+
+@pytest.fixture
+def place(made: Path, monkeypatch: pytest.MonkeyPatch, lenient_figures: None) -> Path:
+    """The working directory of a test, with the campaign in it."""
+    monkeypatch.chdir(made)
+    few(monkeypatch)
+    return made
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    """Every file of a result but its manifest."""
+    found = {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    del found["manifest.json"]
+    return found
+
+
+def warned(folder: Path) -> list[str]:
+    """What the manifest warns of."""
+    found: list[str] = json.loads((folder / "manifest.json").read_text()).get("warnings", [])
+    return found
+
+
+def without(stderr: str) -> list[str]:
+    """Lines on standard error but for the runs set aside."""
+    return [line for line in stderr.splitlines() if not line.startswith(("Set aside", " "))]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_figure_that_fails_is_a_warning(
+    name: str, place: Path, run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    case, good, bad = CASES[name], tmp_path / "good", tmp_path / "bad"
+    assert run(*case.command.split(), "-o", good).exit_code == 0 and warned(good) == []
+    monkeypatch.setattr(case.draws, boom)
+    found = run(*case.command.split(), "-o", bad, "-q")
+    assert (found.exit_code, without(found.stderr)) == (0, [f"Warning: {SENTENCE.format(case.figure)}"])
+    assert warned(bad) == [SENTENCE.format(case.figure)]
+    expected = content(good)
+    del expected[f"{case.figure}.png"]
+    assert content(bad) == expected
+    assert run("verify", bad).exit_code == 0
+
+
+def test_made_again_it_is_the_same_until_the_figure_is_there(
+    place: Path, run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    case = CASES["fit-thrusters"]
+    with monkeypatch.context() as patch:
+        patch.setattr(case.draws, boom)
+        run(*case.command.split(), "-o", tmp_path / "out")
+        same = run("run", "--from", tmp_path / "out")
+    assert (same.exit_code, same.stderr) == (0, f"Warning: {SENTENCE.format(case.figure)}\n")
+    drawn = run("run", "--from", tmp_path / "out")
+    assert (drawn.exit_code, drawn.stderr) == (1, "") and "thrusters.png (new)" in drawn.stdout
+
+
+def test_so_is_one_that_cannot_be_saved(
+    place: Path, run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(FORMATS, "png", boom)  # type: ignore[arg-type]
+    found = run("fit-yaw", "pool/steps", "-o", tmp_path / "out")
+    expected = [SENTENCE.format(name) for name in ("half_turns", "drag", "inertia", "collapse")]
+    assert (found.exit_code, warned(tmp_path / "out")) == (0, expected)
+    assert without(found.stderr) == [f"Warning: {sentence}" for sentence in expected]
+    assert not list((tmp_path / "out").rglob("*.png")) and ".png" not in found.stdout
+    assert (tmp_path / "out" / "yaw_model.json").is_file()
+
+
+def test_the_files_told_of_are_those_that_are_there(
+    place: Path, run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(CASES["fit-yaw"].draws, boom)
+    found = run("fit-yaw", "pool/steps", "-o", tmp_path / "out")
+    assert "half_turns.png, inertia.png, collapse.png\n" in found.stdout and "drag.png" not in found.stdout
+
+
+@pytest.fixture(scope="module")
+def diagnosis(made: Path) -> YawDiagnosis:
+    """A diagnosis, not written yet."""
+    with pytest.MonkeyPatch.context() as patch:
+        few(patch)
+        result = api.diagnose(made / "pool/steps", model=made / "yaw/yaw_model.json")
+    assert isinstance(result, YawDiagnosis)
+    return result
+
+
+def written(result: YawDiagnosis, out: Path) -> str:
+    """The page of a diagnosis, written with its figures."""
+    with result_folder(out, command="diagnose", options={}, inputs=[], seed=0, overwrite=False) as folder:
+        diagnosis_report.write(folder, result.diagnosis)
+    assert all((out / f"{name}.png").is_file() for name in ("where", "why", "before_after"))
+    return (out / "diagnosis.md").read_text()
+
+
+@pytest.mark.parametrize(
+    "problem", [FitError("no drift"), np.linalg.LinAlgError("singular"), ValueError("a shape")]
+)
+def test_a_diagnosis_does_without_its_naming_key(
+    problem: Exception,
+    diagnosis: YawDiagnosis,
+    lenient_figures: None,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    def fails(*of: object) -> None:
+        raise problem
+
+    monkeypatch.setattr(diagnosis_report, "naming_key", fails)
+    text = written(diagnosis, tmp_path / "out")
+    kind = "" if isinstance(problem, FitError) else f"{type(problem).__name__}: "
+    assert warned(tmp_path / "out") == [
+        f"The naming key could not be formed ({kind}{problem}); everything else was written."
+    ]
+    assert (
+        "The naming key (how the runs' own drag and inertia drift with the moment) could not be formed."
+        in text
+    )
+    assert "Budget of the gap" in text and "with the moment beyond chance" not in text
+
+
+def test_a_diagnosis_does_without_the_budget_of_the_gap(
+    diagnosis: YawDiagnosis, lenient_figures: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(diagnosis_report, "budget", boom)
+    text = written(diagnosis, tmp_path / "out")
+    assert warned(tmp_path / "out") == [
+        "The budget of the gap could not be worked out (RuntimeError: no ink); everything else was written."
+    ]
+    assert "\nThe budget of the gap could not be worked out.\n" in text
+
+
+@pytest.mark.parametrize("several", [False, True], ids=["one campaign", "several"])
+def test_a_campaign_tells_of_it_each_time(
+    several: bool, place: Path, run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    names = ("one", "two") if several else ("one",)
+    for name in names:
+        shutil.copytree(place / "pool", tmp_path / name)
+    files = [tmp_path / name / "campaign.toml" for name in names]
+    monkeypatch.setattr(CASES["fit-thrusters"].draws, boom)
+    begins = [f"{name}: fit-thrusters: " if several else "fit-thrusters: " for name in names]
+    expected = [f"Warning: {begin}{SENTENCE.format('thrusters')}" for begin in begins]
+    first, again = (run("run", *files, "--until", "fit-thrusters", "-o", tmp_path / "out") for _ in range(2))
+    for found in (first, again):
+        assert found.exit_code == 0, found.stderr
+        assert [line for line in without(found.stderr) if line.startswith("Warning")] == expected
+    if not several:
+        assert "inputs, settings and versions unchanged" in again.stdout
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt, MemoryError])
+def test_an_interrupt_and_a_want_of_memory_pass(
+    end: type[BaseException], place: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def ends(*of: object) -> None:
+        raise end
+
+    monkeypatch.setattr(CASES["fit-thrusters"].draws, ends)
+    with pytest.raises(end):
+        api.fit_thrusters("pool/thrusters", out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_fails_after_an_interrupt_passes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(attempts, "struck", lambda: True)
+    with pytest.raises(RuntimeError):
+        attempted("The figure drag could not be drawn", boom)
+
+
+def test_what_an_exception_says_stands_on_one_line() -> None:
+    def bare() -> None:
+        raise ValueError
+
+    def long() -> None:
+        raise KeyError("a\x1b[31m")
+
+    assert attempted("It failed", bare).warning == "It failed (ValueError); everything else was written."
+    assert attempted("It failed", long).warning == (
+        "It failed (KeyError: 'a\\x1b[31m'); everything else was written."
+    )
+
+
+CALLS: Sequence[Callable[[], object]] = (
+    lambda: api.fit_thrusters("nowhere", figure_formats=("gif",)),
+    lambda: api.FITS["fit_yaw"]("nowhere", figure_formats=("png", "gif")),
+    lambda: api.FITS["fit_surge"]("nowhere", figure_formats=("gif",)),
+    lambda: api.FITS["fit_heave"]("nowhere", figure_formats=("gif",)),
+    lambda: api.validate("nowhere", model="none.json", figure_formats=("gif",)),
+    lambda: api.diagnose("nowhere", model="none.json", figure_formats=("gif",)),
+    lambda: api.diagnose("nowhere", model="thrusters/thrusters.json", figure_formats=("gif",)),
+    lambda: api.compare(["nowhere"], figure_formats=("gif",)),
+    lambda: api.plan("none.json", figure_formats=("gif",)),
+)
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_a_format_that_there_is_not_is_refused_before_any_work(
+    call: Callable[[], object], place: Path
+) -> None:
+    with pytest.raises(SettingError, match=r"^figure format 'gif' is not known; known are png, svg, pdf$"):
+        call()

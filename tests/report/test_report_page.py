@@ -1,0 +1,301 @@
+"""`report`: one page of a campaign that stands alone, whatever the names in the logs; and its Markdown."""
+
+import base64
+import json
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from browser import Tab, browser, chromium
+from click.testing import Result
+from small_campaign import make_small_campaign
+
+import automarine_cli as am
+from automarine_cli.errors import OutputError
+from automarine_cli.report.campaign_steps import read_steps
+from automarine_cli.report.campaign_summary import summary
+from automarine_cli.report.html.markdown import to_html
+from automarine_cli.report.html.page import figure
+from automarine_cli.workflows.report import report, report_files
+
+HOSTILE = (
+    "<script>alert(1)</script>", "\"quoted' `tick` & &lt; $x_1$", "<img src=x onerror=alert(1)>",
+    "[a](#b) **bold** | bar ![p](q.png)", "</svg></figure><script>alert(2)</script>", "$\\frac{1}{0}$ {{ 7*7 }} \\",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Step folders of a small campaign in which every run has a hostile name."""
+    here = tmp_path_factory.mktemp("campaign")
+    logs = make_small_campaign(here / "logs").parent
+    for kind in ("steps", "validation"):
+        for name, path in zip(HOSTILE, sorted((logs / kind).glob("*.csv"))):
+            pd.read_csv(path, comment="#").assign(run=name).to_csv(path, index=False)
+    made, figures = here / "results", ("png", "svg")
+    am.check([logs / "steps", logs / "thrusters"], out=made / "check")
+    am.fit_thrusters(logs / "thrusters", thrusters_per_test=2, out=made / "thrusters", figure_formats=figures)
+    am.fit_yaw(logs / "steps", out=made / "yaw", figure_formats=figures)
+    model, thrusters = made / "yaw" / "yaw_model.json", made / "thrusters" / "thrusters.json"
+    am.validate(logs / "validation", model=model, out=made / "validation", figure_formats=figures)
+    am.diagnose(
+        logs / "thrusters",
+        model=thrusters,
+        thrusters_per_test=2,
+        out=made / "diagnosis",
+        figure_formats=figures,
+    )
+    return made
+
+
+@pytest.fixture(scope="module")
+def files(folder: Path) -> dict[str, str]:
+    return report_files(folder, title="Pool day <2> & more")
+
+
+class Elements(HTMLParser):
+    """Elements with their attributes, and the text outside of scripts and styles."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.text, self._in = "", ""
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        self._in = tag
+
+    def handle_endtag(self, tag: str) -> None:
+        self._in = ""
+
+    def handle_data(self, data: str) -> None:
+        self.text += data if self._in not in ("script", "style") else ""
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        """Attributes of each element of that name."""
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+@pytest.fixture(scope="module")
+def page(files: dict[str, str]) -> Elements:
+    return Elements(files["report.html"])
+
+
+def test_the_same_bytes_from_anywhere(
+    folder: Path, files: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(folder, tmp_path / "elsewhere")
+    monkeypatch.chdir(tmp_path)
+    assert report_files(Path("elsewhere"), title="Pool day <2> & more") == files
+    assert not [name for name, text in files.items() if str(folder.parent) in text or "elsewhere" in text]
+
+
+def test_sections_stand_in_order_and_hold_what_was_found(
+    folder: Path, files: dict[str, str], page: Elements
+) -> None:
+    headings = re.findall(r"^## (.*)$", files["report.md"], flags=re.MULTILINE)
+    assert headings == [
+        "Thruster map", "Yaw model", "Validation", "Diagnosis", "Logs", "Runs set aside", "What to run next",
+        "How this was made",
+    ]  # fmt: skip
+    model = json.loads((folder / "yaw" / "yaw_model.json").read_text(encoding="utf-8"))
+    low, high = model["models"][model["preferred"]]["I_r"]["ci95"]
+    first = page.text.partition("Thruster map")[2]
+    said = re.search(r"I\s*r = ([\d.]+) \[([\d.]+), ([\d.]+)\]", first)
+    assert (
+        said
+        and float(said[2]) == pytest.approx(low, abs=0.01)
+        and float(said[3]) == pytest.approx(high, abs=0.01)
+    )
+    for words in (
+        "Table 1. Identified yaw models: drag",
+        "Table 2. Identified yaw models: inertia",
+        "never moved",
+    ):
+        assert words in page.text
+    assert "the commands of 1 run that was not fitted" in page.text
+    assert "newtons" in page.text  # this diagnosis is of the thruster map
+
+
+def test_no_name_becomes_markup(files: dict[str, str], page: Elements) -> None:
+    assert page.all("script") == [] == page.all("svg")
+    assert [e for e in page.elements if any(key.startswith("on") for key in e[1])] == []
+    assert {tag for tag, _ in page.elements} & {
+        "iframe",
+        "object",
+        "embed",
+        "form",
+        "base",
+        "foreignobject",
+    } == set()
+    assert all((a.get("src") or "data:").startswith("data:") for a in page.all("img"))
+    everything = " ".join([page.text, *(a["alt"] or "" for a in page.all("img"))])
+    assert [name for name in HOSTILE if " ".join(name.split()) not in everything] == []
+    assert "Pool day <2> & more" in page.text
+
+
+def test_links_lead_somewhere_and_ids_are_unique(page: Elements) -> None:
+    ids = [a["id"] for _, a in page.elements if "id" in a]
+    assert len(ids) == len(set(ids))
+    for tag, attributes in page.elements:
+        target = attributes.get("href") or "#"
+        if tag == "a":
+            assert target.startswith("#") and target[1:] in ids, (tag, target)
+
+
+def test_every_figure_is_drawn_and_told_in_words(folder: Path, page: Elements) -> None:
+    files = sorted(folder.glob("*/*.svg"))
+    heads = [(one["src"] or "").partition(",") for one in page.all("img")]
+    assert {head for head, _, _ in heads} == {"data:image/svg+xml;base64"}
+    assert sorted(base64.b64decode(data) for _, _, data in heads) == sorted(one.read_bytes() for one in files)
+    assert len(files) >= 9 and all(len(one["alt"] or "") > 15 for one in page.all("img"))
+    assert all((one["style"] or "").startswith("max-width:") for one in page.all("img"))
+
+
+def test_a_figure_of_another_program_stays_a_picture(tmp_path: Path) -> None:
+    """What acts in an SVG does not inside an image element; none of it becomes a part of the page."""
+    (tmp_path / "yaw").mkdir()
+    (tmp_path / "yaw" / "drag.svg").write_text('<svg onload="alert(1)"><script>alert(2)</script></svg>')
+    made = figure(tmp_path, "yaw/drag.png", 'say "hi" <now>')
+    assert re.sub("base64,[A-Za-z0-9+/=]*", "", made) == (
+        '<figure><img src="data:image/svg+xml;" alt="say &quot;hi&quot; &lt;now&gt;">'
+        "<figcaption>say &quot;hi&quot; &lt;now&gt;</figcaption></figure>"
+    )
+    assert "is not in its folder" in figure(tmp_path / "yaw", "../yaw/drag.png", "")
+
+
+def test_png_serves_where_no_svg_was_drawn(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "thrusters", tmp_path / "thrusters")
+    (tmp_path / "thrusters" / "thrusters.svg").unlink()
+    text = report_files(tmp_path)["report.html"]
+    (image,) = Elements(text).all("img")
+    assert (image["src"] or "").startswith("data:image/png;base64,") and "Thrust of one thruster" in (
+        image["alt"] or ""
+    )
+    assert "Not in this report, for want of results: a look at the logs, a yaw model" in text
+
+
+def test_refusals_say_what_to_do(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(
+        OutputError, match=r"none of the folders check, thrusters, .* is here; give a folder that"
+    ):
+        report_files(tmp_path)
+    shutil.copytree(folder / "yaw", tmp_path / "yaw")
+    model = tmp_path / "yaw" / "yaw_model.json"
+    model.write_text('{"schema": "automarine/yaw-model/1"}')
+    with pytest.raises(OutputError, match=r"yaw/yaw_model.json: \w+ is missing; .* Run that step again"):
+        report_files(tmp_path)
+    model.write_text('{"schema": "other"}')
+    with pytest.raises(
+        OutputError, match=r"yaw/yaw_model.json: schema is 'other'; expected automarine/yaw-model/1"
+    ):
+        report_files(tmp_path)
+
+
+def test_command_writes_beside_the_steps(folder: Path, tmp_path: Path, run: Callable[..., Result]) -> None:
+    shutil.copytree(folder / "thrusters", tmp_path / "thrusters")
+    done = run("report", tmp_path, "--json")
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["steps"] == ["thrusters"]
+    assert {path.name for path in tmp_path.iterdir()} == {"thrusters", "report.html", "report.md"}
+    again = run("report", tmp_path)
+    assert again.exit_code == 1 and "give --overwrite to replace it" in again.stderr
+    assert report(tmp_path, overwrite=True).files["report.md"] == (tmp_path / "report.md").read_text(
+        encoding="utf-8"
+    )
+
+
+@pytest.mark.parametrize(
+    ("verdict", "says"),
+    [
+        (
+            "named",
+            "The model lacks <strong>dead-band</strong>: with it the gap falls from 3.00 to 1.00 degrees (from 4.00",
+        ),
+        (
+            "nothing-missing",
+            "Nothing is missing that these runs could show: the gap is 3.00 degrees, the noise 0.90.",
+        ),
+        (
+            "unexplained",
+            "Something is missing that no effect of the library explains: the gap is 1.00 degrees",
+        ),
+    ],
+)
+def test_the_third_sentence_is_the_verdict(tmp_path: Path, verdict: str, says: str) -> None:
+    gap = {"before_deg": 3.0, "after_deg": 1.0, "noise_floor_deg": 0.9}
+    content = {
+        "schema": "automarine/diagnosis/1", "verdict": verdict, "effects": [{"name": "dead-band"}],
+        "gap": {"fitted_runs": gap, "held_out_runs": gap | {"before_deg": 4.0}}, "runs": {"used": 3, "set_aside": []},
+    }  # fmt: skip
+    (tmp_path / "diagnosis").mkdir()
+    (tmp_path / "diagnosis" / "diagnosis.json").write_text(json.dumps(content))
+    (paragraph,) = summary(read_steps(tmp_path))
+    assert says in to_html(paragraph, lambda place, said: "").html
+
+
+def test_markdown_is_text_whatever_it_holds() -> None:
+    body = to_html(
+        "# A <b>\n\nx \\*y\\* **z** `a<b` k_r\\|r\\| &lt; <i>\n\n| a | b |\n| --- | ---: |\n| \\| | 1 |\n",
+        str,
+    )
+    assert '<h1 id="a-b">A &lt;b&gt;' in body.html
+    assert (
+        "<p>x *y* <strong>z</strong> <code>a&lt;b</code> <var>k</var><sub>r|r|</sub> &lt; &lt;i&gt;</p>"
+        in body.html
+    )
+    assert '<th scope="row">|</th><td class="n">1</td>' in body.html
+
+
+@pytest.fixture(scope="module")
+def tab(files: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Tab, Path]]:
+    """The page's file and a browser to open it with."""
+    program = chromium()
+    if program is None:
+        pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    path.write_text(files["report.html"], encoding="utf-8")
+    with browser(program) as opened:
+        yield opened, path
+
+
+@pytest.mark.parametrize("width", [1200, 390])
+@pytest.mark.parametrize("dark", [False, True])
+def test_a_browser_shows_it_without_a_word_to_anybody(tab: tuple[Tab, Path], width: int, dark: bool) -> None:
+    shown, path = tab
+    shown.asked.clear()
+    shown.open(path, width=width, dark=dark, touch=width < 400)
+    assert shown.problems == []
+    assert {address.partition(":")[0] for address in shown.asked} <= {"file", "data"}
+    assert (
+        shown.asked.count(path.as_uri()) == sum(address.startswith("file:") for address in shown.asked) == 1
+    )
+    assert shown.value("document.scrollingElement.scrollWidth") <= width
+    said = shown.value(
+        "document.querySelectorAll('details').forEach(d => { d.open = true }), document.body.innerText"
+    )
+    for words in (
+        "Thruster map",
+        "Table 1. Identified yaw models: drag",
+        "never moved",
+        HOSTILE[0],
+        HOSTILE[4],
+    ):
+        assert words in said
+    paper, ink = (
+        sum(map(int, re.findall(r"\d+", shown.value(f"getComputedStyle(document.body).{one}"))))
+        for one in ("backgroundColor", "color")
+    )
+    assert (paper < 100 and ink > 600) if dark else (paper > 700 and ink < 150)
+
+
+def test_very_long_tables_stay_in_their_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("automarine_cli.report.campaign_page.MOST_ROWS", 3)
+    text = report_files(folder)["report.md"]
+    assert "Every run: see `check/check.md`." in text and "see `manifest.json`" in text
+    assert "<details>" not in text

@@ -1,0 +1,153 @@
+"""Sensors that agree count, those that contradict the heading are named with the remedy and left out."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_campaigns import both_ways, campaign
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from automarine_cli.dofs import HEAVE, SURGE, YAW
+from automarine_cli.errors import SettingError
+from automarine_cli.runs.agreement import Agreement
+from automarine_cli.runs.channels import choose_channels, trouble_of
+from automarine_cli.runs.clean import standstill, summed_position
+from automarine_cli.runs.run import Run
+
+Floats = NDArray[np.float64]
+SIZES = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
+
+
+@pytest.fixture(scope="module")
+def honest() -> list[Run]:
+    return campaign(both_ways(SIZES), seed=3, gyro_deg_s=0.3)
+
+
+def changed(runs: Sequence[Run], make: Callable[[Run, Floats], Floats]) -> list[Run]:
+    """The runs with another column in place of the gyro's."""
+    return [replace(run, extras={"yaw_rate": make(run, run.extras["yaw_rate"])}) for run in runs]
+
+
+def mirrored(runs: Sequence[Run]) -> list[Run]:
+    return [
+        replace(
+            run, position=-run.position, moment=-run.command, extras={"yaw_rate": -run.extras["yaw_rate"]}
+        )
+        for run in runs
+    ]
+
+
+def later(seconds: float) -> Callable[[Run, Floats], Floats]:
+    return lambda run, rate: np.interp(run.time - seconds, run.time, rate)
+
+
+def low_pass(run: Run, seconds: float) -> Floats:
+    slope, period = np.gradient(run.position, run.time), run.sample_period
+    for i in range(1, len(slope)):
+        slope[i] = slope[i - 1] + period / (period + seconds) * (slope[i] - slope[i - 1])
+    return slope
+
+
+FAULTS: dict[str, tuple[Callable[[Run, Floats], Floats], tuple[str, ...]]] = {
+    "sign": (lambda run, rate: -rate, ("wrong sign", "sign = -1")),
+    "radians": (lambda run, rate: np.deg2rad(rate), ("is in rad/s, not in deg/s", 'unit = "rad/s"')),
+    "degrees": (lambda run, rate: np.rad2deg(rate), ("is in deg/s, not in rad/s", 'unit = "deg/s"')),
+    "both": (lambda run, rate: -np.deg2rad(rate), ("wrong sign", "is in rad/s", 'sign = -1 and unit = "rad/s"')),
+    "scale": (lambda run, rate: 1.1 * rate, ("% more than the heading moves", "map it with scale = 0.9")),
+    "late": (later(0.4), ("0.4 s late against the heading", "shift its column")),
+    "ahead": (later(-0.4), ("0.4 s ahead of the heading", "shift its column")),
+    "stuck": (lambda run, rate: np.full(len(rate), 0.01), ("stuck at 0.573 deg/s in every run", "cable")),
+    "another": (
+        lambda run, rate: 0.3 * np.sin(3.0 * run.time + len(run)),
+        ("does not follow the heading", "yaw_rate_deg_s"),
+    ),
+    "gradient": (lambda run, rate: np.gradient(run.position, run.time), ("computed from the heading",)),
+    "parabolas": (
+        lambda run, rate: savgol_filter(run.position, 7, 2, deriv=1, delta=0.1), ("computed from the heading",),
+    ),
+    "low-pass": (lambda run, rate: low_pass(run, 0.3), ("computed from the heading", "nothing new")),
+}  # fmt: skip
+
+
+def test_a_gyro_that_agrees_counts(honest: list[Run]) -> None:
+    found = choose_channels(honest, YAW)
+    assert found.names == ("heading", "yaw_rate")
+    assert [(one.used, one.why) for one in found.verdicts] == [(True, ""), (True, "")]
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_named_with_its_remedy_and_left_out(fault: str, mirror: bool, honest: list[Run]) -> None:
+    make, parts = FAULTS[fault]
+    runs = changed(honest, make)
+    found = choose_channels(mirrored(runs) if mirror and fault != "stuck" else runs, YAW)
+    assert found.names == ("heading",)
+    heading, rate = found.verdicts
+    assert heading.used and not heading.why and not rate.used
+    assert all(part in rate.why for part in parts), rate.why
+    assert rate.why.startswith("The yaw rate ") and rate.why.endswith(".")
+
+
+def test_who_asks_for_all_gets_all_and_is_told(honest: list[Run]) -> None:
+    runs = changed(honest, FAULTS["sign"][0])
+    for asked in ("all", "heading, yaw_rate"):
+        found = choose_channels(runs, YAW, asked)
+        assert found.names == ("heading", "yaw_rate") and "wrong sign" in found.verdicts[1].why
+    assert choose_channels(runs, YAW, "position").names == ("heading",)
+    assert choose_channels(honest, YAW, "yaw_rate").names == ("yaw_rate",)
+
+
+def test_a_heading_that_is_read_late_may_be_what_is_looked_for(honest: list[Run]) -> None:
+    ahead, late = (changed(honest, FAULTS[name][0]) for name in ("ahead", "late"))
+    assert choose_channels(ahead, YAW, late_position=True).names == ("heading", "yaw_rate")
+    assert choose_channels(late, YAW, late_position=True).names == ("heading",)
+
+
+def test_stuck_in_one_run_is_left_out_of_that_run(honest: list[Run]) -> None:
+    runs = [*changed(honest[:1], FAULTS["stuck"][0]), *honest[1:]]
+    found = choose_channels(runs, YAW)
+    assert found.names == ("heading", "yaw_rate") and found.stuck == {"run_00"}
+    assert "stuck at 0.573 deg/s in run_00" in found.verdicts[1].why
+    assert "yaw_rate" not in found.cleaned(runs[0]).extras and found.cleaned(runs[1]) is runs[1]
+
+
+def test_without_a_velocity_there_is_nothing_to_choose() -> None:
+    runs = campaign([0.5, -0.5])
+    assert choose_channels(runs, YAW).names is None and choose_channels(runs, YAW).verdicts == ()
+    with pytest.raises(SettingError, match="no log holds yaw rate; name its column yaw_rate_deg_s"):
+        choose_channels(runs, YAW, "yaw_rate")
+    with pytest.raises(
+        SettingError, match="'compass'; expected auto, position, all, or some of heading, yaw_rate"
+    ):
+        choose_channels(runs, YAW, "compass")
+
+
+def test_units_of_a_speed_are_named() -> None:
+    def found(scale: float) -> Agreement:
+        return Agreement(9, 1.0, scale, 1e-3, 0.0, 0.01, False, 0.1, 0.0, ())
+
+    for scale, unit, remedy in (
+        (0.01, "cm/s", 'unit = "cm/s"'),
+        (0.001, "mm/s", "scale = 0.001"),
+        (1 / 3.6, "km/h", "scale = 0.2778"),
+        (1852 / 3600, "knots", 'unit = "kn"'),
+    ):
+        said = trouble_of(found(scale), SURGE)
+        assert said.startswith(f"The surge speed is in {unit}") and remedy in said and "distance" in said
+    assert "heave speed" in trouble_of(found(-1.0), HEAVE) and "depth" in trouble_of(found(-1.0), HEAVE)
+    assert trouble_of(found(1.005), SURGE) == ""
+
+
+def test_velocities_are_summed_up_less_what_stands_still() -> None:
+    time = np.arange(0.0, 6.0, 0.1)
+    rate, command = np.where(time > 2.0, 0.5, 0.0), np.where(time > 2.0, 1.0, 0.0)
+    biased = rate + 0.05
+    assert standstill(time, biased, command, YAW) == pytest.approx(0.05)
+    np.testing.assert_allclose(
+        summed_position(time, biased, command, YAW), summed_position(time, rate, command, YAW), atol=1e-12
+    )
+    coasting = np.exp(-time) * 0.5
+    assert standstill(time, coasting, command, YAW) == 0.0
+    assert standstill(time, biased, np.ones(len(time)), YAW) == 0.0  # the moment is on from the start

@@ -1,0 +1,162 @@
+"""`automarine run` of several campaigns: a folder each, an overview, and one that is refused stops no other."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+
+from automarine_cli.errors import SettingError
+from automarine_cli.workflows import campaigns as room
+from automarine_cli.workflows.campaign_file import read_campaign
+from automarine_cli.workflows.campaigns import names_of, run_campaigns
+from automarine_cli.workflows.rerun import rerun
+from automarine_cli.workflows.verify import verify
+
+EARLY = "fit-yaw"
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def season(small_day: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two days in the pool, and one whose campaign file names logs that are not there."""
+    place = tmp_path_factory.mktemp("season")
+    for day in ("monday", "tuesday"):
+        shutil.copytree(small_day / "pool", place / "season" / day)
+    bad = place / "season" / "lost.toml"
+    bad.write_text('schema = "automarine/campaign/1"\n[logs]\nsteps = ["nowhere"]\n', encoding="utf-8")
+    return place
+
+
+def days(season: Path) -> list[Path]:
+    return [season / "season" / "monday" / "campaign.toml", season / "season" / "tuesday" / "campaign.toml"]
+
+
+@pytest.fixture(scope="module")
+def done(season: Path) -> Path:
+    run_campaigns([*days(season), season / "season" / "lost.toml"], out=season / "out", until=EARLY)
+    return season / "out"
+
+
+def test_each_campaign_is_done_as_if_alone(small_day: Path, season: Path, done: Path) -> None:
+    for day in days(season):
+        assert tree(small_day / "out") == tree(done / day.parent.name)
+
+
+def test_the_overview_tells_all_and_the_refused_one_stops_nothing(season: Path, done: Path) -> None:
+    overview = json.loads((done / "campaigns.json").read_text(encoding="utf-8"))
+    assert overview["schema"] == "automarine/campaigns/1"
+    by_name = {one["name"]: one for one in overview["campaigns"]}
+    assert list(by_name) == ["monday", "tuesday", "lost"]
+    assert by_name["monday"]["refused"] == [] and by_name["tuesday"]["title"] == "A small campaign"
+    said = {step["step"]: step["says"] for step in by_name["tuesday"]["steps"]}
+    assert said["fit-yaw"].startswith("model 3: k_r|r| 1.")
+    (why,) = by_name["lost"]["refused"]
+    assert why.startswith("lost.toml: logs.steps: ") and "no such file" in why
+    assert (done / "campaigns.csv").read_text(encoding="utf-8").count("\n") == 4
+    assert verify([done], inputs=[season]).whole
+
+
+@pytest.mark.slow
+def test_processes_and_parcels_give_the_same_bytes(
+    season: Path, done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    all_three = [*days(season), season / "season" / "lost.toml"]
+    run_campaigns(all_three, out=tmp_path / "jobs", until=EARLY, jobs=2)
+    assert tree(tmp_path / "jobs") == tree(done)
+    # as on a cluster, but in this process: what a worker gets is the parcel alone
+    stream = room.ordered_stream
+
+    def here(work, tasks, jobs, *, cluster, **how):  # type: ignore[no-untyped-def]
+        assert cluster == "tcp://there:1"
+        return stream(work, tasks, 1, **how)
+
+    monkeypatch.setattr(room, "ordered_stream", here)
+    run_campaigns(all_three, out=tmp_path / "parcels", until=EARLY, cluster="tcp://there:1")
+    assert tree(tmp_path / "parcels") == tree(done)
+    ran: list[Path] = []
+    run = room.run_campaign
+    monkeypatch.setattr(room, "run_campaign", lambda path, **how: ran.append(path) or run(path, **how))
+    again = run_campaigns(all_three, out=tmp_path / "parcels", until=EARLY, cluster="tcp://there:1")
+    assert len(ran) == 2 and not any(season in path.parents for path in ran)
+    assert tree(tmp_path / "parcels") == tree(done) and len(again.refused) == 1
+
+
+def test_a_parcel_holds_all_that_a_campaign_needs(tmp_path: Path) -> None:
+    """Logs of every motion, the thruster map at hand and the DBC, under the names by which the campaign finds them."""
+    for name in ("steps/a.csv", "ahead/b.csv", "down/c.csv", "drift/d.csv", "map.json", "bus/vehicle.dbc"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(name, encoding="utf-8")
+    (tmp_path / "campaign.toml").write_text(
+        'schema = "automarine/campaign/1"\n[logs]\nsteps = ["steps"]\n[thrusters]\nmap = "map.json"\n'
+        '[can]\ndbc = "bus/vehicle.dbc"\n[surge]\nsteps = ["ahead"]\n'
+        '[heave]\nmanoeuvres = ["down"]\nvalidation = ["drift"]\n',
+        encoding="utf-8",
+    )
+    task = room._packed(room._Task("day", tmp_path / "campaign.toml", tmp_path / "out" / "day", {}))
+    assert task.refused == "" and task.parcel is not None
+    there = tmp_path / "there"
+    task.parcel.unpack(there)
+    campaign = read_campaign(there / room.place_of(tmp_path / "campaign.toml"))
+    assert [log.path.read_text() for log in campaign.every_log()] == [
+        "steps/a.csv", "ahead/b.csv", "down/c.csv", "drift/d.csv"
+    ]  # fmt: skip
+    assert {role: path.read_text() for role, path in campaign.beside.items()} == {
+        "thrusters": "map.json", "dbc": "bus/vehicle.dbc"
+    }  # fmt: skip
+
+
+def test_what_is_done_is_kept_and_a_changed_log_is_not(season: Path, tmp_path: Path) -> None:
+    shutil.copytree(season / "season", tmp_path / "season")
+    place = [tmp_path / "season" / day / "campaign.toml" for day in ("monday", "tuesday")]
+    run_campaigns(place, out=tmp_path / "out", until="check")
+    before = tree(tmp_path / "out")
+    log = next((tmp_path / "season" / "tuesday" / "steps").glob("*.csv"))
+    log.unlink()
+    run_campaigns(place, out=tmp_path / "out", until="check")
+    after = tree(tmp_path / "out")
+    changed = {name.split("/")[0] for name in before if before[name] != after[name]}
+    assert "tuesday" in changed and "monday" not in changed
+
+
+def test_the_recorded_overview_can_be_made_again(season: Path, done: Path) -> None:
+    again = rerun(done, inputs=[season / "season"])
+    assert again.same and set(again.files) == {"campaigns.csv", "campaigns.json"}
+
+
+@pytest.mark.parametrize(
+    ("given", "names"),
+    [
+        (["a/one.toml", "a/two.toml"], ["one", "two"]),
+        (["a/x/campaign.toml", "a/y/campaign.toml"], ["x", "y"]),
+        (["a/x/campaign.toml", "b/x/campaign.toml"], ["a/x", "b/x"]),
+        (["a/x/pool.toml", "b/sea.toml"], ["a/x/pool", "b/sea"]),
+    ],
+)
+def test_folders_are_named_by_what_tells_the_campaigns_apart(given: list[str], names: list[str]) -> None:
+    assert names_of([Path(one) for one in given]) == names
+
+
+@pytest.mark.parametrize("given", [["a/one.toml", "a/../a/one.toml"], ["a/x.toml", "a/x/campaign.toml"]])
+def test_campaigns_that_would_share_a_folder_are_refused(given: list[str]) -> None:
+    with pytest.raises(SettingError, match=r"; (name|give)"):
+        names_of([Path(one) for one in given])
+
+
+def test_the_command_line(season: Path, tmp_path: Path, run: Callable[..., Result]) -> None:
+    given = [str(path) for path in [*days(season), season / "season" / "lost.toml"]]
+    nowhere = run("run", *given, "--until", "check")
+    assert nowhere.exit_code == 2 and "-o DIR" in nowhere.stderr
+    result = run("run", *given, "--until", "check", "-o", str(tmp_path / "out"))
+    assert result.exit_code == 1
+    assert "monday" in result.stdout and "Error: lost: lost.toml: logs.steps" in result.stderr
+    as_json = run("run", *given[:2], "--until", "check", "-o", str(tmp_path / "out"), "--json")
+    assert as_json.exit_code == 0
+    assert [one["name"] for one in json.loads(as_json.stdout)["campaigns"]] == ["monday", "tuesday"]
