@@ -18,7 +18,7 @@ SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv ha
 def tables(result: ThrusterFit) -> tuple[Table, ...]:
     """All tables that the result has something for, in the order of reading: the map that is used leads."""
     found = [coefficients(result), forms(result), parameters(result)]
-    if result.analysis.chosen.form.name != "square":
+    if not _square(result.analysis):
         found = [parameters(result), forms(result), coefficients(result)]
     if result.voltages:
         found.append(voltages(result))
@@ -96,16 +96,19 @@ def forms(result: ThrusterFit) -> Table:
 
 
 def parameters(result: ThrusterFit) -> Table:
-    """The chosen form's parameters in each direction, and how well it fits."""
-    analysis = result.analysis
-    chosen = analysis.chosen
+    """The chosen form's parameters in each direction, and how well it fits; the square law says that beside its a."""
+    analysis, chosen = result.analysis, result.analysis.chosen
     rows = [(side, name, _parameter(one), one.unit) for (name, side), one in analysis.estimates.items()]
     return Table(
         f"Chosen form {chosen.form.name}: {chosen.form.equation}",
         ("direction", "parameter", "value [95 % interval]", "unit"),
         tuple(rows),
-        notes=(_errors(analysis, chosen, analysis.chosen_r2),),
+        notes=() if _square(analysis) else (_errors(analysis, chosen, analysis.chosen_r2),),
     )
+
+
+def _square(analysis: Analysis) -> bool:
+    return analysis.chosen.form.name == "square"
 
 
 def _parameter(one: Parameter) -> str:
