@@ -44,8 +44,7 @@ class ThrusterFit(Shown):
 
     def place(self, index: int) -> str:
         """File and run of one point, for people."""
-        record = self.logs.records[int(self.points.record[index])]
-        return f"{record.source}, run {record.run}" if record.run else record.source
+        return self.logs.records[int(self.points.record[index])].place
 
     def to_json(self) -> dict[str, object]:
         """Content of thrusters.json (schema automarine/thruster-map/1)."""
