@@ -110,13 +110,17 @@ def _model(step: StepResult) -> str:
 
 
 def _thrust(step: StepResult) -> str:
-    sides = []
-    for key, side in (("forward", "ahead"), ("backward", "astern")):
-        if step.at(key, "a") is not None:
-            sides.append(f"{number(step.number(key, 'a', 'value'))} {side}")
-    form = str(step.at("form"))
-    also = "" if form == "square" else f" (the {escape(form)} curve fits better)"
-    return f"one thruster gives F = a |n| n{also} with a = {' and '.join(sides)} N/n²" if sides else ""
+    form, ways = str(step.at("form")), (("forward", "ahead"), ("backward", "astern"))
+    if form == "square":
+        sides = [
+            f"{number(step.number(key, 'a', 'value'))} {side}"
+            for key, side in ways
+            if step.at(key, "a") is not None
+        ]
+        return f"one thruster gives F = a |n| n with a = {' and '.join(sides)} N/n²" if sides else ""
+    equation = next(one["equation"] for one in step.at("forms") if one["form"] == form)
+    errors = [number(step.number(*at, "rmse_percent_of_full_scale"), 2) for at in (("chosen",), ())]
+    return f"one thruster gives {escape(equation)} to {errors[0]} % of full scale (the square law to {errors[1]} %)"
 
 
 def _predicts(step: StepResult | None, fitted: StepResult | None) -> str:

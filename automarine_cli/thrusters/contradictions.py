@@ -1,4 +1,4 @@
-"""Readings that contradict their neighbours: tachometer and load cell drop-outs, faulty runs."""
+"""Readings that contradict their neighbours: tachometer and load cell drop-outs, outliers."""
 
 from dataclasses import replace
 
