@@ -7,7 +7,6 @@ from automarine_cli.comparison.scores import SCORES, score_key
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.fits.channel_noise import noise_words
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report import (
     compare_tables,
@@ -28,6 +27,7 @@ from automarine_cli.report.figures.diagnosis_where import where_figure
 from automarine_cli.report.figures.diagnosis_why import why_figure
 from automarine_cli.report.tables import number
 from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
+from automarine_cli.thrusters.fit import Parameter
 from automarine_cli.thrusters.result import ThrusterFit
 from automarine_cli.workflows import planar_views
 from automarine_cli.workflows.check import Check
@@ -91,15 +91,30 @@ def _yaw_figures(fit: YawFit) -> Figures:
 
 
 def _thruster_lines(fit: ThrusterFit) -> Iterator[str]:
-    law, chosen = fit.analysis, fit.analysis.selection.chosen.form.name
-    yield f"Thruster map of one thruster from {counted(len(fit.points), 'point')}: F = a |n| n; form chosen: {chosen}"
-    yield from aligned({f"a {side}": one for side, one in law.square.items()})
-    yield f"  R² {number(law.r2)}, rmse {number(law.percent(law.law.rmse), 3)} % of full scale"
+    found, form = fit.analysis, fit.analysis.chosen.form
+    law = "F = a |n| n" if form.name == "square" else form.equation
+    yield f"Thruster map of one thruster from {counted(len(fit.points), 'point')}: {law}; form chosen: {form.name}"
+    known = {f"{name} {side}": one.estimate for (name, side), one in found.estimates.items() if one.estimate}
+    yield from aligned(known)
+    yield from (f"  {name} {side}  {one.why}" for (name, side), one in found.estimates.items() if one.why)
+    yield f"  R² {number(found.chosen_r2)}, rmse {number(found.percent(found.chosen.rmse), 3)} % of full scale"
+    if form.name != "square":
+        error = number(found.percent(found.law.rmse), 3)
+        yield f"  The square law: R² {number(found.r2)}, rmse {error} % of full scale"
 
 
 def _thruster_rows(fit: ThrusterFit) -> Iterator[Row]:
-    for side, one in fit.analysis.square.items():
-        yield {"direction": side, "form": "square", "parameter": "a"} | numbers(one)
+    found = fit.analysis
+    if found.chosen.form.name != "square":
+        for (name, side), one in found.estimates.items():
+            yield {"direction": side, "form": found.chosen.form.name, "parameter": name} | _cells(one)
+    for side, law in found.square.items():
+        yield {"direction": side, "form": "square", "parameter": "a"} | numbers(law)
+
+
+def _cells(one: Parameter) -> Row:
+    """A parameter as the cells of a row; without an interval where a bound holds it."""
+    return {"value": one.value, "unit": one.unit} if one.estimate is None else numbers(one.estimate)
 
 
 # validate
@@ -166,10 +181,10 @@ def _diagnosis_figures(result: YawDiagnosis) -> Figures:
 
 
 def _thruster_diagnosis_rows(result: ThrusterDiagnosis) -> Iterator[Row]:
-    for effect in result.to_json()["effects"]:  # type: ignore[attr-defined]
-        for name, one in effect["parameters"].items():
-            row = {"effect": effect["name"], "confidence": effect["confidence"], "parameter": name}
-            yield row | (numbers(Estimate.from_json(one)) if isinstance(one, dict) else {"value": one})
+    for effect in result.effects:
+        for name, one in effect.parameters.items():
+            row: Row = {"effect": effect.name, "confidence": effect.confidence, "parameter": name}
+            yield row | _cells(one)
 
 
 def _thruster_diagnosis_figures(result: ThrusterDiagnosis) -> Figures:
