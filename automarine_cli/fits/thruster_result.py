@@ -13,6 +13,8 @@ from automarine_cli.fits.thruster_selection import FormScore
 from automarine_cli.fits.thruster_tare import Tare
 from automarine_cli.fits.thruster_voltage import VoltageExponent
 from automarine_cli.models.thruster_map import SCHEMA, ThrusterMap
+from automarine_cli.pipeline.outputs import json_document
+from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.runs.thruster_test import ThrusterLogs
 
@@ -44,6 +46,10 @@ class ThrusterFit(Shown):
         """File and run of one point, for people."""
         record = self.logs.records[int(self.points.record[index])]
         return f"{record.source}, run {record.run}" if record.run else record.source
+
+    def document(self, option: str) -> Document:
+        """Its result file, for a command that takes a map."""
+        return json_document("thrusters.json", self.to_json())
 
     def to_json(self) -> dict[str, object]:
         """Content of thrusters.json (schema automarine/thruster-map/1)."""

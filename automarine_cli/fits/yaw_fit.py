@@ -20,6 +20,8 @@ from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.fits.velocity_error import VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import Caution
 from automarine_cli.models.store import schema_of
+from automarine_cli.pipeline.outputs import json_document
+from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice
 from automarine_cli.runs.half_turn import HalfTurn
@@ -78,6 +80,10 @@ class YawFit(Shown):
         if self.turns:
             return tuple(turn.moment for turn in self.turns)
         return tuple(float(end) for run in self.runs for end in (run.command.min(), run.command.max()))
+
+    def document(self, option: str) -> Document:
+        """Its result file, for a command that takes a model."""
+        return json_document(f"{self.dof.name}_model.json", self.to_json())
 
     def to_json(self) -> dict[str, object]:
         """The result file: schema automarine/yaw-model/1, or that of another motion."""

@@ -3,7 +3,6 @@
 import difflib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from automarine_cli import effects
 from automarine_cli.dofs import DOFS, YAW, Dof
@@ -11,7 +10,7 @@ from automarine_cli.errors import ModelError
 from automarine_cli.models.entries import needed, number_at, object_at
 from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_roles
-from automarine_cli.pipeline.plain_data import read_plain
+from automarine_cli.pipeline.plain_data import Source, read_plain
 from automarine_cli.pipeline.plain_data import told as _told
 from automarine_cli.pipeline.words import LONGEST, printable
 
@@ -37,7 +36,7 @@ class StoredModels:
     effects: tuple[str, ...] = ()
 
 
-def load_yaw_models(path: Path) -> StoredModels:
+def load_yaw_models(path: Source) -> StoredModels:
     """The models of a `yaw_model.json`, of another motion's `..._model.json`, or of an `extended_model.json`.
 
     Raises ModelError with the file and the key's path for anything that is not what the schema says.
@@ -45,7 +44,7 @@ def load_yaw_models(path: Path) -> StoredModels:
     return yaw_models_from_json(read_plain(path, "JSON", ModelError), printable(path.name))
 
 
-def load_thruster_map(path: Path) -> ThrusterMap:
+def load_thruster_map(path: Source) -> ThrusterMap:
     """The map of a `thrusters.json`. Raises ModelError with the file and the key's path."""
     return ThrusterMap.from_json(read_plain(path, "JSON", ModelError), printable(path.name))
 

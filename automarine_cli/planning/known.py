@@ -3,7 +3,6 @@ open."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from automarine_cli.errors import ModelError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.models.store import StoredModels, yaw_models_from_json
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.plain_data import read_plain, told
+from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.fitting import Fitting
 from automarine_cli.planning.information import ANGLE, OFFSET, labels, names_of, relative_directions
@@ -66,7 +65,7 @@ class Told:
     doubts: tuple[Doubt, ...] = ()
 
 
-def read_known(model: Path, diagnosis: Path | None) -> Known:
+def read_known(model: Source, diagnosis: Source | None) -> Known:
     """What the files say. Raises ModelError with file and key."""
     name = printable(model.name)
     data = read_plain(model, "JSON", ModelError)
@@ -216,7 +215,7 @@ def _stored_estimates(data: Mapping[str, object], stored: StoredModels) -> dict[
     return _some(found)
 
 
-def _read_diagnosis(path: Path, stored: StoredModels) -> Told:
+def _read_diagnosis(path: Source, stored: StoredModels) -> Told:
     where, force = printable(path.name), stored.dof.words.force
     data, key = read_plain(path, "JSON", ModelError), f"{force}_unit"
     if data.get("schema") != DIAGNOSIS or key not in data:

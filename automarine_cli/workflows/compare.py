@@ -1,7 +1,7 @@
 """`compare`: results of two or more campaigns side by side: another vehicle, another day, another battery."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -11,15 +11,16 @@ from automarine_cli.comparison.side_by_side import Difference, Side, differences
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
-from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import read_plain
-from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.compare_tables import difference_table, parameter_table, sentence, summary
 from automarine_cli.report.figures.compare import compare_figure
-from automarine_cli.report.figures.files import refuse_unknown, write_figures
+from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.tables import Table
+from automarine_cli.workflows.command import Command, Row, Runner, View, reads
+from automarine_cli.workflows.shared import Drawn, numbers
 
 SCHEMA = "automarine/comparison/1"
 FILES = ("comparison.json", "parameters.csv", "differences.csv", "comparison.md", "comparison.png")
@@ -88,23 +89,26 @@ class _Found:
         return str(self.data.get(f"{self.dof.words.force}_unit", ""))
 
 
-def compare(
-    results: Sequence[str | Path],
-    *,
-    out: Path | None = None,
-    figure_formats: tuple[str, ...] = ("png",),
-    overwrite: bool = False,
-    jobs: int = 1,
-    progress: Progress = silent,
-) -> ResultComparison:
+@dataclass(frozen=True, kw_only=True)
+class _Folders:
+    """Folders of results."""
+
+    results: Sequence[Path] = field(metadata=reads("folders", "result"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareOptions(Drawn, _Folders):
+    """Folders that `fit-thrusters`, `fit-yaw` or `diagnose` wrote."""
+
+
+def _compare(asked: CompareOptions, runner: Runner) -> ResultComparison:
     """Compare folders that `fit-thrusters`, `fit-yaw` or `diagnose` wrote, all of one command, with the first.
 
     Intervals of differences take the results as made from data of their own; logs that two of them share are told.
-    Writes the comparison if `out` is given; `jobs` and `progress` change nothing, it is quick. Raises SettingError for
-    results that cannot be compared, ModelError for a file that automarine did not write so, OutputError.
+    Raises SettingError for results that cannot be compared, ModelError for a file that automarine did not write so,
+    OutputError.
     """
-    refuse_unknown(figure_formats)
-    folders = [Path(one) for one in results]
+    folders = asked.results
     if len(folders) < 2:
         raise SettingError("one result was given; give two or more folders of results to compare")
     found = [_find(folder, name) for folder, name in zip(folders, _names(folders))]
@@ -117,30 +121,23 @@ def compare(
             "compare results that have the same model or form"
         )
     result = ResultComparison(found[0].kind, sides, apart, (*_notes(found, sides), *_shared_logs(found)))
-    if out is None:
-        return result
     inputs = [Input(f"{one.name}/{one.path.name}", one.path, "result") for one in found]
     inputs += [
         Input(f"{one.name}/{MANIFEST}", _manifest(one), "manifest")
         for one in found
         if is_manifest(_manifest(one))
     ]
-    with result_folder(
-        out,
-        command="compare",
-        options={"figure_formats": figure_formats},
-        inputs=inputs,
-        seed=None,
-        overwrite=overwrite,
-    ) as folder:
+
+    def write(folder: ResultFolder, result: ResultComparison) -> None:
         one, two = result.tables()
         folder.write_json("comparison.json", result.to_json())
         folder.write("parameters.csv", one.to_csv())
         folder.write("differences.csv", two.to_csv())
         words = Table("", ("in words",), tuple((line,) for line in result.sentences()))
         folder.write("comparison.md", "\n".join(table.to_markdown() for table in (words, one, two)))
-        write_figures(folder, {"comparison": lambda: compare_figure(sides)}, figure_formats)
-    return result
+        write_figures(folder, {"comparison": lambda: compare_figure(sides)}, asked.figure_formats)
+
+    return runner.results(asked, lambda: result, write, inputs)
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
@@ -244,3 +241,23 @@ def _logs(count: int) -> str:
 
 def _manifest(one: _Found) -> Path:
     return one.path.with_name(MANIFEST)
+
+
+def _lines(result: ResultComparison) -> Iterator[str]:
+    yield from (summary(result.differences), *(f"  {one}" for one in result.sentences()[1:]))
+
+
+def _rows(result: ResultComparison) -> Iterator[Row]:
+    for one in result.differences:
+        row: Row = {"parameter": one.parameter, "of": one.of, "less": one.base} | numbers(one.difference)
+        yield row | {"p_value": one.p_value, "verdict": one.verdict}
+
+
+compare = Command(
+    "compare", CompareOptions, _compare,
+    {ResultComparison: View(
+        lambda result: [*result.tables(), *result.sentences()], _lines, _rows,
+        lambda result: {"intervals": lambda: compare_figure(result.sides)},
+    )},
+    files=lambda result: FILES,
+)  # fmt: skip

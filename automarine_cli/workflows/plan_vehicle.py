@@ -1,12 +1,12 @@
 """What the thrusters and the battery of a planned campaign can give: drive, largest moment, current."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.planning.budget import Supply
 from automarine_cli.planning.consumption import consumption
 from automarine_cli.planning.drive import Drive, drive_of
@@ -20,7 +20,11 @@ LARGEST_NU = 1.0
 
 
 def drive_for(
-    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, known: Known, limits: Limits
+    thrusters: Source | ThrusterMap | None,
+    arm: float | None,
+    columns: ColumnMap,
+    known: Known,
+    limits: Limits,
 ) -> Drive | None:
     """How the thrusters make the model's moments, or None without a map. Raises SettingError, ModelError."""
     given = map_and_arm(thrusters, arm, columns, YAW)
