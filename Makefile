@@ -12,7 +12,7 @@ MAKEFLAGS += --no-print-directory
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test check fit-thrusters fit-yaw validate diagnose run reproduce sample-runs paper pictures bench blind closed-loop real clean
+.PHONY: help demo test check fit-thrusters fit-yaw validate diagnose run reproduce wheel sample-runs paper pictures bench blind closed-loop real clean
 
 help: ## Show this list
 	echo "make TARGET, where TARGET is one of"
@@ -57,7 +57,7 @@ diagnose-%: $(READY)
 run: $(READY) ## Every step of the campaign sample_runs/pool_day.toml and its report, into OUT/pool_day
 	$(AUTOMARINE) run sample_runs/pool_day.toml -o $(OUT)/pool_day --jobs $(JOBS)
 
-reproduce: $(READY) ## The demo twice, in two lands, and again from its manifests; fails unless every byte is equal
+reproduce: $(READY) ## The demo twice, under two locales, and again from its manifests; fails unless every byte is equal
 	rm -rf $(OUT)/reproduce
 	$(MAKE) demo OUT=$(OUT)/reproduce/first > /dev/null
 	umask 077; export TZ=Pacific/Kiritimati LC_ALL=C PYTHONHASHSEED=4242; \
@@ -68,6 +68,9 @@ reproduce: $(READY) ## The demo twice, in two lands, and again from its manifest
 	  $(AUTOMARINE) run --from $$made --inputs sample_runs --inputs $(OUT)/reproduce/first || exit 1; done
 	count=$$(find $(OUT)/reproduce/first -type f | wc -l | tr -d ' '); test "$$count" -gt 0; \
 	  echo "Reproduced: $$count files, every byte equal."
+
+wheel: $(READY) ## Build the wheel into OUT/wheel, install it into an empty environment and use it there
+	.ci/wheel $(OUT)/wheel $(BIN)/python
 
 test: $(READY) ## Run the tests, a process a core
 	$(BIN)/python -m pytest -q -n auto --dist loadfile
@@ -91,7 +94,7 @@ sample-runs: $(READY) ## Make sample_runs again from its specifications, byte fo
 paper: $(READY) ## The paper's own tables against 200 simulated campaigns
 	$(BIN)/python tests/benchmarks/paper.py --out $(OUT)
 
-pictures: $(READY) ## The README's figures, from sample_runs
+pictures: $(READY) ## The figures of README and guide, from sample_runs
 	$(BIN)/python tests/benchmarks/pictures.py
 
 bench: $(READY) ## Accuracy against the Cramer-Rao bound, speed, start-up time

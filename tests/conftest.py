@@ -12,18 +12,16 @@ for _library in ("OPENBLAS", "OMP", "MKL"):  # as the console script does, befor
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 from hypothesis import settings
+from repository import ROOT as ROOT
+from repository import SAMPLE_RUNS as SAMPLE_RUNS
 
 from automarine_cli.cli import automarine
 from automarine_cli.pipeline.attempts import Attempt
 from automarine_cli.pipeline.outputs import ResultFolder
-
-ROOT = Path(__file__).resolve().parent.parent
-SAMPLE_RUNS = ROOT / "sample_runs"
 
 # The same examples on every machine, no clock, and no folder of examples beside the repository.
 settings.register_profile("house", derandomize=True, deadline=None, database=None, max_examples=50)

@@ -20,9 +20,9 @@ from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.mixed_model import MixedFit, derivatives
 from automarine_cli.fits.outcome import SMALLEST
 from automarine_cli.fits.run_effects import DISTURBANCE, SWITCHES
-from automarine_cli.models.propulsion import parts_of
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.runs.run import Run
+from automarine_cli.thrusters.propulsion import parts_of
 
 Floats = NDArray[np.float64]
 Command = Callable[[Floats], Floats]

@@ -154,9 +154,19 @@ def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> R
     beyond = bool(scores.ranked) and scores.ranked[0].penalised > chance
     leaders = (2 * LEADERS if whole else LEADERS) if beyond else LEADERS // (1 if whole else 3)
     ranked = [s for i, s in enumerate(scores.ranked) if i < leaders or s.penalised > max(likely, chance)]
-    work = [(s.effect, start) for s in ranked for start in (s.start, *s.others)]
-    found = each(partial(add_effect, study, current, iterations=BRIEF), work, "trying effects")
-    done = {law_of(t.added[-1], t.model.terms[-1].values): t for t in found if t is not None}
+    done, tried = dict[tuple[object, ...], Trial](), set[str]()
+    while ranked:
+        work = [(s.effect, start) for s in ranked for start in (s.start, *s.others)]
+        found = each(partial(add_effect, study, current, iterations=BRIEF), work, "trying effects")
+        done |= {law_of(t.added[-1], t.model.terms[-1].values): t for t in found if t is not None}
+        tried |= {s.effect for s in ranked}
+        leader = min(done.values(), key=lambda trial: trial.evidence, default=current)
+        if current.evidence - leader.evidence <= chance:
+            break
+        alike = effects.look_alikes(
+            leader.added[-1]
+        )  # scores miss what begins with a threshold; a tie must be seen
+        ranked = [s for s in scores.ranked if s.effect in alike - tried]
     for share, iterations in RUNNING:
         best = min((trial.evidence for trial in done.values()), default=0.0)
         least = best + max(REACH, (1.0 - share) * (current.evidence - best))

@@ -14,7 +14,9 @@ from automarine_cli.effects.learned import PREFIX, learned
 from automarine_cli.effects.own import own_effect, own_files
 from automarine_cli.errors import ModelError
 
-__all__ = ["Card", "Commands", "Effect", "Parameter", "Place", "State", "get", "known", "library", "names"]
+__all__ = [
+    "Card", "Commands", "Effect", "Parameter", "Place", "State", "get", "known", "library", "look_alikes", "names",
+]  # fmt: skip
 
 NOT_EFFECTS = frozenset({"base", "inputs", "laws", "learned", "own"})
 """Files of this folder that hold no effect of the library."""
@@ -35,6 +37,17 @@ def library() -> tuple[str, ...]:
 def known(name: str) -> bool:
     """Whether there is an effect of that name."""
     return name in names() or (name.startswith(PREFIX) and len(name) > len(PREFIX))
+
+
+@cache
+def look_alikes(name: str) -> frozenset[str]:
+    """Effects that one is mistaken for under any of its laws, and that are mistaken for it."""
+
+    def named(one: str) -> set[str]:
+        effect = get(one)
+        return {*effect.mistaken_for, *(look for law in effect.laws for look in law.mistaken_for)}
+
+    return frozenset(named(name) | {one for one in names() if name in named(one)}) - {name}
 
 
 def get(name: str) -> Effect:

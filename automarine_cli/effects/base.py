@@ -11,9 +11,9 @@ Recipe: one file in this folder, one subclass of `Effect` with
 2. `parameters`, in the order in which the methods take them, each with unit, bounds, start, and the value at
    which the effect is off, so that the model with the effect switched off is exactly the model without it;
 3. one of the methods: `deliver` for actuators, `moment` for moments, `read` for sensors; and `states` with
-   `derivatives` where the effect carries a state of its own (water that turns); `steered = True` where the moment
-   depends on the heading, `placed = True` where it does on the very heading and not on the turn since the start,
-   `power` where it is drag; `acts_in` where it needs a motion of some kind.
+   `derivatives` where it carries states of its own (a moment finds them in `stored`); `steered = True` where the
+   moment depends on the heading, `placed = True` where it does on the very heading and not on the turn since the
+   start, `power` where it is drag; `acts_in` where it needs a motion of some kind.
 
 Texts are templates over the vocabulary of a degree of freedom (`Dof.vocabulary`), such as "-{quadratic} |{v}| {v}" or
 "A constant {force} acts on the vehicle."; `card` fills them. An effect that acts in one motion only may say it plainly.

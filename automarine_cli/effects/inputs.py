@@ -17,8 +17,8 @@ class State:
     `position` [rad or m, unwrapped, true], `origin` the same at the run's start, `velocity` over ground [per s],
     `relative` the velocity through the water, on which drag depends, `delivered` moment or force after the actuators,
     `time` in the run [s], `signals` other logged columns held over the step, `flow` the velocities through the water
-    of all degrees of freedom that move together, by their place. The simulator fills it in anew for every instant. In
-    the plane `position` is north, east or the heading.
+    of all degrees of freedom that move together, by their place, `stored` the states of the effect that is asked for
+    its moment. The simulator fills it in anew for every instant. In the plane `position` is north, east or the heading.
     """
 
     position: Floats
@@ -29,6 +29,7 @@ class State:
     time: Floats
     signals: Mapping[str, Floats]
     flow: Sequence[Floats] = ()
+    stored: Sequence[Floats] = ()
 
     @property
     def travelled(self) -> Floats:

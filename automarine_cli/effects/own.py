@@ -132,8 +132,10 @@ def _tried(effect: Effect, values: tuple[Floats, ...]) -> dict[str, tuple[Floats
     if effect.place in (Place.MOMENT, Place.WATER):
         draw = [random.normal(size=shape) for _ in range(5)]
         flow = [draw[3]] * len(DOFS)
-        state = State(draw[0], draw[1], draw[2], draw[3], draw[4], np.full((RUNS,), 2.0), columns, flow)
         stored = tuple(np.zeros(shape) for _ in effect.states)
+        state = State(
+            draw[0], draw[1], draw[2], draw[3], draw[4], np.full((RUNS,), 2.0), columns, flow, stored
+        )
         moment = effect.moment(state, (*values, *own)) + effect.water_rate(stored, values)
         return {"moment": (np.zeros(shape), np.asarray(moment))}
     spread = tuple(value[..., None] for value in values)

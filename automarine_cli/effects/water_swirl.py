@@ -67,7 +67,7 @@ class WaterSwirl(Effect):
     separated_by = "a reversal after a long {move}: its first seconds are slower than from rest"
     source = (
         "Stipanov et al. (2007), section 3.2 (whirlpool); Thomasson and Woolsey (2013), IEEE J. Oceanic "
-        "Engineering"
+        "Engineering 38:226"
     )
     laws = (
         Law(

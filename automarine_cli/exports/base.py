@@ -6,7 +6,7 @@ Recipe: one file in this folder with `TARGET = Target(...)` and a function that 
 (or of a `MapSubject`, for a target that takes a thruster map). The module's docstring gives the simulator's own
 equation with the page that documents it; `carries` names the effects that this equation has a term for. What a
 model has beyond them is listed, and refused unless the user allows a part: the target sees only what it carries.
-The folder is the registry; the tests ask for a reader of the new file in `tests/export_readers.py` and do the rest.
+The folder is the registry; the tests ask for a reader in `tests/helpers/export_readers.py` and do the rest.
 """
 
 import re
@@ -16,8 +16,8 @@ from typing import Any
 
 from automarine_cli import __version__, effects
 from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.thrusters.map import ThrusterMap
 
 FRAMES = {
     "NED": "NED world, body x ahead, y starboard, z down",

@@ -55,7 +55,7 @@ def write(subject: YawSubject) -> Written:
     more = ["n"] * ("thruster-lag" in values) + ["water"] * ("water-swirl" in values)
     logged = [name for term in terms for name in effects.get(term.name).needs]
     laws = [(term.name, effects.get(term.name).law(term.values)) for term in terms]
-    more += [STATES[law] for law in laws if law in STATES]
+    more += [name for law in laws for name in STATES.get(law, ())]
     lag, *_, fall = values.get("thruster-lag", (STEP / SHARE, 1.0))
     lag *= min(1.0, fall)
     top = own | {

@@ -12,6 +12,7 @@ import numpy as np
 
 from automarine_cli.effects.coulomb_drag import CREEP
 from automarine_cli.effects.dead_band import EDGE
+from automarine_cli.effects.history_force import SHARES, TIMES, HistoryForce
 from automarine_cli.effects.learned import FIRST, Variable, basis
 
 CURVE_POINTS = 101
@@ -53,6 +54,7 @@ LINES: Mapping[str, Lines] = {
         moment="+ {A} * np.sin(phase) + {B} * np.cos(phase)",
     ),
     "wall": Lines(moment="- ({p} * np.cos(2 * {x}) + {q} * np.sin(2 * {x})) * abs(s) * s"),
+    "history-force": Lines(moment="- {h} * (s - past)", state=("past_dot = (s - past) / {T}",)),
     "water-swirl": Lines(state=("water_dot = ({chi} * s - (1.0 - {chi}) * water) / {T_w}",)),
     "input-delay": Lines(),  # a matter of which command holds
     "thruster-lag": Lines(command=("n_dot = (np.sign({F}) * abs({F}) ** 0.5 - n) / {T}", "{F} = n * abs(n)")),
@@ -85,6 +87,7 @@ LINES: Mapping[str, Lines] = {
 }
 WANTED = "n_c = np.sign({F}) * abs({F}) ** 0.5"
 FRESH = "fresh = np.exp(-{discharge} * (t - {t_ref}) / 3600)"
+BASSET = tuple(zip(HistoryForce.states, TIMES, SHARES))
 SETTLE = 0.02  # s in which a speed under a slew limit settles on the one that is wanted
 
 LAWS: Mapping[tuple[str, int], Lines] = {
@@ -93,6 +96,13 @@ LAWS: Mapping[tuple[str, int], Lines] = {
             FRESH,
             "load_dot = (abs({F}) / {tau_ref} - load) / {T_V}",
             "{F} = {F} * fresh * (1.0 - {load} * load)",
+        )
+    ),
+    ("battery-sag", 2): Lines(
+        command=(
+            FRESH,
+            "charge_dot = (abs({F}) / {tau_ref}) ** 1.5 / 60",
+            "{F} = {F} * fresh * np.exp(-{load} * charge)",
         )
     ),
     ("compass-deviation", 1): Lines(reading=("{x} = {x} + {B} * np.sin({x}) + {C} * np.cos({x})",)),
@@ -104,6 +114,10 @@ LAWS: Mapping[tuple[str, int], Lines] = {
         command=(
             f"{{F}} = {{F}} * min(max((abs({{F}}) - {{width}}) / ({2 * EDGE:g} * {{width}}) + 0.5, 0.0), 1.0)",
         )
+    ),
+    ("history-force", 1): Lines(
+        moment="- {h} * (" + " + ".join(f"{share:.6g} * (s - {past})" for past, _, share in BASSET) + ")",
+        state=tuple(f"{past}_dot = (s - {past}) / {time}" for past, time, _ in BASSET),
     ),
     ("saturation", 1): Lines(command=("{F} = {tau_max} * np.tanh({F} / {tau_max})",)),
     ("tether-spring", 1): Lines(moment="- {kappa} * ({x} - {x}0 - np.clip({x} - {x}0, -{slack}, {slack}))"),
@@ -129,6 +143,7 @@ LAWS: Mapping[tuple[str, int], Lines] = {
             "{F} = n * abs(n)",
         )
     ),
+    ("wall", 1): Lines(moment="- ({p_f} * np.cos(2 * {x}) + {q_f} * np.sin(2 * {x})) * {F}"),
     ("water-swirl", 1): Lines(state=("water_dot = ({chi} * abs(s) * s - (1.0 - {chi}) * water) / {T_w}",)),
     ("water-swirl", 2): Lines(state=("water_dot = ({chi} * abs({v}) * s - (1.0 - {chi}) * water) / {T_w}",)),
     ("water-swirl", 3): Lines(
@@ -146,7 +161,12 @@ LAWS: Mapping[tuple[str, int], Lines] = {
 }
 """Laws beside an effect's first one; those of which the file would have to remember commands are not here."""
 
-STATES: Mapping[tuple[str, int], str] = {("battery-sag", 1): "load"}
+STATES: Mapping[tuple[str, int], tuple[str, ...]] = {
+    ("battery-sag", 1): ("load",),
+    ("battery-sag", 2): ("charge",),
+    ("history-force", 0): ("past",),
+    ("history-force", 1): tuple(past for past, *_ in BASSET),
+}
 """Names of states, beside those of every law of an effect."""
 
 

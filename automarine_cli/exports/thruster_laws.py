@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import MapSubject, number
-from automarine_cli.models.thruster_forms import Curve
-from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
 
 Floats = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Models from files: `yaw_model.json` of a yaw fit, `thrusters.json` of a thruster fit; all of it checked."""
+"""Models from files: `yaw_model.json` of a yaw fit, or another motion's; all of it checked."""
 
 import difflib
 from collections.abc import Callable, Mapping
@@ -8,7 +8,6 @@ from automarine_cli import effects
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError
 from automarine_cli.models.entries import needed, number_at, object_at
-from automarine_cli.models.thruster_map import ThrusterMap
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_roles
 from automarine_cli.pipeline.plain_data import Source, read_plain
 from automarine_cli.pipeline.plain_data import told as _told
@@ -42,11 +41,6 @@ def load_yaw_models(path: Source) -> StoredModels:
     Raises ModelError with the file and the key's path for anything that is not what the schema says.
     """
     return yaw_models_from_json(read_plain(path, "JSON", ModelError), printable(path.name))
-
-
-def load_thruster_map(path: Source) -> ThrusterMap:
-    """The map of a `thrusters.json`. Raises ModelError with the file and the key's path."""
-    return ThrusterMap.from_json(read_plain(path, "JSON", ModelError), printable(path.name))
 
 
 def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels:

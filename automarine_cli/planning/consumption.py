@@ -9,7 +9,7 @@ from scipy import optimize
 
 from automarine_cli.errors import RunError
 from automarine_cli.planning.budget import POWER_LAW
-from automarine_cli.runs.thruster_test import Series
+from automarine_cli.thrusters.records import Series
 
 Floats = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from math import floor, log10
 from scipy import optimize
 
 from automarine_cli.errors import SettingError
-from automarine_cli.models.thruster_forms import Curve
-from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
 
 ROUND_DOWN = 1e-6
 

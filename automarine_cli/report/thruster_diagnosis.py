@@ -1,8 +1,8 @@
 """Tables and the page of a diagnosed thruster map: what was wrong, how sure, what it does, what remains, what next."""
 
-from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
-from automarine_cli.diagnosis.thruster_verdict import WELL_ABOVE
 from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
+from automarine_cli.thrusters.verdict import WELL_ABOVE
 
 SHOWN = 8
 SEEN = {
@@ -45,7 +45,7 @@ def verdict_sentence(result: ThrusterDiagnosis) -> str:
         names = listed([effect.name for effect in result.effects])
         return (
             f"Named: {names}. The cross-validated error falls from {number(share(result.cross.before), 3)} % to "
-            f"{number(share(result.cross.after), 3)} % of full scale ({number(result.bench.full_scale)} N)."
+            f"{number(share(result.cross.after), 3)} % of full scale ({number(result.data.full_scale)} N)."
         )
     if result.verdict == "nothing-missing":
         seen = [

@@ -6,9 +6,9 @@ import io
 import numpy as np
 
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.fits.thruster_fit import SIDES
-from automarine_cli.fits.thruster_result import ThrusterFit, scaled
 from automarine_cli.report.tables import MISSING, Table, interval, number
+from automarine_cli.thrusters.fit import SIDES
+from automarine_cli.thrusters.result import ThrusterFit, scaled
 
 SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv has all
 

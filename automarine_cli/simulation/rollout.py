@@ -276,7 +276,9 @@ def right_hand_side(
                         stored, term.values
                     )
         total = [*force]
-        for d, moment, values in pushes:
+        for k, (d, moment, values) in enumerate(pushes):
+            if water:
+                states[d].stored = own[k]
             total[d] = total[d] + moment(states[d], values)
         stirred: list[Floats] = []
         if water:

@@ -19,7 +19,7 @@ from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.logs import ColumnMap, Logs, given_columns
 from automarine_cli.models.planar_store import SCHEMA as PLANAR_SCHEMA
 from automarine_cli.models.store import StoredModels, load_yaw_models
-from automarine_cli.models.thruster_map import SCHEMA as MAP_SCHEMA
+from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
 from automarine_cli.pipeline.outputs import ResultFolder, json_document
 from automarine_cli.pipeline.parallel import lasting_map
 from automarine_cli.pipeline.plain_data import Document, schema_in

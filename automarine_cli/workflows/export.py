@@ -34,8 +34,8 @@ from automarine_cli.exports.prepare import (
 from automarine_cli.models.planar_store import SCHEMA as PLANAR_SCHEMA
 from automarine_cli.models.planar_store import planar_from_json
 from automarine_cli.models.store import yaw_models_from_json
-from automarine_cli.models.thruster_map import SCHEMA as MAP_SCHEMA
-from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.pipeline.manifest import sha256
 from automarine_cli.pipeline.one_file import refuse_existing, write_whole
 from automarine_cli.pipeline.plain_data import Source, read_plain

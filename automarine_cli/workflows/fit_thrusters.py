@@ -7,15 +7,15 @@ from functools import partial
 import numpy as np
 
 from automarine_cli.errors import FitError, SettingError
-from automarine_cli.fits.thruster_analysis import Analysis, analyse
-from automarine_cli.fits.thruster_contradictions import flag_contradictions
-from automarine_cli.fits.thruster_fit import Side
-from automarine_cli.fits.thruster_levels import voltage_steps
-from automarine_cli.fits.thruster_plateaus import reduce_series
-from automarine_cli.fits.thruster_points import Ints, Points
-from automarine_cli.fits.thruster_result import ThrusterFit
-from automarine_cli.fits.thruster_tare import Tare, subtract_tare
-from automarine_cli.fits.thruster_voltage import VoltageExponent, voltage_exponents
+from automarine_cli.thrusters.analysis import Analysis, analyse
+from automarine_cli.thrusters.contradictions import flag_contradictions
+from automarine_cli.thrusters.fit import Side
+
+from automarine_cli.thrusters.plateaus import reduce_series
+from automarine_cli.thrusters.points import Ints, Points, voltage_steps
+from automarine_cli.thrusters.result import ThrusterFit
+from automarine_cli.thrusters.tare import Tare, subtract_tare
+from automarine_cli.thrusters.voltage import VoltageExponent, voltage_exponents
 from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.parallel import ordered_map
@@ -25,7 +25,7 @@ from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.tables import number
 from automarine_cli.runs.load import told_beside
-from automarine_cli.runs.thruster_test import ThrusterLogs, load_thruster_logs
+from automarine_cli.thrusters.records import ThrusterLogs, load_thruster_logs
 from automarine_cli.workflows.command import Command, Row, Runner, View
 from automarine_cli.workflows.shared import Columns, Ending, OfLogs, aligned, counted, numbers
 

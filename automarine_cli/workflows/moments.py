@@ -6,9 +6,8 @@ from functools import partial
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap
-from automarine_cli.models.propulsion import drive_run_by_thrusters
-from automarine_cli.models.store import load_thruster_map
-from automarine_cli.models.thruster_map import ThrusterMap
+from automarine_cli.thrusters.propulsion import drive_run_by_thrusters
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.runs.run import Run
 
@@ -49,7 +48,7 @@ def map_and_arm(
         raise SettingError(
             f"--thrusters makes {dof.words.force}s only with the thrusters' lever arm; give --arm METRES"
         )
-    known = load_thruster_map(thrusters) if isinstance(thrusters, Source) else thrusters
+    known = ThrusterMap.load(thrusters) if isinstance(thrusters, Source) else thrusters
     return known, float(length)
 
 

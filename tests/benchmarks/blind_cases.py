@@ -64,13 +64,13 @@ LAWS: dict[str, tuple[str, float, float]] = {
     "current-pull": ("current-deviation", 0.05, 0.2),
     "hysteresis": ("backlash", 0.08, 0.2),
     "wall": ("wall", 0.1, 0.5),
+    "history": ("history-force", 0.1, 0.6),
 }
 """The truth's laws: the library's name, a usual size, and the largest that leaves a vehicle that turns."""
 
 STRANGE: dict[str, tuple[float, float]] = {
     "temperature": (0.1, 0.3),
     "snags": (0.15, 0.6),
-    "history": (0.1, 0.6),
     "clock-drift": (0.3, 1.0),
 }
 """Laws that are not in the library, with a usual and a largest size."""
@@ -101,6 +101,7 @@ OTHER_BASE = {
     "swirl-settling",
     "smooth-saturation",
     "hard-spring",
+    "history",
 }
 """Laws told in such a form that the library's inertia and drag need not be the truth's."""
 

@@ -3,7 +3,7 @@
     python tests/benchmarks/interruptions.py --kills 200 --interrupts 40
 
 Steps: a process that replaces results is killed at each file-system call in turn, and each call fails in turn for four
-reasons (`tests/torn_writes.py`), with folders exchanged in one step and with two renames. Kills: the real command is
+reasons (`helpers/torn_writes.py`), with folders exchanged in one step and with two renames. Kills: the real command is
 killed at random moments. Interrupts: Ctrl-C and SIGTERM at random moments of commands with two processes; counted
 are those that end with status 130 and one sentence and leave nothing, and how long the slowest took. A few of each
 are in `make test`.
@@ -24,9 +24,10 @@ import time
 from pathlib import Path
 
 TESTS = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(TESTS), str(TESTS.parent)]
+sys.path[:0] = [str(TESTS / "helpers"), str(TESTS.parent)]
 
-from struck_commands import SAMPLE_RUNS, SENTENCE, KilledCommand, start, strike
+from repository import SAMPLE_RUNS
+from struck_commands import SENTENCE, KilledCommand, start, strike
 
 
 def steps() -> dict[str, dict[str, int]]:
@@ -36,7 +37,7 @@ def steps() -> dict[str, dict[str, int]]:
         for how in ("exchange", "rename"):
             with tempfile.TemporaryDirectory() as folder:
                 made = subprocess.run(
-                    [sys.executable, str(TESTS / "torn_writes.py"), folder, what, how],
+                    [sys.executable, str(TESTS / "helpers" / "torn_writes.py"), folder, what, how],
                     capture_output=True, text=True, check=True, env=os.environ | {"PYTHONPATH": str(TESTS.parent)},
                 )  # fmt: skip
             found[f"{what}, {how}"] = json.loads(made.stdout)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
 
 from made_learned import BASE, LAWS, NOISE_DEG, campaign
 

@@ -2,7 +2,7 @@
 
     python tests/benchmarks/reliability.py --inputs 20000 --seed 1 --jobs 2
 
-Every input is a good file with one to four things done to its bytes (`tests/fuzzing.py`); a few hundred are in
+Every input is a good file with one to four things done to its bytes (`tests/helpers/fuzzing.py`); a few hundred are in
 `make test`. One in fifty goes through a whole command, `fit-thrusters`, `fit-yaw` or `validate`, as a torn log or
 model among good ones. A defect is another exception than a refusal, a crash of the interpreter, more than twenty
 seconds, another number than Python's own csv and float read, or an answer with a NaN. The same seed tries the same
@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any
 
 TESTS = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(TESTS), str(TESTS.parent)]
+sys.path[:0] = [str(TESTS / "helpers"), str(TESTS), str(TESTS.parent)]
 
 from broken_logs.make import csv_of, good_table
 from click.testing import CliRunner

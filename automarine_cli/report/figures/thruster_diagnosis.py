@@ -6,11 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from automarine_cli.diagnosis.thruster_bench import Bench
-from automarine_cli.diagnosis.thruster_map import ThrusterDiagnosis
-from automarine_cli.diagnosis.thruster_shapes import Fitted
-from automarine_cli.diagnosis.thruster_where import bins_of, gap_against, variables
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, legend, new_figure
+from automarine_cli.thrusters.bollard_data import BollardData
+from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
+from automarine_cli.thrusters.shapes import Fitted
+from automarine_cli.thrusters.where import bins_of, gap_against, variables
 
 LABEL = {"n": "Control signal n", "voltage": "Supply voltage", "run-order": "Run order"}
 BEFORE, AFTER = COLOURS["vermilion"], COLOURS["blue"]
@@ -21,7 +21,7 @@ WHERE = {"both": "", "forward": " forward", "backward": " backward"}
 def where_figure(result: ThrusterDiagnosis) -> Figure:
     """The gap of the map as it was against every variable: bins with their spread, regions that stand out shaded."""
     base = result.base
-    against = variables(base.bench)
+    against = variables(base.data)
     figure, axes = new_figure(len(against), 1, PAGE_IN * 0.8, 2.3 * len(against) + 0.2)
     for panel, (name, (values, unit)) in zip(axes[:, 0], against.items()):
         marked = [region for region in result.where if region.variable == name]
@@ -69,11 +69,11 @@ def why_figure(result: ThrusterDiagnosis) -> Figure:
     figure, axes = new_figure(1, 2, PAGE_IN, 3.6, width_ratios=(1.15, 1.0))
     _evidence(axes[0, 0], result, looks)
     panel, base = axes[0, 1], result.base
-    along = np.linspace(base.bench.points.n.min(), base.bench.points.n.max(), 601)
+    along = np.linspace(base.data.points.n.min(), base.data.points.n.max(), 601)
     panel.axhline(0.0, color="0.5", linewidth=0.6)
-    order = np.argsort(base.bench.points.n, kind="stable")
-    gain = base.gain(base.bench)
-    n = base.bench.points.n
+    order = np.argsort(base.data.points.n, kind="stable")
+    gain = base.gain(base.data)
+    n = base.data.points.n
     panel.plot(
         n[order],
         (base.residual / gain)[order],
@@ -85,7 +85,7 @@ def why_figure(result: ThrusterDiagnosis) -> Figure:
     if result.effects:
         extra = np.nan_to_num(result.final.along(along) - base.along(along))
         panel.plot(along, extra, color=AFTER, label="what the named effects add")
-    panel.set_xlabel(f"Control signal n [{result.bench.n_unit or 'as logged'}]")
+    panel.set_xlabel(f"Control signal n [{result.data.n_unit or 'as logged'}]")
     panel.set_ylabel("Gap of the map as it was [N]")
     volts = f" (curve at {result.final.reference:.3g} V)" if result.final.shape.voltage else ""
     panel.set_title(f"The shape of the gap{volts}")
@@ -125,11 +125,11 @@ def before_after_figure(result: ThrusterDiagnosis) -> Figure:
     """Thrust with both maps, and their errors on equal axes, on levels fitted and held out."""
     figure, axes = new_figure(3, 1, PAGE_IN * 0.8, 6.6, sharex=True, height_ratios=(1.8, 1.0, 1.0))
     thrust, before, after = axes[:, 0]
-    fitted, held = result.base.bench, result.held_out
+    fitted, held = result.base.data, result.held_out
     _points(thrust, fitted, fitted.points.force, "levels fitted", hollow=False)
     if held is not None:
         _points(thrust, held, held.points.force, "levels held out", hollow=True)
-    along = np.linspace(result.bench.points.n.min(), result.bench.points.n.max(), 801)
+    along = np.linspace(result.data.points.n.min(), result.data.points.n.max(), 801)
     volts = f" at {result.final.reference:.3g} V" if result.final.shape.voltage else ""
     thrust.plot(along, result.base.along(along), color=BEFORE, linestyle=(0, (5, 1.5)), label="before")
     thrust.plot(along, result.final.along(along), color=AFTER, label=f"after{volts}")
@@ -141,7 +141,7 @@ def before_after_figure(result: ThrusterDiagnosis) -> Figure:
         panel.set_ylim(-1.1 * largest, 1.1 * largest)
         panel.set_ylabel("Error [N]")
         panel.set_title(f"{word}: {gap:.3g} N = {_percent(result, gap)} of full scale", loc="left")
-    after.set_xlabel(f"Control signal n [{result.bench.n_unit or 'as logged'}]")
+    after.set_xlabel(f"Control signal n [{result.data.n_unit or 'as logged'}]")
     return figure
 
 
@@ -150,22 +150,28 @@ def _errors(axes: Axes, result: ThrusterDiagnosis, found: Fitted, colour: str) -
     axes.axhspan(-2 * result.gap.floor, 2 * result.gap.floor, color="0.85", lw=0)
     axes.axhline(0.0, color="0.5", linewidth=0.6)
     largest = 0.0
-    for bench, hollow in ((result.base.bench, False), (result.held_out, True)):
-        if bench is None:
+    for data, hollow in ((result.base.data, False), (result.held_out, True)):
+        if data is None:
             continue
-        rest = bench.points.force - found.thrust(bench)
-        _points(axes, bench, rest, "_", hollow=hollow, colour=colour)
+        rest = data.points.force - found.thrust(data)
+        _points(axes, data, rest, "_", hollow=hollow, colour=colour)
         largest = max(largest, float(np.max(np.abs(rest))))
     return largest or 1.0
 
 
 def _points(
-    axes: Axes, bench: Bench, values: np.ndarray, label: str, *, hollow: bool, colour: str = COLOURS["black"]
+    axes: Axes,
+    data: BollardData,
+    values: np.ndarray,
+    label: str,
+    *,
+    hollow: bool,
+    colour: str = COLOURS["black"],
 ) -> None:
-    size = 2.0 if len(bench.points) > 60 else 3.5
+    size = 2.0 if len(data.points) > 60 else 3.5
     face = "none" if hollow else colour
     axes.plot(
-        bench.points.n,
+        data.points.n,
         values,
         "o",
         color=colour,
@@ -175,10 +181,10 @@ def _points(
         label=label,
         zorder=3 if hollow else 2,
     )
-    flagged = bench.points.flag != ""
+    flagged = data.points.flag != ""
     if np.any(flagged):
         axes.plot(
-            bench.points.n[flagged], values[flagged], "x", color=COLOURS["purple"], markersize=6.0, zorder=4
+            data.points.n[flagged], values[flagged], "x", color=COLOURS["purple"], markersize=6.0, zorder=4
         )
 
 

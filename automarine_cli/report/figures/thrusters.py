@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from automarine_cli.fits.thruster_analysis import Analysis
-from automarine_cli.fits.thruster_result import ThrusterFit
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, legend, new_figure
+from automarine_cli.thrusters.analysis import Analysis
+from automarine_cli.thrusters.result import ThrusterFit
 
 SHADES = ("#000000", "#0072B2", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#D55E00")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "h", "*", "p")

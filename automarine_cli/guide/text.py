@@ -1,0 +1,97 @@
+"""A page of the guide as plain text: paragraphs and tables fitted to a width, code as it stands."""
+
+import re
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
+from itertools import groupby
+
+from automarine_cli.report.table_text import text_table
+
+INDENT = "  "  # of code
+LINK = re.compile(r"(?<!!)\[((?:\\.|[^\]\\])*)\]\(([^)\s]+)\)")
+PICTURE = re.compile(r'!\[([^\]]*)\]\([^)]+\)|<img [^>]*alt="([^"]*)"[^>]*>')
+HEADING = re.compile(r"(#+) (.*)")
+ITEM = re.compile(r"(- |\d+\. )")
+EMPHASIS = re.compile(r"\*\*|(?<![\w*])\*(?=\S)([^*]+)(?<=\S)\*(?![\w*])")
+ESCAPED = re.compile(r"\\([][|*_])")
+
+
+def to_text(markdown: str, width: int, heading: Callable[[str], str] = str) -> str:
+    """The page for a terminal or a file of `width` columns; `heading` paints the lines of headings."""
+    return "\n\n".join("\n".join(_shown(block, width, heading)) for block in _blocks(markdown)) + "\n"
+
+
+def _blocks(markdown: str) -> Iterator[list[str]]:
+    """Lines that belong together: a fenced block with its fences, a table, a list, a paragraph."""
+    pieces = re.split(r"^(```.*?^```)$", markdown, flags=re.MULTILINE | re.DOTALL)
+    for number, piece in enumerate(pieces):
+        if number % 2:
+            yield piece.split("\n")
+            continue
+        for filled, lines in groupby(piece.split("\n"), key=lambda line: bool(line.strip())):
+            if filled:
+                yield from _parted(list(lines))
+
+
+def _parted(lines: list[str]) -> Iterator[list[str]]:
+    """Headings and pictures stand alone, also where no empty line parts them from what follows."""
+    for alone, some in groupby(lines, key=lambda line: bool(HEADING.match(line) or PICTURE.fullmatch(line))):
+        together = list(some)
+        yield from ([line] for line in together) if alone else [together]
+
+
+def _shown(block: Sequence[str], width: int, heading: Callable[[str], str]) -> list[str]:
+    first = block[0]
+    if first.startswith("```"):
+        return [f"{INDENT}{line}".rstrip() for line in block[1:-1]]
+    if found := HEADING.match(first):
+        text = _inline(found[2])
+        return [heading(text), heading(("=" if len(found[1]) == 1 else "-") * len(text))]
+    if first.startswith("|"):
+        return _table(block, width)
+    if found := PICTURE.fullmatch(first):
+        return textwrap.wrap(f"[Picture: {found[1] or found[2]}]", width)
+    if ITEM.match(first):
+        return [line for item in _items(block) for line in _filled(item, width, hanging="  ")]
+    return _filled(" ".join(block), width)
+
+
+def _items(block: Sequence[str]) -> Iterator[str]:
+    """Each entry of a list on one line."""
+    item: list[str] = []
+    for line in block:
+        if ITEM.match(line) and item:
+            yield " ".join(item)
+            item = []
+        item.append(line.strip())
+    yield " ".join(item)
+
+
+def _filled(text: str, width: int, hanging: str = "") -> list[str]:
+    return textwrap.wrap(
+        _inline(text), width, subsequent_indent=hanging, break_long_words=False, break_on_hyphens=False
+    )
+
+
+def _table(block: Sequence[str], width: int) -> list[str]:
+    header, sides, *rows = ([cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in block)
+    grid = [[_inline(cell) for cell in row] for row in (header, *rows)]
+    return text_table(grid, [side.endswith(":") for side in sides], (), width)
+
+
+def _inline(text: str) -> str:
+    """Links as words and where they lead; emphasis and escapes as the words alone."""
+    plain = EMPHASIS.sub(lambda found: found[1] or "", LINK.sub(_followed, text))
+    return ESCAPED.sub(r"\1", plain)
+
+
+def _followed(found: re.Match[str]) -> str:
+    """A link's words, and the page of the guide that it leads to unless they say it."""
+    words, place = found[1], found[2].partition("#")[0]
+    if "://" in place:
+        return f"{words} ({place})"
+    topic = place.rpartition("/")[2].removesuffix(".md")
+    said = words.strip("`").removeprefix("automarine ")
+    if topic in ("", said):
+        return words
+    return f"{words} (README)" if topic == "README" else f"{words} (guide {topic})"

@@ -1,0 +1,173 @@
+"""Points of a bollard test -> square law, chosen form and its parameters, both directions."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from automarine_cli.errors import FitError
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.thrusters.fit import (
+    FEWEST_LEVELS,
+    SIDES,
+    Side,
+    amplitude_unit,
+    parameters,
+    sides_of,
+    square_law,
+)
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.points import Floats, Ints, Points, levels_of
+from automarine_cli.thrusters.selection import FormScore, Selection, select_form
+
+ROUNDING = 1e-12  # errors below this share of full scale are zero
+MIXED = 0.2  # share of readings with thrust of either sign from which a direction is two directions
+FAINT = 0.05  # thrust the wrong way that is smaller than this share of full scale is "none", not a sign error
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What one set of points says of one thruster.
+
+    `square` holds equation 2's coefficients by direction, `without` why a direction has none; `parameters`
+    the chosen form's estimates by direction; `r2` and `rmse` [N] are the square law's over all points,
+    weighted as in the fit.
+    """
+
+    points: Points
+    n_unit: str
+    full_scale: float
+    square: dict[str, Estimate]
+    without: dict[str, str]
+    levels: dict[str, int]
+    selection: Selection
+    parameters: dict[str, dict[str, object]]
+    r2: float
+    chosen_r2: float
+
+    @property
+    def law(self) -> FormScore:
+        """The square law among the forms."""
+        return next(score for score in self.selection.scores if score.form.name == "square")
+
+    @property
+    def map(self) -> ThrusterMap:
+        """The chosen form as a map."""
+        return _map(self.selection.chosen, self.n_unit)
+
+    @property
+    def square_map(self) -> ThrusterMap:
+        """Equation 2 as a map."""
+        return _map(self.law, self.n_unit)
+
+    def fitted(self, n: Floats, square: bool = False) -> Floats:
+        """Thrust [N] by the chosen form or the square law, shape of n; NaN in a direction that has no fit."""
+        total = np.zeros_like(n)
+        chosen = self.square_map if square else self.map
+        for sign, curve in ((1.0, chosen.forward), (-1.0, chosen.backward)):
+            side = n * sign > 0
+            total[side] = np.nan if curve is None else sign * curve.thrust(np.abs(n[side]))
+        return total
+
+    def percent(self, value: float | None) -> float | None:
+        """Newtons as a percentage of full scale."""
+        if value is None:
+            return None
+        return 0.0 if value < ROUNDING * self.full_scale else 100.0 * value / self.full_scale
+
+
+def _map(score: FormScore, n_unit: str) -> ThrusterMap:
+    return ThrusterMap(score.form.name, score.curves.get("forward"), score.curves.get("backward"), n_unit)
+
+
+def analyse(
+    points: Points,
+    step: Ints | None,
+    tare_stderr: float,
+    n_unit: str,
+    forced: str | None = None,
+    where: str = "the logs",
+) -> tuple[Analysis, dict[str, Side]]:
+    """Fit both directions of `points` (one thruster, tared, flagged); `step` numbers the voltage steps, shape
+    (P,).
+
+    Raises FitError where no direction can be fitted: no thrust, thrust against the command, too few levels.
+    """
+    full_scale = points.full_scale
+    if len(points) == 0 or full_scale == 0.0:
+        raise FitError(
+            f"{where}: every thrust is zero; expected pulls at several commands. "
+            "Check that the force column is the load cell's"
+        )
+    sides = sides_of(points, step, tare_stderr)
+    without = _refused_directions(sides, full_scale, where)
+    sides = {name: side for name, side in sides.items() if name not in without}
+    if not sides:
+        raise FitError(
+            f"{where}: no direction can be fitted ({'; '.join(without.values())}); expected at least "
+            f"{FEWEST_LEVELS} different commands in one direction. Pull at more levels"
+        )
+    square = {name: square_law(side, amplitude_unit(n_unit)) for name, side in sides.items()}
+    used = points.where(np.isin(np.sign(points.n), [0.0, *(side.sign for side in sides.values())]))
+    zero = used.n == 0.0
+    zero_squares = float(used.weight[zero] @ used.force[zero] ** 2)
+    total = float(used.weight.sum())
+    selection = select_form(sides, zero_squares, total, full_scale, forced)
+    chosen = selection.chosen
+    found = {
+        name: parameters(side, chosen.form, chosen.curves[name], chosen.at_bound[name], n_unit)
+        for name, side in sides.items()
+    }
+    mean = float(used.weight @ used.force) / total
+    spread = float(used.weight @ (used.force - mean) ** 2) / total
+    law = next(score for score in selection.scores if score.form.name == "square")
+    levels = {name: len(np.unique(levels_of(side.magnitude))) for name, side in sides.items()}
+    return Analysis(
+        points,
+        n_unit,
+        full_scale,
+        square,
+        without,
+        levels,
+        selection,
+        found,
+        1.0 - law.rmse**2 / spread,
+        1.0 - chosen.rmse**2 / spread,
+    ), sides
+
+
+def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -> dict[str, str]:
+    """Why a direction has no fit. Raises FitError where thrust opposes the command."""
+    without, against = {}, []
+    for name, _ in SIDES:
+        if name not in sides:
+            without[name] = f"no {name} points"
+            continue
+        side = sides[name]
+        count = len(np.unique(levels_of(side.magnitude)))
+        ahead, astern = (np.mean(sign * side.thrust > FAINT * full_scale) for sign in (1.0, -1.0))
+        if min(ahead, astern) > MIXED:
+            raise FitError(
+                f"{where}: commands of one sign push both ways; the control signal looks counted from its "
+                'end, not from rest. Write n = { from = "NAME", offset = -REST } under [columns] in the '
+                "--columns file (a pulse width rests at about 1500)"
+            )
+        mean = float((side.weight * side.magnitude**2) @ side.thrust / (side.weight @ side.magnitude**2))
+        if count < FEWEST_LEVELS:
+            without[name] = f"{count} {name} level{'s' if count > 1 else ''}, at least {FEWEST_LEVELS} needed"
+        elif mean <= 0.0:
+            if abs(mean) <= FAINT * full_scale:
+                without[name] = f"no {name} thrust measured"
+            else:
+                against.append(name)
+    served = [name for name in sides if name not in without]
+    if against and set(against) == set(served):
+        raise FitError(
+            f"{where}: thrust has the opposite sign of the control signal; if ahead is logged as negative "
+            'force, write force_N = { from = "NAME", sign = -1 } under [columns] in the --columns file'
+        )
+    if against:
+        raise FitError(
+            f"{where}: {against[0]} thrust has the sign of the other direction; it looks logged as a "
+            "magnitude. Give thrust astern a minus sign in the log"
+        )
+    return without

@@ -1,0 +1,233 @@
+"""Raw load-cell series -> points: transient dropped, mean of each constant command with its error."""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from automarine_cli.thrusters.points import Floats, Points, join
+from automarine_cli.thrusters.records import Series
+
+HANDFUL = 5  # up to this many equal commands in sequence are single readings, not a raw series
+BATCHES = 10  # batch means: enough for a variance, long enough to outlive the autocorrelation
+SPIKE = 8.0  # robust standard deviations beyond which one sample is an electrical spike
+MOST_READINGS = 2000  # rows of one record that are judged one by one
+SLOW = 0.02  # of the range: how far the command may move within the mean of neighbouring rows
+NOISY = 0.02  # command noise up to this share of its range still means "held constant"
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """Points found in the records, and what was left out on the way (samples; notes for a person)."""
+
+    points: Points
+    samples: int
+    plateaus: int
+    dropped: dict[str, int]
+    notes: tuple[str, ...]
+
+
+def reduce_series(records: list[Series]) -> Reduction:
+    """One point for each reading of a table, one for each plateau of a raw series.
+
+    A record is a raw series when its non-zero commands are held over more than a handful of samples in
+    sequence.
+    """
+    parts, dropped, notes = [], {"transient": 0, "drop_out": 0, "spike": 0, "too_short": 0}, []
+    for number, record in enumerate(records):
+        segments = constant_segments(record.n)
+        lengths = [stop - start for start, stop in segments if np.any(record.n[start:stop] != 0)]
+        typical = np.median(lengths) if lengths else len(record.n)
+        if typical <= HANDFUL:
+            parts.append(_readings(record, number))
+            continue
+        plateaus, counts, unsettled = _plateaus(record, number, segments)
+        for name, value in counts.items():
+            dropped[name] += value
+        if unsettled:
+            levels = ", ".join(f"{level:.4g}" for level in unsettled)
+            notes.append(
+                f"{record.source}: thrust at n = {levels} was still changing when the command ended; "
+                "hold each command longer"
+            )
+        if plateaus is not None:
+            parts.append(plateaus)
+    points = join(parts) if parts else join([_readings(Series("", "", np.empty(0), np.empty(0)), 0)])
+    samples = sum(len(record.n) for record in records)
+    return Reduction(points, samples, int(np.count_nonzero(points.raw)), dropped, tuple(notes))
+
+
+def constant_segments(n: Floats) -> list[tuple[int, int]]:
+    """Half-open index ranges in which the command, shape (N,), is held.
+
+    A measured speed carries noise: its size is taken from second differences, which a steady sweep does not
+    have.
+    """
+    if len(n) == 0:
+        return []
+    span = float(np.max(np.abs(n)))
+    noise = 1.4826 * float(np.median(np.abs(np.diff(n, 2)))) / np.sqrt(6.0) if len(n) > 2 else 0.0
+    if noise == 0.0 or noise > NOISY * span:
+        edges = np.flatnonzero(np.diff(n) != 0) + 1
+    else:
+        edges = _noisy_edges(n, 6.0 * noise)
+    bounds = [0, *edges.tolist(), len(n)]
+    return list(pairwise(bounds))
+
+
+def _noisy_edges(n: Floats, tolerance: float) -> np.ndarray:
+    """Where the command leaves the running mean of its segment by more than the tolerance."""
+    edges, mean, held = [], float(n[0]), 1
+    for index in range(1, len(n)):
+        value = float(n[index])
+        if abs(value - mean) > tolerance:
+            edges.append(index)
+            mean, held = value, 1
+        else:
+            held += 1
+            mean += (value - mean) / held
+    return np.array(edges, dtype=int)
+
+
+def settled_from(force: Floats) -> tuple[int, bool]:
+    """First sample of the steady part of a plateau, and whether it had settled at all.
+
+    MSER-5 (White 1997, Simulation 69:323): on means of five samples, the cut that gives the smallest standard
+    error of the mean of the rest. A cut at the latest place allowed (half of the record) means that it never
+    settled.
+    """
+    batch = 5
+    count = len(force) // batch
+    if count < 6:
+        return 0, True
+    means = force[: count * batch].reshape(count, batch).mean(axis=1)
+    remaining = np.arange(count, 0, -1)
+    total = np.cumsum(means[::-1])[::-1]
+    squares = np.cumsum((means[::-1] - means.mean()) ** 2)[::-1]
+    centre = total / remaining - means.mean()
+    score = np.maximum(squares - remaining * centre**2, 0.0) / remaining**2
+    latest = count // 2
+    cut = int(np.argmin(score[: latest + 1]))
+    if cut < latest:
+        return cut * batch, True
+    return cut * batch, not _trend(means[latest:])
+
+
+def _trend(means: Floats) -> bool:
+    """Whether a series of batch means still climbs or falls by more than its own scatter explains."""
+    place = np.arange(len(means)) - (len(means) - 1) / 2
+    slope = float(place @ means / (place @ place))
+    rest = means - means.mean() - slope * place
+    scatter = np.sqrt(float(rest @ rest) / max(len(means) - 2, 1))
+    return abs(slope) * np.sqrt(float(place @ place)) > 6.0 * scatter
+
+
+def standard_error(force: Floats) -> float:
+    """Standard error of the mean of correlated samples, shape (N,), by batch means [unit of force]."""
+    if len(force) < 2:
+        return float("nan")
+    size = max(len(force) // BATCHES, 1)
+    count = len(force) // size
+    means = force[: count * size].reshape(count, size).mean(axis=1)
+    return float(np.std(means, ddof=1) / np.sqrt(count))
+
+
+def _plateaus(
+    record: Series, number: int, segments: list[tuple[int, int]]
+) -> tuple[Points | None, dict[str, int], list[float]]:
+    counts = {"transient": 0, "drop_out": 0, "spike": 0, "too_short": 0}
+    rows, unsettled = [], []
+    for held in _bridged(record.n, segments, counts):
+        if len(held) <= HANDFUL:
+            counts["too_short"] += len(held)
+            continue
+        spike = _spikes(record.force[held])
+        counts["spike"] += int(np.count_nonzero(spike))
+        held = held[~spike]
+        cut, settled = settled_from(record.force[held])
+        counts["transient"] += cut
+        held = held[cut:]
+        force = record.force[held]
+        level = _level(record.n, held)
+        if not settled:
+            unsettled.append(level)
+        when = float(np.mean(held if record.time is None else record.time[held]))
+        voltage = float("nan") if record.voltage is None else float(np.mean(record.voltage[held]))
+        rows.append(
+            (level, force.mean(), np.std(force, ddof=1), len(force), standard_error(force), when, voltage)
+        )
+    if not rows:
+        return None, counts, unsettled
+    table = np.array(rows, dtype=float)
+    points = replace(
+        Points.measured(table[:, 0], table[:, 1], table[:, 5], table[:, 6], number),
+        spread=table[:, 2],
+        count=table[:, 3].astype(np.int64),
+        stderr=table[:, 4],
+        raw=np.ones(len(table), dtype=bool),
+    )
+    return points, counts, unsettled
+
+
+def _spikes(force: Floats) -> np.ndarray:
+    """Electrical spikes, shape (N,): samples that stand out of their six neighbours and the whole plateau."""
+    window = 7
+    if len(force) <= 2 * window:
+        return np.zeros(len(force), dtype=bool)
+    around = np.median(np.lib.stride_tricks.sliding_window_view(force, window), axis=1)
+    # The first samples are the transient's; the last are judged by the last whole window.
+    centre = np.concatenate([force[:3], around, np.full(3, around[-1])])
+    off = np.abs(force - centre)
+    whole = np.abs(force - np.median(force))
+    return np.asarray(
+        (off > SPIKE * 1.4826 * np.median(off)) & (whole > SPIKE * 1.4826 * np.median(whole)) & (off > 0)
+    )
+
+
+def _bridged(n: Floats, segments: list[tuple[int, int]], counts: dict[str, int]) -> list[np.ndarray]:
+    """Sample numbers of each held command; a blink of another value inside one command is a drop-out."""
+    span = float(np.max(np.abs(n)))
+    held: list[np.ndarray] = []
+    blink = 0
+    for start, stop in segments:
+        here = np.arange(start, stop)
+        if len(here) <= HANDFUL:
+            held.append(here)
+            blink += 1
+            continue
+        long_before = held[-1 - blink] if len(held) > blink else None
+        between = int(sum(len(part) for part in held[len(held) - blink :]))
+        same = long_before is not None and abs(np.median(n[long_before]) - np.median(n[here])) <= 0.01 * span
+        if long_before is not None and same and 0 < between <= HANDFUL:
+            counts["drop_out"] += between
+            held[len(held) - blink - 1 :] = [np.concatenate([long_before, here])]
+        else:
+            held.append(here)
+        blink = 0
+    return held
+
+
+def _level(n: Floats, held: np.ndarray) -> float:
+    """The command of a plateau; a measured speed within 0.5 % of full scale of zero is zero."""
+    level = float(np.mean(n[held]))
+    if np.ptp(n[held]) == 0:
+        return float(n[held[0]])
+    return 0.0 if abs(level) <= 0.005 * float(np.max(np.abs(n))) else level
+
+
+def _readings(record: Series, number: int) -> Points:
+    """A table: every row is a point. A long slow sweep goes in means of neighbouring rows."""
+    n, force, voltage = record.n, record.force, record.voltage
+    when = np.arange(len(n), dtype=float) if record.time is None else record.time
+    size = -(-len(n) // MOST_READINGS)
+    if size <= 1 or np.median(np.abs(np.diff(n))) * size > SLOW * np.ptp(n):
+        return Points.measured(n, force, when, voltage, number)
+    blocks = np.array_split(np.arange(len(n)), -(-len(n) // size))
+    means = (np.array([np.mean(column[block]) for block in blocks]) for column in (n, force, when))
+    level, thrust, middle = means
+    return replace(
+        Points.measured(level, thrust, middle, None, number),
+        voltage=np.array([np.nan if voltage is None else np.mean(voltage[block]) for block in blocks]),
+        spread=np.array([np.std(force[block], ddof=1) if len(block) > 1 else np.nan for block in blocks]),
+        count=np.array([len(block) for block in blocks], dtype=np.int64),
+    )

@@ -1,0 +1,119 @@
+"""Records of bollard tests: read from logs with missing values dropped and counted, or simulated."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from automarine_cli.dofs import YAW
+from automarine_cli.errors import LogError
+from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_thruster
+from automarine_cli.pipeline.progress import Progress, counted, silent
+from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, unreadable
+from automarine_cli.runs.run import SetAside
+from automarine_cli.simulation.run_groups import levels_of
+from automarine_cli.simulation.settings import Bollard
+from automarine_cli.simulation.streams import normal, uniform
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.points import Floats
+
+FORCE_DECIMALS = 3
+
+
+@dataclass(frozen=True)
+class Series:
+    """One test record as logged: one file, or one `run` of a file; arrays of shape (N,).
+
+    `n` is the control signal [unit as logged], `force` the thrust of all pulling thrusters together [N],
+    `time` [s] and `voltage` [V] are None where the log has none; `extras` are its other columns by their own names.
+    """
+
+    source: str
+    run: str
+    n: Floats
+    force: Floats
+    time: Floats | None = None
+    voltage: Floats | None = None
+    extras: Mapping[str, Floats] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ThrusterLogs:
+    """Test records in file and row order, what was set aside, files read, rows with missing values."""
+
+    records: tuple[Series, ...]
+    set_aside: tuple[SetAside, ...]
+    inputs: tuple[LogFile, ...]
+    missing: int
+
+
+def load_thruster_logs(
+    logs: Logs, columns: ColumnMap, *, strict: bool = False, progress: Progress = silent
+) -> ThrusterLogs:
+    """Read every log; one `run` of a file is one record.
+
+    Raises LogError for a log named on the command line that cannot serve, RunError with `strict` or if none
+    is left.
+    """
+    files = find_logs(logs)
+    records: list[Series] = []
+    set_aside: list[SetAside] = []
+    missing = 0
+    for file in counted(progress, "reading", files, len(files)):
+        try:
+            table = read_log(file, columns, dof=YAW)  # of no motion: columns of others keep their names
+            require_thruster(table)
+        except LogError as refusal:
+            if file.named:
+                raise
+            set_aside.append(unreadable(file, refusal))
+            continue
+        found, gone, idle = _records(table)
+        records += found
+        missing += gone
+        set_aside += idle
+    if strict and set_aside:
+        raise refused_by_strict(set_aside[0])
+    if not records:
+        raise none_left(len(files), set_aside)
+    return ThrusterLogs(tuple(records), tuple(set_aside), tuple(filter(has_bytes, files)), missing)
+
+
+def _records(table: LogTable) -> tuple[list[Series], int, list[SetAside]]:
+    n, force = table.columns["n"], table.columns["force"]
+    time, voltage = table.columns.get("time"), table.columns.get("voltage")
+    good = np.isfinite(n) & np.isfinite(force)
+    if time is not None:
+        good &= np.isfinite(time)
+    names = np.full(len(table), "") if table.run is None else table.run
+    records, idle = [], []
+    # Runs in the order in which they first appear, rows in file order.
+    first = {str(name): index for index, name in reversed(list(enumerate(names)))}
+    for name in sorted(first, key=first.__getitem__):
+        here = (names == name) & good
+        if not np.any(here):
+            idle.append(SetAside(table.source, name, "no row has both a control signal and a force"))
+            continue
+        records.append(
+            Series(
+                table.source,
+                name,
+                n[here],
+                force[here],
+                None if time is None else time[here],
+                None if voltage is None else voltage[here],
+                {key: column[here] for key, column in table.extras.items()},
+            )
+        )
+    return records, int(np.count_nonzero(~good)), idle
+
+
+def bollard_columns(bollard: Bollard, seed: int) -> dict[str, Floats]:
+    """`n` and `force_N` of all thrusters of a test together, shape (levels x repeats,), in random order."""
+    levels = np.repeat(np.array(levels_of(bollard.levels)), bollard.repeats)
+    order = np.argsort(uniform(len(levels), seed, bollard.file, "order"), kind="stable")
+    thrusters = ThrusterMap("square", Curve(bollard.a_f), Curve(bollard.a_b))
+    pull = bollard.thrusters_per_test * thrusters.force(levels)
+    measured = pull + bollard.noise_N * normal(len(levels), seed, bollard.file, "noise")
+    return {"n": levels[order], "force_N": (np.round(measured, FORCE_DECIMALS) + 0.0)[order]}

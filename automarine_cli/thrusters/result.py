@@ -1,0 +1,178 @@
+"""The result of `fit-thrusters` and its form in JSON (the contract's section 3, with additions)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from automarine_cli.fits.estimate import Estimate
+from automarine_cli.pipeline.outputs import json_document
+from automarine_cli.pipeline.plain_data import Document
+from automarine_cli.pipeline.shown import Shown
+from automarine_cli.thrusters.analysis import Analysis
+from automarine_cli.thrusters.fit import SIDES
+from automarine_cli.thrusters.map import SCHEMA, ThrusterMap
+from automarine_cli.thrusters.plateaus import Reduction
+from automarine_cli.thrusters.points import Points
+from automarine_cli.thrusters.records import ThrusterLogs
+from automarine_cli.thrusters.selection import FormScore
+from automarine_cli.thrusters.tare import Tare
+from automarine_cli.thrusters.voltage import VoltageExponent
+
+
+@dataclass(frozen=True, repr=False)
+class ThrusterFit(Shown):
+    """The pooled analysis of one thruster, one for each voltage step, and how the data were treated."""
+
+    logs: ThrusterLogs
+    reduction: Reduction
+    analysis: Analysis
+    tare: Tare
+    thrusters_per_test: int
+    voltages: tuple[tuple[float, Analysis], ...]
+    exponents: dict[str, VoltageExponent | None]
+    notes: tuple[str, ...]
+
+    @property
+    def map(self) -> ThrusterMap:
+        """The chosen map of one thruster."""
+        return self.analysis.map
+
+    @property
+    def points(self) -> Points:
+        """Measured points of one thruster, tared and flagged."""
+        return self.analysis.points
+
+    def place(self, index: int) -> str:
+        """File and run of one point, for people."""
+        record = self.logs.records[int(self.points.record[index])]
+        return f"{record.source}, run {record.run}" if record.run else record.source
+
+    def document(self, option: str) -> Document:
+        """Its result file, for a command that takes a map."""
+        return json_document("thrusters.json", self.to_json())
+
+    def to_json(self) -> dict[str, object]:
+        """Content of thrusters.json (schema automarine/thruster-map/1)."""
+        analysis = self.analysis
+        result: dict[str, object] = {"schema": SCHEMA, **_square_json(analysis)}
+        result["per_test"] = {
+            name: {"a": _estimate(scaled(analysis.square.get(name), self.thrusters_per_test))}
+            for name, _ in SIDES
+        }
+        result["thrusters_per_test"] = self.thrusters_per_test
+        result |= _scores_json(analysis)
+        result["n_unit"] = analysis.n_unit
+        result["tare"] = {
+            "value_N": self.tare.value,
+            "stderr_N": self.tare.stderr,
+            "readings": self.tare.readings,
+            "drift_N": self.tare.drift,
+            "subtracted": self.tare.subtracted,
+        }
+        result["points"] = {
+            "used": len(self.points),
+            "plateaus": self.reduction.plateaus,
+            "samples": self.reduction.samples,
+            "samples_left_out": self.reduction.dropped,
+            "rows_with_missing_values": self.logs.missing,
+        }
+        result["flagged"] = [
+            self._flagged_json(int(index)) for index in np.flatnonzero(self.points.flag != "")
+        ]
+        if np.any(np.isfinite(self.points.voltage)):
+            ends = np.nanmin(self.points.voltage), np.nanmax(self.points.voltage)
+            result["voltage_range_V"] = [float(volts) for volts in ends]
+        if self.voltages:
+            result["voltages"] = [
+                {"voltage_V": volts, **_square_json(one), **_scores_json(one)} for volts, one in self.voltages
+            ]
+            result["voltage_exponent"] = {
+                name: None if found is None else found.to_json() for name, found in self.exponents.items()
+            }
+        result["notes"] = list(self.notes)
+        result["runs"] = {
+            "used": len(self.logs.records),
+            "set_aside": [vars(run) for run in self.logs.set_aside],
+        }
+        return result
+
+    def _flagged_json(self, index: int) -> dict[str, object]:
+        points = self.points
+        record = self.logs.records[int(points.record[index])]
+        return {
+            "file": record.source,
+            "run": record.run,
+            "n": float(points.n[index]),
+            "force_N": float(points.force[index]),
+            "weight": float(points.weight[index]),
+            "why": str(points.flag[index]),
+        }
+
+
+def scaled(estimate: Estimate | None, factor: float) -> Estimate | None:
+    """An estimate times a known number."""
+    if estimate is None:
+        return None
+    low, high = estimate.ci95
+    return Estimate(
+        factor * estimate.value, factor * estimate.stderr, (factor * low, factor * high), estimate.unit
+    )
+
+
+def _estimate(estimate: Estimate | None) -> dict[str, object] | None:
+    return None if estimate is None else estimate.to_json()
+
+
+def _square_json(analysis: Analysis) -> dict[str, object]:
+    """`forward` and `backward`: equation 2's coefficient; null with a why where not measured."""
+    result: dict[str, object] = {}
+    for name, sign in SIDES:
+        count = int(np.count_nonzero(analysis.points.n * sign > 0))
+        entry: dict[str, object] = {
+            "a": _estimate(analysis.square.get(name)),
+            "points": count,
+            "levels": analysis.levels.get(name, 0),
+        }
+        if name in analysis.without:
+            entry["why"] = analysis.without[name]
+        result[name] = entry
+    return result
+
+
+def _scores_json(analysis: Analysis) -> dict[str, object]:
+    """The square law's scores, all forms side by side, the chosen one and why."""
+    law, chosen = analysis.law, analysis.selection.chosen
+    return {
+        "r2": analysis.r2,
+        "rmse_N": law.rmse,
+        "rmse_percent_of_full_scale": analysis.percent(law.rmse),
+        "cv_rmse_N": law.cv_rmse,
+        "full_scale_N": analysis.full_scale,
+        "forms": [_form_json(analysis, score) for score in analysis.selection.scores],
+        "form": chosen.form.name,
+        "chosen_because": analysis.selection.because,
+        "chosen": {
+            "form": chosen.form.name,
+            "r2": analysis.chosen_r2,
+            "rmse_N": chosen.rmse,
+            "rmse_percent_of_full_scale": analysis.percent(chosen.rmse),
+            "cv_rmse_N": chosen.cv_rmse,
+        },
+        "parameters": {name: analysis.parameters.get(name) for name, _ in SIDES},
+    }
+
+
+def _form_json(analysis: Analysis, score: FormScore) -> dict[str, object]:
+    return {
+        "form": score.form.name,
+        "equation": score.form.equation,
+        "parameters_per_direction": score.form.parameters,
+        "cv_rmse_N": score.cv_rmse,
+        "cv_rmse_percent_of_full_scale": analysis.percent(score.cv_rmse),
+        "rmse_N": score.rmse,
+        "rmse_percent_of_full_scale": analysis.percent(score.rmse),
+        "cv_mean_square_behind_best_N2": None if score.cv_rmse is None else score.behind,
+        "cv_mean_square_behind_best_stderr_N2": None if score.cv_rmse is None else score.behind_stderr,
+        "within_one_stderr_of_best": score.within_reach,
+        "at_bound": {name: list(bound) for name, bound in score.at_bound.items() if bound},
+    }

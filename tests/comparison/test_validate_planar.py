@@ -1,0 +1,164 @@
+"""validate with a planar model: errors at the noise for the truth, starts, sides, files, figures, what is refused."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import Result
+from made_planar import Craft, driven, solved
+from repository import SAMPLE_RUNS
+
+import automarine_cli as am
+from automarine_cli.comparison.planar import SCORES, free_runs, overall, start_of
+from automarine_cli.errors import RunError, SettingError
+from automarine_cli.models.planar import Inertia, PlanarModel
+from automarine_cli.models.planar_store import planar_json
+from automarine_cli.models.yaw_model import Term
+from automarine_cli.report.figures.planar import planar_figure
+from automarine_cli.runs.run import Run
+from automarine_cli.workflows.validate_planar import PlanarValidation, validate_any, validate_planar
+
+CRAFT = Craft(np.diag([20.0, 32.0, 2.6]), linear=np.diag([8.0, 20.0, 3.0]))
+MODEL = PlanarModel(Inertia(20.0, 32.0, 2.6), *((Term("linear-drag", (size,)),) for size in (8.0, 20.0, 3.0)))  # type: ignore[misc]
+NAMES = ("north", "east", "heading", "surge", "sway", "yaw_rate")
+
+
+def logged(seed: int = 0, side: float = 1.0, moving: bool = False, noise: float = 0.0) -> Run:
+    """A run of the craft with every channel; `side` -1 is its mirror image."""
+    run, rng = driven(seed, 20.0), np.random.default_rng(seed)
+    extras = {**run.extras, "force_Y": side * run.extras["force_Y"]}
+    run = replace(run, moment=side * run.command, extras=extras)
+    if not moving:
+        rest = run.time < run.time[0] + 2.5
+        quiet = {name: np.where(rest, 0.0, column) for name, column in run.extras.items()}
+        run = replace(run, moment=np.where(rest, 0.0, run.command), extras=quiet)
+    start = ((1.0, 2.0 * side, 0.3 * side), (0.5, 0.1 * side, 0.2 * side) if moving else (0, 0, 0))
+    truth = dict(zip(NAMES, np.column_stack(solved(CRAFT, run, *start)).T))
+    read = {name: column + noise * rng.standard_normal(len(run)) for name, column in truth.items()}
+    heading = read.pop("heading")
+    return replace(run, position=heading, extras={**run.extras, **read})
+
+
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_true_model_makes_no_error(side: float, moving: bool) -> None:
+    (free,) = free_runs(MODEL, [logged(1, side, moving)])
+    close = 2e-3 if moving else 2e-4  # a command that comes at once is half a sample late in a log
+    assert max(value for name, value in free.scores.items() if value and name.endswith("m_s")) < close
+    assert free.scores["heading_rmse_deg"] < 200 * close and free.scores["position_rmse_m"] < 10 * close
+    assert not free.diverged and set(free.scores) == set(SCORES)
+
+
+def test_the_error_is_the_noise_and_a_wrong_model_s_is_more() -> None:
+    runs = [logged(seed, noise=0.02) for seed in range(3)]
+    truth, wrong = (
+        overall(free_runs(one, runs)) for one in (MODEL, replace(MODEL, inertia=Inertia(20, 20, 2.6)))
+    )
+    for name in ("surge_rmse_m_s", "sway_rmse_m_s"):
+        assert truth[name] == pytest.approx(0.02, rel=0.15)
+    assert truth["heading_rmse_deg"] == pytest.approx(np.rad2deg(0.02), rel=0.3)
+    assert wrong["sway_rmse_m_s"] > 1.5 * truth["sway_rmse_m_s"]  # type: ignore[operator]
+
+
+def test_starts() -> None:
+    still = start_of(logged(2, noise=0.05), MODEL)
+    np.testing.assert_allclose(still[:3], (1.0, 2.0, 0.3), atol=0.05)
+    assert not still[3:].any()
+    run = logged(2, moving=True)
+    np.testing.assert_allclose(start_of(run, MODEL), (1.0, 2.0, 0.3, 0.5, 0.1, 0.2), atol=0.01)
+    bare = replace(run, extras={name: run.extras[name] for name in ("force_X", "force_Y")})
+    np.testing.assert_allclose(start_of(bare, MODEL)[:2], 0.0, atol=1e-6)
+    assert start_of(bare, MODEL)[5] == pytest.approx(0.2, abs=0.01)
+
+
+def test_channels_that_are_not_logged_have_no_score() -> None:
+    run = logged(3)
+    gone = {name: column for name, column in run.extras.items() if name not in ("north", "sway", "yaw_rate")}
+    holes = np.where(np.arange(len(run)) % 3, np.nan, gone["surge"])
+    (free,) = free_runs(MODEL, [replace(run, extras={**gone, "surge": holes})])
+    assert [name for name, value in free.scores.items() if value is None] == [
+        "position_rmse_m", "position_max_abs_m", "sway_rmse_m_s", "yaw_rate_rmse_deg_s",
+    ]  # fmt: skip
+    assert free.scores["surge_rmse_m_s"] < 1e-3 and planar_figure(free).axes
+
+
+def test_a_model_that_runs_away_is_said_to() -> None:
+    driving = replace(MODEL, surge=(Term("linear-drag", (-80.0,)),))
+    found = PlanarValidation(None, free_runs(driving, [logged(0)]), ())  # type: ignore[arg-type]
+    assert found.free[0].diverged and found.tables()[0].rows[0][2] == "runs away"
+    assert set(overall(found.free).values()) == {None} and found.to_json()["models"]["planar"]["diverged"]
+    assert "runs away" in planar_figure(found.free[0]).get_suptitle()
+
+
+def test_the_figure_shows_heading_track_velocities_and_commands() -> None:
+    figure = planar_figure(free_runs(MODEL, [logged(0, noise=0.01)])[0])
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        r"Heading $\psi$ [deg]", "North [m]", "Surge $u$ [m/s]", "Sway $v$ [m/s]", "Yaw rate $r$ [deg/s]",
+        "Command [N, N m]",
+    ]  # fmt: skip
+    assert [len(axes.lines) for axes in figure.axes] == [2, 2, 2, 2, 2, 3]
+    assert all(np.isfinite(line.get_ydata()).any() for axes in figure.axes for line in axes.lines)
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    """A file with the truth of the sample campaign."""
+    truth = json.loads((SAMPLE_RUNS / "planar.truth.json").read_text())
+    data = {
+        "schema": "automarine/planar-model/1",
+        "parameters": truth["vehicle"]["parameters"] | truth["hidden"],
+    }
+    path = tmp_path / "planar_model.json"
+    path.write_text(json.dumps(data))
+    return path
+
+
+def test_the_command_writes_its_files(tmp_path: Path, model: Path, run: Callable[..., Result]) -> None:
+    out = tmp_path / "out"
+    result = run("validate", SAMPLE_RUNS / "planar_validation", "--model", model, "-o", out)
+    assert result.exit_code == 0 and "surge, sway and yaw together" in result.output
+    assert {path.name for path in out.iterdir()} == {
+        "validation.json", "validation.csv", "validation.md", "validation.tex", "manifest.json",
+        "validation_crabwise.png", "validation_zigzag.png",
+    }  # fmt: skip
+    data = json.loads((out / "validation.json").read_text())
+    assert (
+        data["schema"] == "automarine/validation/1"
+        and data["motion"] == "planar"
+        and data["best"] == "planar"
+    )
+    scores = data["models"]["planar"]
+    assert set(SCORES) <= scores.keys() and scores["runs"].keys() == data["logs"].keys()
+    assert scores["surge_rmse_m_s"] < 0.05 and scores["sway_rmse_m_s"] < 0.05
+    again = run("run", "--from", out, "--inputs", SAMPLE_RUNS, "--inputs", tmp_path)
+    assert again.exit_code == 0, again.output
+
+
+def test_without_what_is_hidden_it_is_worse(tmp_path: Path, model: Path) -> None:
+    known = json.loads(model.read_text())
+    del known["parameters"]["yaw.N_v"]
+    (tmp_path / "known.json").write_text(json.dumps(known))
+    logs = [SAMPLE_RUNS / "planar_validation"]
+    truth, without = (
+        overall(validate_planar(logs, model=one).free) for one in (model, tmp_path / "known.json")
+    )
+    assert without["heading_rmse_deg"] > 3 * truth["heading_rmse_deg"]  # type: ignore[operator]
+
+
+def test_from_python(model: Path) -> None:
+    found = am.validate(SAMPLE_RUNS / "planar_validation", model=model)
+    assert repr(found).startswith("Validation of a planar model on 2 runs; 0 set aside")
+    assert list(found.to_frame()["run"]) == ["crabwise", "zigzag"] and found.plot("zigzag").axes
+
+
+def test_refusals(tmp_path: Path, model: Path) -> None:
+    with pytest.raises(SettingError, match="every channel of its logs is compared; leave --channels out"):
+        validate_any([SAMPLE_RUNS / "planar"], model=model, channels="position")
+    with pytest.raises(RunError, match="no run is left"):
+        validate_any([SAMPLE_RUNS / "surge"], model=model)
+    (tmp_path / "wrong.json").write_text(json.dumps(planar_json(MODEL) | {"force_unit": "nu"}))
+    with pytest.raises(Exception, match="coupled motions are in newtons"):
+        validate_any([SAMPLE_RUNS / "planar"], model=tmp_path / "wrong.json")

@@ -1,0 +1,146 @@
+"""Effects hidden in small campaigns, and what a diagnosis makes of them.
+
+Judging one effect against the whole library takes seconds, which twenty-three times are too many here: each is judged
+against the effects that it is mistaken for, on either card, and a few campaigns against the whole library. `make blind`
+does all of it on large campaigns, with equations of its own.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_contract import base_for, measured, mirrored_signs, planted, short_plans, unmeasured
+from made_campaigns import rescaled, shifted
+
+from automarine_cli import effects
+from automarine_cli.diagnosis import search
+from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
+from automarine_cli.dofs import YAW
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.runs.run import Run
+
+IN_YAW = [name for name in effects.names() if effects.get(name).acts_in(YAW)]
+EVERY_EFFECT = pytest.mark.parametrize("name", IN_YAW)
+Judge = Callable[..., Diagnosis]
+
+
+def look_alikes(name: str) -> set[str]:
+    """The effect, those that it is mistaken for, and those that are mistaken for it."""
+    return {name, *effects.get(name).mistaken_for} | {
+        other for other in effects.names() if name in effects.get(other).mistaken_for
+    }
+
+
+@pytest.fixture
+def judge(monkeypatch: pytest.MonkeyPatch) -> Judge:
+    """`judge(runs, base, among)`: a diagnosis that fits all runs and tries the candidates `among`, or all."""
+
+    def diagnose(runs: Sequence[Run], base: YawModel, among: set[str] | None = None) -> Diagnosis:
+        every = search.candidates
+        with monkeypatch.context() as patch:
+            if among is not None:
+                patch.setattr(search, "candidates", lambda *of: [n for n in every(*of) if n in among])
+            return diagnose_runs(runs, base, hold_out=[])
+
+    return diagnose
+
+
+def campaign(*names: str, seed: int = 1) -> list[Run]:
+    """A small campaign with these effects in it: 14 runs of 6 to 12 s."""
+    return planted(base_for(names[0] if names else ""), *names, seed=seed, plans=short_plans())
+
+
+def held(found: Diagnosis) -> list[set[str]]:
+    """For each effect named, its name and those of its rivals."""
+    return [{one.name, *(rival.name for rival in one.rivals)} for one in found.effects]
+
+
+@EVERY_EFFECT
+def test_planted_effect_gives_its_name_or_a_tie_that_holds_it(name: str, judge: Judge) -> None:
+    found = judge(campaign(name), base_for(name), look_alikes(name))
+    assert found.verdict == "named"
+    assert [name in tie for tie in held(found)] == [True], held(found)
+    assert found.gap.after < found.gap.before and found.gap.after < 1.05 * found.gap.floor
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_nothing_planted_nothing_named(seed: int, judge: Judge) -> None:
+    found = judge(campaign(seed=seed), base_for(""))
+    assert (found.verdict, found.effects) == ("nothing-missing", ())
+    assert set(found.detectable) == set(IN_YAW) - {"quadratic-drag"}
+    assert all(0 < size < np.inf for size in found.detectable.values())
+
+
+def test_two_planted_are_both_named(judge: Judge) -> None:
+    among = look_alikes("dead-band") | look_alikes("water-swirl")
+    found = judge(campaign("dead-band", "water-swirl"), base_for(""), among)
+    assert found.verdict == "named" and len(found.effects) == 2
+    for name in ("dead-band", "water-swirl"):
+        assert sum(name in tie for tie in held(found)) == 1, held(found)
+
+
+def test_a_tether_that_snags_is_not_in_the_library(judge: Judge) -> None:
+    """Now and then something holds the vehicle for a few seconds: no name fits, and none is given."""
+    random = np.random.default_rng(5)
+    runs = [unmeasured(plan, i) for i, plan in enumerate(short_plans())]
+    snagged = measured(
+        base_for(""), runs, seed=5, snag=lambda shape: -0.25 * (random.uniform(size=shape) < 0.3)
+    )
+    found = judge(snagged, base_for(""))
+    assert found.verdict == "unexplained"
+    assert found.effects == ()
+    assert found.gap.after > 1.5 * found.gap.floor
+
+
+# The same data told in another way
+
+
+def mirrored(runs: Sequence[Run]) -> list[Run]:
+    """Heading and command negated, and nothing else."""
+    return [replace(run, position=-run.position, moment=-run.command) for run in runs]
+
+
+def reordered(runs: Sequence[Run]) -> list[Run]:
+    """The same logs read in another order; their clocks stay."""
+    return [*runs[1::2], *runs[::2]]
+
+
+TELLINGS = {
+    "mirrored": mirrored,
+    "clock shifted": lambda runs: shifted(runs, 4000.0),
+    "reordered": reordered,
+    "other units": lambda runs: rescaled(runs, 10.0, "N m"),
+}
+TOLD = ("dead-band", "bias-moment")
+
+
+@pytest.fixture(scope="module")
+def as_made() -> dict[str, Diagnosis]:
+    """Each of the effects told of, diagnosed as its logs were made."""
+    return {}
+
+
+@pytest.mark.parametrize("name", TOLD)
+@pytest.mark.parametrize("telling", TELLINGS)
+def test_the_same_data_told_otherwise_give_the_same(
+    name: str, telling: str, judge: Judge, as_made: dict[str, Diagnosis]
+) -> None:
+    runs, base, effect = campaign(name), base_for(name), effects.get(name)
+    if name not in as_made:
+        as_made[name] = judge(runs, base, look_alikes(name))
+    there = as_made[name]
+    ten = 10.0 if telling == "other units" else 1.0
+    signs = mirrored_signs(effect) if telling == "mirrored" else (1,) * len(effect.parameters)
+    again = base_for(name, ten, "N m" if ten > 1 else "nu")
+    back = judge(TELLINGS[telling](runs), again, look_alikes(name))
+    assert back.verdict == there.verdict == "named"
+    assert [one.name for one in back.effects] == [one.name for one in there.effects] == [name]
+    assert held(back) == held(there)
+    for parameter, sign in zip(effect.parameters, signs):
+        one, other = (found.effects[0].parameters[parameter.name] for found in (there, back))
+        assert other.value == pytest.approx(sign * parameter.scaled(one.value, ten), rel=1e-6)
+        assert other.stderr == pytest.approx(parameter.scaled(one.stderr, ten), rel=1e-4)
+    models = [found.found.final.model.theta[:2] for found in (there, back)]
+    np.testing.assert_allclose(models[1], ten * models[0], rtol=1e-6)
+    assert back.effects[0].confidence == pytest.approx(there.effects[0].confidence, abs=1e-3)

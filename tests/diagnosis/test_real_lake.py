@@ -1,0 +1,158 @@
+"""Ten closed-loop runs of a Kingfisher boat on a lake: whole runs, moving starts, a delay, headings the other way."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from repository import DATA
+
+from automarine_cli.diagnosis.diagnose import diagnose_runs
+from automarine_cli.diagnosis.study import study_of
+from automarine_cli.dofs import YAW
+from automarine_cli.filters.course import make_course
+from automarine_cli.fits.driven_fit import fit_driven
+from automarine_cli.fits.innovations import InnovationsFit
+from automarine_cli.fits.whole_runs import rough_model
+from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.logs import read_column_map
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.runs.load import load_runs
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.workflows.fit_thrusters import fit_thrusters
+from automarine_cli.workflows.fit_yaw import fit_yaw
+from automarine_cli.workflows.moments import with_moments
+
+LAKE, BOLLARD = DATA / "yaw" / "kingfisher_lake", DATA / "thrusters" / "kingfisher_heron_bollard_raw.csv"
+pytestmark = pytest.mark.skipif(not LAKE.is_dir(), reason="real data not at hand (AUTOMARINE_DATA)")
+
+NOMINAL = """
+[columns]
+heading_deg = { from = "heading_deg", unit = "deg", sign = -1 }
+tau_Nm = { from = "tau_N_nominal_Nm", unit = "N m", sign = -1 }
+"""
+COMMANDS = """
+[columns]
+heading_deg = { from = "heading_deg", unit = "deg", sign = -1 }
+n_port = "port_cmd"
+n_stbd = "stbd_cmd"
+"""
+WITH_SURGE = f'{NOMINAL}surge_m_s = "speed_mps"\n'
+FITTED, LEFT_OUT = ("01", "05", "15", "21", "25"), ("03", "11", "19", "23", "29")
+TWO_TOGETHER = """
+[columns]
+n = "cmd"
+run = "file"
+force_N = "force_two_thrusters_n"
+[defaults]
+thrusters_per_test = 2
+"""
+ARM = 0.44  # metres
+
+
+def column_map(folder: Path, text: str) -> Path:
+    path = folder / "columns.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture(scope="module")
+def nominal(tmp_path_factory: pytest.TempPathFactory) -> YawFit:
+    """Fitted to the moment that the static curve of the data gives."""
+    columns = column_map(tmp_path_factory.mktemp("lake"), NOMINAL)
+    return fit_yaw([str(LAKE / "run_*.csv")], columns=columns, jobs=2)
+
+
+def test_all_ten_runs_are_fitted_whole(nominal: YawFit) -> None:
+    content = nominal.to_json()
+    assert content["fitted_to"] == "whole runs" and nominal.used == 10
+    assert nominal.seed_method is None and nominal.why_no_seed_method.startswith("0 of 10 runs")
+
+
+def test_drag_and_inertia_are_positive_and_of_the_size_of_a_small_boat(nominal: YawFit) -> None:
+    """Signs right: else drag would drive. A boat of 29 kg and 1.3 m has some N m s² of inertia before added water."""
+    for fit in nominal.output_error.values():
+        assert fit.mixed.converged
+        assert 5.0 < fit.estimates["I_r"].value < 60.0
+    one = nominal.output_error["1"].estimates["k_r"]
+    assert 10.0 < one.value < 40.0 and one.ci95[0] > 0
+    assert nominal.output_error["3"].estimates["k_rr"].value > 0
+
+
+def test_the_model_is_of_use(nominal: YawFit) -> None:
+    """Runs left out of the fit are predicted 5 s ahead better than by a constant rate or a constant heading."""
+    assert nominal.use is not None and nominal.use.of_use
+    judged = nominal.use.judged
+    assert judged is not None and judged.horizon == 5.0
+    assert np.degrees(judged.error) < 12.0 < np.degrees(judged.constant) < np.degrees(judged.constant_rate)
+    assert nominal.use.sentence(YAW).startswith("The model predicts 5 s ahead to ")
+
+
+def test_the_delay_of_the_thrusters_is_proposed(nominal: YawFit) -> None:
+    (asks,) = [warning for warning in nominal.warnings if "The evidence asks for more than drag" in warning]
+    assert "input-delay" in asks and "--with " in asks
+
+
+def test_the_run_whose_heading_jumps_is_split(nominal: YawFit) -> None:
+    """run_11 jumps by 48 degrees within a sample at 1.4 s, surge speed with it, and by 21 at 6.3 s; left in, the jumps
+    moved the inertia by 40 %."""
+    assert [aside.run for aside in nominal.set_aside] == ["run_11.1", "run_11.2"]
+    assert all("jump of the heading" in aside.why for aside in nominal.set_aside)
+    assert not any(warning.startswith("run_11") for warning in nominal.warnings)
+
+
+def test_commands_through_our_own_bollard_map_agree(nominal: YawFit, tmp_path: Path) -> None:
+    """The map fitted to the raw bollard series of two thrusters gives inertia and drag within a quarter."""
+    thrusters = fit_thrusters([BOLLARD], columns=column_map(tmp_path, TWO_TOGETHER)).map
+    columns = read_column_map(column_map(tmp_path, COMMANDS))
+    runs = with_moments(
+        load_runs([str(LAKE / "run_*.csv")], columns, dof=YAW).runs, thrusters, ARM, columns, YAW
+    )
+    assert {run.moment_unit for run in runs} == {"N m"}
+    moving = np.zeros(len(runs), dtype=bool)
+    fit = fit_driven(make_course(runs, moving), rough_model("1", make_batch(runs, 0.1)), "1")
+    for name, estimate in fit.estimates.items():
+        assert estimate.value == pytest.approx(nominal.output_error["1"].estimates[name].value, rel=0.25)
+
+
+@pytest.fixture(scope="module")
+def halves(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Run], list[Run]]:
+    """Half of the runs to fit, the others to hold out, with the surge speed that the logs have."""
+    columns = read_column_map(column_map(tmp_path_factory.mktemp("halves"), WITH_SURGE))
+    fitted, kept = ([str(LAKE / f"run_{n}.csv") for n in half] for half in (FITTED, LEFT_OUT))
+    return list(load_runs(fitted, columns, dof=YAW).runs), list(load_runs(kept, columns, dof=YAW).runs)
+
+
+def test_delay_and_surge_halve_the_error_on_runs_left_out(halves: tuple[list[Run], list[Run]]) -> None:
+    """What is known of the boat: a delay of 0.4 to 0.6 s; and the faster it goes the more its hulls resist a turn."""
+    study = study_of(halves[0], YawModel.base("1", 25.0, [15.0], "N m", YAW))
+    assert study.driven
+    base = study.fit(study.base)
+    model = study.base.with_theta(base.of_model).with_effect("input-delay", [0.5])
+    model = model.with_effect("cross-coupling", [-10.0])
+    fit = study.fit(model, None, base)
+    found = model.with_theta(fit.of_model)
+    values = dict(zip(found.parameter_names, found.theta))
+    assert 0.3 < values["input-delay.t_d"] < 0.7 and values["cross-coupling.c"] < -10.0
+    kept = replace(study, runs=tuple(halves[1]))
+    assert isinstance(base, InnovationsFit) and isinstance(fit, InnovationsFit)
+    assert kept.log_density(found, fit).sum() > kept.log_density(study.base, base).sum() + 10.0
+    before, after = (
+        next(one for one in kept.predictions(m, f) if one.horizon == 5.0).rmse()
+        for m, f in ((study.base.with_theta(base.of_model), base), (found, fit))
+    )
+    assert after < 0.7 * before
+
+
+@pytest.mark.skipif("AUTOMARINE_SLOW" not in os.environ, reason="some minutes; AUTOMARINE_SLOW=1 runs it")
+def test_a_diagnosis_names_the_delay_and_the_gap_on_runs_left_out_shrinks(
+    halves: tuple[list[Run], list[Run]],
+) -> None:
+    found = diagnose_runs(halves[0], YawModel.base("1", 25.0, [15.0], "N m", YAW), hold_out=halves[1])
+    assert found.verdict == "named" and found.held_out_gap is not None
+    named = {effect.name for effect in found.effects}
+    assert named & {"input-delay", "thruster-lag", "dead-band", "cross-coupling"}
+    assert found.held_out_gap.after < found.held_out_gap.before
+    assert found.held_out_outlook is not None and found.held_out_outlook.density_gain > 0

@@ -1,0 +1,444 @@
+"""Every effect of the library through the same checks, and the command that shows the library."""
+
+import inspect
+import json
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import Result
+from effect_contract import (
+    MIRRORED_SIGNS,
+    SIZES,
+    Floats,
+    base_for,
+    law_names,
+    laws_of,
+    long_plans,
+    measured,
+    mirrored_signs,
+    of_law,
+    planted,
+    short_plans,
+    sizes_of,
+    strange_to,
+    texts_of,
+    unmeasured,
+    with_planted,
+)  # fmt: skip
+
+from automarine_cli import effects
+from automarine_cli.diagnosis.estimates import parameter_estimates
+from automarine_cli.diagnosis.study import study_of
+from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
+from automarine_cli.effects import Effect, Place, State
+from automarine_cli.effects.base import EVEN, MIXED, ODD
+from automarine_cli.effects.thruster_imbalance import PARTS
+from automarine_cli.errors import ModelError
+from automarine_cli.filters.course import make_course
+from automarine_cli.fits.driven import driven_problem, starts_near
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import Start, simulate
+
+EVERY_EFFECT = pytest.mark.parametrize("name", effects.names())
+EVERY_LAW = pytest.mark.parametrize("name", law_names())
+CONTRACT = (
+    "linear-drag", "quadratic-drag", "cubic-drag", "bias-moment", "tether-spring", "dead-band", "saturation",
+    "thrust-asymmetry", "drag-asymmetry", "thruster-lag", "input-delay", "thrust-loss", "battery-sag",
+    "water-swirl", "coulomb-drag", "compass-deviation", "sensor-lag", "gyro-drift", "periodic-disturbance",
+    "heading-moment", "cross-coupling", "thrust-exponent",
+)  # fmt: skip
+EVERY_MOTION = pytest.mark.parametrize("dof", DOFS.values(), ids=list(DOFS))
+UNITS = ("nu", "N m")
+CUTS = ("dead-band 1", "dead-band 2")
+"""Where a cut lies between two moments nobody can tell: test_effects_laws judges them."""
+STARTS = (0.4, -1.1, 2.0)  # rad
+
+RUNS = [unmeasured(plan, i) for i, plan in enumerate([long_plans()[7], long_plans()[10], long_plans()[-1]])]
+"""Three runs of different lengths: a step to port, a coast-down, a manoeuvre."""
+
+
+def headings(
+    model: YawModel, runs: Sequence[Run] = RUNS, theta: Floats | None = None, sign: int = 1
+) -> Floats:
+    """Simulated headings (P, R, N) from the STARTS."""
+    needs = {need for term in model.terms for need in effects.get(term.name).needs}
+    batch = make_batch(runs, 0.05, sorted(needs))
+    start = Start(position=sign * np.array([STARTS[: len(runs)]]))
+    return simulate(model, batch, theta, start).position
+
+
+def with_effect(name: str, values: Sequence[float] | None = None) -> YawModel:
+    """The base vehicle with a law of an effect at these values, by default at its planted sizes."""
+    effect, law = of_law(name)
+    return base_for(effect.name).with_effect(effect.name, sizes_of(effect, law) if values is None else values)
+
+
+def off(effect: Effect, law: int) -> list[float]:
+    """The values with which it is off, in one of its laws."""
+    return [float(law) if p.choices else value for p, value in zip(effect.parameters, effect.off)]
+
+
+# What the registry finds
+
+
+def test_the_contracts_names_are_there() -> None:
+    assert set(CONTRACT) <= set(effects.names())
+    assert {*SIZES, *MIRRORED_SIGNS} <= {*effects.names(), *law_names()}
+
+
+@EVERY_EFFECT
+def test_is_complete(name: str) -> None:
+    effect = effects.get(name)
+    assert effect.name == name and isinstance(effect.place, Place) and effect.parity in (EVEN, ODD, MIXED)
+    assert Path(inspect.getfile(type(effect))).stem == name.replace("-", "_")
+    assert effect.source.strip() == effect.source and effect.source and not effect.source.endswith(".")
+    assert effect.mistaken_for and set(effect.mistaken_for) <= set(effects.names()) - {name}
+    assert effect.parameters and set(effect.motions) <= set(DOFS) and effect.motions
+    assert effect.role in ("", *YAW.parameters) and (not effect.role or len(effect.parameters) == 1)
+    documented = (inspect.getmodule(type(effect)), type(effect))
+    assert all(one and one.__doc__ and '"' not in one.__doc__ for one in documented)
+
+
+@EVERY_EFFECT
+@EVERY_MOTION
+def test_card_is_complete(name: str, dof: Dof) -> None:
+    effect = effects.get(name)
+    if not effect.acts_in(dof):
+        return
+    card = effect.card(dof)
+    assert card.name == name and re.fullmatch(r"[A-Z].*\.", card.says), card.says
+    for text in (card.equation, card.reveals, card.separated_by):
+        assert text.strip() == text and text and not text.endswith("."), text
+    assert not re.search(r"[{}]", " ".join(texts_of(card)))
+    assert len({p.name for p in card.parameters}) == len(effect.parameters) == len(card.parameters)
+    assert tuple(p.name for p in card.parameters) == effect.names_in(dof)
+
+
+@EVERY_EFFECT
+@EVERY_MOTION
+def test_card_speaks_of_no_other_motion(name: str, dof: Dof) -> None:
+    effect = effects.get(name)
+    if effect.acts_in(dof):
+        for text in texts_of(effect.card(dof)):
+            assert not strange_to(dof, text, effect.needs), text
+
+
+def test_a_word_of_another_motion_is_seen() -> None:
+    assert strange_to(SURGE, "a heading of 3 rad under a moment, to port; k_rr |r|") == {
+        "heading", "rad", "moment", "port", "k_rr", "r",
+    }  # fmt: skip
+    assert strange_to(HEAVE, "headings turned ahead by m_u, X |u| u") == {
+        "headings", "turned", "ahead", "m_u", "X", "u",
+    }  # fmt: skip
+    assert strange_to(YAW, "the depth sensor reads m/s, mass, 3 cm, X_uu") == {
+        "depth",
+        "mass",
+        "m",
+        "cm",
+        "X_uu",
+    }
+    assert strange_to(YAW, "surge speed u of 3 m/s") and not strange_to(
+        YAW, "surge speed u of 3 m/s", ["surge"]
+    )
+    assert not strange_to(YAW, "bias-moment against gyro-drift: turned to port by tau, k_rr |r| r")
+    assert not strange_to(SURGE, "bias-moment against gyro-drift: moved ahead by X, X_uu |u| u")
+
+
+def test_equations_have_the_letters_of_the_motion() -> None:
+    def equations(name: str) -> list[str]:
+        return [effects.get(name).card(dof).equation for dof in (YAW, SURGE, HEAVE)]
+
+    assert equations("quadratic-drag") == ["-k_rr |r| r", "-X_uu |u| u", "-Z_ww |w| w"]
+    assert equations("thrust-loss") == ["-b sqrt|tau| r", "-b sqrt|X| u", "-b sqrt|Z| w"]
+    assert equations("tether-spring")[1:] == ["-kappa (x - x_start)", "-kappa (z - z_start)"]
+    assert equations("water-swirl") == [
+        "drag on s = r - w, T_w w' = chi s - (1 - chi) w",
+        "drag on s = u - u_w, T_w u_w' = chi s - (1 - chi) u_w",
+        "drag on s = w - w_w, T_w w_w' = chi s - (1 - chi) w_w",
+    ]
+
+
+@EVERY_EFFECT
+def test_parameters_have_units_and_bounds_that_hold_their_start(name: str) -> None:
+    effect = effects.get(name)
+    for p in effect.parameters:
+        assert p.name and p.meaning and p.unit
+        assert p.lower < p.upper and p.lower <= p.start <= p.upper and np.isfinite(p.start)
+        assert all(p.lower <= value <= p.upper for value in p.scan)
+        assert p.reference in ("", "moment", "clock", "voltage")
+        assert not p.log or p.lower > 0.0
+    for dof in DOFS.values():
+        for unit in (*UNITS, *dof.units.forces):
+            for p, filled in zip(effect.parameters, effect.card(dof, unit).parameters):
+                assert ("{force}" in p.unit) == (unit in filled.unit)
+
+
+@EVERY_EFFECT
+def test_methods_are_those_of_its_place(name: str) -> None:
+    effect = effects.get(name)
+    own = {method for method in ("deliver", "moment", "water_rate", "read") if method in vars(type(effect))}
+    wanted = {
+        Place.ACTUATOR: "deliver",
+        Place.MOMENT: "moment",
+        Place.WATER: "water_rate",
+        Place.SENSOR: "read",
+    }
+    assert own == {wanted[effect.place]}
+    assert bool(effect.states) == ("derivatives" in vars(type(effect)))
+
+
+@EVERY_LAW
+def test_says_whether_it_asks_for_the_heading(name: str) -> None:
+    """Without `steered` the simulator gives no heading: what asks for one all the same must not pass unnoticed."""
+    (effect, law), one = of_law(name), np.ones((1, 1))
+    own = np.zeros((effect.per_run, 1, 1))
+    values = (*(np.full((1, 1), value) for value in sizes_of(effect, law)), *own)
+    stored = [one] * len(effect.states)
+    unknown = State(
+        one * np.nan, one * np.nan, one, 0.5 * one, one, one, dict.fromkeys(effect.needs, one), stored=stored
+    )
+    assert np.isnan(effect.moment(unknown, values)).any() == effect.steered
+
+
+# What it does to a simulation
+
+
+@EVERY_LAW
+def test_vectorised_over_parameter_sets_and_runs(name: str) -> None:
+    """Each parameter set and each run comes out as if it were alone, whatever the company and the padding."""
+    model = with_effect(name)
+    effect, law = of_law(name)
+    other = [v if p.choices else 1.1 * v for p, v in zip(effect.parameters, sizes_of(effect, law))]
+    theta = np.stack([model.theta, with_effect(name, effect.off).theta, with_effect(name, other).theta])
+    together = headings(model, theta=theta)
+    assert together.shape == (3, len(RUNS), max(len(run) for run in RUNS)) and np.isfinite(together).all()
+    for p, values in enumerate(theta):
+        for r, run in enumerate(RUNS):
+            batch = make_batch([run], 0.05, effect.needs)
+            alone = simulate(model, batch, values, Start(position=np.array([[STARTS[r]]]))).position[0, 0]
+            np.testing.assert_allclose(together[p, r, : len(run)], alone, rtol=0, atol=1e-12)
+
+
+@EVERY_LAW
+def test_off_is_exactly_the_base_model(name: str) -> None:
+    effect, law = of_law(name)
+    found = headings(with_effect(name, off(effect, law)))
+    close = 1e-5 if "lag" in name else 1e-9
+    np.testing.assert_allclose(found, headings(base_for(effect.name)), rtol=0, atol=close)
+
+
+@EVERY_LAW
+def test_on_is_not_the_base_model(name: str) -> None:
+    most = np.abs(headings(with_effect(name)) - headings(base_for(of_law(name)[0].name))).max()
+    assert np.rad2deg(most) > 1.0
+
+
+@EVERY_LAW
+def test_mirrored_runs_have_the_declared_parity(name: str) -> None:
+    effect, law = of_law(name)
+    runs = [mirrored(run) for run in RUNS]
+    values = sizes_of(effect, law)
+    found = headings(
+        with_effect(name, [s * v for s, v in zip(mirrored_signs(effect), values)]), runs, sign=-1
+    )
+    np.testing.assert_allclose(found, -headings(with_effect(name)), rtol=0, atol=1e-10)
+    if effect.parity != EVEN:  # and it is no idle word
+        assert np.abs(headings(with_effect(name), runs, sign=-1) + headings(with_effect(name))).max() > 1e-3
+
+
+def mirrored(run: Run) -> Run:
+    """The run with its command negated: port and starboard thruster have changed places."""
+    ahead, astern, other_ahead, other_astern = (-run.extras[part] for part in PARTS)
+    return run.with_moment(
+        -run.command, run.moment_unit, dict(zip(PARTS, (other_ahead, other_astern, ahead, astern)))
+    )
+
+
+@EVERY_LAW
+def test_other_units_of_moment_give_the_same_headings(name: str) -> None:
+    (effect, law), ten = of_law(name), 10.0
+    scaled = [p.scaled(value, ten) for p, value in zip(effect.parameters, sizes_of(effect, law))]
+    model = base_for(effect.name, ten, "N m").with_effect(effect.name, scaled)
+    parts = [{part: ten * run.extras[part] for part in PARTS} for run in RUNS]
+    runs = [run.with_moment(ten * run.command, "N m", own) for run, own in zip(RUNS, parts)]
+    np.testing.assert_allclose(headings(model, runs), headings(with_effect(name)), rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", [name for name in law_names() if name != "quadratic-drag"])
+def test_the_filter_of_driven_runs_knows_each_law(name: str) -> None:
+    """One run that starts, turns round, eases off and stops is likelier under the law that made it than without."""
+    effect, law = of_law(name)
+    truth = base_for(name).with_effect(effect.name, sizes_of(effect, law))
+    plan = [(0.9, 6.0), (-0.5, 5.0), (0.3, 4.0), (0.0, 4.0)]
+    runs = measured(truth, [unmeasured(plan, 0)], seed=1, noise_deg=0.3, gain=0.0)
+    density = []
+    for model in (truth, base_for(name)):
+        problem = driven_problem(model, make_course(runs, np.array([True]), effect.needs))
+        start = problem.search(starts_near(problem, [model.theta], {}))
+        density.append(float(problem.follow(start).log_density.sum()))
+    assert np.isfinite(density).all() and density[0] > density[1]
+
+
+# What the data give back
+
+
+@pytest.mark.parametrize("name", [name for name in law_names() if name not in CUTS])
+def test_recovered_from_data_made_with_it(name: str) -> None:
+    effect, law = of_law(name)
+    base = base_for(effect.name)
+    truth = sizes_of(effect, law)
+    study = study_of(planted(base, name, seed=1), base)
+    model = base.with_theta(1.1 * base.theta).with_effect(effect.name, _off_the_truth(effect, truth))
+    fit = study.fit(model)
+    trial = Trial((effect.name,), model.with_theta(fit.theta[:-1]), fit, 0.0)
+    found = parameter_estimates(study, trial, effect.name)
+    every = zip(effect.parameters, effect.card(YAW, "nu").parameters, truth, effect.held(truth))
+    for parameter, filled, value, held in every:
+        estimate = found[filled.name]
+        assert estimate.unit == filled.unit
+        if held:
+            assert estimate.value == pytest.approx(value)
+        else:
+            assert 0 < estimate.stderr < 0.25 * max(abs(v) for v in truth), parameter.name
+            assert abs(estimate.value - value) < 4.0 * estimate.stderr, f"{parameter.name}: {estimate}"
+    np.testing.assert_allclose(fit.theta[: len(base.theta)], base.theta, rtol=0.05)
+    assert np.rad2deg(fit.noise) == pytest.approx(0.5, rel=0.1)
+
+
+def _off_the_truth(effect: Effect, truth: Sequence[float]) -> list[float]:
+    """Where a diagnosis would start: sizes a good way off, shapes at the nearest value that is scanned."""
+    return [
+        value if held else min(scan, key=lambda s: abs(np.log(s / value))) if scan else 0.7 * value
+        for p, value, held in zip(effect.parameters, truth, effect.held(tuple(truth)))
+        for scan in (effect.scan(p, tuple(truth)),)
+    ]
+
+
+def test_several_together_are_recovered() -> None:
+    """An actuator, a moment, the water and a sensor at once."""
+    names, base = ("thruster-lag", "bias-moment", "water-swirl", "compass-deviation"), base_for("")
+    runs = [unmeasured(plan, i) for i, plan in enumerate(long_plans())]
+    truth = with_planted(base, *names)
+    study = study_of(measured(truth, runs, seed=2), base)
+    fit = study.fit(truth.with_theta(1.1 * truth.theta))
+    model = truth.with_theta(fit.theta[:-1])
+    for name in names:
+        found = parameter_estimates(study, Trial(names, model, fit, 0.0), name)
+        truly = sizes_of(effects.get(name))
+        every = zip(found.values(), truly, effects.get(name).held(truly), strict=True)
+        for estimate, value in ((e, v) for e, v, held in every if not held):
+            assert abs(estimate.value - value) <= 4.0 * estimate.stderr, f"{name}: {estimate}"
+
+
+@EVERY_EFFECT
+def test_laws_and_what_only_they_use_are_declared(name: str) -> None:
+    effect = effects.get(name)
+    choices = [p for p in effect.parameters if p.choices]
+    assert len(choices) <= 1
+    assert all(p.upper == len(p.choices) - 1 and p.start == p.lower == 0.0 for p in choices)
+    last = len(choices[0].choices) if choices else 0
+    assert len(effect.laws) == max(last - 1, 0)
+    for law in effect.laws:
+        assert (
+            law.source
+            and not law.source.endswith(".")
+            and set(law.mistaken_for) <= set(effects.names()) - {name}
+        )
+    assert all(0 < law < last for p in effect.parameters for law in p.laws), (
+        "the first law is what it always was"
+    )
+
+
+@EVERY_EFFECT
+def test_laws_together_are_as_each_alone(name: str) -> None:
+    """Parameter sets of different laws in one simulation do not touch each other."""
+    effect = effects.get(name)
+    if (laws := laws_of(effect)) < 2:
+        return
+    models = [base_for(name).with_effect(name, sizes_of(effect, law)) for law in range(laws)]
+    together = headings(models[0], theta=np.stack([model.theta for model in models]))
+    for found, model in zip(together, models):
+        np.testing.assert_allclose(found, headings(model)[0], rtol=0, atol=1e-12)
+    assert all(np.rad2deg(np.abs(other - together[0]).max()) > 0.5 for other in together[1:])
+
+
+# The command
+
+
+def test_the_list(run: Callable[..., Result]) -> None:
+    found = run("effects")
+    assert found.exit_code == 0
+    lines = found.stdout.splitlines()
+    for name in effects.names():
+        (line,) = (line for line in lines if line.startswith(f"{name} "))
+        assert effects.get(name).place.value in line and effects.get(name).card(YAW).equation in line
+
+
+@EVERY_EFFECT
+def test_the_whole_card(name: str, run: Callable[..., Result]) -> None:
+    effect = effects.get(name)
+    card, text = effect.card(YAW), run("effects", name).stdout
+    for part in (card.equation, card.says, card.reveals, card.separated_by, effect.source):
+        assert part in text
+    for words in (effect.mistaken_for, effect.columns, effect.states):
+        assert ", ".join(words) in text
+    for p in card.parameters:
+        assert re.search(rf"^{re.escape(p.name)} +{re.escape(p.meaning)}", text, flags=re.MULTILINE)
+    assert effect.parity in text and effect.place.value in text and "{" not in text and "inf" not in text
+
+
+@EVERY_MOTION
+def test_the_list_and_the_cards_of_a_motion(dof: Dof, run: Callable[..., Result]) -> None:
+    own = [name for name in effects.names() if effects.get(name).acts_in(dof)]
+    lines = run("effects", "--motion", dof.name).stdout.splitlines()
+    assert {line.split(" ")[0] for line in lines} & set(effects.names()) == set(own)
+    whole = json.loads(run("effects", "--motion", dof.name, "--json").stdout)
+    assert [card["name"] for card in whole["effects"]] == own
+    assert whole.get("motion", YAW.name) == dof.name
+    text = run("effects", "saturation", "--motion", dof.name).stdout
+    assert effects.get("saturation").card(dof).equation in text
+    assert not strange_to(dof, text.partition("source")[0])
+
+
+def test_an_effect_that_a_motion_does_not_have_is_refused(run: Callable[..., Result]) -> None:
+    found = run("effects", "compass-deviation", "--motion", "surge")
+    assert (found.exit_code, found.stdout) == (1, "")
+    assert found.stderr == (
+        "Error: compass-deviation does not act in surge; it acts in yaw: give --motion yaw\n"
+    )
+
+
+def test_json_is_the_library_without_infinities(run: Callable[..., Result]) -> None:
+    whole = json.loads(run("effects", "--json").stdout, parse_constant=lambda word: pytest.fail(word))
+    assert whole["schema"] == "automarine/effects/1"
+    assert [card["name"] for card in whole["effects"]] == list(effects.names())
+    (card,) = json.loads(run("effects", "saturation", "--json").stdout)["effects"]
+    assert card in whole["effects"]
+    limit, _ = card["parameters"]
+    assert (limit["lower"], limit["upper"], limit["off"], limit["any_when_off"]) == (0.0, None, None, False)
+
+
+def test_unknown_name_is_told_its_nearest(run: Callable[..., Result]) -> None:
+    found = run("effects", "Dead_bnd")
+    assert (found.exit_code, found.stdout) == (1, "")
+    assert found.stderr.startswith(
+        "Error: effect 'Dead_bnd' is not in the library; known are backlash, battery-sag, "
+    )
+    assert found.stderr.endswith(", water-swirl. Did you mean dead-band or thruster-dead-band?\n")
+    with pytest.raises(ModelError, match=r"water-swirl$"):
+        effects.get("quux")
+
+
+def test_actuators_act_in_the_order_of_the_vehicle_not_of_the_list() -> None:
+    """A dead-band is one of the command, whether it was found before the lag of the propellers or after it."""
+    base, runs = base_for(""), [unmeasured(plan, i) for i, plan in enumerate(short_plans())]
+    batch = make_batch(runs, 0.05)
+    one = base.with_effect("dead-band", [0.1, 0.0, 0.5]).with_effect("thruster-lag", [0.4, 0.0, 1.0, 1.0])
+    other = base.with_effect("thruster-lag", [0.4, 0.0, 1.0, 1.0]).with_effect("dead-band", [0.1, 0.0, 0.5])
+    assert np.array_equal(simulate(one, batch).position, simulate(other, batch).position)

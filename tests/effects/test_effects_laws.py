@@ -1,0 +1,371 @@
+"""Effects of which nature has more than one law, or which differ from run to run: each law is told from the other."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_contract import Floats, base_for, long_plans, measured, planted, short_plans, unmeasured
+
+from automarine_cli.diagnosis import search
+from automarine_cli.diagnosis.diagnose import diagnose_runs
+from automarine_cli.diagnosis.estimates import parameter_estimates
+from automarine_cli.diagnosis.scores import fitted_parameters
+from automarine_cli.diagnosis.study import Study, study_of
+from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.effects.history_force import SHARES, TIMES
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.campaign import make_runs
+from automarine_cli.simulation.rollout import Start, simulate
+from automarine_cli.simulation.specification import specification_from
+
+SECOND_LAWS = {"water-swirl": (0.4, 9.0, 1.0), "dead-band": (0.17, 1.0)}
+BY_LAW = pytest.mark.parametrize("name", SECOND_LAWS)
+BASE = base_for("")
+RUNS = [unmeasured(plan, i) for i, plan in enumerate(long_plans())]
+
+
+def headings(model: YawModel, runs: Sequence[Run], start: Start | None = None) -> Floats:
+    """Simulated headings (R, N)."""
+    return simulate(model, make_batch(runs, 0.05), start=start).position[0]
+
+
+MOMENT, STEP = 0.9, 1e-3
+PLAN = [(MOMENT, 6.0), (-0.5, 5.0), (0.3, 4.0), (0.0, 4.0)]
+"""Runs that start, turn round, ease off and stop, whichever way `sign` turns them."""
+
+
+def in_fine_steps(run: Run, law: Callable[..., Floats], states: int = 0) -> Floats:
+    """Headings at the samples by Heun's method in steps of STEP: `law` (state, moment, time) gives the derivative of
+    heading, rate and `states` more."""
+    edges, levels = np.cumsum([1.5, *(s for _, s in PLAN)]) - 0.05, [0.0, *(m for m, _ in PLAN)]
+    sign = 1.0 if run.command.max() >= -run.command.min() else -1.0
+    state, out = np.zeros(2 + states), [0.0]
+    for m in range(round(float(run.time[-1] - run.time[0]) / STEP)):
+        time = (m + 0.5) * STEP
+        moment = sign * levels[min(int(np.searchsorted(edges, time)), len(levels) - 1)]
+        first = law(state, moment, time)
+        state = state + 0.5 * STEP * (first + law(state + STEP * first, moment, time + STEP))
+        if (m + 1) % round(0.1 / STEP) == 0:
+            out.append(state[0])
+    return np.array(out)
+
+
+def turning(rate: float, pushed: float, slip: float | None = None) -> float:
+    """Acceleration under quadratic drag."""
+    through = rate if slip is None else slip
+    return float((pushed - BASE.drag()[1] * abs(through) * through) / BASE.inertia)
+
+
+def root(moment: float) -> float:
+    """The propeller's speed that gives a moment."""
+    return float(np.sign(moment) * np.sqrt(abs(moment)))
+
+
+def lagging(spun: Callable[[float, float], float], of_thrust: bool = False) -> Callable[..., Floats]:
+    """A thruster's own state n with n' = spun(moment commanded, n)."""
+
+    def law(state: Floats, moment: float, time: float) -> Floats:
+        _, rate, n = state
+        pushed = n if of_thrust else n * abs(n)
+        return np.array([rate, turning(rate, pushed), spun(moment, n)])
+
+    return law
+
+
+def swirling(pulled: Callable[[float, float, float, float], float]) -> Callable[..., Floats]:
+    """Water w with w' = pulled(slip, rate, moment, w)."""
+
+    def law(state: Floats, moment: float, time: float) -> Floats:
+        _, rate, w = state
+        return np.array([rate, turning(rate, moment, rate - w), pulled(rate - w, rate, moment, w)])
+
+    return law
+
+
+def pushed_by(extra: Callable[[float, float, float], float]) -> Callable[..., Floats]:
+    """A moment beside the command: extra(heading, rate, moment)."""
+
+    def law(state: Floats, moment: float, time: float) -> Floats:
+        psi, rate = state
+        return np.array([rate, turning(rate, moment + extra(psi, rate, moment))])
+
+    return law
+
+
+def sagging(state: Floats, moment: float, time: float) -> Floats:
+    """A battery that follows the load after 5 s, by a quarter at MOMENT."""
+    _, rate, drawn = state
+    return np.array(
+        [rate, turning(rate, moment * (1.0 - 0.25 * drawn)), (abs(moment) / MOMENT - drawn) / 5.0]
+    )
+
+
+def emptying(state: Floats, moment: float, time: float) -> Floats:
+    """A battery that loses a share of 0.8 a minute under MOMENT."""
+    _, rate, charge = state
+    return np.array(
+        [rate, turning(rate, moment * np.exp(-0.8 * charge)), (abs(moment) / MOMENT) ** 1.5 / 60.0]
+    )
+
+
+def remembering(times: Sequence[float], shares: Sequence[float]) -> Callable[..., Floats]:
+    """Past changes of the rate, each fading in a time of its own, hold the vehicle by these shares."""
+
+    def law(state: Floats, moment: float, time: float) -> Floats:
+        (_, rate), left = state[:2], state[2:]
+        swing = turning(rate, moment - float(np.dot(shares, left)))
+        return np.array([rate, swing, *(swing - left / np.array(times))])
+
+    return law
+
+
+OWN = {
+    "thruster-lag 0": ((0.3, 0, MOMENT, 1), lagging(lambda u, n: (root(u) - n) / 0.3), 1),
+    "thruster-lag 1": ((0.3, 1, MOMENT, 1), lagging(lambda u, n: (u - n) / 0.3, of_thrust=True), 1),
+    "thruster-lag 2": ((0.3, 2, MOMENT, 1), lagging(lambda u, n: (u - n * abs(n)) / (0.6 * root(MOMENT))), 1),
+    "thruster-lag 3": (
+        (0.8, 3, MOMENT, 1),
+        lagging(lambda u, n: float(np.clip((root(u) - n) / 0.004, -1, 1)) * root(MOMENT) / 0.8),
+        1,
+    ),
+    "thruster-lag 4": (
+        (0.3, 4, MOMENT, 2.0),
+        lagging(lambda u, n: (root(u) - n) / (0.6 if (root(u) - n) * n < 0 else 0.3)),
+        1,
+    ),
+    "water-swirl 1": ((0.4, 9, 1, 1, 1), swirling(lambda s, r, u, w: (0.4 * abs(s) * s - 0.6 * w) / 9), 1),
+    "water-swirl 2": ((0.4, 9, 2, 1, 1), swirling(lambda s, r, u, w: (0.4 * abs(r) * s - 0.6 * w) / 9), 1),
+    "water-swirl 3": (
+        (0.2, 9, 3, MOMENT, 1),
+        swirling(lambda s, r, u, w: (0.2 * u / MOMENT - 0.8 * w) / 9),
+        1,
+    ),
+    "water-swirl 4": (
+        (0.4, 9, 4, 1, 1),
+        swirling(lambda s, r, u, w: (0.4 * abs(s) * s - 0.6 * abs(w) * w) / 9),
+        1,
+    ),
+    "water-swirl 5": (
+        (0.3, 9, 5, 1, 2.0),
+        swirling(lambda s, r, u, w: (0.3 * s - 0.7 * w) / (18 if (0.3 * s - 0.7 * w) * w < 0 else 9)),
+        1,
+    ),
+    "coulomb-drag 1": (
+        (0.03, 1, 0.06, 0.15),
+        pushed_by(lambda x, r, u: -(0.03 + 0.06 * np.exp(-((r / 0.15) ** 2))) * np.tanh(r / 0.02)),
+        0,
+    ),
+    "tether-spring 1": (
+        (0.05, 1, 1.5, 0),
+        pushed_by(lambda x, r, u: -0.05 * (max(x - 1.5, 0.0) + min(x + 1.5, 0.0))),
+        0,
+    ),
+    "tether-spring 2": ((0.01, 2, 1, 0.004), pushed_by(lambda x, r, u: -0.01 * x - 0.004 * x**3), 0),
+    "thrust-loss 1": (
+        (0.3, 1),
+        pushed_by(lambda x, r, u: -0.3 * abs(u) ** 0.5 * r if u * r > 0 else 0.0),
+        0,
+    ),
+    "saturation 1": ((1.0, 1), pushed_by(lambda x, r, u: np.tanh(u) - u), 0),
+    "battery-sag 1": ((0.0, 0.25, MOMENT, 0.0, 1, 5.0), sagging, 1),
+    "battery-sag 2": ((0.0, 0.8, MOMENT, 0.0, 2, 5.0), emptying, 1),
+    "history-force 0": ((0.4, 3.0, 0), remembering([3.0], [0.4]), 1),
+    "history-force 1": (
+        (0.2, 2.0, 1),
+        remembering(TIMES, [0.2 * share for share in SHARES]),
+        3,
+    ),
+    "wall 1": (
+        (0.0, 0.0, 1, 0.15, -0.1),
+        pushed_by(lambda x, r, u: -(0.15 * np.cos(2 * x) - 0.1 * np.sin(2 * x)) * u),
+        0,
+    ),
+    "wall 0": (
+        (0.2, -0.1),
+        pushed_by(lambda x, r, u: -(0.2 * np.cos(2 * x) - 0.1 * np.sin(2 * x)) * abs(r) * r),
+        0,
+    ),
+}
+"""Laws written a second time: values of the effect's parameters, derivative of the state, number of further states."""
+
+
+@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_each_law_against_its_own_equation(name: str, sign: int) -> None:
+    values, law, states = OWN[name]
+    run = unmeasured([(sign * m, s) for m, s in PLAN], 0)
+    model = BASE.with_effect(name.split()[0], [float(v) for v in values])
+    found, own = headings(model, [run])[0], in_fine_steps(run, law, states)
+    assert np.rad2deg(np.abs(found[: len(own)] - own[: len(found)]).max()) < 0.3
+    assert np.rad2deg(np.ptp(found - headings(BASE, [run])[0])) > 2.0
+
+
+def test_three_exponentials_are_bassets_kernel() -> None:
+    age = np.geomspace(0.2, 30.0, 50)
+    kernel = sum(share * np.exp(-age / time) for share, time in zip(SHARES, TIMES))
+    np.testing.assert_allclose(kernel * np.sqrt(age), 1.0, atol=0.04)
+
+
+def test_a_delay_of_what_falls_is_another() -> None:
+    """A step held 4 s acts 0.2 s late and ends 0.5 s late; as one that holds 0.3 s longer, 0.2 s later."""
+    found = headings(
+        BASE.with_effect("input-delay", (0.2, 1.0, 0.5)), [unmeasured([(0.8, 4.0), (0.0, 5.0)], 0)]
+    )[0]
+    longer = headings(BASE.with_effect("input-delay", (0.2,)), [unmeasured([(0.8, 4.3), (0.0, 4.7)], 0)])[0]
+    np.testing.assert_allclose(found, longer, rtol=0, atol=2e-3)
+    mirrored = headings(
+        BASE.with_effect("input-delay", (0.2, 1.0, 0.5)), [unmeasured([(-0.8, 4.0), (0.0, 5.0)], 0)]
+    )
+    np.testing.assert_allclose(mirrored[0], -found, rtol=0, atol=1e-12)
+
+
+def test_a_stalling_thruster_goes_on_below_its_start() -> None:
+    """A moment that does not start it keeps it going once it runs; one below the lower edge stalls it."""
+    model = BASE.with_effect("dead-band", (0.5, 2.0, 0.4))
+    up, down = (
+        headings(model, [unmeasured(plan, 0)])[0] for plan in ([(0.3, 5.0)], [(0.9, 3.0), (0.3, 5.0)])
+    )
+    same = headings(BASE, [unmeasured([(0.9, 3.0), (0.3, 5.0)], 0)])[0]
+    np.testing.assert_allclose(up, 0.0, atol=1e-9)
+    np.testing.assert_allclose(down, same, rtol=0, atol=1e-9)
+    ends = headings(model, [unmeasured([(0.9, 3.0), (0.15, 5.0)], 0)])[0]
+    np.testing.assert_allclose(
+        ends, headings(BASE, [unmeasured([(0.9, 3.0), (0.0, 5.0)], 0)])[0], rtol=0, atol=1e-9
+    )
+
+
+def test_backlash_keeps_what_it_was_pushed_to() -> None:
+    """Up to 0.9 and back to 0.2 with a play of 0.3: delivered are 0.6, then 0.5."""
+    found = headings(BASE.with_effect("backlash", (0.3,)), [unmeasured([(0.9, 4.0), (0.2, 5.0)], 0)])[0]
+    own = headings(BASE, [unmeasured([(0.6, 4.0), (0.5, 5.0)], 0)])[0]
+    np.testing.assert_allclose(found, own, rtol=0, atol=1e-12)
+
+
+def test_the_current_pulls_the_compass_at_once() -> None:
+    run = unmeasured([(0.8, 5.0), (-0.8, 5.0)], 0)
+    pull = (
+        headings(BASE.with_effect("current-deviation", (0.06, 0.02, 0.8)), [run])[0]
+        - headings(BASE, [run])[0]
+    )
+    np.testing.assert_allclose(pull, 0.06 * run.command / 0.8 + 0.02 * np.abs(run.command) / 0.8, atol=1e-12)
+
+
+def fitted(study: Study, name: str, start: Sequence[float]) -> Trial:
+    """The effect fitted from `start`."""
+    model = BASE.with_effect(name, start)
+    fit = study.fit(model)
+    return Trial((name,), study.told(model, fit), fit, -2.0 * fit.log_likelihood)
+
+
+@BY_LAW
+def test_the_likelihood_knows_the_law(name: str) -> None:
+    truth = SECOND_LAWS[name]
+    study = study_of(measured(BASE.with_effect(name, truth), RUNS, seed=3), BASE)
+    first = fitted(study, name, (0.03, 0.0) if name == "dead-band" else (0.3, 10.0, 0.0))
+    second = fitted(study, name, truth)
+    assert second.evidence < first.evidence - 10.0
+    assert np.rad2deg(second.fit.noise) == pytest.approx(0.5, rel=0.1)
+    if name == "water-swirl":  # where a cut lies between two moments nobody can tell
+        found = parameter_estimates(study, second, name)
+        for parameter, value in zip(("chi", "T_w"), truth):
+            assert abs(found[parameter].value - value) < 4.0 * found[parameter].stderr
+        assert found["law"].value == 1.0 and found["law"].stderr == 0.0
+
+
+@BY_LAW
+def test_a_diagnosis_names_the_effect_and_its_law(name: str) -> None:
+    plans = short_plans() if name == "dead-band" else long_plans()
+    runs = measured(
+        BASE.with_effect(name, SECOND_LAWS[name]), [unmeasured(p, i) for i, p in enumerate(plans)], seed=5
+    )
+    found = diagnose_runs(runs, BASE, hold_out=[])
+    assert found.verdict == "named"
+    assert [one.name for one in found.effects] == [name]
+    assert found.effects[0].parameters["law"].value == 1.0
+
+
+# Waves that meet every run at another phase
+
+AMPLITUDE, PERIOD = 0.05, 2.7
+
+
+def wavy(seed: int, amplitude: float = AMPLITUDE) -> list[Run]:
+    """The campaign with such waves in it, noise and scatter as in the other planted campaigns."""
+    random = np.random.default_rng(seed)
+    phase = random.uniform(0.0, 2.0 * np.pi, len(RUNS))
+    own = amplitude * np.stack([np.cos(phase), np.sin(phase)], axis=1)[None]
+    batch = make_batch(RUNS, 0.05)
+    start = Start(
+        position=random.uniform(-np.pi, np.pi, (1, len(RUNS))),
+        log_gain=0.02 * random.standard_normal((1, len(RUNS))),
+        own={"periodic-disturbance": own},
+    )
+    truth = BASE.with_effect("periodic-disturbance", (amplitude, 0.0, PERIOD, 1.0))
+    found = simulate(truth, batch, start=start).position[0]
+    found = found + np.deg2rad(0.5) * random.standard_normal(found.shape)
+    return [replace(run, position=row[: len(run)]) for run, row in zip(RUNS, found)]
+
+
+def test_own_phases_are_the_run_s_and_not_the_model_s() -> None:
+    """A run's own sine is the common sine of a model that has it; without coefficients there is no wave at all."""
+    common = headings(BASE.with_effect("periodic-disturbance", (0.04, -0.02, PERIOD, 0.0)), RUNS)
+    model = BASE.with_effect("periodic-disturbance", (0.3, 0.0, PERIOD, 1.0))
+    own = np.broadcast_to([0.04, -0.02], (1, len(RUNS), 2))
+    np.testing.assert_allclose(
+        headings(model, RUNS, Start(own={"periodic-disturbance": own})), common, rtol=0, atol=1e-12
+    )
+    np.testing.assert_allclose(headings(model, RUNS), headings(BASE, RUNS), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_amplitude_and_period_of_such_waves_are_recovered(seed: int) -> None:
+    study = study_of(wavy(seed), BASE)
+    found = parameter_estimates(
+        study, fitted(study, "periodic-disturbance", (0.0, 0.0, 3.0, 1.0)), "periodic-disturbance"
+    )
+    for parameter, value in {"A": AMPLITUDE, "T": PERIOD}.items():
+        assert abs(found[parameter].value - value) < 4.0 * found[parameter].stderr < 2.0 * value
+    assert found["B"].value == 0.0
+
+
+def test_such_waves_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Among what they are mistaken for: `make blind` has them among all."""
+    among = {"periodic-disturbance", "heading-moment", "dead-band", "bias-moment"}
+    every = search.candidates
+    monkeypatch.setattr(search, "candidates", lambda *of: [name for name in every(*of) if name in among])
+    assert fitted_parameters("periodic-disturbance", (0.0, 0.0, 3.0, 1.0)) == 2
+    found = diagnose_runs(wavy(4), BASE, hold_out=[])
+    assert found.verdict == "named" and [one.name for one in found.effects] == ["periodic-disturbance"]
+    assert found.effects[0].parameters["phase"].value == 1.0
+    assert np.rad2deg(found.gap.after) == pytest.approx(0.5, rel=0.1)
+
+
+def test_simulated_campaigns_draw_a_phase_for_every_run() -> None:
+    plain = {
+        "schema": "automarine/simulation/1",
+        "vehicle": {"I_r": 0.3, "k_rr": 1.0},
+        "logger": {"noise_deg": 0.0},
+        "runs": [{"kind": "step", "moments": [-0.8, -0.6, -0.4, 0.4, 0.6, 0.8], "duration_s": 12.0}],
+    }
+    waves = {"name": "periodic-disturbance", "A": 0.05, "B": 0.0, "T": 3.0, "phase": 1.0}
+    still = make_runs(specification_from(plain), seed=1)
+    runs = make_runs(specification_from({**plain, "effects": [waves]}), seed=1)
+    added = [run.position - flat.position for run, flat in zip(runs, still)]
+    assert len(added) == 6 and all(np.ptp(one) > 0.01 for one in added)
+    assert all(np.abs(a - b).max() > 3e-3 for i, a in enumerate(added) for b in added[:i])
+
+
+@pytest.mark.parametrize("fades", [0.3, 0.5])
+def test_an_effect_that_shrinks_to_nothing_gains_nothing(fades: float) -> None:
+    """Friction near rest would have to drive the vehicle here; its size nears its bound, and so does its gain."""
+    base = base_for("cubic-drag")
+    runs = planted(base, "cubic-drag", seed=1, plans=short_plans())
+    study = study_of(runs, base)
+    without, start = study.fit(base), [0.0, 1.0, 0.03, fades]
+    values = np.concatenate([without.of_model, start])
+    fit = study.fit(base.with_effect("coulomb-drag", start), values, without)
+    assert max(fit.value("coulomb-drag.c_s"), fit.value("coulomb-drag.c")) < 1e-3
+    assert abs(fit.log_likelihood - without.log_likelihood) < 5.0

@@ -1,0 +1,207 @@
+"""`automarine export --to thrusters`: each form read back gives the map's thrust, or the refusal says how far it is."""
+
+import json
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from export_readers import LAWS, constants_of
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from repository import SAMPLE_RUNS
+
+import automarine_cli as am
+from automarine_cli import exports as targets
+from automarine_cli.errors import SettingError
+from automarine_cli.exports.base import number
+from automarine_cli.exports.thruster_laws import table, top, worst
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.workflows.export import export
+
+Floats = NDArray[np.float64]
+FORMS = list(targets.get("thrusters").forms)
+N_MAX = 150.0
+SQUARE = ThrusterMap("square", Curve(2.6e-4), Curve(0.7e-4))
+EVEN = ThrusterMap("square", Curve(2.6e-4), Curve(2.6e-4))
+BANDED = ThrusterMap("dead-band", Curve(3.0e-4, n_0=12.0), Curve(1.0e-4, n_0=18.0))
+POWER = ThrusterMap(
+    "dead-band-power-saturation", Curve(3.0e-3, 1.5, 10.0, 120.0), Curve(1.1e-3, 1.6, 14.0, 120.0)
+)
+AHEAD_ONLY = ThrusterMap("square", Curve(2.6e-4), None)
+
+
+def map_file(folder: Path, map_: ThrusterMap, full_scale: float | None = None) -> Path:
+    """A thrusters.json, with the full scale that drives it to N_MAX if none is given."""
+    top = float(np.max(np.abs(map_.force(np.array([N_MAX])))))
+    path = folder / "thrusters.json"
+    path.write_text(json.dumps(map_.to_json() | {"full_scale_N": top if full_scale is None else full_scale}))
+    return path
+
+
+def signals() -> Floats:
+    """Control signals of both directions, the largest included."""
+    return np.linspace(-N_MAX, N_MAX, 1201)
+
+
+def test_every_form_has_a_reader() -> None:
+    assert list(LAWS) == FORMS
+
+
+@pytest.mark.parametrize("form", [form for form in FORMS if form != "gz-thruster"])
+def test_a_square_map_is_exact_in_every_form_but_gazebos(tmp_path: Path, form: str) -> None:
+    found = export(map_file(tmp_path, SQUARE), to="thrusters", form=form)
+    n, expected = signals(), SQUARE.force(signals())
+    close = 1e-3 if form.endswith("table") else 1e-6
+    np.testing.assert_allclose(LAWS[form](found.text)(n), expected, atol=close * np.max(expected))
+    assert "Warning" not in found.text and found.carried == ("thruster map",)
+
+
+@pytest.mark.parametrize("form", ["stonefish-table", "uuv-table"])
+@pytest.mark.parametrize("map_", [BANDED, POWER], ids=["dead-band", "power"])
+def test_tables_follow_any_map(tmp_path: Path, form: str, map_: ThrusterMap) -> None:
+    law = LAWS[form](export(map_file(tmp_path, map_), to="thrusters", form=form).text)
+    expected = map_.force(signals())
+    np.testing.assert_allclose(law(signals()), expected, atol=1.1e-3 * np.max(np.abs(expected)))
+    assert np.all(law(np.array([-5.0, 0.0, 5.0])) == 0.0)
+
+
+@given(
+    a=st.floats(1e-6, 1e2), p=st.floats(0.4, 4.0), n_0=st.floats(0.0, 100.0), limit=st.floats(101.0, 900.0),
+    n_max=st.floats(105.0, 1000.0),
+)  # fmt: skip
+def test_tables_are_sound_for_any_curve(a: float, p: float, n_0: float, limit: float, n_max: float) -> None:
+    map_ = ThrusterMap("dead-band-power-saturation", Curve(a, p, n_0, limit), Curve(a / 3, p, 0.0, None))
+    n, force = table(map_, n_max)
+    assert np.all(np.diff(n) > 0) and n[0] == -n[-1] and 0.0 in n
+    assert [float(number(x)) for x in n] == list(n)
+    assert worst(map_, lambda x: np.interp(x, n, force), n_max) < 2e-3 * top(map_, n_max)
+
+
+REFUSED = {
+    "constants": "thrusters.json: constants cannot follow a map of the form dead-band: its thrust would be wrong by up "
+    "to 0.24 N (4.2 % of 5.71 N); give --form stonefish-table or uuv-table, which follows any map, or --allow-partial",
+    "stonefish-deadband": "thrusters.json: stonefish-deadband cannot follow a map of the form dead-band: its thrust "
+    "would be wrong by up to 0.22 N (3.8 % of 5.71 N); give --form stonefish-table, which follows any map, or "
+    "--allow-partial",
+    "uuv-bessa": "thrusters.json: uuv-bessa cannot follow a map of the form dead-band: its thrust would be wrong by up "
+    "to 0.22 N (3.8 % of 5.71 N); give --form uuv-table, which follows any map, or --allow-partial",
+}
+
+
+@pytest.mark.parametrize("form", REFUSED)
+def test_laws_of_another_shape_are_refused_with_their_error(tmp_path: Path, form: str) -> None:
+    path = map_file(tmp_path, BANDED)
+    with pytest.raises(SettingError) as problem:
+        export(path, to="thrusters", form=form)
+    assert str(problem.value) == REFUSED[form]
+    partly = export(path, to="thrusters", form=form, allow_partial=True)
+    off = np.max(np.abs(LAWS[form](partly.text)(signals()) - BANDED.force(signals())))
+    assert f"wrong by up to {off:.2g} N" in REFUSED[form] and f"{off:.2g} N" in partly.text
+
+
+def test_a_dead_band_is_where_it_was_measured(tmp_path: Path) -> None:
+    text = export(map_file(tmp_path, BANDED), to="thrusters", form="uuv-bessa", allow_partial=True).text
+    law = LAWS["uuv-bessa"](text)
+    assert np.all(law(np.array([-17.9, -10.0, 0.0, 11.9])) == 0.0)
+    assert law(np.array([12.5]))[0] > 0 > law(np.array([-18.5]))[0]
+
+
+def test_gazebo_is_symmetric_and_says_what_that_costs(tmp_path: Path) -> None:
+    path = map_file(tmp_path, SQUARE)
+    with pytest.raises(SettingError) as problem:
+        export(path, to="thrusters", form="gz-thruster")
+    assert str(problem.value) == (
+        "thrusters.json: gz-thruster has one coefficient for both directions and no other law than the square, but at "
+        "n = 150 this thruster gives 5.85 N ahead and 1.57 N astern: its thrust would be wrong by up to 2.1 N (37 % of "
+        "5.85 N); give --symmetrise to take that"
+    )
+    text = export(path, to="thrusters", form="gz-thruster", symmetrise=True).text
+    law = LAWS["gz-thruster"](text)
+    assert np.max(np.abs(law(signals()) - SQUARE.force(signals()))) == pytest.approx(2.14, abs=0.01)
+    assert "symmetrised; the thrust of this file is wrong by up to 2.1 N" in text
+    even = export(map_file(tmp_path, EVEN), to="thrusters", form="gz-thruster").text
+    np.testing.assert_allclose(LAWS["gz-thruster"](even)(signals()), EVEN.force(signals()), atol=1e-6)
+    assert "Warning" not in even
+
+
+def test_saturation_is_a_limit_of_the_signal(tmp_path: Path) -> None:
+    limited = ThrusterMap("square-saturation", Curve(2.6e-4, n_sat=100.0), Curve(0.7e-4, n_sat=80.0))
+    path = map_file(tmp_path, limited)
+    for form in ("constants", "uuv-bessa"):
+        law = LAWS[form](export(path, to="thrusters", form=form, n_max=N_MAX).text)
+        np.testing.assert_allclose(law(signals()), limited.force(signals()), atol=1e-6)
+
+
+def test_a_direction_that_was_never_measured_is_refused(tmp_path: Path) -> None:
+    path = map_file(tmp_path, AHEAD_ONLY)
+    with pytest.raises(SettingError) as problem:
+        export(path, to="thrusters")
+    assert str(problem.value) == (
+        "thrusters.json: backward was never measured; give --allow-partial for a file in which the thruster gives "
+        "nothing backward, or fit the map from a bollard test that pulls both ways"
+    )
+    for form in FORMS[:-1]:
+        text = export(path, to="thrusters", form=form, allow_partial=True).text
+        law = LAWS[form](text)
+        assert law(np.array([-100.0]))[0] == 0.0 and law(np.array([100.0]))[0] == pytest.approx(2.6, rel=2e-3)
+        assert "backward was never measured" in text
+
+
+def test_a_propellers_lag_is_the_simulators_own(tmp_path: Path) -> None:
+    path = map_file(tmp_path, SQUARE)
+    text = {form: export(path, to="thrusters", form=form, lag=0.25).text for form in FORMS[:-1]}
+    assert constants_of(text["constants"])["T_n"] == 0.25
+    for form in ("stonefish-deadband", "stonefish-table"):
+        rotor = ET.fromstring(text[form]).find("rotor_dynamics")
+        assert rotor is not None and rotor.get("type") == "first_order"
+        assert [one.attrib for one in rotor] == [{"value": "0.25"}]
+    for form in ("uuv-bessa", "uuv-table"):
+        root = ET.fromstring(text[form])
+        assert root.findtext(".//dynamics/type") == "FirstOrder"
+        assert root.findtext(".//dynamics/timeConstant") == "0.25"
+    with pytest.raises(SettingError, match="--lag means nothing to gz-thruster"):
+        export(path, to="thrusters", form="gz-thruster", symmetrise=True, lag=0.25)
+
+
+def test_how_far_the_thruster_goes_must_be_known(tmp_path: Path) -> None:
+    path = tmp_path / "thrusters.json"
+    path.write_text(json.dumps(SQUARE.to_json()))
+    with pytest.raises(SettingError, match="does not tell how far the thruster was driven; give --n-max"):
+        export(path, to="thrusters")
+    assert constants_of(export(path, to="thrusters", n_max=90.0).text)["n_max"] == 90.0
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_thruster_that_never_leaves_its_dead_band_is_refused(tmp_path: Path, form: str) -> None:
+    with pytest.raises(SettingError) as problem:
+        export(map_file(tmp_path, BANDED), to="thrusters", form=form, n_max=15.0, allow_partial=True)
+    assert str(problem.value) == (
+        "thrusters.json: backward gives nothing up to n = 15, which is within its dead band of 18; give a larger "
+        "--n-max"
+    )
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_files_are_the_same_bytes_again_and_stamped(tmp_path: Path, form: str) -> None:
+    settings: dict[str, Any] = {"symmetrise": True} if form == "gz-thruster" else {}
+    texts = {export(map_file(tmp_path, SQUARE), to="thrusters", form=form, **settings).text for _ in range(2)}
+    (text,) = texts
+    assert "Frame: NED world" in text and "Thrust is positive ahead, in both frames alike." in text
+    assert text.isascii() and str(tmp_path) not in text
+    other = export(map_file(tmp_path, SQUARE), to="thrusters", form=form, frame="ENU", **settings).text
+    assert other.replace("ENU", "NED").splitlines()[5:] == text.splitlines()[5:]
+
+
+def test_yaw_targets_refuse_a_map(tmp_path: Path) -> None:
+    with pytest.raises(SettingError, match=r"thrusters\.json is a thruster map; --to uuv takes a yaw model"):
+        export(map_file(tmp_path, SQUARE), to="uuv")
+
+
+def test_python_takes_the_fit_itself(tmp_path: Path) -> None:
+    fit = am.fit_thrusters(SAMPLE_RUNS / "thrusters", thrusters_per_test=2)
+    found = am.export(fit, to="thrusters")
+    assert constants_of(found.text)["k_pos"] == pytest.approx(2.626e-4, rel=1e-3)

@@ -1,0 +1,105 @@
+"""The guide: every page is listed and shown, options come from the commands, and a wheel would hold all of it."""
+
+import re
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.shell_completion import ShellComplete
+from click.testing import Result
+from conftest import ROOT
+from terminal import ESCAPE, on_terminal
+from test_readme import commands, flags_of
+
+from automarine_cli import guide
+from automarine_cli.cli import automarine
+from automarine_cli.guide.text import to_text
+
+Run = Callable[..., Result]
+TOPICS = (*guide.commands(), *guide.pages())
+
+
+def test_the_list_has_every_page_and_each_says_what_it_is_about(run: Run) -> None:
+    found = run("guide")
+    on_disk = {path.stem for path in guide.FOLDER.rglob("*.md")}
+    assert set(TOPICS) == on_disk and len(TOPICS) == len(on_disk)
+    for topic in TOPICS:
+        (about,) = re.findall(rf"^{topic}  +(.+)$", found.stdout, flags=re.MULTILINE)
+        assert len(about) >= 20
+    assert [one["topic"] for one in found_json(run)["topics"]] == list(TOPICS)
+
+
+def found_json(run: Run) -> dict[str, list[dict[str, str]]]:
+    """The list of pages as data."""
+    import json
+
+    return json.loads(run("guide", "--json").stdout)  # type: ignore[no-any-return]
+
+
+@pytest.mark.parametrize("topic", TOPICS)
+def test_every_page_is_plain_text_in_a_pipe(topic: str, run: Run) -> None:
+    found = run("guide", topic)
+    assert (found.exit_code, found.stderr) == (0, "")
+    assert not re.search(r"\x1b|\*\*|\]\(|<img|^```", found.stdout, flags=re.MULTILINE)
+    prose = [line for line in found.stdout.splitlines() if not line.startswith("  ")]
+    assert max(map(len, prose)) <= 100
+
+
+@pytest.mark.parametrize("name", guide.commands())
+def test_options_on_a_command_s_page_are_those_of_the_command(name: str, run: Run) -> None:
+    section = run("guide", name).stdout.partition("\nOptions\n-------\n")[2]
+    listed = section[: section.index("Show this message and exit.")]
+    assert set(re.findall(r"(?<=[ ,])--[a-z][a-z-]*", listed)) <= flags_of(commands()[name]) | {"--help"}
+    for param in commands()[name].params:
+        shown = [flag for flag in (*param.opts, *param.secondary_opts) if flag.startswith("--")]
+        assert all(flag in listed for flag in shown)
+    assert guide.page(name).markdown.count(guide.OPTIONS.format(command=name)) == 1
+
+
+def test_a_wrong_topic_is_answered_with_near_ones(run: Run) -> None:
+    found = run("guide", "fit_yew")
+    assert found.exit_code == 1
+    assert found.stderr.startswith("Error: the guide has no page 'fit_yew'; did you mean fit-yaw")
+    assert len(found.stderr.splitlines()) == 1
+    assert "automarine guide lists all pages" in run("guide", "qqq").stderr
+
+
+def test_the_shell_completes_topics() -> None:
+    offered = ShellComplete(automarine, {}, "automarine", "_X").get_completions(["guide"], "fit-")
+    assert [one.value for one in offered] == [name for name in TOPICS if name.startswith("fit-")]
+
+
+def test_a_terminal_shows_a_page_in_the_pager(tmp_path: Path) -> None:
+    pager = tmp_path / "pager"
+    pager.write_text(f"#!{sys.executable}\nimport sys\nsys.stdout.write('PAGED ' + sys.stdin.read())\n")
+    pager.chmod(0o755)
+    status, said = on_terminal("guide", "verify", columns=60, PAGER=str(pager))
+    assert status == 0
+    assert said.startswith("PAGED ") and ESCAPE not in said  # an unknown pager gets no colours
+    assert max(len(line) for line in said.splitlines() if not line.startswith("  ")) <= 60
+
+
+def test_a_page_as_text() -> None:
+    page = (
+        "# Title `a`\n\nOne **bold** word, [a page](../logs.md#x), [`verify`](verify.md),\n"
+        "[here](#below) and [out](https://x.org).\n\n- *first*\n  goes on\n- 2 * 2 * 2\n\n"
+        "| a | b |\n|---|---:|\n| k\\|r\\| | 1 |\n\n![A picture](x.png)\n\n```text\nas  it is\n```\n"
+    )
+    assert to_text(page, 100, str.upper).split("\n") == [
+        "TITLE `A`", "=========", "",
+        "One bold word, a page (guide logs), `verify`, here and out (https://x.org).", "",
+        "- first goes on", "- 2 * 2 * 2", "",
+        "a     b", "-------", "k|r|  1", "",
+        "[Picture: A picture]", "",
+        "  as  it is", "",
+    ]  # fmt: skip
+
+
+def test_a_wheel_holds_every_page() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+    data = settings["package-data"]
+    held = {path for glob in data["automarine_cli.guide"] for path in guide.FOLDER.glob(glob)}
+    assert held == set(guide.FOLDER.rglob("*.md")) and data["automarine_cli"] == ["py.typed"]
+    assert (ROOT / "automarine_cli" / "py.typed").is_file()

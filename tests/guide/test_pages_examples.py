@@ -1,0 +1,146 @@
+"""README and pages show what the commands print: every example is run, and its output is compared."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from click.testing import CliRunner
+from repository import ROOT, SAMPLE_RUNS
+from test_readme import PAGES, fences
+
+from automarine_cli.cli import automarine
+
+ALLOWED = ("automarine", "cp", "mkdir", "sed", "echo", "head")
+SLOW = (
+    "automarine run sample_runs/pool_day.toml -o out/pool_day",
+    "automarine fit-planar ",
+    "automarine diagnose sample_runs/planar ",
+)
+"""Lines that begin so take half a minute or more; they are run with AUTOMARINE_EVERY_EXAMPLE=1."""
+CLOSE = 0.01  # numbers may differ by so much on another machine, or by one in the last decimal
+NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
+ANYTHING = "..."
+
+
+class Example(NamedTuple):
+    """A command line of a page and what it is said to print."""
+
+    page: str
+    line: str
+    shown: str
+
+
+def examples() -> Iterator[Example]:
+    """Every `$ ...` line in the fenced blocks, in the order of the pages, with the lines below it."""
+    for page in PAGES:
+        for block in fences(page):
+            for one in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]:
+                line, _, shown = one.partition("\n")
+                if not line.startswith("make "):
+                    yield Example(page, line, shown)
+
+
+@pytest.fixture(scope="module")
+def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """What each command line printed: each is run once, in the order of the pages, in one folder."""
+    folder = tmp_path_factory.mktemp("pages")
+    shutil.copytree(SAMPLE_RUNS, folder / "sample_runs")
+    found: dict[str, str] = {}
+    here = Path.cwd()
+    os.chdir(folder)
+    try:
+        for one in EXAMPLES:
+            if one.line not in found:
+                found[one.line] = printed(one.line)
+    finally:
+        os.chdir(here)
+    return found
+
+
+def printed(line: str) -> str:
+    """Both streams of one command line."""
+    program, *arguments = shlex.split(line)
+    assert program in ALLOWED, f"{line!r} is not run by this test"
+    if program == "automarine":
+        return CliRunner().invoke(automarine, arguments).output
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)
+    return done.stdout
+
+
+def wanted() -> list[Example]:
+    """The examples that are run here."""
+    every = os.environ.get("AUTOMARINE_EVERY_EXAMPLE")
+    return [one for one in examples() if every or not one.line.startswith(SLOW)]
+
+
+EXAMPLES = wanted()
+
+
+def words(text: str) -> list[str]:
+    """The words of an output: how lines are folded, and how long rules are, depends on the terminal."""
+    return [word for word in text.split() if word.strip("-")]
+
+
+def same(shown: str, found: str) -> bool:
+    """Equal words; numbers within `CLOSE`, or one in the last decimal."""
+    if NUMBER.sub("0", shown) != NUMBER.sub("0", found):
+        return False
+    pairs = zip(NUMBER.findall(shown), NUMBER.findall(found), strict=True)
+    return all(abs(float(a) - float(b)) <= max(CLOSE * abs(float(a)), last_digit(a)) for a, b in pairs)
+
+
+def last_digit(number: str) -> float:
+    """One in the last decimal of a number as it is written; none for a count."""
+    digits, _, power = number.partition("e")
+    decimals = len(digits.partition(".")[2])
+    return 1.01 * 10.0 ** (int(power or 0) - decimals) if decimals else 0.0
+
+
+def difference(shown: str, found: str) -> str:
+    """Where what is shown departs from what was found ("" where it does not); `...` stands for any words."""
+    given, place = words(found), 0
+    pieces = [words(piece) for piece in re.split(r"(?<!\S)\.\.\.(?!\S)", shown)]
+    for number, piece in enumerate(pieces):
+        first, last = number == 0, number == len(pieces) - 1
+        starts = range(place, len(given) - len(piece) + 1)
+        if first:
+            starts = starts[:1]
+        if last and not first:
+            starts = starts[-1:] if len(given) - len(piece) >= place else range(0)
+        for start in starts:
+            if all(map(same, piece, given[start : start + len(piece)])):
+                place = start + len(piece)
+                break
+        else:
+            near = " ".join(given[place : place + len(piece) + 3])
+            return f"shown:\n  {' '.join(piece)}\nprinted:\n  {near}"
+    return "" if place == len(given) or ANYTHING in shown.split()[-1:] else f"left out: {given[place:][:20]}"
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda one: f"{one.page}: {one.line}")
+def test_examples_print_what_is_shown(said: dict[str, str], example: Example) -> None:
+    assert difference(example.shown, said[example.line]) == ""
+
+
+def test_the_comparison_can_fail() -> None:
+    text = "model  rmse deg\n-----\n3  4.17 [3.9, 4.4]\nResults are in out"
+    assert difference(text, text) == ""
+    assert difference("model rmse\n deg 3 4.18 [3.9, 4.4]\n...", text) == ""
+    assert difference("...\nResults are in out\n", text) == ""
+    for wrong in ("3 4.37 [3.9, 4.4]", "2 4.17 [3.9, 4.4]", "3 4.17 [3.9, 44]", "3 4.17 [3.9, 4.4] deg"):
+        assert difference(f"...\n{wrong}\n...", text) != ""
+    assert difference("model rmse deg", text).startswith("left out")
+    assert difference("rmse deg\n...", text) != ""
+
+
+def test_enough_is_run() -> None:
+    assert {line.split()[0] for _, line, _ in EXAMPLES} <= set(ALLOWED)
+    by_page = {one.page for one in examples()}
+    assert {page for page in PAGES if "/commands/" in page} <= by_page
+    assert len(PAGES) > 20 and (ROOT / "README.md").is_file()

@@ -1,0 +1,295 @@
+"""Inputs nobody would write: good files with their bytes torn, and the judges before which they come.
+
+A judge reads a file the way the commands do. It returns whether the file was read; a refusal is an
+AutomarineError with one printable line. Anything else is a defect: another exception, a hang, an answer that
+differs from what a slow and simple reader says.
+"""
+
+import csv
+import gzip
+import json
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, partial
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+from broken_logs.make import csv_of, good_table, parquet_of
+from made_runs import INERTIA, K_RR
+from reader_contract import RECORDERS
+from vehicle_logs import dive
+
+from automarine_cli.dofs import YAW
+from automarine_cli.errors import AutomarineError
+from automarine_cli.logs import ColumnMap, LogFile, LogTable, read_column_map, read_log
+from automarine_cli.logs.text import MISSING
+from automarine_cli.models.store import load_yaw_models
+from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.pipeline.outputs import json_text
+from automarine_cli.simulation.plans import make_plans
+from automarine_cli.simulation.specification import read_specification
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.workflows.check import check
+
+TOKENS = (
+    b'"', b"'", b",", b";", b"\t", b"\n", b"\r", b"\r\n", b"\0", b"\xff", b"\xef\xbb\xbf", b"#", b"-", b"+", b".",
+    b"e", b"1e999", b"-1e999", b"nan", b"inf", b"0x1", b"1_0", b"9" * 400, b"[" * 300, b"{" * 300, b"]", b"}", b":",
+    b"null", b"true", b"NaN", b"-0", b"1e-320", b"\xe2\x80\x8b", b"$x$", b"<b>", b"=1+1", b"PAR1", b"\x1f\x8b", b"_",
+)  # fmt: skip
+"""What is dropped into files: the words that mean something to some reader."""
+
+
+def torn(content: bytes, rng: random.Random) -> bytes:
+    """The bytes with one to four of these done to them: flip, delete, insert, cut, double or move a block; or, as
+    often, gently: other digits, and lines deleted, doubled or exchanged.
+    """
+    data = bytearray(content)
+    if rng.random() < 0.5:
+        return _gently(data, rng)
+    for _ in range(rng.choice((1, 1, 1, 2, 4))):
+        place, length = rng.randrange(len(data) + 1), rng.choice((1, 1, 2, 8, 40, 400))
+        block = bytes(data[place : place + length])
+        match rng.randrange(7):
+            case 0 if block:
+                data[place] ^= 1 << rng.randrange(8)
+            case 1:
+                data[place : place + length] = b""
+            case 2:
+                data[place:place] = rng.choice(TOKENS)
+            case 3:
+                data[place : place + 1] = rng.choice(TOKENS)
+            case 4 if rng.random() < 0.3:
+                del data[place:]
+            case 5:
+                data[place:place] = block * rng.choice((1, 1, 50))
+            case 6:
+                there = rng.randrange(len(data) + 1)
+                data[there:there] = block
+    return bytes(data)
+
+
+def _gently(data: bytearray, rng: random.Random) -> bytes:
+    """Changes after which much is still sound: the file has to be read right, not only refused."""
+    for _ in range(rng.choice((1, 2, 5))):
+        digits = [i for i, byte in enumerate(data) if 0x30 <= byte <= 0x39]
+        if digits and rng.random() < 0.8:
+            data[rng.choice(digits)] = rng.choice(b"0123456789012345678901234567890123456789.-e,")
+            continue
+        lines = bytes(data).split(b"\n")
+        one, other = rng.randrange(len(lines)), rng.randrange(len(lines))
+        match rng.randrange(3):
+            case 0:
+                lines[one], lines[other] = lines[other], lines[one]
+            case 1:
+                lines.insert(other, lines[one])
+            case 2:
+                del lines[one]
+        data = bytearray(b"\n".join(lines))
+    return bytes(data)
+
+
+def _yaw_log() -> bytes:
+    return csv_of(good_table().assign(depth_m=1.5, run="r"))
+
+
+def _thruster_test() -> bytes:
+    levels = [n for n in range(-80, 81, 20) if n] * 3
+    rows = (f"{n},{0.001 * n * abs(n) + 0.01 * (i % 7 - 3):.3f},{16 - i % 2}" for i, n in enumerate(levels))
+    return "\n".join(("n,force_N,voltage_V", *rows, "")).encode()
+
+
+def _yaw_model() -> bytes:
+    estimates = {"I_r": INERTIA, "k_rr": K_RR}
+    entry = {
+        k: {"value": v, "stderr": 0.01, "ci95": [0.9 * v, 1.1 * v], "unit": "nu s²"}
+        for k, v in estimates.items()
+    }
+    effect = {"name": "bias-moment", "parameters": {"b": {"value": 0.02}}}
+    model = {
+        "schema": "automarine/yaw-model/1", "moment_unit": "nu", "models": {"1": None, "3": entry}, "preferred": "3",
+        "effects": [effect], "switch_offset": {"value": 0.1}, "warnings": [], "runs": {"used": 3, "set_aside": []},
+    }  # fmt: skip
+    return json.dumps(model, indent=1, ensure_ascii=False).encode()
+
+
+THRUSTER_MAP = b"""{
+ "schema": "automarine/thruster-map/1", "form": "dead-band-saturation", "n_unit": "rev/s",
+ "forward": {"a": {"value": 1.5}}, "backward": {"a": null}, "r2": 0.99,
+ "parameters": {
+  "forward": {"a": {"value": 1.5}, "n_0": {"value": 0.1}, "n_sat": {"value": null}},
+  "backward": {"a": 1.1}
+ }
+}
+"""
+COLUMN_MAP = b"""[columns]
+time_s = { from = "time_s", unit = "ms", offset = 0.5 }
+heading_deg = { from = "heading_deg", unit = "rad", sign = -1 }
+tau_Nm = { from = "tau", scale = 2.5 }
+run = "run"
+[defaults]
+thrusters_per_test = 2
+arm_m = 0.44
+"""
+SPECIFICATION = b"""schema = "automarine/simulation/1"
+seed = 4
+[vehicle]
+I_r = 1.018
+k_rr = 1.257
+[logger]
+rate_hz = 10
+noise_deg = 1.0
+wrap = "0..360"
+[scatter]
+gain = 0.02
+start_heading_deg = [0, 90.5]
+[[effects]]
+name = "bias-moment"
+b = 0.02
+[[runs]]
+kind = "step"
+folder = "steps"
+moments = { from = -1.2, to = 1.2, step = 0.4 }
+turn_deg = 200
+repeats = 2
+[[runs]]
+kind = "ramp"
+to = 0.8
+duration_s = 30.0
+steps = 20
+[bollard]
+a_f = 1.2e-3
+a_b = 1e-3
+levels = [-50, 50, 100]
+"""
+
+
+def judge_log(path: Path) -> None:
+    """A log as `check` looks at it; a CSV file also beside the simple reader."""
+    json_text(check([path]).to_json())
+    if path.suffix in (".csv", ".gz"):
+        agrees_with_simple_reader(path)
+
+
+def judge_thruster_test(path: Path) -> None:
+    """A thruster test as `check` looks at it."""
+    json_text(check([path]).to_json())
+
+
+def agrees_with_simple_reader(path: Path) -> None:
+    """If Python's csv and float understand the whole file, they say the same numbers. Raises AssertionError."""
+    content = path.read_bytes()
+    try:
+        text = (gzip.decompress(content) if path.suffix == ".gz" else content).decode("utf-8")
+        lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+        rows = [[cell.strip() for cell in row] for row in csv.reader(lines)]
+        numbers = [[np.nan if cell in MISSING else float(cell) for cell in row[:3]] for row in rows[1:]]
+        simple = np.array(numbers, dtype=float)
+    except (ValueError, csv.Error, EOFError, OSError):
+        return
+    if (
+        rows[0][:3] != ["time_s", "heading_deg", "tau"]
+        or simple.ndim != 2
+        or len({len(row) for row in rows}) > 1
+    ):
+        return
+    table: LogTable = read_log(LogFile(path, path.name, True), dof=YAW)
+    read = np.column_stack(
+        [table.columns["time"], np.rad2deg(table.columns["heading"]), table.columns["moment"]]
+    )
+    np.testing.assert_allclose(read, simple, rtol=1e-14, atol=1e-300)
+
+
+def judge_model(path: Path) -> None:
+    """A yaw model: read, and every number in it finite."""
+    stored = load_yaw_models(path)
+    assert all(
+        isinstance(model, YawModel) and np.isfinite(model.theta).all() for model in stored.models.values()
+    )
+
+
+def judge_map(path: Path) -> None:
+    """A thruster map: read, and asked for a thrust both ways."""
+    found = ThrusterMap.load(path)
+    assert not np.isnan(found.force(np.array([0.0, 0.5]))).any()
+
+
+def judge_columns(path: Path) -> None:
+    """A column map: read, and a log read with it."""
+    columns = read_column_map(path)
+    log = path.with_name("with_columns.csv")
+    if not log.exists():
+        log.write_bytes(_yaw_log())
+    read_log(LogFile(log, log.name, True), columns, dof=YAW)
+
+
+def judge_specification(path: Path) -> None:
+    """A specification: read, and its runs planned."""
+    specification = read_specification(path)
+    specification.model()
+    make_plans(specification, specification.seed)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of file: what a good one holds, how its name ends, and who reads it."""
+
+    good: Callable[[], bytes]
+    suffix: str
+    judge: Callable[[Path], None]
+    cases: int = 100  # in the tests; the benchmark takes more
+
+
+KINDS = {
+    "CSV": Kind(_yaw_log, ".csv", judge_log),
+    "CSV, gzip": Kind(lambda: gzip.compress(_yaw_log(), mtime=0), ".csv.gz", judge_log),
+    "CSV, torn before gzip": Kind(_yaw_log, ".csv.gz", judge_log),
+    "Parquet": Kind(lambda: parquet_of(good_table().assign(run="r")), ".parquet", judge_log),
+    "Parquet, plain": Kind(
+        lambda: parquet_of(good_table(), compression="none", use_dictionary=False), ".parquet", judge_log
+    ),
+    "thruster test": Kind(_thruster_test, ".csv", judge_thruster_test),
+    "yaw model": Kind(_yaw_model, ".json", judge_model),
+    "thruster map": Kind(lambda: THRUSTER_MAP, ".json", judge_map),
+    "column map": Kind(lambda: COLUMN_MAP, ".toml", judge_columns),
+    "specification": Kind(lambda: SPECIFICATION, ".toml", judge_specification),
+}
+
+
+def _of_vehicles() -> dict[str, Kind]:
+    """Recordings of vehicles whose libraries are installed, read with the names that their columns have."""
+    found = {}
+    for suffix, told in RECORDERS.items():
+        if find_spec(told.package) is not None:
+            good = cache(partial(told.write, dive()))
+            found[f"recording {suffix}"] = Kind(
+                good, suffix, partial(judge_recording, columns=told.columns), 20
+            )
+    return found
+
+
+def judge_recording(path: Path, columns: ColumnMap) -> None:
+    """A recording as `check` looks at it."""
+    json_text(check([path], columns=columns).to_json())
+
+
+KINDS |= _of_vehicles()
+
+
+def outcome(kind: Kind, path: Path) -> str:
+    """`read` or `refused`. Raises whatever is a defect, AssertionError for a refusal that is not one line."""
+    try:
+        kind.judge(path)
+    except AutomarineError as refusal:
+        assert str(refusal).isprintable(), f"not one printable line: {refusal!s}"
+        assert len(str(refusal)) < 4000, f"{len(str(refusal))} characters"
+        return "refused"
+    return "read"
+
+
+def case(name: str, number: int, seed: int) -> bytes:
+    """The torn file of this kind and number: the same on every machine."""
+    kind = KINDS[name]
+    content = torn(kind.good(), random.Random(f"{name}/{seed}/{number}"))
+    return gzip.compress(content, mtime=0) if name == "CSV, torn before gzip" else content

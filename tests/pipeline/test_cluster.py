@@ -1,0 +1,168 @@
+"""Work on a Dask cluster: a real scheduler, two workers, one of them killed in the middle; the same bytes."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from repository import ROOT
+from small_campaign import make_small_campaign
+
+from automarine_cli.cli import automarine
+from automarine_cli.errors import FitError, SettingError
+from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.workflows.campaigns import run_campaigns
+
+distributed = pytest.importorskip("distributed", reason="the extra automarine[cluster] is not installed")
+pytestmark = pytest.mark.filterwarnings("default")  # Dask's own warnings are none of ours
+
+
+class Cluster:
+    """A scheduler and two workers of this machine, each a process of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        paths = os.pathsep.join([str(ROOT), str(Path(__file__).parent)])
+        self.environment = os.environ | {"PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"}
+        self.processes: list[subprocess.Popen[bytes]] = []
+        note = folder / "scheduler.json"
+        quiet = ["--no-dashboard", "--port", "0", "--scheduler-file", str(note)]
+        self.start("distributed.cli.dask_scheduler", *quiet)
+        self.address = _address(note)
+        self.workers = [self.worker(), self.worker()]
+
+    def start(self, module: str, *arguments: str) -> "subprocess.Popen[bytes]":
+        command = [sys.executable, "-m", module, *arguments]
+        process = subprocess.Popen(
+            command,
+            cwd=self.folder,
+            env=self.environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        self.processes.append(process)
+        return process
+
+    def worker(self) -> "subprocess.Popen[bytes]":
+        options = ("--no-nanny", "--nthreads", "1", "--no-dashboard", "--local-directory", str(self.folder))
+        return self.start("distributed.cli.dask_worker", self.address, *options)
+
+    def end(self) -> None:
+        for process in self.processes:
+            process.kill()
+            process.wait()
+
+
+def _address(note: Path) -> str:
+    import json
+
+    for _ in range(300):
+        if note.exists() and note.stat().st_size:
+            return str(json.loads(note.read_text())["address"])
+        time.sleep(0.1)
+    raise AssertionError("the scheduler did not start")
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    made = Cluster(tmp_path_factory.mktemp("cluster"))
+    yield made
+    made.end()
+
+
+def slowly(x: int) -> tuple[int, int]:
+    time.sleep(0.02)
+    return x * x, os.getpid()
+
+
+def refuse_from_three(x: int) -> int:
+    if x >= 3:
+        raise FitError(f"run {x} cannot be fitted")
+    return x
+
+
+def test_results_come_in_input_order_from_other_processes(cluster: Cluster) -> None:
+    found = ordered_map(slowly, range(50), cluster=cluster.address)
+    assert [square for square, _ in found] == [x * x for x in range(50)]
+    assert os.getpid() not in {process for _, process in found}
+
+
+def test_first_item_that_fails_decides_the_error(cluster: Cluster) -> None:
+    with pytest.raises(FitError, match=r"^run 3 cannot be fitted$"):
+        ordered_map(refuse_from_three, range(40), cluster=cluster.address)
+
+
+def test_nothing_is_lost_with_a_worker_that_is_killed(cluster: Cluster) -> None:
+    done = 0
+
+    def count(stage: str, now: int, total: int) -> None:
+        nonlocal done
+        done = now
+        if now == 60:
+            cluster.workers[0].send_signal(signal.SIGKILL)
+
+    found = ordered_map(slowly, range(300), cluster=cluster.address, progress=count)
+    assert done == 300 and [square for square, _ in found] == [x * x for x in range(300)]
+    assert cluster.workers[0].wait(10) == -signal.SIGKILL
+    cluster.workers[0] = cluster.worker()
+
+
+def test_diagnosis_on_a_cluster_is_the_same_bytes_even_if_a_worker_dies(
+    cluster: Cluster, tmp_path: Path
+) -> None:
+    logs = str(ROOT / "sample_runs/hidden_one")
+    run = partial(CliRunner().invoke, automarine, catch_exceptions=False)
+    fitted = run(["fit-yaw", logs, "--fit-to", "whole-runs", "-o", str(tmp_path / "model"), "-q"])
+    assert fitted.exit_code == 0, fitted.output
+    asked = ["diagnose", logs, "--model", str(tmp_path / "model/yaw_model.json"), "-q"]
+    assert run([*asked, "-o", str(tmp_path / "here")]).exit_code == 0
+    struck = subprocess.Popen(
+        [sys.executable, "-c", f"import os, time; time.sleep(3); os.kill({cluster.workers[1].pid}, 9)"]
+    )
+    there = run([*asked, "-o", str(tmp_path / "there"), "--cluster", cluster.address])
+    struck.wait()
+    assert there.exit_code == 0, there.output
+    assert cluster.workers[1].poll() == -signal.SIGKILL, "the diagnosis was over before the worker was killed"
+    for file in sorted((tmp_path / "here").iterdir()):
+        assert file.read_bytes() == (tmp_path / "there" / file.name).read_bytes(), file.name
+
+
+def test_campaigns_on_a_cluster_are_the_same_bytes_even_if_a_worker_dies(
+    cluster: Cluster, tmp_path: Path
+) -> None:
+    first = make_small_campaign(tmp_path / "season" / "day_0")
+    days = [first]
+    for number in range(1, 6):
+        folder = shutil.copytree(first.parent, tmp_path / "season" / f"day_{number}")
+        days.append(Path(folder) / "campaign.toml")
+    done = 0
+
+    def struck(stage: str, now: int, total: int) -> None:
+        nonlocal done
+        done = now
+        if now == 1:
+            cluster.workers[0].send_signal(signal.SIGKILL)
+
+    how = {"until": "fit-yaw"}
+    run_campaigns(days, out=tmp_path / "there", cluster=cluster.address, progress=struck, **how)
+    assert cluster.workers[0].wait(10) == -signal.SIGKILL
+    cluster.workers[0] = cluster.worker()
+    run_campaigns(days, out=tmp_path / "here", **how)
+    here, there = ({p.relative_to(f): p.read_bytes() for p in f.rglob("*") if p.is_file()}
+                   for f in (tmp_path / "here", tmp_path / "there"))  # fmt: skip
+    assert done == 6 and here == there
+
+
+def test_no_scheduler_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("automarine_cli.pipeline.parallel.PATIENCE_S", 0.5)
+    with pytest.raises(
+        SettingError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9 .*dask scheduler"
+    ):
+        ordered_map(slowly, [1], cluster="tcp://127.0.0.1:9")

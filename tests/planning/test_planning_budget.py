@@ -1,0 +1,131 @@
+"""Battery, thrusters and command files: charge by hand, the map inverted, consumption recovered, what is refused."""
+
+import csv
+import io
+
+import numpy as np
+import pytest
+
+from automarine_cli.errors import RunError, SettingError
+from automarine_cli.planning.budget import Supply, allowance, costs
+from automarine_cli.planning.candidates import Candidate
+from automarine_cli.planning.commands import command_file, in_words
+from automarine_cli.planning.consumption import consumption
+from automarine_cli.planning.drive import drive_of
+from automarine_cli.planning.limits import Battery, Limits, Pool, Runs
+from automarine_cli.planning.schedule import in_order, pool_minutes, scheduled
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.records import Series
+
+SUPPLY = Supply(idle=0.3, full=6.0, largest=1.0)
+STEP = Candidate("step", "step", ((1.0, 4.0),))
+SOFT = Candidate("step", "soft", ((-0.25, 8.0),))
+LIMITS = Limits(pool=Pool(minutes=10, runs=6, wait_s=57), battery=Battery(charge_Ah=2.0, reserve_percent=25))
+MAP = ThrusterMap("square", Curve(2.6165e-4), Curve(0.6640e-4))
+
+
+def test_charge_is_current_by_time() -> None:
+    """4 s at full moment and 60 s in all: (0.3·64 + 6·4)/3600 Ah; a quarter of the moment takes an eighth more."""
+    assert SUPPLY.drawn(STEP, still=60.0) == pytest.approx((0.3 * 64 + 6.0 * 4) / 3600.0, rel=1e-12)
+    assert SUPPLY.drawn(SOFT, still=0.0) == pytest.approx((0.3 * 8 + 6.0 / 8.0 * 8) / 3600.0, rel=1e-12)
+
+
+def test_costs_are_minutes_runs_motion_and_charge() -> None:
+    row = costs([STEP], LIMITS, SUPPLY)[0]
+    assert row == pytest.approx([64.0 / 60.0, 1.0, 4.0, SUPPLY.drawn(STEP, 60.0)], rel=1e-12)
+    assert allowance(LIMITS) == pytest.approx([10 + 57 / 60, 6, np.inf, 1.5])
+
+
+def test_the_battery_after_each_run_is_what_was_drawn_until_then() -> None:
+    slots = scheduled([STEP, SOFT, STEP], LIMITS, SUPPLY)
+    spent = [SUPPLY.drawn(one, 3.0) for one in (STEP, SOFT, STEP)]
+    waits = 0.3 * 57 / 3600.0
+    assert [slot.left for slot in slots] == pytest.approx(
+        [2.0 - spent[0], 2.0 - sum(spent[:2]) - waits, 2.0 - sum(spent) - 2 * waits], rel=1e-12
+    )
+    assert [slot.begins for slot in slots] == [0.0, 64.0, 132.0]
+    assert pool_minutes(slots, 3.0) == pytest.approx(139.0 / 60.0)
+    assert [slot.candidate.start_heading for slot in slots] == [0.0, 90.0, 180.0]
+
+
+def test_the_check_comes_first_and_last_and_another_voltage_late() -> None:
+    weak = Candidate("other-voltage", "weak", ((1.0, 4.0),), voltage=20.0)
+    order = in_order([weak, STEP, SOFT, SOFT, STEP], STEP, seed=3)
+    assert [one.label for one in order] == ["step", "soft", "soft", "weak", "step"]
+
+
+@pytest.mark.parametrize("equal_thrust", [True, False])
+@pytest.mark.parametrize("moment", [0.3, -0.3])
+def test_commands_give_the_moment_through_the_map(equal_thrust: bool, moment: float) -> None:
+    drive = drive_of(MAP, 0.11, 150.0, equal_thrust, 0.36)
+    moment *= drive.largest / 0.36
+    port, starboard = drive.commands(moment)
+    assert float(MAP.moment(port, starboard, 0.11)) == pytest.approx(0.36 * moment, rel=1e-9)
+    assert np.sign(port) == np.sign(moment) == -np.sign(starboard)
+    if equal_thrust:
+        assert float(MAP.force(port) + MAP.force(starboard)) == pytest.approx(0.0, abs=1e-9)
+    else:
+        assert port == -starboard
+    assert max(abs(n) for n in drive.commands(drive.largest)) == pytest.approx(150.0, rel=1e-5)
+    assert drive.largest_told <= drive.largest
+
+
+def test_a_map_of_one_direction_and_an_unknown_end_are_refused() -> None:
+    with pytest.raises(SettingError, match="no backward direction"):
+        drive_of(ThrusterMap("square", Curve(1e-4), None), 0.1, 150.0, True, 1.0)
+    with pytest.raises(SettingError, match=r"thrusters\.largest_command"):
+        drive_of(MAP, 0.1, None, True, 1.0)
+
+
+def test_consumption_is_recovered_from_a_current() -> None:
+    force = np.linspace(-6.0, 12.0, 40)
+    power = 2.0 * (4.0 + np.where(force > 0, 1.5, 2.5) * np.abs(force / 2.0) ** 1.5)
+    one = Series(
+        "bollard.csv", "", force, force, voltage=np.full(40, 23.0), extras={"current_A": power / 23.0}
+    )
+    found = consumption([one], per_test=2, volts=24.0)
+    assert (found.idle, found.ahead, found.astern) == pytest.approx((4.0, 1.5, 2.5), rel=1e-9)
+    assert found.power(-4.0) == pytest.approx(2.5 * 8.0)
+
+
+def test_tests_without_a_current_are_refused() -> None:
+    force = np.linspace(-1.0, 1.0, 9)
+    with pytest.raises(RunError, match=r"0 rows .* name the column power_W or current_A"):
+        consumption([Series("bollard.csv", "", force, force)], 1, 24.0)
+
+
+def test_a_command_file_holds_each_moment_until_the_next() -> None:
+    coast = Candidate("coast-down", "coast", ((-1.2, 2.5), (0.0, 5.0)))
+    rows = list(csv.reader(io.StringIO(command_file(coast, 3.0, "nu", None))))
+    assert rows == [["time_s", "tau"], ["0", "0"], ["3", "-1.2"], ["5.5", "0"], ["10.5", "0"]]
+    drive = drive_of(MAP, 0.11, 150.0, True, 1.0)
+    rows = list(
+        csv.reader(io.StringIO(command_file(Candidate("step", "s", ((0.1, 4.0),)), 3.0, "N m", drive)))
+    )
+    assert rows[0] == ["time_s", "n_port", "n_stbd"]
+    port, starboard = (float(cell) for cell in rows[2][1:])
+    assert float(MAP.moment(port, starboard, 0.11)) == pytest.approx(0.1, rel=1e-4)
+
+
+def test_what_a_person_reads() -> None:
+    ramp = Candidate("slow-ramp", "ramp", tuple((0.1 * (i - 2), 2.0) for i in range(5)))
+    assert in_words(STEP, "nu") == "+1 nu for 4 s"
+    assert in_words(ramp, "nu") == "-0.2 to +0.2 nu in 5 equal stairs over 10 s"
+    assert in_words(Candidate("rest", "rest", ((0.0, 60.0),)), "nu") == "nothing for 60 s, thrusters idle"
+
+
+@pytest.mark.parametrize(
+    ("make", "why"),
+    [
+        (lambda: Runs(kinds=("coast-down",)), "expected 'step' among them"),
+        (lambda: Runs(kinds=("step", "spiral")), "kinds names 'spiral'"),
+        (lambda: Pool(runs=1), "runs is 1; expected 2 to 500"),
+        (lambda: Pool(start_headings_deg=()), "empty list"),
+        (lambda: Battery(reserve_percent=99), "reserve_percent is 99; expected 0 to 95"),
+        (lambda: Runs(voltages_V=(24.0, -1.0)), "voltages_V holds -1"),
+    ],
+)  # fmt: skip
+def test_limits_that_make_no_sense_are_refused(make: object, why: str) -> None:
+    with pytest.raises(SettingError, match=why):
+        make()  # type: ignore[operator]

@@ -1,0 +1,199 @@
+"""Logs of surge and heave become runs: positions that never wrap, forces of thrusters, rests under a constant force."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from repository import SAMPLE_RUNS
+
+from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW
+from automarine_cli.errors import LogError, RunError, SettingError
+from automarine_cli.fits.identify import identify
+from automarine_cli.logs import ColumnMap, LogFile, read_log
+from automarine_cli.runs.half_turn import Trim, first_half_turn
+from automarine_cli.runs.load import load_runs
+from automarine_cli.runs.run import Run
+from automarine_cli.runs.steps import find_steps, released
+from automarine_cli.runs.unwrap import find_glitches, unwrap
+from automarine_cli.simulation.campaign import make_runs
+from automarine_cli.simulation.specification import specification_from
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.propulsion import drive_run_by_thrusters
+from automarine_cli.workflows.check import check
+from automarine_cli.workflows.fit_yaw import FITS
+from automarine_cli.workflows.moments import moment_maker
+from automarine_cli.workflows.simulate import simulate
+
+MAP = ThrusterMap("square", Curve(0.002), Curve(0.001))
+HEAVE_SPEC = {
+    "schema": "automarine/simulation/1",
+    "vehicle": {"motion": "heave", "m_w": 26.0, "Z_ww": 45.0, "constant_force": -2.0, "force_unit": "N"},
+    "logger": {"noise_m": 0.01},
+}
+
+
+def log(folder: Path, header: str, *columns: np.ndarray) -> Path:
+    """A log file of these columns after `time_s`, ten samples a second."""
+    time = np.arange(len(columns[0])) / 10
+    rows = "\n".join(",".join(f"{v:.5f}" for v in row) for row in zip(time, *columns))
+    path = folder / "log.csv"
+    path.write_text(f"time_s,{header}\n{rows}\n")
+    return path
+
+
+def read(path: Path, dof: object = SURGE) -> Run:
+    (run,) = load_runs([path], dof=dof).runs  # type: ignore[arg-type]
+    return run
+
+
+def way(samples: int = 100) -> np.ndarray:
+    return np.concatenate([np.zeros(20), 0.05 * np.arange(samples - 20)])
+
+
+def test_a_position_of_many_metres_is_not_wrapped(tmp_path: Path) -> None:
+    distance, force = 8.0 * way(), np.where(np.arange(100) < 20, 0.0, 4.0)
+    run = read(log(tmp_path, "distance_m,force_X_N,surge_m_s", distance, force, distance * 0))
+    np.testing.assert_allclose(run.position, distance, atol=1e-4)
+    assert (run.dof, run.moment_unit) == (SURGE, "N") and set(run.extras) == {"surge"}
+
+
+def test_a_spike_of_a_turn_in_metres_is_a_spike() -> None:
+    time, distance = np.arange(100) / 10, way()
+    distance[50] += 2 * np.pi
+    assert np.flatnonzero(find_glitches(time, distance, SURGE)).tolist() == [50]
+    assert not find_glitches(time, distance, YAW).any()
+    np.testing.assert_array_equal(unwrap(time, distance, np.array([40]), SURGE).position, distance)
+
+
+def test_a_log_of_both_is_read_as_asked(tmp_path: Path) -> None:
+    path = log(
+        tmp_path, "heading_deg,tau,depth_m,force_Z_N", way() * 100, way() * 0 + 1, way(), way() * 0 + 5
+    )
+    as_yaw, as_heave = (read_log(LogFile(path, "log.csv", True), dof=dof) for dof in (YAW, HEAVE))
+    assert "depth_m" in as_yaw.extras and as_yaw.moment_unit == "nu"
+    assert set(as_heave.columns) == {"time", "depth", "force_Z"} and as_heave.moment_unit == "N"
+    assert read_log(LogFile(path, "log.csv", True), dof=None).dof is YAW
+
+
+@pytest.mark.parametrize(("dof", "header", "force"), [
+    (SURGE, "distance_m,n_port,n_stbd", 0.002 * 60**2 - 0.001 * 20**2), (HEAVE, "depth_m,n_vert", 0.002 * 60**2),
+])  # fmt: skip
+def test_thrusters_push_together(tmp_path: Path, dof: object, header: str, force: float) -> None:
+    commands = [np.full(100, 60.0), np.full(100, -20.0)][: header.count("n_")]
+    run = read(log(tmp_path, header, way(), *commands), dof)
+    assert run.moment is None
+    driven = drive_run_by_thrusters(run, MAP, 1.0)
+    assert driven.moment_unit == "N" and np.allclose(driven.command, force)
+    bare = Run("a", "b", run.time, run.position, None, "", dof=run.dof)
+    with pytest.raises(RunError, match="no thruster command"):
+        drive_run_by_thrusters(bare, MAP, 1.0)
+
+
+def test_an_arm_means_nothing_to_a_force() -> None:
+    assert moment_maker(MAP, None, ColumnMap(), SURGE) is not None
+    with pytest.raises(SettingError, match="--arm is of yaw"):
+        moment_maker(MAP, 0.1, ColumnMap(), HEAVE)
+
+
+def made(commands: list[list[float]], **campaign: object) -> Run:
+    """One simulated heave run of these commands."""
+    group = {"kind": "sequence", "commands": commands}
+    spec = {**HEAVE_SPEC, "runs": [group], "campaign": {"rest_before_s": 2.0, **campaign}}
+    (run,) = make_runs(specification_from(spec))
+    return run
+
+
+def test_a_step_from_a_hover_starts_from_rest() -> None:
+    """The command that balances the buoyancy is a rest, though it is not zero."""
+    run = made([[2.0, 4.0], [15.0, 5.0]])
+    turn, why = first_half_turn(run)
+    assert turn is not None and why == "" and turn.moment == 15.0
+    assert turn.step.rest is not None and turn.step.rest.stop - turn.step.rest.start > 30
+
+
+def test_who_is_let_go_and_rises_does_not_start_from_rest() -> None:
+    run = made([[0.0, 4.0], [15.0, 5.0]], held=False)
+    assert released(run) == 0 and not find_steps(run)[0].from_rest
+    held = made([[15.0, 5.0]])
+    assert released(held) == 20 and find_steps(held)[0].from_rest
+
+
+def test_a_command_of_one_sample_ends_the_rest() -> None:
+    """Driven by hand the command changes at every sample: the vehicle was held until the first of them."""
+    run = made([[2.0, 4.0], [15.0, 5.0]])
+    command = np.where(np.arange(len(run)) < 20, 0.0, 10.0 + np.sin(np.arange(len(run))))
+    assert released(replace(run, moment=command)) == 20
+
+
+def test_whole_runs_end_at_the_window() -> None:
+    run = made([[25.0, 6.0]])
+    cut = Trim(None, -1.0, 2.0).of_whole(run)
+    assert 1.9 < cut.position.max() < 2.04 and len(cut) < len(run)
+    assert Trim().of_whole(run) is run
+
+
+def test_normalised_forces_make_normalised_results(tmp_path: Path) -> None:
+    spec = {
+        **HEAVE_SPEC, "vehicle": {"motion": "heave", "m_w": 1.3, "Z_ww": 2.25, "constant_force": -0.1},
+        "scatter": {"start_depth_m": [2.5, 2.5, 2.5, 0.2, 0.2, 0.2]},
+        "runs": [{"kind": "step", "name": "Z", "forces": [-1.2, -0.8, -0.4, 0.4, 0.8, 1.2], "travel_m": 2.0}],
+    }  # fmt: skip
+    fit = identify(make_runs(specification_from(spec)))
+    assert (
+        fit.buoyancy is not None
+        and fit.buoyancy.ballast is None
+        and "unit of the command" in fit.buoyancy.says
+    )
+    estimates = fit.output_error["3"].estimates
+    assert estimates["m_w"].unit == "nu s²/m" and estimates["Z_ww"].unit == "nu s²/m²"
+    low, high = estimates["constant_force"].ci95
+    assert low < -0.1 < high and high - low < 0.03
+
+
+def test_check_tells_each_motion_in_a_table_of_its_own() -> None:
+    found = check([SAMPLE_RUNS / "surge", SAMPLE_RUNS / "heave", SAMPLE_RUNS / "steps" / "tau_+0.1_a.csv"])
+    assert [table.title for table in found.tables()] == ["Yaw runs", "Surge runs", "Heave runs"]
+    content = found.to_json()
+    assert [len(content[f"{name}_runs"]) for name in ("yaw", "surge", "heave")] == [1, 20, 20]  # type: ignore[arg-type]
+    assert "motion" not in content["yaw_runs"][0] and "covered_m" in content["surge_runs"][0]  # type: ignore[index]
+
+
+@pytest.mark.parametrize("name", ["surge", "heave", "sway"])
+def test_logs_of_another_motion_are_refused_with_what_is_lacking(name: str) -> None:
+    with pytest.raises(LogError, match=f"no {DOFS[name].position} and {name} force"):
+        FITS[name]([SAMPLE_RUNS / "steps" / "tau_+0.1_a.csv", SAMPLE_RUNS / "steps"])
+
+
+def test_a_logger_of_metres_does_to_them_what_one_of_degrees_does(tmp_path: Path) -> None:
+    spec = {
+        **HEAVE_SPEC, "logger": {"noise_m": 0.0, "quantisation_m": 0.02, "glitch": 0.02, "speed_noise_m_s": 0.01},
+        "scatter": {"start_depth_m": 0.5}, "runs": [{"kind": "step", "name": "Z", "forces": [12.0], "travel_m": 2.5}],
+    }  # fmt: skip
+    made = simulate(specification_from(spec), out=tmp_path / "out")
+    log = tmp_path / "out" / "runs" / "Z_+12.0.csv"
+    assert log.read_text().splitlines()[1] == "time_s,depth_m,force_Z_N,heave_m_s"
+    run = read(log, HEAVE)
+    np.testing.assert_allclose(run.position / 0.02, np.round(run.position / 0.02), atol=1e-6)
+    assert run.counts["glitches"] == made.runs[0].log.glitches > 0
+    assert run.position[0] == 0.5 and 2.9 < run.position.max() < 3.1
+    assert np.allclose(np.gradient(run.position, run.time)[40:-2], run.extras["heave"][40:-2], atol=0.2)
+    truth = made.to_json()
+    assert truth["vehicle"]["motion"] == "heave" and truth["logger"]["quantisation_m"] == 0.02  # type: ignore[index]
+    assert "m_w" in truth["vehicle"] and "start_depth_m" in truth["made"][0]  # type: ignore[operator, index]
+
+
+@pytest.mark.parametrize(("change", "why"), [
+    ({"motion": "roll"}, "vehicle.motion: found \"roll\", expected yaw or surge or heave or sway"),
+    ({"m_w": -1.0}, "m_w is -1; expected more than 0"),
+    ({"half_difference": 60.0}, "half_difference is not below Z_ww"),
+    ({"k_rr": 1.0}, "unknown key 'k_rr'; in heave it is 'Z_ww'"),
+    ({"motion": "surge"}, "unknown key 'm_w'; in surge it is 'm_u'"),
+])  # fmt: skip
+def test_specifications_are_refused_in_the_words_of_their_motion(change: dict[str, object], why: str) -> None:
+    runs = [{"kind": "step", "forces": [12.0], "travel_m": 2.5}]
+    vehicle = {**HEAVE_SPEC["vehicle"], **change}  # type: ignore[dict-item]
+    with pytest.raises(SettingError) as problem:
+        specification_from({**HEAVE_SPEC, "vehicle": vehicle, "runs": runs})
+    assert why in str(problem.value), str(problem.value)

@@ -1,0 +1,192 @@
+"""Runs moved by what their log does not hold are told from runs that drift, coast or stand; both ways alike."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from made_runs import mirrored, step_run, written
+from repository import DATA, SAMPLE_RUNS
+from tank import pool_campaign
+
+from automarine_cli.cli import automarine
+from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.errors import RunError
+from automarine_cli.fits.identify import identify
+from automarine_cli.runs.load import load_runs
+from automarine_cli.runs.run import Run
+from automarine_cli.runs.undriven import undriven, without_undriven
+
+REAL = DATA / "yaw" / "not_connected"
+SAMPLES = {
+    "steps": "yaw", "validation": "yaw", "hidden_one": "yaw", "hidden_two": "yaw", "surge": "surge",
+    "surge_validation": "surge", "hidden_surge": "surge", "sway": "sway", "heave": "heave", "hidden_heave": "heave",
+}  # fmt: skip
+CLOCK = np.arange(0.0, 120.0, 0.1)
+PACE = {"yaw": 0.3, "surge": 0.4, "sway": 0.4, "heave": 0.3}  # rad/s or m/s of somebody who steers
+PILOT = [(10, 14, 1.0), (25, 29, -1.5), (45, 50, 1.2), (70, 74, -1.0), (90, 96, 1.0)]  # s, s, pace
+
+
+def moved(rate: np.ndarray, dof: Dof = YAW, noise: float = 0.005, moment: np.ndarray | None = None) -> Run:
+    """A run that goes at `rate` [rad/s or m/s] under no command, or `moment`."""
+    position = np.cumsum(rate) * 0.1 + noise * np.random.default_rng(1).standard_normal(len(rate))
+    commands = np.zeros(len(rate)) if moment is None else moment
+    return Run("run", "run.csv", CLOCK[: len(rate)], position, commands, dof.units.forces[0], dof=dof)
+
+
+def steered(size: float) -> np.ndarray:
+    """Rates of turns and moves that a pilot makes and stops again, drag within a second."""
+    wanted = np.zeros_like(CLOCK)
+    for begin, end, pace in PILOT:
+        wanted[10 * begin : 10 * end] = pace * size
+    rate = np.zeros_like(wanted)
+    for i in range(1, len(rate)):
+        rate[i] = rate[i - 1] + 0.1 * (wanted[i] - rate[i - 1])
+    return rate
+
+
+def both_ways(run: Run) -> list[Run]:
+    """The run, and the same to the other side."""
+    return [run, replace(run, position=-run.position, moment=-run.command)]
+
+
+@pytest.mark.parametrize("dof", DOFS.values(), ids=DOFS)
+def test_what_is_steered_from_elsewhere_is_told_by_its_motion(dof: Dof) -> None:
+    for run in both_ways(moved(steered(PACE[dof.name]), dof)):
+        why = undriven(run)
+        assert why is not None
+        assert why.startswith(f"the {dof.words.force} commanded is 0 in 100 % of the log, while the vehicle")
+        assert f"{dof.words.moved} over" in why and "gathered speed 5 times with nothing commanded" in why
+        assert f"{dof.units.shown}/s" in why and "something that this log does not hold moved it" in why
+        assert why.endswith("log the commands that reach the thrusters, or map their columns with --columns")
+
+
+def test_a_few_commands_do_not_explain_a_minute_of_turns() -> None:
+    moment = np.where((CLOCK > 60.0) & (CLOCK < 63.0), 0.4, 0.0)
+    for run in both_ways(moved(steered(0.3), moment=moment)):
+        assert (undriven(run) or "").startswith("the moment commanded is 0 in 97.6 % of the log")
+
+
+def test_turns_that_were_commanded_are_kept() -> None:
+    rate = steered(0.3)
+    moment = np.gradient(rate, 0.1) + rate
+    moment[np.abs(moment) < 1e-3] = 0.0
+    assert np.mean(moment == 0) > 0.3  # as in joystick driving
+    for run in both_ways(moved(rate, moment=moment)):
+        assert undriven(run) is None
+
+
+QUIET = {
+    "rest": 0.0 * CLOCK,
+    "a steady current": np.full_like(CLOCK, np.radians(3.0)),
+    "a slow current that meanders": np.radians(4.0) * np.sin(2 * np.pi * CLOCK / 40.0),
+    "waves": np.radians(20.0) * np.sin(2 * np.pi * CLOCK / 4.0),
+    "a coast-down": np.radians(60.0) * np.exp(-CLOCK / 15.0),
+    "a hand that turns it once": np.where((CLOCK > 30) & (CLOCK < 40), np.radians(30.0), 0.0),
+}
+
+
+@pytest.mark.parametrize("rate", QUIET.values(), ids=QUIET)
+@pytest.mark.parametrize("noise_deg", [0.05, 2.0])
+def test_what_drifts_coasts_or_stands_is_kept(rate: np.ndarray, noise_deg: float) -> None:
+    for run in both_ways(moved(rate, noise=np.radians(noise_deg))):
+        assert undriven(run) is None
+
+
+def test_a_constant_force_that_takes_it_one_way_is_no_pilot() -> None:
+    """A buoyant vehicle that is pulled down slowly and let go, again and again."""
+    rate = np.where(CLOCK % 30.0 < 5.0, -0.3, 0.02)
+    for run in both_ways(moved(rate, DOFS["heave"])):
+        assert undriven(run) is None
+    for run in both_ways(moved(rate, DOFS["surge"])):  # nothing pushes it ahead by itself
+        assert undriven(run) is not None
+
+
+def test_steps_and_what_follows_them_are_kept() -> None:
+    steps = pool_campaign(campaign={"rest_after_s": 60.0}, moments=[0.3, 1.2], repeats=1)
+    for run in [*steps, step_run(0.5, length=300.0), mirrored(step_run(0.5, length=300.0))]:
+        assert undriven(run) is None
+
+
+@pytest.mark.parametrize("folder", SAMPLES)
+def test_nothing_is_said_of_the_sample_campaigns(folder: str) -> None:
+    runs = load_runs([str(SAMPLE_RUNS / folder)], dof=DOFS[SAMPLES[folder]]).runs
+    assert [undriven(run.as_commanded()) for run in runs] == [None] * len(runs)
+
+
+def test_such_a_run_is_set_aside_beside_others_and_all_are_refused() -> None:
+    strange = replace(moved(steered(0.3)), name="strange")
+    good = [replace(step_run(m, seed=i), name=f"r{i}") for i, m in enumerate((-1.0, -0.5, 0.5, 1.0))]
+    for kind in ("half-turns", "whole-runs"):
+        fit = identify([*good, strange], fit_to=kind)
+        assert [one.run for one in fit.set_aside] == ["strange"]
+        assert "something that this log does not hold moved it" in fit.set_aside[0].why
+    assert without_undriven([*good, strange])[0] == good
+    with pytest.raises(
+        RunError, match=r"none of 1 run serves for a fit.*strange: the moment commanded is 0 in 100 %"
+    ):
+        identify([strange])
+
+
+def answer(*arguments: object) -> str:
+    """What a command that is refused says."""
+    found = CliRunner().invoke(automarine, [str(argument) for argument in arguments])
+    assert found.exit_code == 1 and isinstance(found.exception, SystemExit), found.output
+    return found.stderr
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """A yaw model of a moment in some unit."""
+    folder = tmp_path_factory.mktemp("model")
+    for i, moment in enumerate((-1.0, -0.5, 0.5, 1.0)):
+        written(step_run(moment, seed=i), folder / "logs" / f"r{i}.csv")
+    found = CliRunner().invoke(automarine, ["fit-yaw", str(folder / "logs"), "-o", str(folder / "fit"), "-q"])
+    assert found.exit_code == 0, found.output
+
+    def in_unit(unit: str) -> Path:
+        path = folder / f"model_{unit.replace(' ', '')}.json"
+        text = (folder / "fit" / "yaw_model.json").read_text()
+        path.write_text(text.replace('"moment_unit": "nu"', f'"moment_unit": "{unit}"'))
+        return path
+
+    return in_unit
+
+
+def test_every_command_refuses_it(model: Callable[[str], Path], tmp_path: Path) -> None:
+    for i, run in enumerate(both_ways(moved(steered(0.3)))):
+        log = written(run, tmp_path / f"steered_{i}.csv")
+        for arguments in (
+            ("fit-yaw",),
+            ("validate", "--model", model("nu")),
+            ("diagnose", "--model", model("nu")),
+        ):
+            said = answer(*arguments, log)
+            assert "something that this log does not hold moved it" in said and "Traceback" not in said
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="real data not at hand (AUTOMARINE_DATA)")
+@pytest.mark.parametrize("dof", DOFS.values(), ids=DOFS)
+def test_a_real_vehicle_steered_from_another_console(dof: Dof) -> None:
+    (run,) = load_runs([REAL], dof=dof).runs
+    for one in both_ways(run):
+        assert undriven(one) is not None
+    said = answer(f"fit-{dof.name}", REAL)
+    assert f"the {dof.words.force} commanded is 0 in 100 % of the log, while the vehicle" in said
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="real data not at hand (AUTOMARINE_DATA)")
+def test_a_model_is_not_judged_by_it_either(model: Callable[[str], Path]) -> None:
+    for command in ("validate", "diagnose"):
+        said = answer(command, REAL, "--model", model("N m"))
+        assert "turned over 217 deg at up to 13 deg/s and gathered speed 3 times" in said
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="real data not at hand (AUTOMARINE_DATA)")
+@pytest.mark.parametrize("folder", ["heavy_rov_sea", "minerva_hil_simulated", "cybership_enterprise"])
+@pytest.mark.parametrize("name", ["yaw", "surge", "sway"])
+def test_real_vehicles_that_were_driven_are_kept(folder: str, name: str) -> None:
+    runs = load_runs([str(DATA / "yaw" / folder / "run_*.csv")], dof=DOFS[name]).runs
+    assert [undriven(run) for run in runs] == [None] * len(runs)

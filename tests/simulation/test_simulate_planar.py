@@ -1,0 +1,182 @@
+"""simulate of motion in the plane: its truth against an independent solution, its sensors, seeds, sides, refusals."""
+
+import copy
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import Result
+from made_planar import Craft, solved
+from repository import SAMPLE_RUNS
+
+from automarine_cli.dofs import YAW
+from automarine_cli.errors import SettingError
+from automarine_cli.models.planar import PlanarModel
+from automarine_cli.pipeline.recipe import read_mapping
+from automarine_cli.runs.load import load_runs
+from automarine_cli.runs.planar import read_planar
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.planar_campaign import PlanarMade, make_planar
+from automarine_cli.simulation.planar_specification import PlanarSpecification, planar_specification_from
+from automarine_cli.workflows.simulate import simulate
+
+PLAIN: dict[str, Any] = {
+    "schema": "automarine/simulation/1",
+    "vehicle": {
+        "motion": "planar",
+        "parameters": {
+            "surge.m_u": 24.0, "surge.X_uu": 22.0, "sway.m_v": 36.0, "sway.Y_vv": 70.0, "yaw.I_r": 2.4, "yaw.k_rr": 3.2,
+        },
+    },
+    "hidden": {"yaw.N_v": -6.0},
+    "sensors": {name: {} for name in ("heading_deg", "yaw_rate_deg_s", "surge_m_s", "sway_m_s", "north_m", "east_m")},
+    "runs": [{"name": "run", "commands": [[15, 0, 1, 5], [15, 8, -1, 6], [-5, 0, 0.5, 5]]}],
+}  # fmt: skip
+CRAFT = Craft(
+    np.diag([24.0, 36.0, 2.4]),
+    linear=np.array([[0, 0, 0], [0, 0, 0], [0, -6.0, 0]]),
+    by_own=np.diag([22.0, 70.0, 3.2]),
+)
+
+
+def specified(**changes: object) -> PlanarSpecification:
+    """The plain campaign with other settings."""
+    return planar_specification_from({**copy.deepcopy(PLAIN), **changes}, "plain.toml")
+
+
+def one_run(**changes: object) -> PlanarMade:
+    """Its one run."""
+    (made,) = make_planar(specified(**changes), 3)
+    return made
+
+
+def independent(made: PlanarMade, turned: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities at the rows by the other solver, with rows that show every switch at once."""
+    time, at = made.columns["time_s"], made.switches
+    dense = np.sort(np.concatenate([time, at - 1e-9, at + 1e-9]))
+    held = np.vstack([np.zeros(3), made.commands])[np.searchsorted(at, dense)]
+    extras = {"force_X": held[:, 0], "force_Y": held[:, 1]}
+    run = Run("run", "run.csv", dense, 0 * dense, held[:, 2], "N m", extras, dof=YAW)
+    positions, velocities = solved(CRAFT, run, (0, 0, np.deg2rad(turned)), (0, 0, 0))
+    kept = np.isin(dense, time)
+    return positions[kept], velocities[kept]
+
+
+def test_the_truth_is_that_of_another_solver() -> None:
+    made = one_run(scatter={"start_heading_deg": 40.0})
+    positions, velocities = independent(made, 40.0)
+    found, rounding = made.columns, 6e-4
+    assert np.abs(np.column_stack([found["north_m"], found["east_m"]]) - positions[:, :2]).max() < rounding
+    assert np.abs((found["heading_deg"] - np.rad2deg(positions[:, 2]) + 180) % 360 - 180).max() < rounding
+    assert (
+        np.abs(np.column_stack([found["surge_m_s"], found["sway_m_s"]]) - velocities[:, :2]).max() < rounding
+    )
+    assert np.abs(found["yaw_rate_deg_s"] - np.rad2deg(velocities[:, 2])).max() < rounding
+    assert np.ptp(positions[:, 2]) > 0.5 and np.abs(velocities[:, 1]).max() > 0.1
+
+
+def test_port_is_the_mirror_image_of_starboard() -> None:
+    there = one_run()
+    mirrored = [[x, -y, -n, s] for x, y, n, s in PLAIN["runs"][0]["commands"]]
+    back = one_run(runs=[{"name": "run", "commands": mirrored}])
+    for name, side in (("north_m", 1), ("east_m", -1), ("surge_m_s", 1), ("sway_m_s", -1), ("tau_Nm", -1)):
+        np.testing.assert_allclose(back.columns[name], side * there.columns[name], atol=2e-3, err_msg=name)
+
+
+def test_what_is_hidden_is_in_the_truth_and_not_in_the_known_model() -> None:
+    asked = specified()
+    assert asked.model().parameter_names[-1] == "yaw.N_v"
+    assert "yaw.N_v" not in asked.model(hidden=False).parameter_names
+    assert isinstance(asked.model(), PlanarModel)
+    still = one_run(hidden={})
+    assert np.abs(still.columns["yaw_rate_deg_s"] - one_run().columns["yaw_rate_deg_s"]).max() > 1.0
+
+
+def test_noise_bias_gain_and_disturbance_are_of_the_size_asked() -> None:
+    sensors = {**PLAIN["sensors"], "surge_m_s": {"noise": 0.05}, "yaw_rate_deg_s": {"bias": 2.0}}
+    rest = [{"name": "rest", "repeats": 20, "commands": [[0, 0, 0, 20]]}]
+    made = make_planar(specified(sensors=sensors, runs=rest, scatter={"gain": 0.1}), 0)
+    surge = np.concatenate([one.columns["surge_m_s"] for one in made])
+    assert np.std(surge) == pytest.approx(0.05, rel=0.05)
+    bias = [np.mean(one.columns["yaw_rate_deg_s"]) for one in made]
+    assert 1.2 < np.std(bias) < 2.8 and max(np.std(one.columns["yaw_rate_deg_s"]) for one in made) < 1e-9
+    assert 0.06 < np.std([np.log(one.gain) for one in made]) < 0.15
+    pushed = make_planar(specified(runs=rest, disturbance={"sway_N": 2.0, "time_s": 4.0}), 0)
+    size = np.std(np.concatenate([one.disturbance[1] for one in pushed]))
+    assert 1.5 < size < 2.5 and not pushed[0].disturbance[0].any()
+    assert max(np.abs(one.columns["sway_m_s"]).max() for one in pushed) > 0.05
+
+
+def test_a_slow_sensor_is_held_and_seen_through(tmp_path: Path) -> None:
+    asked = read_mapping(SAMPLE_RUNS / "planar.toml")
+    asked["runs"] = asked["runs"][:1]
+    asked["runs"][0]["repeats"] = 2
+    simulate(planar_specification_from(asked, "planar.toml"), out=tmp_path / "made")
+    runs = load_runs([tmp_path / "made" / "planar"], dof=YAW, read=read_planar).runs
+    for run in runs:
+        fresh = np.flatnonzero(np.isfinite(run.extras["surge"]))
+        assert set(fresh % 5) == {0} and len(fresh) >= 38
+        assert np.isfinite(run.extras["north"]).all() and run.moment_unit == "N m"
+    table = pd.read_csv(tmp_path / "made" / "planar" / "driven_a.csv", comment="#")
+    assert (
+        len(table.columns) == 10
+        and table["tau_Nm"].abs().max() <= 3
+        and table["heading_deg"].between(0, 360).all()
+    )
+
+
+def test_seeds() -> None:
+    runs = [{"name": "drawn", "repeats": 2, "largest": [20, 10, 2]}]
+    one, two = make_planar(specified(runs=runs), 1)
+    again, other = make_planar(specified(runs=runs), 1)[0], make_planar(specified(runs=runs), 2)[0]
+    assert all(np.array_equal(one.columns[name], again.columns[name]) for name in one.columns)
+    assert not np.array_equal(one.commands, other.commands) and not np.array_equal(one.commands, two.commands)
+    assert (one.name, two.name, two.begin) == ("drawn_a", "drawn_b", pytest.approx(44 + 60))
+    assert np.abs(one.commands).max(axis=0).tolist() <= [20, 10, 2] and len(one.commands) > 8
+
+
+def test_the_command_line(run: Callable[..., Result], tmp_path: Path) -> None:
+    result = run("simulate", SAMPLE_RUNS / "planar.toml", "-o", tmp_path / "out", "--seed", 3)
+    assert result.exit_code == 0 and "planar_validation " in result.output
+    truth = json.loads((tmp_path / "out" / "truth.json").read_text())
+    assert truth["hidden"] == {"yaw.N_v": -7.0} and truth["seed"] == 3 and len(truth["made"]) == 10
+    assert truth["made"][0]["commands"][0].keys() == {"force_X_N", "force_Y_N", "tau_Nm", "from_s"}
+    shown = simulate(specified())
+    assert repr(shown) == "1 simulated run of motion in the plane, 101 samples, seed 0"
+    assert list(shown.to_frame()["file"]) == ["runs/run.csv"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"schema": "automarine/campaign/1"}, 'schema: found "automarine/campaign/1", expected the line schema ='),
+        ({"sensors": {"depth_m": {}}}, 'sensors: found "depth_m", expected some of heading_deg'),
+        ({"sensors": {"surge_m_s": {}}}, "heading_deg is missing"),
+        ({"sensors": {"heading_deg": {"nois": 1.0}}}, "unknown key 'nois' (did you mean 'noise'?)"),
+        ({"hidden": {"surge.m_u": 3.0}}, "hidden: 'surge.m_u' is a parameter of the vehicle too"),
+        ({"hidden": {"yaw.N_w": 3.0}}, 'vehicle: parameters: unknown key "yaw.N_w"'),
+        ({"hidden": {"yaw.battery-sag.x": 3.0}}, 'unknown key "yaw.battery-sag.x"'),
+        ({"runs": []}, "expected at least one [[runs]]"),
+        ({"runs": [{"name": "a"}]}, "expected one of commands = [[X, Y, N, seconds], ...] and largest"),
+        ({"runs": [{"name": "a", "commands": [[1, 2, 3]]}]}, "expected a list of 4 values, found 3 values"),
+        ({"runs": [{"name": "a", "commands": [[1, 2, 3, 0.2]]}]}, "held for 0.2 s; expected at least two samples, 0.4"),
+        ({"runs": [{"name": "../a", "largest": [1, 1, 1]}]}, "expected a name of letters"),
+        ({"runs": [{"name": "a", "largest": [1, 1, 1], "duration_s": 1e9}]}, "samples would be made; expected at most"),
+        ({"seed": -1}, "seed is -1; expected 0 or more"),
+        ({"disturbance": {"time_s": 0}}, "time_s is 0; expected more than 0"),
+    ],
+)  # fmt: skip
+def test_refusals(changes: dict[str, Any], says: str) -> None:
+    with pytest.raises(SettingError) as refusal:
+        specified(**changes)
+    assert str(refusal.value).startswith("plain.toml: ") and says in str(refusal.value)
+
+
+def test_replacing_settings_checks_them_too() -> None:
+    with pytest.raises(SettingError, match="expected at least one"):
+        replace(specified(), runs=())

@@ -1,0 +1,197 @@
+"""`automarine fit-thrusters` from end to end: options, files, terminal, refusals."""
+
+import csv
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import Result
+from matplotlib.figure import Figure
+
+from automarine_cli.cli import fit_thrusters as fit_thrusters_command
+from automarine_cli.report.figures.thrusters import thruster_figure
+from automarine_cli.thrusters.forms import FORMS
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.workflows.fit_thrusters import FILES, fit_thrusters
+
+Run = Callable[..., Result]
+AHEAD, ASTERN = 5.233e-4, 1.328e-4  # the source paper's equation 3, two thrusters together
+LEVELS = np.arange(-150.0, 151.0, 10.0)
+
+
+def write(path: Path, header: str, *columns: np.ndarray) -> Path:
+    rows = "\n".join(",".join(f"{value:.10g}" for value in row) for row in zip(*columns))
+    path.write_text(f"{header}\n{rows}\n", encoding="utf-8")
+    return path
+
+
+def two_thrusters(n: np.ndarray) -> np.ndarray:
+    return np.where(n > 0, AHEAD, ASTERN) * n * np.abs(n)
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    noise = 0.05 * np.random.default_rng(0).standard_normal(len(LEVELS))
+    noise[LEVELS == 0] = 0.0
+    return write(tmp_path / "bollard.csv", "n,force_N", LEVELS, two_thrusters(LEVELS) + noise)
+
+
+def test_equation_three_from_end_to_end(run: Run, log: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    result = run("fit-thrusters", log, "--thrusters-per-test", 2, "-o", out)
+    assert result.exit_code == 0, result.output
+    data = json.loads((out / "thrusters.json").read_text(encoding="utf-8"))
+    assert data["schema"] == "automarine/thruster-map/1" and data["thrusters_per_test"] == 2
+    for side, truth in (("forward", AHEAD), ("backward", ASTERN)):
+        one, both = data[side]["a"], data["per_test"][side]["a"]
+        assert both["value"] == pytest.approx(2 * one["value"], rel=1e-12)
+        assert both["ci95"][0] < truth < both["ci95"][1]
+        assert data[side]["points"] == 15
+    assert data["r2"] > 0.99 and data["cv_rmse_N"] >= data["rmse_N"] > 0
+    assert [form["form"] for form in data["forms"]][:2] == ["square", "dead-band"] and len(data["forms"]) == 8
+    assert data["form"] == "square" and data["chosen_because"] in result.stdout
+    assert data["runs"] == {"used": 1, "set_aside": []}
+    thruster_map = ThrusterMap.from_json(data)
+    assert thruster_map.force(100.0) == pytest.approx(1e4 * data["forward"]["a"]["value"])
+    assert sorted(path.name for path in out.iterdir()) == sorted([*FILES, "manifest.json"])
+    rows = list(csv.DictReader(io.StringIO((out / "thrusters.csv").read_text(encoding="utf-8"))))
+    assert len(rows) == len(LEVELS)
+    assert float(rows[-1]["force_N"]) == pytest.approx(
+        float(rows[-1]["fitted_N"]) + float(rows[-1]["residual_N"])
+    )
+    assert "**Forms side by side" in (out / "thrusters.md").read_text(encoding="utf-8")
+    assert (out / "thrusters.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_same_bytes_twice_and_overwrite_is_asked_for(run: Run, log: Path, tmp_path: Path) -> None:
+    one, two = tmp_path / "one", tmp_path / "two"
+    for out in (one, two):
+        assert run("fit-thrusters", log, "-o", out).exit_code == 0
+    for name in (*FILES, "manifest.json"):
+        assert (one / name).read_bytes() == (two / name).read_bytes()
+    refused = run("fit-thrusters", log, "-o", one)
+    assert refused.exit_code == 1 and "--overwrite" in refused.stderr
+    assert run("fit-thrusters", log, "-o", one, "--overwrite").exit_code == 0
+
+
+def test_json_alone_and_the_column_maps_default(run: Run, log: Path, tmp_path: Path) -> None:
+    columns = tmp_path / "columns.toml"
+    columns.write_text("[defaults]\nthrusters_per_test = 2\n", encoding="utf-8")
+    data = json.loads(run("fit-thrusters", log, "--columns", columns, "--json").stdout)
+    assert data["thrusters_per_test"] == 2
+    overruled = json.loads(
+        run("fit-thrusters", log, "--columns", columns, "--thrusters-per-test", 1, "--json").stdout
+    )
+    assert overruled["thrusters_per_test"] == 1
+    assert overruled["forward"]["a"]["value"] == pytest.approx(2 * data["forward"]["a"]["value"])
+
+
+def test_forced_form_keeps_the_square_law_beside_it(run: Run, log: Path) -> None:
+    data = json.loads(run("fit-thrusters", log, "--form", "power", "--json").stdout)
+    assert data["form"] == "power" and data["chosen"]["form"] == "power"
+    assert data["parameters"]["forward"]["p"]["value"] == pytest.approx(2.0, abs=0.1)
+    assert data["forward"]["a"]["value"] == pytest.approx(AHEAD, rel=0.02)
+    assert run("fit-thrusters", log, "--form", "cubic").exit_code == 2
+
+
+def test_flagged_points_are_printed_and_kept(run: Run, tmp_path: Path) -> None:
+    force = two_thrusters(LEVELS) + 0.02 * np.random.default_rng(1).standard_normal(len(LEVELS))
+    force[26] = 0.0
+    log = write(tmp_path / "faulty.csv", "n,force_N", LEVELS, force)
+    result = run("fit-thrusters", log)
+    assert "1 of 31 points weigh less" in result.stdout and "dropped out" in result.stdout
+    data = json.loads(run("fit-thrusters", log, "--json").stdout)
+    assert data["flagged"][0]["n"] == 110.0 and data["flagged"][0]["weight"] < 0.01
+    assert data["forward"]["points"] == 15
+    assert data["forward"]["a"]["value"] == pytest.approx(AHEAD, rel=0.01)
+
+
+def test_voltage_gives_a_map_each_and_the_exponent(run: Run, tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    volts = np.repeat([10.0, 12.0, 14.0, 16.0], len(LEVELS))
+    n = np.tile(LEVELS, 4)
+    force = two_thrusters(n) * (volts / 12.0) ** 1.2 * (1 + 0.003 * rng.standard_normal(len(n)))
+    sagging = volts * (1 - 0.002 * np.abs(n) / 150)
+    log = write(tmp_path / "volts.csv", "n,force_N,voltage_V", n, force, sagging)
+    data = json.loads(run("fit-thrusters", log, "--json").stdout)
+    assert data == json.loads(run("fit-thrusters", log, "--json", "--jobs", 2).stdout)
+    assert len(data["voltages"]) == 4
+    for entry, step in zip(data["voltages"], (10.0, 12.0, 14.0, 16.0)):
+        assert entry["voltage_V"] == pytest.approx(step, rel=0.003)
+        assert entry["forward"]["a"]["value"] == pytest.approx(AHEAD * (step / 12) ** 1.2, rel=0.01)
+    for side in ("forward", "backward"):
+        estimate = data["voltage_exponent"][side]["thrust_at_fixed_n"]
+        assert abs(estimate["value"] - 1.2) < 4 * estimate["stderr"] + 0.01
+        assert data["voltage_exponent"][side]["a"]["value"] == pytest.approx(1.2, abs=0.03)
+        assert len(data["voltage_exponent"][side]["between"]) == 3
+    assert any("that voltage's map" in note for note in data["notes"])
+
+
+def test_figure_has_measured_points_both_curves_and_residuals(log: Path) -> None:
+    figure = thruster_figure(fit_thrusters([log]))
+    assert isinstance(figure, Figure)
+    thrust, residual = figure.axes
+    assert thrust.get_ylabel() == "Thrust of one thruster [N]"
+    assert residual.get_xlabel() == "Control signal n [unit as logged]"
+    assert residual.get_ylabel().endswith("[N]")
+    labels = [text.get_text() for text in thrust.get_legend().get_texts()]
+    assert {"square law (chosen)", "measured"} <= set(labels)
+    curved = thruster_figure(fit_thrusters([log], form="power"))
+    assert {"square law", "chosen: power"} <= {
+        text.get_text() for text in curved.axes[0].get_legend().get_texts()
+    }
+    for axes in figure.axes:
+        for line in axes.get_lines():
+            assert np.all(np.isfinite(np.asarray(line.get_ydata(), dtype=float)))
+
+
+def test_one_direction_and_missing_values(run: Run, tmp_path: Path) -> None:
+    log = tmp_path / "ahead.csv"
+    log.write_text("n,force_N\n1,2\n2,8\n,3\n3,18\n4,\n5,50\n6,72\n", encoding="utf-8")
+    result = run("fit-thrusters", log)
+    assert result.exit_code == 0 and "no backward points" in result.stdout
+    assert "2 rows without a control signal or a force" in result.stdout
+    data = json.loads(run("fit-thrusters", log, "--json").stdout)
+    assert data["backward"] == {"a": None, "points": 0, "levels": 0, "why": "no backward points"}
+    assert data["forward"]["a"]["value"] == pytest.approx(2.0)
+    assert ThrusterMap.from_json(data).force(2.0) == pytest.approx(8.0, rel=1e-6)
+
+
+def test_other_logs_in_a_folder_are_set_aside_or_refused(run: Run, log: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "campaign"
+    folder.mkdir()
+    log.rename(folder / "bollard.csv")
+    (folder / "yaw.csv").write_text("time_s,heading_deg,tau\n0,0,1\n1,2,1\n", encoding="utf-8")
+    result = run("fit-thrusters", folder)
+    assert result.exit_code == 0 and "yaw.csv" in result.stderr and "control signal" in result.stderr
+    data = json.loads(run("fit-thrusters", folder, "--json").stdout)
+    assert data["runs"]["set_aside"][0]["file"].endswith("yaw.csv")
+    for arguments in ([folder, "--strict"], [folder / "yaw.csv"]):
+        refused = run("fit-thrusters", *arguments)
+        assert (
+            refused.exit_code == 1
+            and refused.stderr.startswith("Error: ")
+            and refused.stderr.count("\n") == 1
+        )
+
+
+def test_refusals_are_one_line(run: Run, tmp_path: Path) -> None:
+    log = write(tmp_path / "wrong.csv", "n,force_N", LEVELS, -two_thrusters(LEVELS))
+    out = tmp_path / "out"
+    result = run("fit-thrusters", log, "-o", out)
+    assert result.exit_code == 1 and "sign = -1" in result.stderr and not out.exists()
+    columns = tmp_path / "columns.toml"
+    columns.write_text('[columns]\nforce_N = { from = "force_N", sign = -1 }\n', encoding="utf-8")
+    assert run("fit-thrusters", log, "--columns", columns).exit_code == 0
+
+
+def test_help_ends_with_an_example(run: Run) -> None:
+    text = run("fit-thrusters", "--help").stdout
+    assert "automarine fit-thrusters sample_runs/thrusters --thrusters-per-test 2" in text
+
+
+def test_the_command_offers_every_form() -> None:
+    assert set(fit_thrusters_command.FORMS) == set(FORMS)

@@ -1,0 +1,96 @@
+"""`ThrusterMap`: signs, moment, plain data and its refusals."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+
+from automarine_cli.errors import ModelError
+from automarine_cli.thrusters.forms import FORMS, Curve
+from automarine_cli.thrusters.map import ThrusterMap
+
+MAP = ThrusterMap("square", Curve(2.6165e-4), Curve(0.6640e-4))
+
+
+def test_force_keeps_shape_and_sign() -> None:
+    assert MAP.force(np.array([[100.0, -100.0], [0.0, 150.0]])) == pytest.approx(
+        np.array([[2.6165, -0.6640], [0.0, 5.887125]])
+    )
+
+
+def test_port_ahead_turns_clockwise() -> None:
+    """Equal and opposite commands: (a_f + a_b) l n^2; the same both ways with the sign turned."""
+    assert MAP.moment(100.0, -100.0, 0.5) == pytest.approx(0.5 * 3.2805)
+    assert MAP.moment(-100.0, 100.0, 0.5) == pytest.approx(-0.5 * 3.2805)
+    assert MAP.moment(80.0, 80.0, 0.5) == pytest.approx(0.0)
+
+
+def test_dead_band_and_saturation() -> None:
+    curve = Curve(10.0, 1.5, 0.1, 0.6)
+    assert curve.thrust(np.array([0.05, 0.1, 0.6, 1.0])) == pytest.approx(
+        [0.0, 0.0, 10 * 0.5**1.5, 10 * 0.5**1.5]
+    )
+    assert len(FORMS) == 8 and [form.parameters for form in FORMS.values()] == [1, 2, 2, 3, 2, 3, 3, 4]
+
+
+@pytest.mark.parametrize(
+    "thruster_map",
+    [MAP, ThrusterMap("dead-band-power-saturation", Curve(30.0, 1.4, 0.08, 0.7), None, "rev/s")],
+)
+def test_json_there_and_back(thruster_map: ThrusterMap) -> None:
+    text = json.dumps(thruster_map.to_json(), allow_nan=False)
+    assert ThrusterMap.from_json(json.loads(text)) == thruster_map
+
+
+BREAKAGES = {
+    r"schema: found \"automarine/yaw-model/1\", expected \"automarine/thruster-map/1\"": lambda d: d.update(
+        schema="automarine/yaw-model/1"
+    ),
+    r"unknown key \"thrust\"": lambda d: d.update(thrust=1),
+    r"parameters: unknown key \"sideways\"": lambda d: d["parameters"].update(sideways={}),
+    r"parameters\.forward: unknown key \"b\"": lambda d: d["parameters"]["forward"].update(b=1.0),
+    r"parameters\.forward\.a: found NaN, expected a finite number": lambda d: d["parameters"][
+        "forward"
+    ].update(a=float("nan")),
+    r"parameters\.backward\.a\.value: found -1, expected more than 0": lambda d: d["parameters"][
+        "backward"
+    ].update(a={"value": -1.0}),
+    r"parameters\.backward\.a: found nothing, expected a number": lambda d: d["parameters"]["backward"].pop(
+        "a"
+    ),
+    r"parameters\.forward\.n_0: found -1, expected a dead band of zero or more": lambda d: d["parameters"][
+        "forward"
+    ].update(n_0=-1.0),
+    r"parameters\.forward\.n_sat: found 1, expected more than the dead band, 2": lambda d: d["parameters"][
+        "forward"
+    ].update(n_0=2.0, n_sat=1.0),
+    r"parameters\.forward\.p: found \"two\", expected a number": lambda d: d["parameters"]["forward"].update(
+        p="two"
+    ),
+    r"form: found \"cubic\", expected one of square": lambda d: d.update(form="cubic"),
+    r"key \"parameters\" is missing": lambda d: d.pop("parameters"),
+    r"neither a forward nor a backward": lambda d: d.update(parameters={}),
+    r"n_unit: found 3, expected text": lambda d: d.update(n_unit=3),
+}
+
+
+@pytest.mark.parametrize("words", BREAKAGES)
+def test_a_broken_map_is_refused_with_the_key(words: str) -> None:
+    data = copy.deepcopy(MAP.to_json())
+    BREAKAGES[words](data)
+    with pytest.raises(ModelError, match=words):
+        ThrusterMap.from_json(data, "map.json")
+
+
+def test_not_an_object_missing_direction_and_bad_input() -> None:
+    with pytest.raises(ModelError, match="expected an object"):
+        ThrusterMap.from_json([1, 2])
+    one_way = ThrusterMap("square", Curve(1.0), None)
+    assert one_way.force(2.0) == pytest.approx(4.0)
+    with pytest.raises(ModelError, match="no backward direction"):
+        one_way.force(-1.0)
+    with pytest.raises(ModelError, match="finite"):
+        MAP.force(np.nan)
+    with pytest.raises(ModelError, match="arm"):
+        MAP.moment(1.0, 1.0, 0.0)

@@ -1,0 +1,199 @@
+"""Raw load-cell series: plateaus, transients, drop-outs, standard errors, tare and its drift."""
+
+import numpy as np
+import pytest
+
+from automarine_cli.thrusters.analysis import analyse
+from automarine_cli.thrusters.contradictions import flag_contradictions
+from automarine_cli.thrusters.plateaus import (
+    constant_segments,
+    reduce_series,
+    settled_from,
+    standard_error,
+)
+from automarine_cli.thrusters.points import Points
+from automarine_cli.thrusters.records import Series
+from automarine_cli.thrusters.tare import subtract_tare
+
+A = 25.0  # N at full command, square law both ways
+COMMANDS = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.0, -0.2, -0.4, -0.6, -0.8, -1.0, 0.0])
+
+
+def red_noise(rng: np.random.Generator, size: int, sd: float, memory: float = 0.8) -> np.ndarray:
+    """First-order autoregressive noise of standard deviation `sd`."""
+    white = rng.standard_normal(size) * sd * np.sqrt(1 - memory**2)
+    series = np.empty(size)
+    series[0] = sd * rng.standard_normal()
+    for i in range(1, size):
+        series[i] = memory * series[i - 1] + white[i]
+    return series
+
+
+def raw(
+    seed: int,
+    *,
+    hold: int = 200,
+    lag: float = 8.0,
+    sd: float = 0.3,
+    tare: tuple[float, float] = (0.0, 0.0),
+    n_noise: float = 0.0,
+) -> Series:
+    """Commands held for `hold` samples, thrust following with a lag [samples], a tare that drifts."""
+    rng = np.random.default_rng(seed)
+    n = np.repeat(COMMANDS, hold)
+    wanted = A * n * np.abs(n)
+    force = np.zeros(len(n))
+    for i in range(1, len(n)):
+        force[i] = force[i - 1] + (wanted[i] - force[i - 1]) / lag
+    force += np.linspace(*tare, len(n)) + red_noise(rng, len(n), sd)
+    return Series("test.csv", "", n + n_noise * rng.standard_normal(len(n)), force, 0.1 * np.arange(len(n)))
+
+
+def fitted(points: Points) -> tuple[float, float]:
+    tared, _ = subtract_tare(flag_contradictions(points, None))
+    estimate = analyse(tared, None, 0.0, "")[0].square["forward"]
+    return estimate.value, estimate.stderr
+
+
+def test_one_plateau_for_each_command_with_its_transient_dropped() -> None:
+    reduction = reduce_series([raw(0)])
+    points = reduction.points
+    assert points.n == pytest.approx(COMMANDS)
+    assert reduction.plateaus == len(COMMANDS) and reduction.samples == 200 * len(COMMANDS)
+    assert reduction.dropped["transient"] > 10 * 15  # ten steps of up to 9 N, a lag of 8 samples each
+    assert reduction.dropped["drop_out"] == reduction.dropped["too_short"] == 0
+    assert np.all(points.count >= 100)
+    # Noise of 0.3 N with a memory of 0.8 leaves 0.064 N in a mean of 200 samples.
+    assert np.max(np.abs(points.force - A * points.n * np.abs(points.n))) < 5 * 0.064
+    assert np.sqrt(np.mean(points.stderr**2)) == pytest.approx(0.064, rel=0.3)
+
+
+def test_a_fixed_share_would_not_do() -> None:
+    """A long transient is cut longer than a short one, and a settled record is hardly cut."""
+    time = np.arange(400.0)
+    noise = 0.1 * np.random.default_rng(0).standard_normal(400)
+    cuts = [settled_from(10 * (1 - np.exp(-time / lag)) + noise)[0] for lag in (3.0, 12.0, 30.0)]
+    assert cuts[0] < cuts[1] < cuts[2]
+    assert 3 <= cuts[0] <= 60 and 100 <= cuts[2] <= 200
+    assert settled_from(5.0 + noise)[0] <= 100
+    assert not settled_from(0.05 * time + noise)[1]
+
+
+def test_square_law_from_raw_series_in_units_of_its_standard_error() -> None:
+    scores = []
+    for seed in range(10):
+        value, stderr = fitted(reduce_series([raw(seed, tare=(0.8, 0.8))]).points)
+        scores.append((value - A) / stderr)
+    assert np.abs(scores).max() < 5.0
+    # A square law rests on its few highest levels: t with so few degrees of freedom has long tails, of which the
+    # interval knows (its coverage is measured in benchmarks/interval_coverage.py) and a standard error does not.
+    assert np.median(np.abs(scores)) < 1.5
+
+
+def test_standard_error_allows_for_autocorrelation() -> None:
+    """The spread of means over 200 records against their standard errors; the naive one is a third."""
+    means, errors, naive = [], [], []
+    for seed in range(200):
+        noise = red_noise(np.random.default_rng(seed), 400, 1.0)
+        means.append(noise.mean())
+        errors.append(standard_error(noise))
+        naive.append(noise.std(ddof=1) / 20.0)
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(np.std(means), rel=0.2)
+    assert np.mean(naive) < 0.5 * np.std(means)
+
+
+def test_a_drifting_tare_is_followed() -> None:
+    points = reduce_series([raw(2, tare=(1.0, 3.0), sd=0.1)]).points
+    tared, tare = subtract_tare(points)
+    assert tare.subtracted and tare.readings == 3
+    assert tare.value == pytest.approx(2.0, abs=0.1)
+    assert tare.drift == pytest.approx(2.0 * 12 / 13, abs=0.15)  # between the middles of first and last rest
+    assert np.all(np.abs(tared.force - A * tared.n * np.abs(tared.n)) < 0.15)
+    assert "drifting" in tare.says
+
+
+def test_a_record_without_rest_takes_the_tare_of_the_others() -> None:
+    def held(run: str, n: float, force: float, seed: int) -> Series:
+        noise = 0.05 * np.random.default_rng(seed).standard_normal(50)
+        return Series("log.csv", run, np.full(50, n), force + noise)
+
+    records = [held("tare", 0.0, 1.5, 0)] + [
+        held(f"{n}", n, A * n * n + 1.5, i) for i, n in enumerate((0.3, 0.6, 1.0))
+    ]
+    tared, tare = subtract_tare(reduce_series(records).points)
+    assert tare.value == pytest.approx(1.5, abs=0.05)
+    assert tared.force == pytest.approx([0.0, A * 0.09, A * 0.36, A], abs=0.05)
+
+
+def test_a_tare_within_its_scatter_is_left_alone() -> None:
+    """A table with one zero row as noisy as the others: subtracting it would add its error to every point."""
+    n = np.arange(-15.0, 16.0)
+    force = 0.1 * n * np.abs(n) + 0.2 * np.random.default_rng(5).standard_normal(31)
+    force[15] = 0.1
+    points = Points.measured(n, force, n, None, 0)
+    assert not subtract_tare(points)[1].subtracted
+    shifted, tare = subtract_tare(Points.measured(n, force + 4.0, n, None, 0))
+    assert tare.subtracted and tare.value == pytest.approx(4.1) and tare.stderr > 0.05
+    assert shifted.force == pytest.approx(force - 0.1)
+
+
+def test_blinks_and_spikes_are_counted_not_kept() -> None:
+    record = raw(1)
+    n, force = record.n.copy(), record.force.copy()
+    n[850:853] = 0.0  # the tachometer blinks inside the plateau at 0.8
+    force[1100:1102] = 500.0  # an electrical spike at 1.0
+    reduction = reduce_series([Series("test.csv", "", n, force, record.time)])
+    assert reduction.points.n == pytest.approx(COMMANDS)
+    assert reduction.dropped["drop_out"] == 3
+    assert reduction.dropped["spike"] == 2
+    assert np.max(np.abs(reduction.points.force)) < 27.0
+
+
+def test_a_measured_speed_with_noise_is_still_held() -> None:
+    reduction = reduce_series([raw(3, n_noise=0.003)])
+    assert len(reduction.points) == len(COMMANDS)
+    assert reduction.points.n == pytest.approx(COMMANDS, abs=0.002)
+    assert np.count_nonzero(reduction.points.n == 0.0) == 3
+
+
+def test_tables_stay_tables() -> None:
+    """Fine sorted, shuffled and repeated tables are no raw series, also with many zeros in a row."""
+    fine = np.linspace(-1, 1, 201)
+    fine[np.abs(fine) < 0.085] = 0.0
+    shuffled = np.random.default_rng(0).permutation(np.linspace(-1, 1, 41))
+    for n in (fine, shuffled, np.repeat([0.2, 0.4, 0.6, 0.8], 3)):
+        reduction = reduce_series([Series("t.csv", "", n, n * np.abs(n))])
+        assert reduction.plateaus == 0 and len(reduction.points) == len(n)
+
+
+def test_still_changing_thrust_is_said() -> None:
+    n = np.repeat([0.2, 0.6, 1.0], 100)
+    force = (
+        A * n * n + np.tile(np.linspace(0, 3, 100), 3) + 0.02 * np.random.default_rng(1).standard_normal(300)
+    )
+    assert "still changing" in reduce_series([Series("slow.csv", "", n, force)]).notes[0]
+
+
+def test_segments() -> None:
+    assert constant_segments(np.array([1.0, 1, 2, 2, 2, 1])) == [(0, 2), (2, 5), (5, 6)]
+    assert constant_segments(np.empty(0)) == []
+
+
+def test_a_long_sweep_goes_in_means_of_neighbours() -> None:
+    n = np.sin(np.linspace(0, 2 * np.pi, 20000))
+    force = A * n * np.abs(n) + 0.5 * np.random.default_rng(0).standard_normal(20000)
+    reduction = reduce_series([Series("sweep.csv", "", n, force)])
+    points = reduction.points
+    assert reduction.plateaus == 0 and len(points) == 2000 and points.count.sum() == 20000
+    assert points.force - A * points.n * np.abs(points.n) == pytest.approx(0.0, abs=5 * 0.5 / np.sqrt(10))
+
+
+@pytest.mark.parametrize("start", [600, 1800])
+def test_a_faulty_plateau_among_five_is_flagged(start: int) -> None:
+    """One of five commands ahead, then one astern, hardly pulls: flagged although the table is coarse."""
+    record = raw(1, tare=(1.0, 1.6))
+    force = record.force.copy()
+    force[start : start + 200] *= 0.02
+    points = reduce_series([Series("test.csv", "", record.n, force, record.time)]).points
+    flagged = flag_contradictions(points, None)
+    assert np.flatnonzero(flagged.flag != "").tolist() == [start // 200]

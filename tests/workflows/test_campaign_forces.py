@@ -1,0 +1,106 @@
+"""`run` takes surge and heave as further sections of a campaign file."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from repository import SAMPLE_RUNS
+
+from automarine_cli.errors import SettingError
+from automarine_cli.workflows.campaign_file import read_campaign
+from automarine_cli.workflows.init import init
+from automarine_cli.workflows.report import report_files
+from automarine_cli.workflows.run import run_campaign
+
+HEAVE = f"""
+schema = "automarine/campaign/1"
+title = "Up and down"
+[heave]
+steps = ["{SAMPLE_RUNS / "heave"}"]
+validation = ["{SAMPLE_RUNS / "heave_validation"}"]
+depths = [0, 3.6]
+tail = 1.1
+"""
+
+
+def test_heave_has_steps_and_a_report_of_its_own(tmp_path: Path) -> None:
+    file, out = tmp_path / "campaign.toml", tmp_path / "out"
+    file.write_text(HEAVE)
+    made = run_campaign(file, out=out, until="validate-heave")
+    did = {one.step: one.did for one in made.news}
+    assert list(did) == [
+        "check",
+        "fit-thrusters",
+        "fit-yaw",
+        "validate",
+        "diagnose",
+        "fit-heave",
+        "validate-heave",
+    ]
+    assert (did["fit-heave"], did["validate-heave"], did["fit-yaw"]) == ("made", "made", "skipped")
+    assert (
+        made.says["fit-heave"].startswith("model 3: Z_w|w| 45")
+        and "cm free run" in made.says["validate-heave"]
+    )
+    options = json.loads((out / "heave" / "manifest.json").read_text())["options"]
+    assert options["tail"] == 1.1 and options["depths"] == [0, 3.6]
+    again = run_campaign(file, out=out, until="validate-heave")
+    assert {one.step: one.did for one in again.news}["validate-heave"] == "kept"
+    report = report_files(out)["report.md"]
+    for said in (
+        "# Heave identification",
+        "## Heave model",
+        "In heave, model 3",
+        "Buoyancy: a constant force of 2",
+        "## Validation in heave",
+    ):
+        assert said in report
+    assert "## Yaw model" not in report and "heave/steps.png" in report
+
+
+def test_init_writes_the_sections_that_run_takes(tmp_path: Path) -> None:
+    for name in ("surge", "surge_validation", "heave", "heave_validation", "hidden_surge"):
+        shutil.copytree(SAMPLE_RUNS / name, tmp_path / name)
+    started = init(tmp_path)
+    assert started.questions == ()
+    campaign = read_campaign(tmp_path / "campaign.toml")
+    assert set(campaign.forces) == {"surge", "heave"} and campaign.asked.logs.steps == ()
+    counts = {
+        (motion, kind): len(campaign.files(kind, motion=motion))
+        for motion in campaign.forces
+        for kind in ("steps", "manoeuvres", "validation")
+    }
+    assert counts == {
+        ("surge", "steps"): 34, ("surge", "manoeuvres"): 4, ("surge", "validation"): 3,
+        ("heave", "steps"): 1, ("heave", "manoeuvres"): 0, ("heave", "validation"): 3,
+    }  # fmt: skip
+    assert started.to_json()["surge"]["validation"][0].endswith("surge_validation/falling.csv")
+
+
+def test_a_campaign_of_yaw_alone_has_no_other_steps() -> None:
+    assert read_campaign(SAMPLE_RUNS / "pool_day.toml").forces == {}
+    assert set(read_campaign(SAMPLE_RUNS / "forces.toml").forces) == {"surge", "heave"}
+
+
+def test_the_tail_of_yaw_is_in_degrees(tmp_path: Path) -> None:
+    file = tmp_path / "campaign.toml"
+    text = f'schema = "automarine/campaign/1"\n[logs]\nsteps = ["{SAMPLE_RUNS / "steps"}"]\n[yaw]\ntail = '
+    file.write_text(f"{text}90.0\n")
+    assert read_campaign(file).asked.yaw.tail == 90.0
+    file.write_text(f"{text}170.0\n")
+    with pytest.raises(SettingError, match="tail is 170; expected 15 to 165 degrees"):
+        read_campaign(file)
+
+
+@pytest.mark.parametrize(("line", "why"), [
+    ("within = 3.0", "within"), ("depths = [1.0]", "depths"), ('force = "guessed"', "force"),
+    ('steps = ["no"]', "heave.steps"), ("tail = -1.0", "tail is -1; expected metres above 0"),
+])  # fmt: skip
+def test_what_makes_no_sense_is_refused_with_its_key(tmp_path: Path, line: str, why: str) -> None:
+    file = tmp_path / "campaign.toml"
+    key = line.partition(" ")[0]
+    kept = "\n".join(one for one in HEAVE.splitlines() if not one.startswith(key))
+    file.write_text(f"{kept}\n{line}\n")
+    with pytest.raises(SettingError, match=why):
+        run_campaign(file)
