@@ -1,7 +1,7 @@
 """Models from files: `yaw_model.json` of a yaw fit, or another motion's; all of it checked."""
 
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from automarine_cli import effects
@@ -83,6 +83,34 @@ def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels
         )
     names = tuple(name for name, _ in added)
     return StoredModels(models, preferred, unit, late, where, dof, names)
+
+
+def model_json(
+    dof: Dof,
+    *,
+    unit: str,
+    fitted_to: str,
+    models: Mapping[str, Mapping[str, object]],
+    preferred: str,
+    because: str,
+    ratio: Mapping[str, object] | None,
+    valid_range: Mapping[str, object],
+    effects: Sequence[Mapping[str, object]],
+) -> dict[str, object]:
+    """What every model file begins with: models by number, the preferred one and why, the ratio of inertia to quadratic
+    drag, the range that it was fitted in, and the effects beside drag."""
+    return {
+        "schema": schema_of(dof),
+        **({} if dof.wraps else {"motion": dof.name}),
+        f"{dof.words.force}_unit": unit,
+        "fitted_to": fitted_to,
+        "models": models,
+        "preferred": preferred,
+        "preferred_because": because,
+        dof.ratio_key: ratio,
+        "valid_range": valid_range,
+        "effects": effects,
+    }
 
 
 def schema_of(dof: Dof) -> str:

@@ -9,16 +9,17 @@ import inspect
 import pkgutil
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import MISSING, Field, dataclass, fields, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
 import pandas as pd
 
+from automarine_cli.comparison.result_files import Contents
 from automarine_cli.effects.own import own_files
 from automarine_cli.errors import SettingError
-from automarine_cli.logs import find_logs, given_columns
+from automarine_cli.logs import Logs, find_logs, given_columns
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import ResultFolder, result_folder
 from automarine_cli.pipeline.progress import Progress, silent
@@ -103,6 +104,16 @@ class View(Generic[Result]):
 
 
 @dataclass(frozen=True)
+class Compared:
+    """What `compare` takes of a command's results: the result file, its schema, and parameters and facts in it, of the
+    models that it is asked for."""
+
+    file: str
+    schema: str
+    contents: Callable[[Mapping[str, Any], Sequence[str]], Contents]
+
+
+@dataclass(frozen=True)
 class Runner:
     """How a command is carried out: where its results go, on how many processes, and who is told how far it is."""
 
@@ -137,10 +148,11 @@ class Runner:
 class Command(Generic[Options, Result]):
     """A command: what it takes, what carries it out, the files it leaves, and how its results are shown.
 
-    `instead` names, for the settings at hand, another command of the same name, such as that for another kind of
-    model, which is not `listed` itself; `python` is its name there, where it has another; `repeats` where it leaves a
-    manifest from which it can be carried out again. A command is called as a function, with the first of its options
-    or with all by name.
+    `compared` says how its results stand side by side, `section` which of its files the report of a campaign shows
+    where it lies in a folder of the command's name. `instead` names, for the settings at hand, another command of the
+    same name, such as that for another kind of model, which is not `listed` itself; `python` is its name there, where
+    it has another; `repeats` where it leaves a manifest from which it can be carried out again. A command is called as
+    a function, with the first of its options or with all by name.
     """
 
     name: str
@@ -148,6 +160,8 @@ class Command(Generic[Options, Result]):
     run: Callable[[Options, Runner], Result]
     views: Mapping[type, View[Any]]
     files: Callable[[Any], Sequence[str]] = lambda result: ()
+    compared: Compared | None = None
+    section: str = ""
     instead: "Callable[[Mapping[str, Any]], Command[Any, Any] | None]" = lambda settings: None
     python: str = ""
     listed: bool = True
@@ -201,12 +215,17 @@ class Command(Generic[Options, Result]):
     def asked(self, settings: Mapping[str, object]) -> Options:
         """The options record of these settings. Raises TypeError for one that there is not, LogError for no logs."""
         plain = dict(settings)
+        logs: dict[str, Logs] = {}
         for one in fields(self.options):
             if one.name in plain and "read" in one.metadata:
-                plain[one.name] = _plain(plain[one.name], one)
+                plain[one.name] = found = _plain(plain[one.name], one)
+                if one.metadata["read"].kind == "logs" and (found or one.default is MISSING):
+                    logs[one.name] = found
             elif isinstance(plain.get(one.name), str) and isinstance(one.default, tuple):
                 plain[one.name] = (plain[one.name],)
-        return self.options(**plain)
+        record: Any = self.options(**plain)  # says what is wrong with it before logs are looked for
+        found_logs = {name: tuple(find_logs(places)) for name, places in logs.items()}
+        return replace(record, **found_logs) if found_logs else record
 
     def says(self, result: Result) -> Sequence[Table | str]:
         """What the terminal shows of a result."""
@@ -263,16 +282,14 @@ def seed_of(asked: Record) -> int | None:
     return next((getattr(asked, one.name) for one in drawn), None)
 
 
-def _plain(value: object, one: "Field[Any]") -> object:
-    """What is read as the options record holds it: texts become places, places of logs the logs there."""
+def _plain(value: object, one: "Field[Any]") -> Any:
+    """What is read as the options record holds it: texts become places, one place a list."""
     kind = one.metadata["read"].kind
     if kind == "file":
         return _file(value, one.name)
     many = [value] if isinstance(value, str | Path) else value
     assert isinstance(many, Sequence)
-    if kind == "logs":
-        return tuple(find_logs(many)) if many or one.default is MISSING else ()
-    return tuple(Path(each) for each in many)
+    return tuple(many) if kind == "logs" else tuple(Path(each) for each in many)
 
 
 def _file(value: object, name: str) -> object:

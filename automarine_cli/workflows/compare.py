@@ -6,7 +6,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from automarine_cli.comparison.result_files import shared_models, side
+from automarine_cli.comparison.result_files import shared_models
 from automarine_cli.comparison.side_by_side import Difference, Side, differences
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError, SettingError
@@ -19,16 +19,11 @@ from automarine_cli.report.compare_tables import difference_table, parameter_tab
 from automarine_cli.report.figures.compare import compare_figure
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.tables import Table
-from automarine_cli.workflows.command import Command, Row, Runner, View, reads
+from automarine_cli.workflows.command import Command, Compared, Row, Runner, View, commands, reads
 from automarine_cli.workflows.shared import Drawn, numbers
 
 SCHEMA = "automarine/comparison/1"
 FILES = ("comparison.json", "parameters.csv", "differences.csv", "comparison.md", "comparison.png")
-RESULTS = {
-    "diagnosis.json": ("automarine/diagnosis/1", "diagnose"),
-    **{f"{name}_model.json": (f"automarine/{name}-model/1", f"fit-{name}") for name in DOFS},
-    "thrusters.json": ("automarine/thruster-map/1", "fit-thrusters"),
-}
 STEPS = tuple(dict.fromkeys(("yaw", "thrusters", "diagnosis", *DOFS)))
 
 
@@ -71,12 +66,13 @@ class ResultComparison(Shown):
 
 @dataclass(frozen=True)
 class _Found:
-    """A result folder: its name here, its file, what is in it, and the command that it is of."""
+    """A result folder: its name here, its file, what is in it, the command that it is of, and how that is compared."""
 
     name: str
     path: Path
     data: Mapping[str, Any]
     kind: str
+    compared: Compared
 
     @property
     def dof(self) -> Dof:
@@ -153,23 +149,24 @@ def _names(folders: Sequence[Path]) -> list[str]:
 
 def _find(folder: Path, name: str) -> _Found:
     """The result in a folder. Raises SettingError if there is none, ModelError if it cannot be read."""
-    for file, (schema, kind) in RESULTS.items():
-        path = folder / file
+    found = {one.name: one.compared for one in commands().values() if one.compared is not None}
+    files = [one.file for one in found.values()]
+    for kind, compared in found.items():
+        path = folder / compared.file
         if not path.is_file():
             continue
-        data = read_plain(path, "JSON", ModelError)
+        data, schema = read_plain(path, "JSON", ModelError), compared.schema
         if data.get("schema") != schema:
-            raise ModelError(f"{name}/{file}: schema is {data.get('schema')!r}; expected {schema!r}")
-        if data.get("model") == "thruster-map":
-            kind = "diagnose of thrusters"
-        return _Found(name, path, data, kind)
-    inside = [step for step in STEPS if any((folder / step / file).is_file() for file in RESULTS)]
+            raise ModelError(f"{name}/{compared.file}: schema is {data.get('schema')!r}; expected {schema!r}")
+        of_map = data.get("model") == "thruster-map"
+        return _Found(name, path, data, f"{kind} of thrusters" if of_map else kind, compared)
+    inside = [step for step in STEPS if any((folder / step / file).is_file() for file in files)]
     if inside:
         raise SettingError(
             f"{folder} holds a whole campaign; compare one step of each, such as {folder / inside[0]}"
         )
     raise SettingError(
-        f"{folder} holds no result of fit-thrusters, fit-yaw or diagnose; expected one of the files {listed(RESULTS)}"
+        f"{folder} holds no result of fit-thrusters, fit-yaw or diagnose; expected one of the files {listed(files)}"
     )
 
 
@@ -191,15 +188,12 @@ def _refuse_mixtures(found: Sequence[_Found]) -> None:
 
 
 def _sides(found: Sequence[_Found]) -> tuple[Side, ...]:
-    models = (
-        shared_models([one.data for one in found])
-        if found[0].kind in [f"fit-{name}" for name in DOFS]
-        else ()
-    )
+    models = shared_models([one.data for one in found])
     sides = []
     for one in found:
         try:
-            sides.append(side(one.name, one.data, models))
+            parameters, facts = one.compared.contents(one.data, models)
+            sides.append(Side(one.name, parameters, facts, int(one.data["runs"]["used"])))
         except (KeyError, TypeError, ValueError, AttributeError) as problem:
             raise ModelError(
                 f"{one.name}/{one.path.name}: {type(problem).__name__} at {problem}; expected a file as automarine "

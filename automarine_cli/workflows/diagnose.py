@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from automarine_cli.comparison.result_files import of_diagnosis
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.estimates import base_estimates
+from automarine_cli.diagnosis.extended_model import extended_model
 from automarine_cli.diagnosis.formula_file import learned_json
 from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.diagnosis.verdict import NamedEffect
@@ -19,7 +21,6 @@ from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.logs import ColumnMap, Logs, given_columns
 from automarine_cli.models.planar_store import SCHEMA as PLANAR_SCHEMA
 from automarine_cli.models.store import StoredModels, load_yaw_models
-from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
 from automarine_cli.pipeline.outputs import ResultFolder, json_document
 from automarine_cli.pipeline.parallel import lasting_map
 from automarine_cli.pipeline.plain_data import Document, schema_in
@@ -34,20 +35,21 @@ from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.runs.stuck import without_stuck
 from automarine_cli.runs.undriven import without_undriven
+from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
 from automarine_cli.workflows.command import (
     Command,
+    Compared,
     Figures,
     Row,
     Runner,
     View,
 )
-from automarine_cli.workflows.diagnose_planar import DiagnoseOptions, PlanarDiagnosis, diagnose_planar
+from automarine_cli.workflows.diagnose_planar import SCHEMA, DiagnoseOptions, PlanarDiagnosis, diagnose_planar
 from automarine_cli.workflows.diagnose_thrusters import (
     FILES,
     ThrusterDiagnosis,
     diagnose_thrusters,
 )
-from automarine_cli.workflows.extended_model import extended_model
 from automarine_cli.workflows.moments import with_moments
 from automarine_cli.workflows.shared import aligned, numbers
 
@@ -77,7 +79,7 @@ class YawDiagnosis(Shown):
         before = base_estimates(self.diagnosis.study, found.base)
         dof = self.stored.dof
         return {
-            "schema": "automarine/diagnosis/1",
+            "schema": SCHEMA,
             **({} if dof.wraps else {"motion": dof.name}),
             "verdict": self.diagnosis.verdict,
             **{key: text for key in ("why", "left") if (text := getattr(self.diagnosis.said, key))},
@@ -143,7 +145,7 @@ class YawDiagnosis(Shown):
         lines += fit_sentences(self.diagnosis.channels, self.diagnosis.found.final.fit, self.stored.dof)
         return [*lines, *diagnosis_tables.tables(self.diagnosis)]
 
-    def extended_model(self) -> dict[str, Any]:
+    def extended_model(self) -> dict[str, object]:
         """The base model with the effects named, refitted together: a yaw-model that `validate` and `diagnose` take."""
         return extended_model(
             self.diagnosis.study, self.diagnosis.said.leaves, self.stored, self.parent_sha256
@@ -268,5 +270,5 @@ diagnose: Command[DiagnoseMotionOptions, YawDiagnosis | PlanarDiagnosis | Thrust
     "diagnose", DiagnoseMotionOptions, _diagnose,
     {YawDiagnosis: View(YawDiagnosis.tables, _lines, _rows, _figures), **diagnose_planar.views,
      **diagnose_thrusters.views},
-    _files, instead=_instead,
+    _files, Compared("diagnosis.json", SCHEMA, of_diagnosis), instead=_instead,
 )  # fmt: skip

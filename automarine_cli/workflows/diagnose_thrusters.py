@@ -4,18 +4,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
-from automarine_cli.thrusters.diagnosis import diagnose_thrusters as diagnose_points
 from automarine_cli.errors import ModelError, RunError, SettingError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.logs import ColumnMap, Logs, given_columns
-from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import Source, read_plain
 from automarine_cli.report import thruster_diagnosis as page
 from automarine_cli.report.figures import thruster_diagnosis as figures
 from automarine_cli.report.figures.files import Draw, write_figures
 from automarine_cli.runs.channels import AUTO
+from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
+from automarine_cli.thrusters.diagnosis import diagnose_thrusters as diagnose_points
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import ThrusterLogs, load_thruster_logs
 from automarine_cli.workflows.command import (
     HOLD_OUT,

@@ -34,14 +34,14 @@ from automarine_cli.exports.prepare import (
 from automarine_cli.models.planar_store import SCHEMA as PLANAR_SCHEMA
 from automarine_cli.models.planar_store import planar_from_json
 from automarine_cli.models.store import yaw_models_from_json
-from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
-from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.pipeline.manifest import sha256
 from automarine_cli.pipeline.one_file import refuse_existing, write_whole
 from automarine_cli.pipeline.plain_data import Source, read_plain
 from automarine_cli.pipeline.reuse import manifest_of
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.tables import Table
+from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.workflows.command import Command, Runner, View, reads
 
 SCHEMA = "automarine/export/1"

@@ -6,16 +6,8 @@ from functools import partial
 
 import numpy as np
 
+from automarine_cli.comparison.result_files import of_thrusters
 from automarine_cli.errors import FitError, SettingError
-from automarine_cli.thrusters.analysis import Analysis, analyse
-from automarine_cli.thrusters.contradictions import flag_contradictions
-from automarine_cli.thrusters.fit import Side
-
-from automarine_cli.thrusters.plateaus import reduce_series
-from automarine_cli.thrusters.points import Ints, Points, voltage_steps
-from automarine_cli.thrusters.result import ThrusterFit
-from automarine_cli.thrusters.tare import Tare, subtract_tare
-from automarine_cli.thrusters.voltage import VoltageExponent, voltage_exponents
 from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.parallel import ordered_map
@@ -25,8 +17,17 @@ from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.tables import number
 from automarine_cli.runs.load import told_beside
+from automarine_cli.thrusters.analysis import Analysis, analyse
+from automarine_cli.thrusters.contradictions import flag_contradictions
+from automarine_cli.thrusters.fit import Side
+from automarine_cli.thrusters.map import SCHEMA
+from automarine_cli.thrusters.plateaus import reduce_series
+from automarine_cli.thrusters.points import Ints, Points, voltage_steps
 from automarine_cli.thrusters.records import ThrusterLogs, load_thruster_logs
-from automarine_cli.workflows.command import Command, Row, Runner, View
+from automarine_cli.thrusters.result import ThrusterFit
+from automarine_cli.thrusters.tare import Tare, subtract_tare
+from automarine_cli.thrusters.voltage import VoltageExponent, voltage_exponents
+from automarine_cli.workflows.command import Command, Compared, Row, Runner, View
 from automarine_cli.workflows.shared import Columns, Ending, OfLogs, aligned, counted, numbers
 
 FELT = 0.2  # exponent of thrust against voltage from which one map for all voltages misleads
@@ -189,5 +190,5 @@ fit_thrusters = Command(
         lambda fit: [*thruster_tables.tables(fit), *thruster_tables.sentences(fit)], _lines, _rows,
         lambda fit: {"map": lambda: thruster_figure(fit)},
     )},
-    files=lambda fit: FILES,
+    files=lambda fit: FILES, compared=Compared("thrusters.json", SCHEMA, of_thrusters),
 )  # fmt: skip

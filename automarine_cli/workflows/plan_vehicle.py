@@ -5,13 +5,13 @@ from collections.abc import Sequence
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap
-from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.planning.budget import Supply
 from automarine_cli.planning.consumption import consumption
 from automarine_cli.planning.drive import Drive, drive_of
 from automarine_cli.planning.known import Known
 from automarine_cli.planning.limits import Limits
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import Series
 from automarine_cli.workflows.moments import map_and_arm
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.logs import ColumnMap, Logs
-from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.report.figures.files import refuse_unknown
 from automarine_cli.report.tables import interval
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.workflows.command import (
     Row,
     reads,

@@ -9,7 +9,6 @@ from automarine_cli.pipeline.recipe import read_mapping, to_mapping
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import Table
-from automarine_cli.thrusters.records import bollard_columns
 from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
 from automarine_cli.simulation.log_files import label, log_bytes, run_logs
 from automarine_cli.simulation.planar_campaign import make_planar
@@ -20,6 +19,7 @@ from automarine_cli.simulation.planar_specification import (
 )
 from automarine_cli.simulation.run_groups import levels_of
 from automarine_cli.simulation.specification import Specification, specification_from
+from automarine_cli.thrusters.records import bollard_columns
 from automarine_cli.workflows.command import Command, Row, Runner, View, reads
 from automarine_cli.workflows.shared import counted
 from automarine_cli.workflows.simulate_planar import DECIMALS, SCHEMA, TRUTH, PlanarSimulation
