@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs
 
-from automarine_cli.comparison.residuals import FreeRun
-from automarine_cli.comparison.starts import State
+from automarine_cli.comparison.rollouts import State
+from automarine_cli.comparison.simulated_runs import FreeRun
 from automarine_cli.dofs import Dof
-from automarine_cli.runs.bias import unbiased_velocity
 from automarine_cli.runs.clean import GAP_IN_PERIODS
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
+from automarine_cli.runs.velocity_sensor import unbiased_velocity
 
 Floats = NDArray[np.float64]
 

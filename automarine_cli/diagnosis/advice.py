@@ -5,7 +5,7 @@ stands out of the noise and of what the run's own nuisances (start heading, thru
 the uncertainty of inertia and drag would do anyway counts: sigma² = d' R^-1 d with R the covariance of such a run.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,10 +37,9 @@ NOT_TELLING = "none of the usual runs would: log the thrusters' speed or use a s
 
 @dataclass(frozen=True)
 class Advice:
-    """One extra run on paper: what it is, by how many sigma two models differ on it, and the sentence."""
+    """One extra run on paper: what it is, and the sentence."""
 
     kind: str
-    sigma: float
     sentence: str
 
 
@@ -68,7 +67,7 @@ def suggest(study: Study, final: Trial, rival: Trial, name: str, rival_name: str
         )
     else:
         sentence = f"{kind} would tell {name} from {rival_name} by {sigma:.0f} sigma"
-    return Advice(kind, sigma, sentence)
+    return Advice(kind, sentence)
 
 
 def separations(study: Study, final: Trial, rival: Trial) -> dict[str, float]:
@@ -201,7 +200,7 @@ def _next_start(study: Study) -> float:
     return float(tried[int(np.argmax(away))])
 
 
-def general_advice(study: Study, detectable: Mapping[str, float]) -> tuple[str, ...]:
+def general_advice(study: Study) -> tuple[str, ...]:
     """What to run next when nothing is missing: the kinds of runs that the campaign lacks."""
     coasts = reversals = 0
     for run in study.runs:

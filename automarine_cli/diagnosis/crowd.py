@@ -38,7 +38,7 @@ Stands = Callable[..., bool]
 
 
 def one_instead(
-    study: Study, current: Trial, first: Round, seed: int, each: Each, may_stand: Stands
+    study: Study, current: Trial, first: Round, each: Each, may_stand: Stands
 ) -> tuple[Trial, str]:
     """The single effect that does as well as the several of `current`, with a sentence; or `current` and no sentence.
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
-from automarine_cli.effects.learned import basis
+from automarine_cli.effects.learned import GAIN, basis
 from automarine_cli.fits.estimate import Estimate
 
 Floats = NDArray[np.float64]
@@ -74,7 +74,7 @@ FORMS = (
         lambda x, T: _stacked(np.sin(2.0 * np.pi * x / T), np.cos(2.0 * np.pi * x / T)), 3.0,
     ),
 )  # fmt: skip
-"""The grammar. Products of two variables are the curves of a gain: thrust times what stands here."""
+"""The grammar. Products of two variables are curves of a gain and of drag: thrust or speed times what stands here."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def formulas(curve: LearnedCurve, runs: int) -> list[Formula]:
     for form in FORMS:
         if form.above_zero and curve.knots[0] < 0:
             continue
-        for constant in (False, True)[: 1 + (curve.kind == "moment" and not curve.sized)]:
+        for constant in (False, True)[: 1 + (curve.kind != GAIN and not curve.sized)]:
             fitted = _fit(curve, form, constant, runs)
             if fitted is not None:
                 found.append(fitted)

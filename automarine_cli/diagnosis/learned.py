@@ -22,7 +22,6 @@ from automarine_cli.diagnosis.study import ITERATIONS, Fit, Study
 from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Rival, Trial
 from automarine_cli.effects.learned import FIRST
 from automarine_cli.errors import FitError
-from automarine_cli.fits.mixed_model import MixedFit
 from automarine_cli.models.yaw_model import YawModel
 
 Floats = NDArray[np.float64]
@@ -42,33 +41,48 @@ SAME_SPREAD = 0.1
 def learn(study: Study, found: Found, seed: int, each: Map, explained: Callable[[Found], bool]) -> Found:
     """What a search found, with a learned curve where something is left that asks for one and a curve explains it.
 
-    `explained` judges an outcome. Driven runs are left as they are, for their disturbances would be learned as well,
-    and so is a model that has its curve.
+    `explained` judges an outcome. A model that has its curve is left as it is. Where effects of the library do as
+    well as a curve they keep their names, and it is their rival.
     """
-    if study.driven or learned_term(study.base) is not None:
+    if learned_term(study.base) is not None:
         return found
     wide = replace(study, signals=all_signals(study))
     enough, count = explained(found), len(found.final.added)
-    if (
-        enough
-        and count < 2
-        and not (_shows(wide, found.final, seed) if count else gains_follow(wide, found.final))
-    ):
+    follows = not study.driven and not count and gains_follow(wide, found.final)
+    shows = count < 2 and (follows or ((count or study.driven) and _shows(wide, found.final, seed)))
+    if enough and count < 2 and not shows:
         return found  # a law that is only somewhat off keeps its name where nothing beside it shows
     bases, most = [found.base, found.final][: 1 + bool(count)], np.inf
     if enough and count:  # a library that does as well wins
-        bases = [found.base]
+        bases = bases if study.driven else bases[:1]
         gained = found.base.evidence - found.final.evidence
         most = found.final.evidence - max(TIE, AS_WELL * gained * (count == 1))
-    chosen = None
+    chosen, tied = None, tuple[Rival, ...]()
     for base in bases:
         if chosen is None and len(base.added) < MOST_EFFECTS:
             one = _best(wide, found, base, seed + len(base.added), each)
-            chosen = one if one and one.final.evidence < most and explained(one) else None
+            if one is None:
+                continue
+            wins = not any(may_stand(trial, base) for trial in _as_good(found, base, one.final))
+            chosen = one if wins and one.final.evidence < most and explained(one) else None
+            if base is found.base:
+                tied = ties(found, one.final)
     if chosen is None:
-        return found
+        return replace(found, rivals=(*found.rivals, *tied))
     needed = {name for term in chosen.final.model.terms for name in effects.get(term.name).needs}
     return replace(chosen, study=replace(study, signals=tuple(sorted({*study.signals, *needed}))))
+
+
+def ties(found: Found, curve: Trial) -> tuple[Rival, ...]:
+    """A curve that does as well as what was found, as a rival of each of its effects."""
+    behind = max(curve.evidence - found.final.evidence, 0.0)
+    return tuple(Rival(name, curve.added[-1], behind, curve) for name in found.final.added if behind < TIE)
+
+
+def _as_good(found: Found, base: Trial, curve: Trial) -> list[Trial]:
+    """What the search tried of the library beside `base` that does as well as a curve."""
+    same = [one for one in found.rounds if one.before.added == base.added]
+    return [one for this in same for one in this.trials if one.evidence < curve.evidence + TIE]
 
 
 def _shows(study: Study, base: Trial, seed: int) -> bool:
@@ -81,8 +95,7 @@ def _shows(study: Study, base: Trial, seed: int) -> bool:
 
 
 def _best(study: Study, found: Found, base: Trial, seed: int, each: Map) -> Found | None:
-    """The search's outcome with the best curve beside what `base` has, if one beats chance and no effect of the library
-    does as well."""
+    """The search's outcome with the best curve beside what `base` has, if one beats chance."""
     try:
         curves, null = scored(study, base, seed)
     except FitError:
@@ -100,11 +113,7 @@ def _best(study: Study, found: Found, base: Trial, seed: int, each: Map) -> Foun
     if not able:
         return None
     best = able[0]
-    same = [one for one in found.rounds if one.before.added == base.added]
-    library = [one for this in same for one in this.trials if one.evidence < best.evidence + TIE]
-    if any(may_stand(one, base) for one in library):
-        return None
-    name = best.added[-1]
+    name, library = best.added[-1], _as_good(found, base, best)
     others = {one.added[-1]: one for one in reversed([*trials, *library]) if one.added[-1] != name}
     rivals = [
         Rival(name, other, max(one.evidence - best.evidence, 0.0), one)
@@ -115,9 +124,11 @@ def _best(study: Study, found: Found, base: Trial, seed: int, each: Map) -> Foun
     chance = float((1 + np.sum(null >= base.evidence - best.evidence)) / (1 + len(null)))
     p_values = {n: p for n, p in found.p_values.items() if n in base.added} | {name: chance}
     rivals.sort(key=lambda rival: rival.behind)
+    undoing = tuple(pair for pair in found.compensating if set(pair.names) <= set(base.added))
     return replace(
-        found, study=study, final=best, p_values=p_values, rivals=(*kept, *rivals), more=False, doubtful=None
-    )
+        found, study=study, final=best, p_values=p_values, rivals=(*kept, *rivals), more=False, doubtful=None,
+        crowd=found.crowd if base.added else "", compensating=undoing,
+    )  # fmt: skip
 
 
 def _fitted(study: Study, base: Trial, iterations: int, curve: Curve) -> Trial | None:
@@ -129,7 +140,6 @@ def _fitted(study: Study, base: Trial, iterations: int, curve: Curve) -> Trial |
 def _further(study: Study, base: Trial, trial: Trial) -> Trial | None:
     """The same taken to the end; the spread is chosen again by each fit."""
     for _ in range(1 + SETTLES):
-        assert isinstance(trial.fit, MixedFit)
         spread, _ = smoothed(trial.fit, trial.model, study.sensor_floor)
         model = with_curve(trial.model, spread, trial.fit.theta[places(trial.model)])
         again = _trial(study, base, model, model.theta, trial.fit, ITERATIONS)
@@ -148,7 +158,6 @@ def _trial(
     """A fit of a model with a curve, its effective number of parameters counted."""
     try:
         fit = study.fit(model, values, near, iterations)
-        assert isinstance(fit, MixedFit)
         count = smoothed(fit, model, study.sensor_floor)[1]
     except (FitError, np.linalg.LinAlgError):
         return None

@@ -12,8 +12,7 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.smooth import elsewhere, learned_term, places, prior_of
 from automarine_cli.diagnosis.trials import Found, Trial
 from automarine_cli.diagnosis.verdict import NamedEffect
-from automarine_cli.effects.learned import FIRST, KINDS, PREFIX, Learned, basis
-from automarine_cli.fits.mixed_model import MixedFit
+from automarine_cli.effects.learned import DRAG, GAIN, MOMENT, PREFIX, Learned, basis, kind_of, scale_of
 
 Floats = NDArray[np.float64]
 
@@ -71,18 +70,18 @@ class LearnedCurve:
 def curve_of(trial: Trial, floor: float) -> LearnedCurve | None:
     """The learned curve of a trial in which noise of `floor` was expected; None where it has none."""
     inside = learned_term(trial.model)
-    if inside is None or not isinstance(trial.fit, MixedFit):
+    if inside is None:
         return None
     model, term = trial.model, trial.model.terms[inside]
     effect = effects.get(term.name)
     assert isinstance(effect, Learned)
-    low, high, size, _ = term.values[:FIRST]
-    gain, variable = term.values[-1] > 0.5, effect.variable
+    low, high = term.values[:2]
+    kind, variable, scale = kind_of(term.values), effect.variable, scale_of(term.values)
+    y_unit = {MOMENT: "{force}", GAIN: "1", DRAG: "{force} s{/x}"}[kind]
     at = places(model)
     covariance, values = trial.fit.covariance[np.ix_(at, at)], trial.fit.theta[at]
     stiff = np.linalg.inv(covariance)
     own = prior_of(trial.fit, model, floor)
-    scale = 1.0 if gain else size
     x = np.linspace(low, high, POINTS)
     shape = basis(x, low, high, closed=bool(variable.turn))
     y = shape @ values * scale
@@ -91,8 +90,8 @@ def curve_of(trial: Trial, floor: float) -> LearnedCurve | None:
     return LearnedCurve(
         variable=term.name.removeprefix(PREFIX),
         unit=model.dof.unit_in(variable.unit, model.moment_unit),
-        kind=KINDS[int(gain)],
-        y_unit="1" if gain else model.moment_unit,
+        kind=kind,
+        y_unit=model.dof.unit_in(y_unit, model.moment_unit),
         x=x,
         y=y,
         low=y - half,
@@ -122,14 +121,11 @@ def with_curves(found: Found, named: Sequence[NamedEffect]) -> tuple[NamedEffect
 
 def sentence(curve: LearnedCurve, found: Found) -> str:
     """What the verdict says of a curve."""
-    dof = found.final.model.dof
-    if curve.kind == KINDS[1]:
-        what = (
-            f"The thrust depends on {curve.variable}: it differs by {100 * curve.range:.2g} % over its range"
-        )
-    else:
-        what = (
-            f"A {dof.words.force} depends on {curve.variable}: it differs by {curve.range:.2g} {curve.y_unit} over "
-            "its range"
-        )
-    return f"{what}; no effect of the library does this."
+    words = found.final.model.dof.words
+    size = f"{100 * curve.range:.2g} %" if curve.kind == GAIN else f"{curve.range:.2g} {curve.y_unit}"
+    what, which = {
+        MOMENT: (f"A {words.force}", "it differs"),
+        GAIN: ("The thrust", "it differs"),
+        DRAG: ("The drag", f"what it has in proportion to the {words.rate} differs"),
+    }[curve.kind]
+    return f"{what} depends on {curve.variable}: {which} by {size} over its range; no effect of the library does this."

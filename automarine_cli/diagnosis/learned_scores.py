@@ -16,7 +16,6 @@ from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import FIRST, KINDS, KNOTS, PREFIX, TIME, Learned, hyphened
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.mixed_model import MixedFit
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import CLOCK, SINCE
@@ -51,7 +50,6 @@ class Curve:
 
 def scored(study: Study, base: Trial, seed: int) -> tuple[list[Curve], Floats]:
     """All curves that these runs can show, best first, and what the best of them gains by chance, (DRAWS,)."""
-    assert isinstance(base.fit, MixedFit)
     models = candidates(study, base.model)
     if not models:
         return [], np.zeros(DRAWS)

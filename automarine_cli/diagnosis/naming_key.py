@@ -24,7 +24,6 @@ from automarine_cli.fits.run_effects import GAIN
 
 Floats = NDArray[np.float64]
 
-POWERS = (-1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
 CLASSES = {
     (-1.0, "even"): "a {force} of its own size: dead-band, Coulomb drag, tether spring",
     (-1.0, "odd"): "a {force} with a {way}: bias",
@@ -74,8 +73,6 @@ class NamingKey:
     unit: str
     log_k: Floats
     log_k_error: Floats
-    log_I: Floats
-    log_I_error: Floats
     log_ratio: Floats
     log_ratio_error: Floats
     predicted_k: Floats
@@ -139,7 +136,7 @@ def naming_key(study: Study, base: Trial, final: Trial) -> NamingKey | None:
     ]
     drifts.sort(key=lambda drift: (drift.p_value, -drift.share))
     return NamingKey(
-        moment, study.base.moment_unit, measured[:, 0], errors[:, 0], measured[:, 1], errors[:, 1],
+        moment, study.base.moment_unit, measured[:, 0], errors[:, 0],
         measured[:, 2], errors[:, 2], predicted[:, 0], predicted[:, 2], tuple(drifts),
     )  # fmt: skip
 

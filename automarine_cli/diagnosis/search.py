@@ -99,7 +99,7 @@ def search(study: Study, seed: int, each: Map) -> Found:
         more = next_gain > MATTERS * total
         if 0.0 < next_gain <= MATTERS * total:
             current, around = _without_menders(study, current, around, TRIFLE * total)
-    current, crowd = one_instead(study, current, rounds[0], seed, each, may_stand)
+    current, crowd = one_instead(study, current, rounds[0], each, may_stand)
     if crowd:
         around, more = {current.added[0]: rounds[0]}, False
         p_values[current.added[0]] = rounds[0].scores.p_value(rounds[0].gain(current))

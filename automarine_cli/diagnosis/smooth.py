@@ -1,9 +1,10 @@
-"""Learned curves in a fit: how likely a curve is before the data, as one more run; and how smooth it should be.
+"""Learned curves in a fit: how likely a curve is before the data, and how smooth it should be.
 
-A Gaussian prior on the values of a curve says as much as readings of them would, so it enters a fit as one more run of
-KNOTS readings (data augmentation; Theil and Goldberger 1961, Int. Econ. Rev. 2:65), and everything that a fit does with
-runs holds for it. Its spread is where the marginal likelihood is largest, by the curvature of the fit that was made
-(Laplace's approximation; Wood 2011, J. R. Stat. Soc. B 73:3).
+A Gaussian prior on the values of a curve says as much as readings of them would, so it enters a fit of runs that are
+simulated whole as one more run of KNOTS readings (data augmentation; Theil and Goldberger 1961, Int. Econ. Rev. 2:65),
+and everything that a fit does with runs holds for it; fits by innovations have priors anyway. Its spread is where
+the marginal likelihood is largest, by the curvature of the fit that was made (Laplace's approximation; Wood 2011, J. R.
+Stat. Soc. B 73:3).
 """
 
 from dataclasses import replace
@@ -13,13 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.effects.learned import FIRST, KNOTS, PREFIX, Learned, roughness
+from automarine_cli.effects.learned import (
+    DRAG,
+    FIRST,
+    GAIN,
+    KNOTS,
+    MOMENT,
+    PREFIX,
+    Learned,
+    kind_of,
+    roughness,
+)
 from automarine_cli.fits.gram import Gram, Grams
+from automarine_cli.fits.innovations import InnovationsFit
+from automarine_cli.fits.innovations_problem import DrivenProblem
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
 from automarine_cli.fits.run_effects import RunEffects
 from automarine_cli.models.yaw_model import Term, YawModel
 
 Floats = NDArray[np.float64]
+Fit = MixedFit | InnovationsFit
 
 SPREADS = np.geomspace(3e-4, 1.0, 15)
 """Spreads that are tried."""
@@ -60,14 +74,15 @@ def _closed(term: Term) -> bool:
 
 def elsewhere(model: YawModel, term: Term) -> Floats:
     """Curves (n, KNOTS) of unit length that other terms of the model are already: drag over the speed, a gain common to
-    all runs, a constant force; and what would jump at a standstill."""
+    all runs, a constant force, linear drag; and what would jump at a standstill."""
     effect = effects.get(term.name)
     assert isinstance(effect, Learned)
-    gain, sized = term.values[-1] > 0.5, effect.variable.sized
+    kind, sized = kind_of(term.values), effect.variable.sized
     present = {one.name for one in model.terms}
     at = np.linspace(0.0, 1.0, KNOTS)
     rows = []
-    if gain or (not sized and "bias-moment" in present):
+    level = {DRAG: "linear-drag", MOMENT: "bias-moment"}
+    if kind == GAIN or (not sized and level[kind] in present):
         rows.append(np.ones(KNOTS))
     elif sized:
         powers = {"linear-drag": 1, "quadratic-drag": 2, "cubic-drag": 3}
@@ -85,9 +100,8 @@ def fit_smooth(
 ) -> MixedFit:
     """`fit_mixed` of `problem`, that of a `model` with a learned curve, under the curve's prior, where noise of `floor`
     is expected; the likelihood that it tells is that of the readings alone."""
-    at, inside = places(model), learned_term(model)
-    assert inside is not None
-    root = max(floor, LEAST) * np.linalg.cholesky(precision(model, model.terms[inside].values[FIRST - 1])).T
+    at = places(model)
+    root = max(floor, LEAST) * np.linalg.cholesky(known_of(model)).T
     effects_of = _with_row(problem.effects)
     width, part = problem.seen.shape[1], problem.counted[0].part
     row = np.arange(width)[part][:KNOTS]
@@ -142,17 +156,30 @@ def _shared_out(gram: Gram) -> Gram:
     )  # fmt: skip
 
 
-def prior_of(fit: MixedFit, model: YawModel, floor: float) -> Floats:
-    """The prior's precision (KNOTS, KNOTS) as it entered a fit in which noise of `floor` was expected."""
+def known_of(model: YawModel) -> Floats:
+    """Prior precision of the model's learned curve at its own spread, (KNOTS, KNOTS)."""
     inside = learned_term(model)
     assert inside is not None
-    return (
-        precision(model, model.terms[inside].values[FIRST - 1])
-        * (max(floor, LEAST) / float(fit.noises[0])) ** 2
-    )
+    return precision(model, model.terms[inside].values[FIRST - 1])
 
 
-def smoothed(fit: MixedFit, model: YawModel, floor: float) -> tuple[float, float]:
+def prior_of(fit: Fit, model: YawModel, floor: float) -> Floats:
+    """The prior's precision (KNOTS, KNOTS) as it entered a fit; in that of runs simulated whole as readings with the
+    sensor's noise, of which `floor` was expected."""
+    if isinstance(fit, InnovationsFit):
+        return known_of(model)
+    return known_of(model) * (max(floor, LEAST) / float(fit.noises[0])) ** 2
+
+
+def with_prior(problem: DrivenProblem, model: YawModel) -> DrivenProblem:
+    """The likelihood of driven runs with what is known of the curve of a `model` that has one."""
+    count, at = len(problem.names), places(model)
+    known = np.zeros((count, count))
+    known[np.ix_(at, at)] = known_of(model)
+    return replace(problem, known=known)
+
+
+def smoothed(fit: Fit, model: YawModel, floor: float) -> tuple[float, float]:
     """The spread of largest marginal likelihood by the curvature of a fit of `model`, and the curve's effective number
     of parameters at the spread that was fitted."""
     at, fitted = places(model), prior_of(fit, model, floor)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.limit_cycle import LimitCycle, limit_cycle
-from automarine_cli.diagnosis.smooth import fit_smooth, learned_term
+from automarine_cli.diagnosis.smooth import fit_smooth, learned_term, with_prior
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.prediction import Predicted, predict
@@ -163,7 +163,8 @@ class Study:
 
     def driven_problem(self, model: YawModel) -> DrivenProblem:
         """Likelihood of driven runs under `model`."""
-        return driven_problem(model, self.course, least_delay=self.logger_delay, slowest=self.slowest)
+        found = driven_problem(model, self.course, least_delay=self.logger_delay, slowest=self.slowest)
+        return found if learned_term(model) is None else with_prior(found, model)
 
     def problem(self, model: YawModel) -> Problem:
         """Likelihood of runs that are not driven under `model`, any set of effects together; theta ends with the z of

@@ -15,7 +15,7 @@ from automarine_cli.effects.own import own_effect, own_files
 from automarine_cli.errors import ModelError
 
 __all__ = [
-    "Card", "Commands", "Effect", "Parameter", "Place", "State", "get", "known", "library", "look_alikes", "names",
+    "Card", "Commands", "Effect", "Parameter", "Place", "State", "built_in", "get", "known", "look_alikes", "names",
 ]  # fmt: skip
 
 NOT_EFFECTS = frozenset({"base", "inputs", "laws", "learned", "own"})
@@ -24,11 +24,11 @@ NOT_EFFECTS = frozenset({"base", "inputs", "laws", "learned", "own"})
 
 def names() -> tuple[str, ...]:
     """Names of all effects of the library and the user's own, sorted."""
-    return tuple(sorted({*library(), *own_files()}))
+    return tuple(sorted({*built_in(), *own_files()}))
 
 
 @cache
-def library() -> tuple[str, ...]:
+def built_in() -> tuple[str, ...]:
     """Names of all effects in the library, sorted."""
     found = (m.name for m in pkgutil.iter_modules(__path__) if m.name not in NOT_EFFECTS)
     return tuple(sorted(name.replace("_", "-") for name in found))
@@ -53,7 +53,7 @@ def look_alikes(name: str) -> frozenset[str]:
 def get(name: str) -> Effect:
     """The effect of that name; raises ModelError with the names that there are, and the nearest ones. One of the user's
     own is run from its file."""
-    if name in library() or name.startswith(PREFIX):
+    if name in built_in() or name.startswith(PREFIX):
         return _of_library(name)
     own = own_files().get(name)
     if own is not None:
@@ -69,7 +69,5 @@ def _of_library(name: str) -> Effect:
     if name.startswith(PREFIX):
         return learned(name)
     module = importlib.import_module(f"{__name__}.{name.replace('-', '_')}")
-    found = [
-        c for c in vars(module).values() if isinstance(c, type) and issubclass(c, Effect) and c is not Effect
-    ]
-    return found[0]()
+    classes = (c for c in vars(module).values() if isinstance(c, type) and issubclass(c, Effect))
+    return next(c for c in classes if vars(c).get("name") == name)()

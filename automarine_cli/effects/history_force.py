@@ -20,7 +20,9 @@ class HistoryForce(Effect):
     place = Place.MOMENT
     parameters = (
         Parameter("h", "{force} by change of {speed}", "{force} s{/x}", 0.0, float("inf"), 0.1),
-        Parameter("T", "time in which it fades", "s", 0.1, 100.0, 2.0, scan=(0.7, 3.0, 12.0), log=True),
+        Parameter(
+            "T", "time in which it fades", "s", 0.1, 30.0, 2.0, off=2.0, scan=(0.7, 3.0, 12.0), log=True
+        ),
         Parameter("law", "how it fades", "1", 0.0, 1.0, 0.0, choices=("exponentially", "as 1/sqrt(t)")),
     )
     equation = "-h ({v} - past), T past' = {v} - past"

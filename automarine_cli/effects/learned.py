@@ -5,11 +5,10 @@ spline through values at KNOTS places, equally far apart from `low` to `high`, a
 it closes on itself. Which curve is likely is said by its `spread` alone, see `roughness`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place, State
@@ -21,8 +20,9 @@ KNOTS = 10
 FIRST = 4
 """Place of the curve's first value among the parameters; what stands before them is not fitted."""
 TIME = "time-in-run"
-KINDS = ("moment", "gain")
-"""What a curve may be: a moment (or force) of its own, or a relative gain on the thrust delivered."""
+KINDS = MOMENT, GAIN, DRAG = ("moment", "gain", "drag")
+"""What a curve may be: a moment (or force) of its own, a relative gain on the thrust delivered, or a coefficient of
+linear drag. The last two make a product of two variables, thrust or speed times what the curve runs over."""
 STEEP, LEVEL = 0.1, 0.01
 """How much a slope and a level count beside the curvature in `roughness`."""
 
@@ -73,7 +73,7 @@ def _own(name: str) -> Variable | None:
         )
     if name == SINCE:
         return Variable(
-            name, "s", lambda state: state.signals[name], kinds=KINDS[1:], needs=(name,),
+            name, "s", lambda state: state.signals[name], kinds=(GAIN,), needs=(name,),
             code=f"state.signals[{name!r}]",
         )  # fmt: skip
 
@@ -83,14 +83,15 @@ def _own(name: str) -> Variable | None:
     turning = tuple(one for one in those(lambda dof: dof.words.position) if DOFS[one].wraps)
     if moving := those(lambda dof: dof.words.rate):
         return Variable(
-            name, "{x}/s", lambda state: state.relative, sized=True, motions=moving, code="state.relative"
-        )
+            name, "{x}/s", lambda state: state.relative, (MOMENT, GAIN), sized=True, motions=moving,
+            code="state.relative",
+        )  # fmt: skip
     if moving := those(lambda dof: dof.words.force):
         return Variable(
             name,
             "{force}",
             lambda state: state.delivered,
-            KINDS[1:],
+            (GAIN,),
             sized=True,
             motions=moving,
             code="state.delivered",
@@ -109,7 +110,7 @@ def _own(name: str) -> Variable | None:
 
 
 class Learned(Effect):
-    """f(x) or f(x) times the thrust; `learned` makes one for a variable x."""
+    """f(x), f(x) times the thrust, or -f(x) times the speed; `learned` makes one for a variable x."""
 
     place = Place.MOMENT
     mistaken_for = ()
@@ -127,47 +128,55 @@ class Learned(Effect):
         if self.variable.sized:
             x, side = np.abs(x), np.sign(x)
         found = spline(x, low, high, curve, closed=bool(self.variable.turn))
-        return np.asarray(np.where(kind > 0.5, state.delivered, size * side) * found)
+        product = np.where(kind < 1.5, state.delivered, -size * state.relative)
+        return np.asarray(np.where(kind < 0.5, size * side, product) * found)
+
+
+def kind_of(values: Sequence[float]) -> str:
+    """Which of KINDS the curve of these parameter values is."""
+    return KINDS[round(values[-1])]
+
+
+def scale_of(values: Sequence[float]) -> float:
+    """What the values of a curve are told in: the size, or one where it is a gain."""
+    return 1.0 if kind_of(values) == GAIN else values[2]
 
 
 def spline(x: Floats, low: Floats, high: Floats, values: list[Floats], *, closed: bool) -> Floats:
-    """The curve through `values`, K arrays that broadcast with `x`, at equal steps from `low` to `high`.
+    """The curve through `values`, K arrays of one shape that broadcasts with `x`, at equal steps from `low` to `high`.
 
     The cubic spline, constant beyond; where `closed` the first value comes again at `high`.
     """
-    count = len(values)
-    pieces = count if closed else count - 1
+    cubics = _CUBICS[closed]
+    pieces, knots = len(cubics), np.array(values)
     at = pieces * (x - low) / (high - low)
-    at = at % pieces if closed else np.clip(at, 0.0, pieces)
-    knots = np.stack(np.broadcast_arrays(*values))
-    bent = np.tensordot(_BENT[closed], knots, axes=1)
-    shape = np.broadcast_shapes(at.shape, knots.shape[1:])
-    piece = np.minimum(np.nan_to_num(at, posinf=0.0, neginf=0.0).astype(int), pieces - 1)  # of runaways none
-    left = np.broadcast_to(piece, shape)[None]
-    right = (left + 1) % count
-    u = np.broadcast_to(at, shape) - left[0]
-    every, bends = (np.broadcast_to(one, (count, *shape)) for one in (knots, bent))
-
-    def pick(one: Floats, where: NDArray[np.int64]) -> Floats:
-        return np.asarray(np.take_along_axis(one, where, axis=0)[0])
-
-    v = 1.0 - u
-    straight = v * pick(every, left) + u * pick(every, right)
-    return np.asarray(straight + ((v**3 - v) * pick(bends, left) + (u**3 - u) * pick(bends, right)) / 6.0)
+    at = at % pieces if closed else np.minimum(np.maximum(at, 0.0), pieces)
+    piece = np.fmin(np.fmax(at, 0.0), pieces - 1.0).astype(int)  # of runaways the first
+    powers = np.moveaxis(np.tensordot(cubics, knots, axes=1), 1, -1)
+    own = np.ogrid[tuple(slice(size) for size in knots.shape[1:])]
+    one = powers[(piece, *own)]
+    u = at - piece
+    return np.asarray(((one[..., 3] * u + one[..., 2]) * u + one[..., 1]) * u + one[..., 0])
 
 
-def _bending(count: int, closed: bool) -> Floats:
-    """From values at knots one apart to second derivatives there, (K, K): the first two and the last two pieces are one
-    cubic (de Boor's not-a-knot), so that drag by powers of the speed is such a curve; unless closed."""
-    before, after = np.roll(np.eye(count), 1, axis=0), np.roll(np.eye(count), -1, axis=0)
-    second = before - 2.0 * np.eye(count) + after
-    equations, rises = 6.0 * np.eye(count) + second, 6.0 * second
+def _cubics(closed: bool) -> Floats:
+    """From values at knots one apart to coefficients of the powers 0 to 3 of the way into each piece, (pieces, 4, K):
+    the first two and the last two pieces are one cubic (de Boor's not-a-knot), so that drag by powers of the speed is
+    such a curve; unless closed."""
+    before, after = np.roll(np.eye(KNOTS), 1, axis=0), np.roll(np.eye(KNOTS), -1, axis=0)
+    second = before - 2.0 * np.eye(KNOTS) + after
+    equations, rises = 6.0 * np.eye(KNOTS) + second, 6.0 * second
     if not closed:
         equations[[0, -1]], rises[[0, -1]] = second[[1, -2]], 0.0
-    return np.asarray(np.linalg.solve(equations, rises), dtype=np.float64)
+    bends = np.linalg.solve(equations, rises)  # second derivatives at the knots
+    here, there = np.eye(KNOTS), np.roll(np.eye(KNOTS), -1, axis=0)
+    bent = np.roll(bends, -1, axis=0)
+    slopes = there - here - (2.0 * bends + bent) / 6.0
+    found = np.stack([here, slopes, 0.5 * bends, (bent - bends) / 6.0], axis=1)
+    return found if closed else found[:-1]
 
 
-_BENT = {closed: _bending(KNOTS, closed) for closed in (False, True)}
+_CUBICS = {closed: _cubics(closed) for closed in (False, True)}
 
 
 def basis(x: Floats, low: float, high: float, *, closed: bool) -> Floats:
@@ -219,9 +228,9 @@ def learned(name: str) -> Effect:
                 reference="logs",
             ),
             *knots,
-            Parameter("kind", "what the curve is", "1", 0.0, 1.0, 0.0, choices=KINDS),
+            Parameter("kind", "what the curve is", "1", 0.0, len(KINDS) - 1.0, 0.0, choices=KINDS),
         ),
-        "equation": f"y({text}) times {{f}}_delivered, or times the size",
+        "equation": f"y({text}) times {{f}}_delivered, the size, or -{{v}} times the size",
         "says": f"The {{force}} depends on {text}; no effect of the library does this.",
         "reveals": f"the same {{forces}} over the whole range of {text}",
         "separated_by": f"runs in which {text} changes and all else stays as it is",

@@ -2,16 +2,14 @@
 
 import numpy as np
 
-from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import SINGLE, Commands, Effect, Floats, Parameter, Place
-from automarine_cli.effects.thruster_imbalance import PARTS, each
+from automarine_cli.effects.base import Commands, Floats, Parameter
+from automarine_cli.effects.thruster_imbalance import SingleThrusterEffect, each
 
 
-class ThrusterDeadBand(Effect):
+class ThrusterDeadBand(SingleThrusterEffect):
     """Of what each of two thrusters gives a width is lost, and all of it below that."""
 
     name = "thruster-dead-band"
-    place = Place.ACTUATOR
     parameters = (
         Parameter("width", "half width of the dead-band of one thruster", "{force}", 0.0, float("inf"), 0.03),
     )
@@ -21,12 +19,6 @@ class ThrusterDeadBand(Effect):
     mistaken_for = ("dead-band", "coulomb-drag", "thrust-exponent")
     separated_by = "a run with each thruster alone, forward and backward"
     source = "Blue Robotics T200 performance data (2019): no thrust within 7 to 10 % of the command range"
-    needs = PARTS
-    logged = ("n_port", "n_stbd")
-    stage = SINGLE
-
-    def acts_in(self, dof: Dof) -> bool:
-        return len(dof.thrusters) == 2
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         (width,) = values

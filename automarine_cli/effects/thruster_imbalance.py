@@ -20,7 +20,20 @@ def lacking_signal(signal: str, remedy: str = "") -> str:
     return f"column {signal!r}, which the log lacks{remedy}"
 
 
-class ThrusterImbalance(Effect):
+class SingleThrusterEffect(Effect):
+    """What acts on each of two thrusters, from their commands and their map."""
+
+    place = Place.ACTUATOR
+    needs = PARTS
+    logged = ("n_port", "n_stbd")
+    stage = SINGLE
+
+    def acts_in(self, dof: Dof) -> bool:
+        """Where two thrusters make the moment or force."""
+        return len(dof.thrusters) == 2
+
+
+class ThrusterImbalance(SingleThrusterEffect):
     """Gains of the four parts whose mean is held: (1 + direction)(1 +- forward), (1 - direction)(1 +- backward), + for
     port.
 
@@ -29,7 +42,6 @@ class ThrusterImbalance(Effect):
     """
 
     name = "thruster-imbalance"
-    place = Place.ACTUATOR
     parameters = (
         Parameter("forward", "half the relative difference of the two thrusters, forward", "1", -0.9, 0.9, 0.05),
         Parameter("backward", "half the relative difference of the two thrusters, backward", "1", -0.9, 0.9, 0.05),
@@ -42,12 +54,6 @@ class ThrusterImbalance(Effect):
     separated_by = "a run with each thruster alone, forward and backward"
     source = "two thrusters of one map: equations 2 and 3 of Stipanov et al. (2007)"
     parity = MIXED
-    needs = PARTS
-    logged = ("n_port", "n_stbd")
-    stage = SINGLE
-
-    def acts_in(self, dof: Dof) -> bool:
-        return len(dof.thrusters) == 2
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         forward, backward, direction = values

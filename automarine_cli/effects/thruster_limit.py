@@ -2,16 +2,14 @@
 
 import numpy as np
 
-from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import SINGLE, Commands, Effect, Floats, Parameter, Place
-from automarine_cli.effects.thruster_imbalance import PARTS, each
+from automarine_cli.effects.base import Commands, Floats, Parameter
+from automarine_cli.effects.thruster_imbalance import SingleThrusterEffect, each
 
 
-class ThrusterLimit(Effect):
+class ThrusterLimit(SingleThrusterEffect):
     """What each of two thrusters gives is cut at a limit: way on takes from the turn, and the turn from way on."""
 
     name = "thruster-limit"
-    place = Place.ACTUATOR
     parameters = (
         Parameter(
             "limit",
@@ -30,12 +28,6 @@ class ThrusterLimit(Effect):
     mistaken_for = ("saturation", "cubic-drag", "thruster-imbalance")
     separated_by = "a run with each thruster alone, forward and backward"
     source = "Blanke, Lindegaard and Fossen (2000), Dynamic model for thrust generation of marine propellers"
-    needs = PARTS
-    logged = ("n_port", "n_stbd")
-    stage = SINGLE
-
-    def acts_in(self, dof: Dof) -> bool:
-        return len(dof.thrusters) == 2
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         (limit,) = values

@@ -10,8 +10,7 @@ from typing import Any
 from automarine_cli import __version__, effects
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.exports.base import Target, Written, YawSubject, frame_in_words, mirrored
-from automarine_cli.exports.frames import in_enu
-from automarine_cli.exports.units import in_newton_metres
+from automarine_cli.exports.conversions import in_enu, in_newton_metres
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import MISSING, Table, number
@@ -183,7 +182,7 @@ TARGET = Target(
     says="a model card: parameters, intervals, covariance, signs, range, data",
     source="Mitchell et al. (2019), doi 10.1145/3287560.3287596",
     forms={"markdown": ".md"},
-    carries=frozenset({*effects.library(), PREFIX}),
+    carries=frozenset({*effects.built_in(), PREFIX}),
     laws=None,
     varying=True,
     si=False,

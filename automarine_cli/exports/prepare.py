@@ -10,7 +10,7 @@ from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import DRAG, LeftOut, Origin, Settings, Target
-from automarine_cli.exports.units import in_newton_metres
+from automarine_cli.exports.conversions import in_newton_metres
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.words import listed
 

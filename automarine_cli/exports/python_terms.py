@@ -13,7 +13,7 @@ import numpy as np
 from automarine_cli.effects.coulomb_drag import CREEP
 from automarine_cli.effects.dead_band import EDGE
 from automarine_cli.effects.history_force import SHARES, TIMES, HistoryForce
-from automarine_cli.effects.learned import FIRST, Variable, basis
+from automarine_cli.effects.learned import DRAG, FIRST, GAIN, MOMENT, Variable, basis, kind_of, scale_of
 
 CURVE_POINTS = 101
 
@@ -183,18 +183,21 @@ def curve_lines(values: Sequence[float], variable: Variable) -> Lines:
     read = own.get(variable.code, elsewhere)
     size = f"abs({read})" if variable.sized else read
     found = f"np.interp({size}, CURVE_X, CURVE_Y)"
-    if values[-1] > 0.5:
-        return Lines(moment=f"+ {{F}} * {found}")
+    if (kind := kind_of(values)) != MOMENT:
+        return Lines(moment=f"+ {{F}} * {found}" if kind == GAIN else f"- s * {found}")
     return Lines(moment=f"+ np.sign({read}) * {found}" if variable.sized else f"+ {found}")
 
 
 def curve_constants(values: Sequence[float], variable: Variable) -> str:
     """The table of a learned curve: its variable, and the moment or the share of the thrust."""
-    low, high, size = values[:3]
-    closed, gain = bool(variable.turn), values[-1] > 0.5
+    low, high = values[:2]
+    closed, kind = bool(variable.turn), kind_of(values)
     x = np.linspace(low, high, CURVE_POINTS)
-    y = basis(x, low, high, closed=closed) @ np.array(values[FIRST:-1]) * (1.0 if gain else size)
-    rows = {"CURVE_X": (x, variable.name), "CURVE_Y": (y, "share of the thrust" if gain else "what it adds")}
+    y = basis(x, low, high, closed=closed) @ np.array(values[FIRST:-1]) * scale_of(values)
+    rows = {
+        "CURVE_X": (x, variable.name),
+        "CURVE_Y": (y, {GAIN: "share of the thrust", DRAG: "linear drag"}.get(kind, "what it adds")),
+    }
     text = ""
     for name, (column, says) in rows.items():
         numbers = [f"{number:.6g}" for number in column]

@@ -130,13 +130,12 @@ def _climb(problem: DrivenProblem, phi: Floats, iterations: int) -> _Climb:
     (slopes,) = problem.slopes(phi[None])
     value = slopes.value(problem, phi)
     free, limits = problem.free, problem.limits
-    mean, precision = problem.priors
     converged, done, damping = False, 0, LEAST_DAMPING
     rounds = len(SHARES) if problem.course.motion.turns else 1  # of three motions arrays are long as they are
     while done < iterations and np.isfinite(value):
         done += 1
-        gradient = slopes.gradient.sum(axis=0) - ((phi - mean) * precision)[free]
-        hessian = slopes.information.sum(axis=0) + np.diag(precision[free])
+        gradient = slopes.gradient.sum(axis=0) + problem.prior_gradient(phi)
+        hessian = slopes.information.sum(axis=0) + problem.prior_information
         if not (np.isfinite(gradient).all() and np.isfinite(hessian).all()):
             break
         trials = np.tile(phi, (len(SHARES), 1))
@@ -171,10 +170,9 @@ def _climb(problem: DrivenProblem, phi: Floats, iterations: int) -> _Climb:
 def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> InnovationsFit:
     phi, slopes = reached.phi, reached.slopes
     free, limits, count = problem.free, problem.limits, len(problem.names)
-    _, precision = problem.priors
     at_bound = (phi - limits[:, 0] < 1e-9) | (limits[:, 1] - phi < 1e-9)
     inside = ~at_bound[free]
-    hessian = (slopes.information.sum(axis=0) + np.diag(precision[free]))[np.ix_(inside, inside)]
+    hessian = (slopes.information.sum(axis=0) + problem.prior_information)[np.ix_(inside, inside)]
     open_to = free[inside]
     covariance = np.zeros((count, count))
     covariance[np.ix_(open_to, open_to)] = linear_mixed.covariance_of(hessian)
@@ -188,6 +186,7 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
     information = np.zeros((runs, count, count))
     information[:, free[:, None], free] = slopes.information
+    information += 0.0 if problem.known is None else problem.known / runs
     every = problem.follow(phi[None] if brief else np.concatenate([phi[None], left_out]), keep=True)
     density = every.log_density
     assert every.states is not None

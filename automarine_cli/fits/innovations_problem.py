@@ -37,7 +37,9 @@ class Randomness:
 @dataclass(frozen=True)
 class DrivenProblem:
     """Likelihood of a model on a course. theta is the model's parameters, then those of `random`, in the order that
-    `noises` takes them; `bounds` (p, 2) and `positive` (p,) are those of theta, `scale` (p,) what is a small step."""
+    `noises` takes them; `bounds` (p, 2) and `positive` (p,) are those of theta, `scale` (p,) what is a small step.
+    `known` (p, p) is the precision about zero of what is known of parameters that are not positive, None for nothing.
+    """
 
     model: Vehicle
     course: Course
@@ -46,6 +48,7 @@ class DrivenProblem:
     positive: NDArray[np.bool_]
     scale: Floats
     random: tuple[Randomness, ...]
+    known: Floats | None = None
 
     @cached_property
     def free(self) -> NDArray[np.int64]:
@@ -59,13 +62,23 @@ class DrivenProblem:
 
     @cached_property
     def priors(self) -> tuple[Floats, Floats]:
-        """Means and precisions of phi before the data, (p,) each; no precision where nothing is known."""
-        mean, precision = np.zeros(len(self.names)), np.zeros(len(self.names))
-        first = len(self.names) - len(self.random)
-        for i, one in enumerate(self.random):
-            mean[first + i] = one.median if one.signed else np.log(one.median)
-            precision[first + i] = one.spread**-2
-        return mean, precision
+        """Mean (p,) and precision (p, p) of phi before the data; no precision where nothing is known."""
+        count = len(self.names)
+        mean, precision = np.zeros(count), np.zeros((count, count))
+        for i, one in enumerate(self.random, count - len(self.random)):
+            mean[i] = one.median if one.signed else np.log(one.median)
+            precision[i, i] = one.spread**-2
+        return mean, precision if self.known is None else precision + self.known
+
+    @cached_property
+    def prior_information(self) -> Floats:
+        """What the prior says of the free parameters, (f, f)."""
+        return self.priors[1][np.ix_(self.free, self.free)]
+
+    def prior_gradient(self, phi: Floats) -> Floats:
+        """Slope of the prior's log density by the free parameters at phi (p,), (f,)."""
+        mean, precision = self.priors
+        return np.asarray(-(precision @ (phi - mean))[self.free])
 
     def natural(self, phi: Floats) -> Floats:
         """theta (..., p) of the search's coordinates phi."""
@@ -101,7 +114,7 @@ class DrivenProblem:
     def prior(self, phi: Floats) -> Floats:
         """Log density of phi (..., p) before the data, up to a constant."""
         mean, precision = self.priors
-        return -0.5 * ((phi - mean) ** 2 * precision).sum(axis=-1)
+        return np.asarray(-0.5 * np.einsum("...i,ij,...j->...", phi - mean, precision, phi - mean))
 
     def steps(self, phi: Floats) -> Floats:
         """By how much each free parameter is moved for its derivative, (f,)."""

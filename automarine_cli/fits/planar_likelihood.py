@@ -138,9 +138,8 @@ class PlanarLikelihood:
         problem = self.problem(wide)
         (phi,) = problem.search(self.starts(problem, near))
         (slopes,) = problem.slopes(phi[None])
-        mean, precision = problem.priors
-        gradient = slopes.gradient.sum(axis=0) - ((phi - mean) * precision)[problem.free]
-        hessian = slopes.information.sum(axis=0) + np.diag(precision[problem.free])
+        gradient = slopes.gradient.sum(axis=0) + problem.prior_gradient(phi)
+        hessian = slopes.information.sum(axis=0) + problem.prior_information
         names = [problem.names[i] for i in problem.free]
         limits, here = problem.limits[problem.free], phi[problem.free]
         free = {*near.model.free, *near.random}

@@ -1,7 +1,7 @@
 """A whole yaw identification: which runs serve for what, both estimators, the preferred model, and what to
 be warned of."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -28,8 +28,6 @@ from automarine_cli.runs.half_turn import HalfTurn
 from automarine_cli.runs.run import Run, SetAside, readings
 
 Floats = NDArray[np.float64]
-Map = Callable[[Callable[[str], OutputErrorFit], Sequence[str]], Sequence[OutputErrorFit]]
-
 GRAVITY = 9.81  # m/s²; within 0.3 % of what it is anywhere
 
 

@@ -16,17 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.can_signals import Bits, bits_of, places_of, raw_of, values_of, words_of
 from automarine_cli.logs.canonical import LABELS
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.optional import needed, unsound_is_refused
 from automarine_cli.logs.slcan import read_slcan
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock
 from automarine_cli.logs.table import Floats
+from automarine_cli.logs.vehicles import named, needed, unsound_is_refused
 from automarine_cli.pipeline.words import listed, printable
 
 OBJECT, OBJECT_HEAD = b"LOBJ", 16  # how an object in a BLF file begins, and bytes of its shortest header
+Bits = NDArray[np.uint8]
 Name = tuple[int, bool]  # identifier, and whether it is an extended one
 Captured = Mapping[Name, tuple[Floats, list[bytes]]]
 Reader = Callable[[Path, str], tuple[Captured, tuple[str, ...]]]
@@ -175,3 +175,45 @@ def _streams(message: Any, time: Floats, frames: list[bytes], columns: ColumnMap
 
 def _values(bits: Bits, signal: Any, as_words: bool) -> NDArray[Any]:
     return words_of(bits, signal) if as_words else values_of(bits, signal)
+
+
+def bits_of(frames: list[bytes], length: int) -> Bits:
+    """The bits of frames of at least `length` bytes, shape (N, 8 length): bit i of byte b at 8 b + i, lowest first."""
+    data = np.frombuffer(b"".join(frame[:length] for frame in frames), dtype=np.uint8)
+    return np.unpackbits(data.reshape(len(frames), length), axis=1, bitorder="little")
+
+
+def places_of(signal: Any) -> NDArray[np.int64]:
+    """Where the bits of a signal are, the lowest first.
+
+    Intel's signals (little-endian) run upwards from their start; Motorola's (big-endian) begin with their highest bit,
+    run down to the end of the byte and go on at the top of the next.
+    """
+    if signal.byte_order == "little_endian":
+        return signal.start + np.arange(signal.length)
+    byte, bit = divmod(signal.start, 8)
+    upwards = 8 * byte + 7 - bit + np.arange(signal.length)  # counted with the highest bit of each byte first
+    return (8 * (upwards // 8) + 7 - upwards % 8)[::-1]
+
+
+def raw_of(bits: Bits, signal: Any) -> NDArray[Any]:
+    """The numbers that a signal holds in each frame, before scale and offset, shape (N,): integers or floats."""
+    weights = np.uint64(1) << np.arange(signal.length, dtype=np.uint64)
+    whole = (bits[:, places_of(signal)].astype(np.uint64) * weights).sum(axis=1, dtype=np.uint64)
+    if signal.is_float:
+        size = signal.length // 8
+        return whole.astype(f"<u{size}").view(f"<f{size}")
+    if not signal.is_signed:
+        return whole
+    up = np.uint64(64 - signal.length)  # the sign is carried down from the top
+    return (whole << up).view(np.int64) >> up.astype(np.int64)
+
+
+def values_of(bits: Bits, signal: Any) -> Floats:
+    """Physical values of a signal, shape (N,), in its own unit."""
+    return raw_of(bits, signal).astype(np.float64) * float(signal.scale) + float(signal.offset)
+
+
+def words_of(bits: Bits, signal: Any) -> NDArray[np.str_]:
+    """The words that a DBC gives to the values of a signal, shape (N,); a value without one stays a number."""
+    return named(raw_of(bits, signal), signal.choices or {})

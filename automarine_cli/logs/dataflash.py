@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.ardupilot import arming, mode_names
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.optional import needed, unsound_is_refused
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
 from automarine_cli.logs.table import Floats
+from automarine_cli.logs.vehicles import arming, mode_names, needed, unsound_is_refused
 
 HEAD = b"\xa3\x95"
 FMT, FMT_LENGTH = 0x80, 89

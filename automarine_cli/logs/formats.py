@@ -3,7 +3,7 @@
 To add a format, write one file here with a function `read(path, name, columns) -> RawLog` and
 `FORMAT = Format("what people call it", (".suffix",), read)`; nothing else is needed. A file of several streams,
 each on its own clock, becomes one table by `streams.on_one_clock`; a library that not everybody has is imported
-within `read`, by `optional.needed`. `tests/helpers/reader_contract.py` picks the format up.
+within `read`, by `vehicles.needed`. `tests/helpers/reader_contract.py` picks the format up.
 """
 
 import importlib

@@ -96,8 +96,7 @@ def _read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
         raw = form.read(path, name, columns)
     except OSError as error:
         raise LogError(
-            f"{name}: cannot be opened ({error.strerror or error}); check that it exists and "
-            "that you may read it"
+            f"{name}: cannot be opened ({error.strerror or error}); check that it exists and that you may read it"
         ) from None
     except MemoryError:
         raise LogError(f"{name}: does not fit into memory; split it into several logs") from None

@@ -5,9 +5,10 @@ the heading counts clockwise from north, and yaw rate and sway are positive to s
 that is told. A field is named TOPIC.FIELD: `/thruster/port.data`, `/thrusters.data[0]`, `/imu/data.heading`.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,9 @@ from numpy.typing import NDArray
 from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.optional import needed, unsound_is_refused
-from automarine_cli.logs.quaternion import yaw_of
-from automarine_cli.logs.ros_fields import Getter, getters
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
 from automarine_cli.logs.table import Floats
+from automarine_cli.logs.vehicles import arming, needed, unsound_is_refused, yaw_of
 from automarine_cli.pipeline.words import listed, quoted
 
 MCAP = b"\x89MCAP0\r\n"
@@ -38,6 +37,11 @@ OWN = {"heading": "heading_rad", "yaw_rate": "yaw_rate_rad_s", "surge": "surge_m
 NOT_MEASURED = "orientation_covariance[0]"  # of an Imu without orientation: -1
 MEND = "copy the file again, or if its recorder was stopped: rosbag reindex, ros2 bag reindex or mcap recover"
 OTHER_CLOCK = 1.0  # s between stamps and the recorder's clock, from which they are two clocks
+Getter = Callable[[Any], Any]
+LONGEST_ARRAY = 16  # numbers of an array that become columns
+DEEPEST = 6  # messages within messages
+NUMBERS = ("bool", "float", "int", "uint", "octet", "byte", "char")
+NAN = float("nan")
 Fields = dict[str, NDArray[Any]]
 
 
@@ -158,8 +162,8 @@ def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) 
         keep = topic.kind.startswith(STANDARD)
         streams.append(taken(topic.name, time, fields, own, columns, keep=keep))
         if topic.kind == STATE:
-            armed = np.where(fields["armed"] > 0, "armed", "disarmed")
-            streams.append(Stream(topic.name, time, {"mode": fields["mode"], "armed": armed}, lasting=True))
+            states = {"mode": fields["mode"], "armed": arming(fields["armed"] > 0)}
+            streams.append(Stream(topic.name, time, states, lasting=True))
     used = [stream for stream in streams if stream is not None]
     names = {stream.name for stream in used}
     unstamped = [one.name for one in topics if np.isnan(one.stamped).any() and one.name in names]
@@ -196,3 +200,38 @@ def _clocks(turning: list[Topic]) -> tuple[float, list[str]]:
     if abs(shift) < OTHER_CLOCK:
         return 0.0, []
     return shift, [f"the stamps are {shift:+.3f} s from the recorder's clock; its times are moved by that"]
+
+
+def getters(
+    types: Mapping[str, Any], kind: str, first: Any, wanted: Callable[[str], bool]
+) -> dict[str, Getter]:
+    """Path -> getter, for every wanted number and word of a message type; `first` shows how long its arrays are."""
+    return {path: get for path, get in _inside(types, kind, "", first, 0) if wanted(path)}
+
+
+def _inside(
+    types: Mapping[str, Any], kind: str, prefix: str, first: Any, depth: int
+) -> Iterator[tuple[str, Getter]]:
+    for name, (node, about) in types[kind][1]:
+        path = f"{prefix}{name}"
+        if node.name == "BASE" and (about[0].startswith(NUMBERS) or about[0] == "string"):
+            yield path, attrgetter(path)
+        elif node.name == "NAME" and depth < DEEPEST:
+            yield from _inside(types, about, f"{path}.", first, depth + 1)
+        elif node.name in ("ARRAY", "SEQUENCE"):
+            (inner, what), _ = about
+            if inner.name == "BASE" and what[0].startswith(NUMBERS):
+                values = attrgetter(path)(first)
+                yield from (
+                    (f"{path}[{i}]", _element(path, i)) for i in range(min(len(values), LONGEST_ARRAY))
+                )
+
+
+def _element(path: str, i: int) -> Getter:
+    whole = attrgetter(path)
+
+    def get(message: Any) -> Any:
+        values = whole(message)
+        return values[i] if i < len(values) else NAN
+
+    return get

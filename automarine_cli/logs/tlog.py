@@ -13,18 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.ardupilot import arming, mode_names
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.optional import needed, unsound_is_refused
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
 from automarine_cli.logs.table import Floats
+from automarine_cli.logs.vehicles import arming, mode_names, needed, unsound_is_refused
 
 STAMP = 8  # bytes in front of each packet: microseconds since 1970, big-endian
 HEADS = {0xFE: 6, 0xFD: 10}  # the first byte of MAVLink 1 and 2 -> bytes of the header
 SIGNED, SIGNATURE = 0x01, 13
 MAV_MODE_ARMED = 128
-AUTOPILOT = 1  # the component that flies the vehicle
 TAKEN = {
     "ATTITUDE": {"yaw": "heading_rad", "yawspeed": "yaw_rate_rad_s"},
     "SYS_STATUS": {"voltage_battery": "voltage_V"},

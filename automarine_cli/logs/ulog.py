@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
-from automarine_cli.logs.optional import needed, unsound_is_refused
-from automarine_cli.logs.quaternion import yaw_of
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
 from automarine_cli.logs.table import Floats
+from automarine_cli.logs.vehicles import arming, named, needed, unsound_is_refused, yaw_of
 
 HEAD = b"ULog\x01\x12\x35"
 TAKEN = {
@@ -87,9 +86,7 @@ def _recording(topics: Topics, notes: tuple[str, ...], columns: ColumnMap) -> Re
         streams.append(taken(name, _clock(data, name in TAKEN), fields, own, columns, keep=commands))
     if "vehicle_status" in topics:
         status = topics["vehicle_status"]
-        codes, at = np.unique(status["nav_state"], return_inverse=True)
-        mode = np.array([MODES.get(int(code), f"mode {code}") for code in codes], dtype=str)[at]
-        armed = np.where(status["arming_state"] == ARMED, "armed", "disarmed")
+        mode, armed = named(status["nav_state"], MODES, "mode {}"), arming(status["arming_state"] == ARMED)
         streams.append(Stream("vehicle_status", _clock(status), {"mode": mode, "armed": armed}, lasting=True))
     holds = tuple(f"{name} ({len(data['timestamp'])})" for name, data in topics.items())
     return Recording([stream for stream in streams if stream is not None], "topics", holds, notes)

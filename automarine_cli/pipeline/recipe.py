@@ -96,11 +96,6 @@ def converted(hint: Any, value: object, where: str) -> Any:
     return _convert(hint, value, where)
 
 
-def read_recipe(cls: type[Recipe], path: Path) -> Recipe:
-    """The recipe `cls` in a TOML or JSON file. Raises SettingError with file and key."""
-    return from_mapping(cls, read_mapping(path), path.name)
-
-
 def toml_text(mapping: Mapping[str, Any], prefix: str = "") -> str:
     """Plain data as TOML: values first, then tables, then arrays of tables; read back it is the same data."""
     values, tables = [], []

@@ -8,22 +8,26 @@ Whoever holds the lock clears away what killed processes left.
 """
 
 import contextlib
+import ctypes
 import errno
 import os
 import re
 import shutil
 import stat
+import sys
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 from automarine_cli.errors import OutputError
-from automarine_cli.pipeline.exchange import exchanged
 from automarine_cli.pipeline.interrupts import held_back, last_chore
 from automarine_cli.pipeline.lock import HeldElsewhereError, held, is_held
 
 ROOM, RIGHT = "Make room, or choose another folder with -o", "Choose a folder that you may write to with -o"
 ADVICE = {errno.ENOSPC: ROOM, errno.EDQUOT: ROOM, errno.EROFS: RIGHT, errno.EACCES: RIGHT, errno.EPERM: RIGHT}
+AT_FDCWD = -100  # Linux: relative to the working directory
+RENAME_EXCHANGE = 2  # Linux, linux/fs.h
+RENAME_SWAP = 2  # macOS, sys/stdio.h
 TEMPORARY = re.compile(r"\..+\.automarine-(lock|new|old)")
 
 
@@ -236,3 +240,18 @@ def _link_or_copy(source: Path, destination: Path) -> None:
         os.link(source, destination, follow_symlinks=False)
     except (OSError, NotImplementedError):
         shutil.copy2(source, destination, follow_symlinks=False)
+
+
+def exchanged(one: Path, other: Path) -> bool:
+    """Whether the two paths have changed places in one step, so that nobody ever sees neither; False where system or
+    file system cannot do that."""
+    first, second = os.fsencode(one), os.fsencode(other)
+    try:
+        library = ctypes.CDLL(None, use_errno=True)
+        if sys.platform.startswith("linux"):
+            return library.renameat2(AT_FDCWD, first, AT_FDCWD, second, RENAME_EXCHANGE) == 0
+        if sys.platform == "darwin":
+            return library.renamex_np(first, second, RENAME_SWAP) == 0
+    except (AttributeError, OSError, TypeError):  # a C library that does not know the call, or none at all
+        return False
+    return False

@@ -1,40 +1,57 @@
-"""The next campaign: candidates, what each would tell, the choice among them, and what to expect of it."""
+"""The next campaign: candidates, what each would tell, the choice among them, what to expect of it, and a rehearsal."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.planning.budget import Supply
-from automarine_cli.planning.candidates import Candidate, paper_grid
-from automarine_cli.planning.comparison import Curve, curve_of, one_more
+from automarine_cli.planning.candidates import (
+    Candidate,
+    Floats,
+    Slot,
+    Supply,
+    in_order,
+    paper_grid,
+    scheduled,
+)
 from automarine_cli.planning.fitting import Fitting
 from automarine_cli.planning.information import (
     directions,
+    estimates_of,
     information,
     moving,
     predicted,
+    relative_directions,
     reported_covariance,
-    told,
+    stderr_along,
 )
-from automarine_cli.planning.known import (
+from automarine_cli.planning.limits import Limits
+from automarine_cli.planning.prior_results import (
     NOISE_DEG,
     SCATTER,
-    Known,
+    PriorResults,
     covariance_now,
     information_now,
     wanted_directions,
 )
-from automarine_cli.planning.limits import Limits
-from automarine_cli.planning.rivals import Split, splits
-from automarine_cli.planning.schedule import Slot, in_order, scheduled
-from automarine_cli.planning.selection import pairs_of, select
+from automarine_cli.planning.rivals import Split, pairs_of, splits
+from automarine_cli.planning.selection import Choice, select
+from automarine_cli.simulation.specification import SCHEMA
 
-Floats = NDArray[np.float64]
+
+@dataclass(frozen=True)
+class Curve:
+    """Standard errors in percent of each parameter, `percent` (name -> one each minute given), after `minutes` in the
+    pool and `motion` seconds of motion."""
+
+    name: str
+    minutes: tuple[float, ...]
+    motion: tuple[float, ...]
+    percent: dict[str, tuple[float, ...]]
 
 
 @dataclass(frozen=True)
@@ -49,7 +66,6 @@ class Campaign:
 
     fitting: Fitting
     limits: Limits
-    supply: Supply
     wanted: tuple[str, ...]
     slots: tuple[Slot, ...]
     why: tuple[str, ...]
@@ -75,7 +91,7 @@ class Campaign:
 
 
 def plan_campaign(
-    known: Known,
+    known: PriorResults,
     limits: Limits,
     largest: float,
     supply: Supply,
@@ -92,8 +108,9 @@ def plan_campaign(
     """
     fitting = fitting_of(known, limits)
     wanted_ones = wanted_directions(fitting, wanted)
-    before = information_now(fitting, known.now, limits.goal.use_earlier_runs)
-    grid = scheduled(paper_grid(fitting.base, limits, largest), limits, supply)
+    earlier = limits.goal.use_earlier_runs and covariance_now(fitting, known.now) is not None
+    before = information_now(fitting, known.now, earlier)
+    grid = scheduled(paper_grid(fitting.base, largest), limits, supply)
     grid_runs = [slot.candidate for slot in grid]
     pairs = pairs_of(known, fitting, grid_runs, largest)
     choice = select(fitting, limits, largest, supply, before, wanted_ones, pairs, progress)
@@ -104,13 +121,12 @@ def plan_campaign(
     return Campaign(
         fitting=fitting,
         limits=limits,
-        supply=supply,
         wanted=wanted,
         slots=slots,
         why=tuple(choice.why[one.label] for one in runs),
         now=known.now,
         alone=predicted(fitting, per_run),
-        together=_together(fitting, per_run, before, known) if _uses_earlier(known, fitting, limits) else {},
+        together=_together(fitting, per_run, before, known) if earlier else {},
         splits=outcome,
         grid_splits=splits(pairs, grid_runs)[0],
         plan=curve_of("this plan", fitting, slots, per_run, before, limits),
@@ -120,7 +136,7 @@ def plan_campaign(
     )
 
 
-def fitting_of(known: Known, limits: Limits) -> Fitting:
+def fitting_of(known: PriorResults, limits: Limits) -> Fitting:
     """How the campaign will be fitted: by `diagnose` where the model holds effects, else by `fit-yaw`."""
     base = Fitting(known.model, "whole-runs", 1.0, 0.0).base
     noise = limits.logger.noise_deg or known.noise_deg or NOISE_DEG
@@ -146,21 +162,101 @@ def _short_of(outcome: Sequence[Split], limits: Limits) -> tuple[str, ...]:
     """Sentences on explanations that these limits do not split."""
     asked = limits.goal.evidence
     return tuple(
-        f"Not split within these limits: {one.true} from {one.other} where {one.true} is true; {one.evidence:.1f} "
-        "of the "
-        f"{asked:g} asked for is expected. Allow more runs or time, or log what tells them apart directly."
+        f"Not split within these limits: {one.true} from {one.other} where {one.true} is true; {one.evidence:.1f} of "
+        f"the {asked:g} asked for is expected. Allow more runs or time, or log what tells them apart directly."
         for one in outcome
         if one.evidence < asked
     )
 
 
-def _uses_earlier(known: Known, fitting: Fitting, limits: Limits) -> bool:
-    return limits.goal.use_earlier_runs and covariance_now(fitting, known.now) is not None
-
-
-def _together(fitting: Fitting, per_run: Floats, before: Floats, known: Known) -> dict[str, Estimate]:
+def _together(fitting: Fitting, per_run: Floats, before: Floats, known: PriorResults) -> dict[str, Estimate]:
     """Estimates of the new runs and the earlier ones fitted together."""
     new = reported_covariance(moving(per_run))
     covariance = np.asarray(np.linalg.inv(np.linalg.pinv(new, hermitian=True) + before))
     dof = float(max(len(per_run) + known.used - 1, 1))
-    return told(fitting, covariance, dict.fromkeys(directions(fitting), dof))
+    return estimates_of(fitting, covariance, dict.fromkeys(directions(fitting), dof))
+
+
+def curve_of(
+    name: str, fitting: Fitting, slots: Sequence[Slot], per_run: Floats, before: Floats, limits: Limits
+) -> Curve:
+    """The curve of a campaign whose runs are made in order; `per_run` (R, p, p) is their information."""
+    sums = np.cumsum(per_run, axis=0) + before
+    rows = [_percent(fitting, one) for one in sums]
+    minutes = tuple(slot.ends(limits.runs.rest_before_s) / 60.0 for slot in slots)
+    motion = tuple(float(x) for x in np.cumsum([slot.candidate.motion for slot in slots]))
+    return Curve(name, minutes, motion, {key: tuple(row[key] for row in rows) for key in rows[0]})
+
+
+def one_more(
+    fitting: Fitting, choice: Choice, slots: Sequence[Slot], per_run: Floats, before: Floats, limits: Limits
+) -> tuple[Curve, ...]:
+    """After the plan one run more, the best of each kind: a curve of one point a kind."""
+    found, each, cost = choice.candidates, choice.each, choice.cost
+    whole = per_run.sum(axis=0) + before
+    kinds: dict[str, list[int]] = {}
+    for place, one in enumerate(found):
+        kinds.setdefault(one.kind, []).append(place)
+    last = slots[-1].ends(limits.runs.rest_before_s) / 60.0
+    motion = float(sum(slot.candidate.motion for slot in slots))
+    points = []
+    for kind, places in kinds.items():
+        gains = [np.linalg.slogdet(whole + each[place])[1] for place in places]
+        best = places[int(np.argmax(gains))]
+        row = _percent(fitting, whole + each[best])
+        points.append(
+            Curve(
+                kind, (last + float(cost[best, 0]),), (motion + found[best].motion,),
+                {key: (value,) for key, value in row.items()},
+            )
+        )  # fmt: skip
+    return tuple(points)
+
+
+def _percent(fitting: Fitting, information: Floats) -> dict[str, float]:
+    """Standard error of each parameter in percent of it."""
+    covariance = np.asarray(np.linalg.inv(information))
+    wanted = relative_directions(fitting)
+    return {name: 100.0 * stderr_along(covariance, direction) for name, direction in wanted.items()}
+
+
+def specification(campaign: Campaign, seed: int) -> tuple[dict[str, Any], str]:
+    """Plain data of the specification, and a sentence on what it leaves out; no data where it cannot be simulated."""
+    fitting, limits = campaign.fitting, campaign.limits
+    dof, (linear, quadratic) = fitting.model.dof, fitting.model.drag()
+    own = dof.symbols
+    if linear < 0 or quadratic < 0:
+        return {}, "No plan.toml: a vehicle with negative drag cannot be simulated."
+    added = fitting.model.terms[len(fitting.base.terms) :]
+    can = [term for term in added if not effects.get(term.name).needs]
+    left = [term.name for term in added if term not in can]
+    rate = fitting.rate
+    read = fitting.rate_noise
+    gyro = {} if read is None else {"rate_noise_deg_s": round(float(np.rad2deg(read)), 6)}
+    return {
+        "schema": SCHEMA,
+        "seed": seed,
+        "vehicle": {
+            own.inertia: fitting.model.inertia, own.quadratic: quadratic, own.linear: linear,
+            f"{dof.words.force}_unit": fitting.model.moment_unit,
+        },
+        "effects": [
+            {"name": term.name} | dict(zip(effects.get(term.name).names_in(dof), term.values))
+            for term in can
+        ],
+        "logger": {"rate_hz": rate, "noise_deg": round(float(np.rad2deg(fitting.noise)), 6)} | gyro,
+        "scatter": {
+            "gain": fitting.scatter,
+            "start_heading_deg": [slot.candidate.start_heading for slot in campaign.slots],
+        },
+        "campaign": {
+            "order": "listed", "rest_before_s": limits.runs.rest_before_s, "wait_between_s": limits.pool.wait_s,
+        },
+        "runs": [
+            {
+                "kind": "sequence", "name": slot.name, "wait_after_s": slot.wait,
+                "commands": [[moment, seconds] for moment, seconds in slot.candidate.commands],
+            }
+            for slot in campaign.slots
+        ],
+    }, f"Simulated runs lack what {', '.join(left)} needs." if left else ""  # fmt: skip

@@ -1,13 +1,20 @@
-"""The runs that a campaign may be made of: kinds, levels, lengths and start headings that the limits allow."""
+"""The runs that a campaign may be made of, what each costs, and their order at the pool."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import radians
 
+import numpy as np
+from numpy.typing import NDArray
+
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.planning.limits import Limits
 from automarine_cli.simulation.run_groups import Commands, Resistance, moment_text, time_to_turn
 
+Floats = NDArray[np.float64]
+
+POWER_LAW = 1.5
+"""Power against thrust of a propeller at rest in the water: P = F^1.5/sqrt(2 rho A) by momentum theory (Rankine)."""
 TURNS = (1 / 3, 1 / 2, 2 / 3, 1.0)
 """Lengths of steps that are tried, as shares of how far they may turn."""
 LOW = 0.1
@@ -45,17 +52,6 @@ class Candidate:
     def driven(self) -> float:
         """Length of the commands [s]."""
         return float(sum(seconds for _, seconds in self.commands))
-
-    @property
-    def side(self) -> int:
-        """Sign of the first moment."""
-        first = next((moment for moment, _ in self.commands if moment), 0.0)
-        return (first > 0) - (first < 0)
-
-    @property
-    def size(self) -> float:
-        """Largest |moment|."""
-        return max(abs(moment) for moment, _ in self.commands)
 
     def at(self, *, start_heading: float, clock: float) -> "Candidate":
         """The same run from another start heading [degrees], at another time [s] of the campaign's clock."""
@@ -103,7 +99,7 @@ def full_step(model: YawModel, limits: Limits, moment: float) -> Candidate:
     return _step(model, moment, _furthest(limits))
 
 
-def paper_grid(model: YawModel, limits: Limits, largest: float) -> tuple[Candidate, ...]:
+def paper_grid(model: YawModel, largest: float) -> tuple[Candidate, ...]:
     """The paper's own campaign, scaled to the largest moment: twelve sizes, both sides, twice, half a turn each."""
     sizes = [largest * i / 12.0 for i in range(1, 13)]
     return tuple(_step(model, side * size, 180.0) for _ in range(2) for size in sizes for side in (1, -1))
@@ -191,3 +187,90 @@ MAKERS = {
     "rest": _rests,
     "other-voltage": _other_voltages,
 }
+
+
+@dataclass(frozen=True)
+class Supply:
+    """What is drawn [A]: `idle` always, `full` more at the `largest` moment."""
+
+    idle: float
+    full: float
+    largest: float
+
+    def current(self, moment: float) -> float:
+        """Current [A] while `moment` acts."""
+        return self.idle + self.full * (abs(moment) / self.largest) ** POWER_LAW
+
+    def drawn(self, candidate: Candidate, still: float) -> float:
+        """Charge [Ah] of a run and of `still` seconds without any moment."""
+        driven = sum(self.current(moment) * seconds for moment, seconds in candidate.commands)
+        return float((driven + self.idle * still) / 3600.0)
+
+
+def wait_after(candidate: Candidate, limits: Limits) -> float:
+    """How long the water needs after a run [s]."""
+    return limits.pool.wait_after_long_turn_s if candidate.turns else limits.pool.wait_s
+
+
+def costs(candidates: Sequence[Candidate], limits: Limits, supply: Supply) -> Floats:
+    """Minutes (wait included), runs, motion [s] and charge [Ah] of each candidate, (K, 4)."""
+    rows = []
+    for one in candidates:
+        still = limits.runs.rest_before_s + wait_after(one, limits)
+        rows.append(((one.driven + still) / 60.0, 1.0, one.motion, supply.drawn(one, still)))
+    return np.array(rows)
+
+
+def allowance(limits: Limits) -> Floats:
+    """What all runs together may cost, (4,), in the units of `costs`; the last run needs no wait."""
+    charge = limits.battery.charge_Ah * (1.0 - limits.battery.reserve_percent / 100.0)
+    motion = np.inf if limits.pool.motion_s is None else limits.pool.motion_s
+    return np.array(
+        [limits.pool.minutes + limits.pool.wait_s / 60.0, float(limits.pool.runs), motion, charge]
+    )
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One run of the campaign: `number` from 1, `begins` [s] after the first log's start, `wait` [s] after it (none
+    after the last), `left` [Ah] in the battery when its log ends."""
+
+    number: int
+    candidate: Candidate
+    begins: float
+    wait: float
+    left: float
+
+    @property
+    def name(self) -> str:
+        """Name of its log."""
+        return f"{self.number:02d}_{self.candidate.label}"
+
+    def ends(self, rest: float) -> float:
+        """When its log ends [s after the first log's start]."""
+        return self.begins + rest + self.candidate.driven
+
+
+def in_order(chosen: Sequence[Candidate], check: Candidate | None, seed: int) -> list[Candidate]:
+    """The runs in random order, those at another voltage last; with `check`, that run first and last."""
+    rest = list(chosen)
+    if check is not None:
+        for _ in range(2):
+            rest.remove(check)
+    drawn = np.random.default_rng(seed).permutation(len(rest))
+    shuffled = sorted((rest[int(i)] for i in drawn), key=lambda one: one.voltage is not None)
+    return shuffled if check is None else [check, *shuffled, check]
+
+
+def scheduled(runs: Sequence[Candidate], limits: Limits, supply: Supply) -> tuple[Slot, ...]:
+    """The runs one after the other, start headings in turn; times to the tenth of a second."""
+    headings, rest = limits.pool.start_headings_deg, limits.runs.rest_before_s
+    clock, left, slots = 0.0, limits.battery.charge_Ah, list[Slot]()
+    for i, one in enumerate(runs):
+        one = one.at(start_heading=headings[i % len(headings)], clock=round(clock, 1))
+        wait = wait_after(one, limits) if i + 1 < len(runs) else 0.0
+        left -= supply.drawn(one, rest)
+        slots.append(Slot(i + 1, one, one.clock, wait, left))
+        left -= supply.idle * wait / 3600.0
+        clock += rest + one.driven + wait
+    return tuple(slots)

@@ -10,7 +10,6 @@ from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.dofs import Dof
@@ -21,14 +20,11 @@ from automarine_cli.fits.step_response import step_data, step_problem
 from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel
-from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.layout import as_run
+from automarine_cli.planning.candidates import Candidate, Floats
 from automarine_cli.runs.half_turn import MARGIN_IN_SIGMA, MOST_REST
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
-
-Floats = NDArray[np.float64]
 
 Fit = Literal["whole-runs", "half-turns", "diagnosis"]
 
@@ -36,6 +32,45 @@ HELD_OUT = 0.25
 """Share of the runs that `diagnose` does not fit, where no others are given to be held out."""
 QUIET = 1e-5
 """Disturbance moment of a pool, as a factor of the fits: none."""
+
+
+@dataclass(frozen=True)
+class Logger:
+    """What a log on paper looks like: `rate` [Hz], `rest` [s] of zero moment first, `unit` of the moment, `voltage` [V]
+    of the supply or None where the logs have no such column; of `channels` only a velocity is a column of its own."""
+
+    dof: Dof
+    unit: str
+    rate: float
+    rest: float
+    voltage: float | None
+    channels: tuple[str, ...] | None
+
+    def run(self, candidate: Candidate) -> Run:
+        """The run that the logger would bring home; its heading, still to be measured, stands still.
+
+        A command shows from the first sample at or after its instant, as in simulated campaigns.
+        """
+        lengths = [self.rest, *(seconds for _, seconds in candidate.commands)]
+        ends = np.round(np.cumsum(lengths) * self.rate).astype(int)
+        moment = np.zeros(int(ends[-1]))
+        for (level, _), begin, end in zip(candidate.commands, ends[:-1], ends[1:]):
+            moment[begin:end] = level
+        time = candidate.clock + np.arange(len(moment)) / self.rate
+        heading = np.full(len(moment), np.deg2rad(candidate.start_heading))
+        volts = candidate.voltage if candidate.voltage is not None else self.voltage
+        extras = {} if volts is None else {"voltage": np.full(len(moment), volts)}
+        if self.dof.velocity in (self.channels or ()):
+            extras[self.dof.velocity] = np.zeros(len(moment))
+        return Run(candidate.label, "plan", time, heading, moment, self.unit, extras, dof=self.dof)
+
+
+def alike(candidates: Sequence[Candidate]) -> dict[str, list[int]]:
+    """Places of the candidates of each kind: laid out together, none is padded to the length of a slow ramp."""
+    groups: dict[str, list[int]] = {}
+    for place, candidate in enumerate(candidates):
+        groups.setdefault(candidate.kind, []).append(place)
+    return groups
 
 
 @dataclass(frozen=True)
@@ -81,43 +116,31 @@ class Fitting:
         """Share of the runs that is fitted: `diagnose` holds a quarter out to judge by."""
         return 1.0 - HELD_OUT if self.fit == "diagnosis" else 1.0
 
-    def runs(self, candidates: Sequence[Candidate]) -> list[Run]:
-        """The candidates as runs."""
-        unit, dof = self.model.moment_unit, self.model.dof
-        return [
-            as_run(
-                one,
-                dof,
-                rate=self.rate,
-                rest=self.rest,
-                unit=unit,
-                voltage=self.voltage,
-                channels=self.channels,
-            )
-            for one in candidates
-        ]
+    @cached_property
+    def logger(self) -> Logger:
+        """How the runs will be logged."""
+        model = self.model
+        return Logger(model.dof, model.moment_unit, self.rate, self.rest, self.voltage, self.channels)
 
     def problem(self, candidates: Sequence[Candidate]) -> Problem:
         """The likelihood of the candidates' runs; theta ends with the common instant of the switches."""
         if self.fit == "half-turns":
             return self._half_turns(candidates)
         if self.fit == "diagnosis":
-            return self._study(candidates).problem(self.model)
-        runs = self.runs(candidates)
+            drag = (self.base.inertia, self.base.terms)
+            return _study(tuple(candidates), drag, self.logger).problem(self.model)
+        runs = [self.logger.run(one) for one in candidates]
         largest = max(float(np.abs(run.command).max()) for run in runs)
         batch = make_batch(runs, min(0.1, step_for(self.model, largest)), channels=self.channels)
         return whole_run_problem(self.model, batch, np.array([starts_at_rest(run) for run in runs]))
-
-    def _study(self, candidates: Sequence[Candidate]) -> Study:
-        drag = (self.base.inertia, self.base.terms, self.base.moment_unit, self.base.dof)
-        return _study(tuple(candidates), drag, self.rate, self.rest, self.voltage, self.channels)
 
     def _half_turns(self, candidates: Sequence[Candidate]) -> Problem:
         """As `fit-yaw` trims them: from the rest to the first half-turn, less three standard deviations."""
         drag = self.model.drag()
         names, moments, intervals = list[str](), list[float](), list[float]()
         times, headings, velocities = list[Floats](), list[Floats](), list[Floats]()
-        for run, one in zip(self.runs(candidates), candidates):
+        for one in candidates:
+            run = self.logger.run(one)
             first = int(np.argmax(run.command != 0))
             time = np.asarray((np.arange(len(run)) - first + 0.5) / self.rate)
             heading, velocity = response(time, one.commands[0][0], self.model.inertia, *drag)
@@ -156,19 +179,9 @@ class Fitting:
 
 
 @lru_cache(maxsize=64)
-def _study(
-    candidates: tuple[Candidate, ...],
-    drag: tuple[float, tuple[Term, ...], str, Dof],
-    rate: float,
-    rest: float,
-    voltage: float | None,
-    channels: tuple[str, ...] | None,
-) -> Study:
+def _study(candidates: tuple[Candidate, ...], drag: tuple[float, tuple[Term, ...]], logger: Logger) -> Study:
     """The candidates as a diagnosis would have them; kept, since many models are tried on the same runs."""
-    base, signals = YawModel(*drag), () if voltage is None else ("voltage",)
-    unit = base.moment_unit
-    runs = tuple(
-        as_run(one, base.dof, rate=rate, rest=rest, unit=unit, voltage=voltage, channels=channels)
-        for one in candidates
-    )
-    return Study(runs, base, False, signals, channels=channels)
+    signals = () if logger.voltage is None else ("voltage",)
+    base = YawModel(*drag, logger.unit, logger.dof)
+    runs = tuple(logger.run(one) for one in candidates)
+    return Study(runs, base, False, signals, channels=logger.channels)

@@ -6,7 +6,9 @@ heading, gain of the thrust, instants of the changes (fits/linear_mixed.py). Not
 adds up over runs (Fedorov 1972, Theory of Optimal Experiments, chapter 2).
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +20,8 @@ from automarine_cli.fits.influence import runs_that_carry
 from automarine_cli.fits.mixed_model import Problem, derivatives
 from automarine_cli.fits.output_error import ENOUGH_RUNS
 from automarine_cli.fits.run_effects import SWITCHES
-from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.fitting import Fitting
-from automarine_cli.planning.layout import alike
-
-Floats = NDArray[np.float64]
+from automarine_cli.planning.candidates import Candidate, Floats
+from automarine_cli.planning.fitting import Fitting, alike
 
 OFFSET = "switch offset"
 ANGLE = "inertial turn angle"
@@ -30,6 +29,9 @@ FEWEST = 3
 """Runs below which no interval is told."""
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(3)
 """Where in its sample interval a command changes is averaged over, for fits that confine it to that interval."""
+LOOSE = 3.0
+"""Standard deviation of a parameter before any run, in its own size: it keeps the first choices from dividing by
+zero."""
 
 
 def names_of(fitting: Fitting) -> tuple[str, ...]:
@@ -126,7 +128,7 @@ def predicted(fitting: Fitting, per_run: Floats) -> dict[str, Estimate]:
     for name, direction in directions(fitting).items():
         many = len(per_run) >= ENOUGH_RUNS
         dof[name] = runs_that_carry(per_run, direction) if many else float(max(len(per_run) - 1, 1))
-    return told(fitting, covariance, dof)
+    return estimates_of(fitting, covariance, dof)
 
 
 def moving(per_run: Floats) -> Floats:
@@ -155,7 +157,7 @@ def relative_directions(fitting: Fitting) -> dict[str, Floats]:
     }
 
 
-def told(fitting: Fitting, covariance: Floats, dof: Mapping[str, float]) -> dict[str, Estimate]:
+def estimates_of(fitting: Fitting, covariance: Floats, dof: Mapping[str, float]) -> dict[str, Estimate]:
     """Estimates with this covariance (p, p) of the search's coordinates, as fits tell them."""
     values, logarithms, units = _parameters(fitting)
     found = {}
@@ -183,3 +185,66 @@ def _parameters(fitting: Fitting) -> tuple[dict[str, float], dict[str, bool], di
 def stderr_along(covariance: Floats, direction: Floats) -> float:
     """Standard error along a direction (p,)."""
     return float(np.sqrt(max(float(direction @ covariance @ direction), 0.0)))
+
+
+class Objective(ABC):
+    """What a campaign is for. Worth is that of `counts` (K,), how often each candidate is run."""
+
+    @abstractmethod
+    def scores(self, counts: Floats, extras: NDArray[np.int64]) -> Floats:
+        """Worth of the campaign with one more run, each of `extras` (B,) in turn, (B,)."""
+
+    @abstractmethod
+    def score(self, counts: Floats) -> float:
+        """Worth of the campaign."""
+
+    @abstractmethod
+    def reached(self, counts: Floats) -> bool:
+        """Whether nothing more is wanted."""
+
+
+@dataclass(frozen=True)
+class Intervals(Objective):
+    """Intervals to narrow: worth is the mean logarithm by which the wanted standard errors have come down.
+
+    `information` (K, p, p) of the candidates, `known` (p, p) beforehand, `wanted` (p, m) the directions whose
+    intervals count. `goal` is the largest standard error of a wanted direction at which nothing more is wanted, or
+    None.
+    """
+
+    information: Floats
+    known: Floats
+    wanted: Floats
+    goal: float | None = None
+
+    def scores(self, counts: Floats, extras: NDArray[np.int64]) -> Floats:
+        return self._worth(self._spread(counts, extras))
+
+    def score(self, counts: Floats) -> float:
+        return float(self._worth(self._spread(counts, None))[0])
+
+    def reached(self, counts: Floats) -> bool:
+        if self.goal is None:
+            return False
+        return bool(np.all(np.sqrt(np.diagonal(self._spread(counts, None)[0])) <= self.goal))
+
+    def _worth(self, spread: Floats) -> Floats:
+        unit = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
+        shape = np.linalg.slogdet(spread / unit[:, :, None] / unit[:, None, :])[1]
+        return np.asarray(-(np.log(unit).sum(axis=1) + 0.5 * shape) / self.wanted.shape[1])
+
+    def _spread(self, counts: Floats, extras: NDArray[np.int64] | None) -> Floats:
+        """Covariance (B, m, m) of the wanted directions as the jackknife over runs tells it: see
+        `reported_covariance`. A parameter that hangs on a single run is not known."""
+        base = np.tensordot(counts, self.information, axes=1) + self.known
+        more = np.zeros((1, *base.shape)) if extras is None else self.information[extras]
+        whole = base + more
+        inverse = np.linalg.inv(whole)
+        ran = np.flatnonzero(counts)
+        told = inverse @ self.known
+        each = np.linalg.inv(whole[:, None] - self.information[ran]) @ self.information[ran]
+        told = told + np.tensordot(each, counts[ran], axes=((1,), (0,)))
+        told = told + np.linalg.inv(whole - more) @ more
+        covariance = told @ inverse
+        covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
+        return np.asarray(self.wanted.T @ covariance @ self.wanted)

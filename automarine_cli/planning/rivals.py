@@ -5,7 +5,7 @@ from run to run at its disposal. What stays, in units of the noise, is the expec
 Fedorov (1975, Biometrika 62:57) choose runs to make that largest (T-optimality).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -18,21 +18,15 @@ from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.fitting import Fitting
-from automarine_cli.planning.information import free_in
-from automarine_cli.planning.layout import alike
-from automarine_cli.planning.objectives import Contest
-
-Floats = NDArray[np.float64]
+from automarine_cli.planning.candidates import Candidate, Floats
+from automarine_cli.planning.fitting import Fitting, alike
+from automarine_cli.planning.information import LOOSE, Objective, free_in
+from automarine_cli.planning.prior_results import PriorResults
 
 ROUNDS, HALVINGS = 20, 6
 SETTLED = 1e-4
 SEEN = 4.0
 """Misfit without an effect from which it counts as seen: two standard errors of its size."""
-LOOSE = 3.0
-"""Prior standard deviation of the other explanation's parameters while runs are chosen, in their own sizes."""
-NOTHING = Contest(np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 1)), np.eye(1))
 MOST_STARTS, FEW = 12, 8
 """Places from which the other explanation's fit may start, and runs on which they are compared."""
 
@@ -45,6 +39,9 @@ class Explanation:
     fitting: Fitting
 
 
+Pair = tuple[Explanation, Explanation]
+
+
 @dataclass(frozen=True)
 class Split:
     """Outcome for a pair: the expected lead in evidence of `true` over `other` (deviance, penalties included), and the
@@ -54,6 +51,71 @@ class Split:
     other: str
     evidence: float
     misfit: float
+
+
+@dataclass(frozen=True)
+class Contest:
+    """Two explanations on K candidates: one is true, the other is fitted about its parameters there.
+
+    `square` (K,) is the squared difference of the headings in units of their noise, `gradient` (K, p) and `hessian`
+    (K, p, p) what the other's parameters do to it; `ridge` (p, p) what is known of them beforehand.
+    """
+
+    square: Floats
+    gradient: Floats
+    hessian: Floats
+    ridge: Floats
+
+    def misfit(self, counts: Floats) -> Floats:
+        """Misfit of the other explanation to campaigns, `counts` (B, K) how often each holds each candidate; (B,)."""
+        square, gradient = counts @ self.square, counts @ self.gradient
+        hessian = np.tensordot(counts, self.hessian, axes=1) + self.ridge
+        solved = np.linalg.solve(hessian, gradient[:, :, None])[:, :, 0]
+        return np.maximum(square - np.sum(gradient * solved, axis=1), 0.0)
+
+
+@dataclass(frozen=True)
+class Splitting(Objective):
+    """Explanations to split: `contests`, each settled from its misfit of `enough` (C,) on; worth is the shares of them
+    that are settled."""
+
+    contests: tuple[Contest, ...]
+    enough: Floats
+
+    def scores(self, counts: Floats, extras: NDArray[np.int64]) -> Floats:
+        return self._worth(counts + np.eye(len(counts))[extras])
+
+    def score(self, counts: Floats) -> float:
+        return float(self._worth(counts[None])[0])
+
+    def reached(self, counts: Floats) -> bool:
+        return self.score(counts) >= len(self.contests) - 1e-9
+
+    def _worth(self, counts: Floats) -> Floats:
+        shares = [
+            np.minimum(one.misfit(counts) / enough, 1.0) for one, enough in zip(self.contests, self.enough)
+        ]
+        return np.asarray(np.sum(shares, axis=0))
+
+
+def pairs_of(
+    known: PriorResults, fitting: Fitting, grid: Sequence[Candidate], largest: float
+) -> tuple[Pair, ...]:
+    """Each doubt both ways, (true, other): the rival as it would look like the effect named on the runs of `grid`.
+
+    A rival that could imitate only by vanishing is asked for one way alone.
+    """
+    found: list[Pair] = []
+    for doubt in known.doubts:
+        terms = tuple(term for term in known.model.terms if term.name != doubt.effect)
+        starts = with_effect(fitting, replace(known.model, terms=terms), doubt.rival, largest)
+        true = Explanation(doubt.effect, replace(fitting, fit="diagnosis"))
+        half = grid[: len(grid) // 2]
+        other = Explanation(doubt.rival, closest(true.fitting, starts, half)[0])
+        found.append((true, other))
+        if shows(other, half):
+            found.append((other, true))
+    return tuple(found)
 
 
 def with_effect(fitting: Fitting, model: YawModel, name: str, largest: float) -> list[Fitting]:
@@ -79,6 +141,9 @@ def with_effect(fitting: Fitting, model: YawModel, name: str, largest: float) ->
     return [
         replace(fitting, model=model.with_effect(name, start), fit="diagnosis") for start in starts[::every]
     ]
+
+
+NOTHING = Contest(np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 1)), np.eye(1))
 
 
 def contest(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> Contest:
@@ -165,8 +230,8 @@ def closest(
 
 
 def splits(
-    pairs: Sequence[tuple[Explanation, Explanation]], candidates: Sequence[Candidate]
-) -> tuple[tuple[Split, ...], tuple[tuple[Explanation, Explanation], ...]]:
+    pairs: Sequence[Pair], candidates: Sequence[Candidate]
+) -> tuple[tuple[Split, ...], tuple[Pair, ...]]:
     """What a campaign is expected to say of each pair (true, other), and the pairs with the other at its best."""
     found, moved = [], []
     for true, other in pairs:
@@ -190,5 +255,5 @@ def shows(one: Explanation, candidates: Sequence[Candidate]) -> bool:
 
 
 def _penalty(one: Explanation, runs: int) -> float:
-    values: Mapping[str, tuple[float, ...]] = {term.name: term.values for term in one.fitting.model.terms}
+    values = {term.name: term.values for term in one.fitting.model.terms}
     return penalty(fitted_parameters(one.name, values[one.name]), runs)

@@ -138,7 +138,11 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
             f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}."
         )
     lines += filter(None, [effect.other_rivals])
-    lines += [] if effect.learned is None else learned_lines(effect.learned, len(diagnosis.study.runs))
+    lines += (
+        []
+        if effect.learned is None
+        else learned_lines(effect.learned, len(diagnosis.study.runs), diagnosis.study.base.dof)
+    )
     return "\n\n".join([*lines, f"Source: {law.source}."])
 
 
@@ -260,6 +264,4 @@ def _next(diagnosis: Diagnosis) -> str:
     for effect in diagnosis.effects:
         reveals = effects.get(effect.name).card(diagnosis.study.base.dof).reveals
         told.append(f"- To see {effect.name} better: {reveals}.")
-    return "\n".join(
-        [*told, *(f"- {line}" for line in general_advice(diagnosis.study, diagnosis.detectable))]
-    )
+    return "\n".join([*told, *(f"- {line}" for line in general_advice(diagnosis.study))])

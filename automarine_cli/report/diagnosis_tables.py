@@ -13,6 +13,8 @@ from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.diagnosis_page_tables import gap_table
 from automarine_cli.report.tables import Table, interval, number
 
+OF = {"moment": "a moment", "gain": "a gain", "drag": "linear drag"}
+"""Kinds of learned curves in words."""
 FALLS = 0.02
 """Share of the noise by which a gap has to fall for that to be told."""
 
@@ -127,7 +129,7 @@ def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
         for i, name, estimate in counting(effect.name, effect.parameters)
     ]
     rows += [
-        (effect.name, f"curve of a {effect.learned.kind}", curve_cell(effect.learned), effect.learned.unit,
+        (effect.name, f"curve of {OF[effect.learned.kind]}", curve_cell(effect.learned), effect.learned.unit,
          f"{effect.confidence:.0%}")
         for effect in diagnosis.effects
         if effect.learned is not None

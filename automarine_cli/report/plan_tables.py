@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.planning.campaign import Campaign
-from automarine_cli.planning.commands import in_words
 from automarine_cli.planning.rivals import Split
+from automarine_cli.planning.vehicle import in_words
 from automarine_cli.report.tables import MISSING, Table, interval, number
 
 SHEET = (
@@ -16,7 +16,6 @@ SHEET = (
     "battery_left_Ah", "battery_left_percent", "command_file", "why",
 )  # fmt: skip
 CERTAIN = 1000.0
-LAST_KINDS = 3
 
 
 def in_print(name: str, dof: Dof) -> str:

@@ -2,9 +2,8 @@
 
 from collections.abc import Sequence
 
-from automarine_cli.comparison.ahead import Ahead
 from automarine_cli.comparison.scores import SCORES, Overall, score_key
-from automarine_cli.comparison.validation import Comparison
+from automarine_cli.comparison.validation import Ahead, Comparison
 from automarine_cli.dofs import Dof
 from automarine_cli.report.tables import MISSING, Cell, Table, number
 

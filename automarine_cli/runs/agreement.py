@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.runs.noise import median, position_noise
-from automarine_cli.runs.noise_followed import noise_followed
 from automarine_cli.runs.run import Run
+from automarine_cli.runs.velocity_sensor import noise_followed
 
 Floats = NDArray[np.float64]
 

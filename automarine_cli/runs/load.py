@@ -19,8 +19,7 @@ from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
 from automarine_cli.runs.clean import NotUsable, clean, too_short
 from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, Trimmed, trimmed
-from automarine_cli.runs.names import named_apart, own_name
-from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.run import Run, SetAside, named_apart, own_name
 from automarine_cli.runs.sense import clock_trouble
 
 Kept = TypeVar("Kept")

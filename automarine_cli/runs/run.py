@@ -1,6 +1,7 @@
 """`Run`: one log of one test, cleaned and frozen; and what becomes of a run that does not serve."""
 
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs.canonical import names_of
+from automarine_cli.logs.formats import stem_of
 from automarine_cli.quantities import CLOCK, SINCE
 from automarine_cli.runs.noise import median, position_noise
 
@@ -162,3 +164,34 @@ def readings(runs: Iterable[Run]) -> dict[str, list[dict[str, object]]]:
     return (
         {"readings": [{"file": file, "notes": list(notes)} for file, notes in told.items()]} if told else {}
     )
+
+
+NAMED_APART = "another run of this campaign has the same name; the file's name was put in front"
+
+
+def own_name(source: str) -> str:
+    """The name of a run that is alone in its file."""
+    return stem_of(source.rsplit("/", 1)[-1])
+
+
+def named_apart(runs: Sequence[Run]) -> list[Run]:
+    """Runs of one campaign, no two of one name; see `names_apart`."""
+    names = names_apart([(run.name, run.source) for run in runs])
+    return [
+        run if run.name == name else replace(run, name=name, notes=(*run.notes, NAMED_APART))
+        for run, name in zip(runs, names)
+    ]
+
+
+def names_apart(runs: Sequence[tuple[str, str]]) -> list[str]:
+    """Names for runs, given by name and file: those of one name get their file's name in front (without its ending
+    where that is enough).
+    """
+    named = [name for name, _ in runs]
+    for prefix in (stem_of, str):
+        times = Counter(named)
+        for i, (name, (original, source)) in enumerate(zip(named.copy(), runs)):
+            if times[name] > 1:
+                front = prefix(source)
+                named[i] = front if original == own_name(source) else f"{front}:{original}"
+    return named

@@ -27,18 +27,13 @@ def product_with(matrices: Floats) -> Callable[[Sequence[Floats] | Floats], list
     return product
 
 
-def coriolis(inertia: Floats, velocity: Floats) -> Floats:
-    """Coriolis and centripetal force C(nu) nu [N, N, N m], (3, P, R), of velocities (3, P, R) and an inertia (P, 3, 3).
-
-    With momentum p = M nu it is (-p_y r, p_x r, p_y u - p_x v): the axes turn with the vehicle (Fossen 2021, chapter 3
-    for the rigid body, chapter 6 for added mass). It does no work. The last entry holds (m_v - m_u) u v, the moment
-    that keeps a vehicle on an oblique course: the water's own, the Munk moment, is its opposite and turns it broadside.
-    """
-    return np.stack(turning_of(product_with(inertia)(velocity), velocity))
-
-
 def turning_of(momentum: Sequence[Floats], velocity: Floats) -> tuple[Floats, Floats, Floats]:
-    """The same of a momentum p = M nu that is known, each (P, R)."""
+    """Coriolis and centripetal force C(nu) nu [N, N, N m], each (P, R), of velocities (3, P, R) with momentum p = M nu.
+
+    It is (-p_y r, p_x r, p_y u - p_x v): the axes turn with the vehicle (Fossen 2021, chapter 3 for the rigid body,
+    chapter 6 for added mass). It does no work. The last entry holds (m_v - m_u) u v, the moment that keeps a vehicle on
+    an oblique course: the water's own, the Munk moment, is its opposite and turns it broadside.
+    """
     along, abeam, _ = momentum
     u, v, r = velocity
     return -abeam * r, along * r, abeam * u - along * v

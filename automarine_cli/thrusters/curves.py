@@ -17,7 +17,6 @@ from automarine_cli.thrusters.points import Floats
 # command.
 LOW = np.array([0.0, 0.0, 0.3, 0.3])
 HIGH = np.array([np.inf, 0.8, 4.0, 1.0])
-OFF = np.array([1.0, 0.0, SQUARE, 1.0])
 AS_GOOD = 1e-6  # relative difference of sums of squares that counts as none
 STARTS = 5
 STEPS = 60

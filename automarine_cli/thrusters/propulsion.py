@@ -43,18 +43,13 @@ class Driven(Protocol):
 RunLike = TypeVar("RunLike", bound=Driven)
 
 
-def drive_by_thrusters(runs: Sequence[RunLike], thrusters: ThrusterMap, arm: float) -> tuple[RunLike, ...]:
-    """The runs with the moment [N m] that two equal thrusters `arm` [m] off the centre line make of their
-    commands; in surge and heave with the force [N], whatever the arm.
+def drive_run_by_thrusters(run: RunLike, thrusters: ThrusterMap, arm: float) -> RunLike:
+    """The run with the moment [N m] that two equal thrusters `arm` [m] off the centre line make of their commands; in
+    surge and heave with the force [N], whatever the arm.
 
     A moment that is in the log gives way. Raises RunError for a run without `n_port` and `n_stbd`, and
     ModelError for an arm that is no length or a direction that the map lacks.
     """
-    return tuple(drive_run_by_thrusters(run, thrusters, arm) for run in runs)
-
-
-def drive_run_by_thrusters(run: RunLike, thrusters: ThrusterMap, arm: float) -> RunLike:
-    """One run driven by its thruster commands; see `drive_by_thrusters`."""
     names = run.dof.thrusters
     lacking = [name for name in names if name not in run.extras]
     if lacking:

@@ -15,6 +15,7 @@ from automarine_cli.diagnosis.extended_model import extended_model
 from automarine_cli.diagnosis.formula_file import learned_json
 from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.diagnosis.verdict import NamedEffect
+from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.fits.channel_noise import channels_json, fit_sentences
 from automarine_cli.fits.linear_mixed import in_words_of
@@ -86,7 +87,7 @@ class YawDiagnosis(Shown):
             "model": self.stored.preferred,
             f"{dof.words.force}_unit": self.stored.moment_unit,
             "effects": [
-                _effect_json(effect, len(self.diagnosis.study.runs)) for effect in self.diagnosis.effects
+                _effect_json(effect, len(self.diagnosis.study.runs), dof) for effect in self.diagnosis.effects
             ],
             "where": [region.to_json(dof) for region in self.diagnosis.where.regions],
             "gap": {
@@ -152,7 +153,7 @@ class YawDiagnosis(Shown):
         )
 
 
-def _effect_json(effect: NamedEffect, runs: int) -> dict[str, Any]:
+def _effect_json(effect: NamedEffect, runs: int, dof: Dof) -> dict[str, Any]:
     return {
         "name": effect.name,
         **({"law": effect.law} if effect.law else {}),
@@ -161,7 +162,7 @@ def _effect_json(effect: NamedEffect, runs: int) -> dict[str, Any]:
         "confidence": effect.confidence,
         "p_value": effect.p_value,
         "rivals": [asdict(rival) for rival in effect.rivals],
-        **({} if effect.learned is None else {"learned": learned_json(effect.learned, runs)}),
+        **({} if effect.learned is None else {"learned": learned_json(effect.learned, runs, dof)}),
     }
 
 

@@ -66,7 +66,7 @@ def keep_own(file: Path, *, overwrite: bool = False) -> EffectCards:
             f"{printable(str(file))}: no such file; give a file of Python with one subclass of Effect"
         )
     name = file.stem.replace("_", "-")
-    if name in library.library() or name.startswith("learned"):
+    if name in library.built_in() or name.startswith("learned"):
         raise ModelError(
             f"{file.name}: {name!r} is an effect of the library; give the file and the effect a new name"
         )

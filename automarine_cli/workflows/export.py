@@ -19,7 +19,7 @@ from automarine_cli.exports.base import (
     Written,
     YawSubject,
 )
-from automarine_cli.exports.frames import in_enu
+from automarine_cli.exports.conversions import in_enu
 from automarine_cli.exports.planar import planar_subject
 from automarine_cli.exports.prepare import (
     cannot,

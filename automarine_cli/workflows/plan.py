@@ -11,14 +11,12 @@ from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.pipeline.recipe import to_mapping, toml_text
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.planning.campaign import Campaign, plan_campaign
-from automarine_cli.planning.commands import command_file
-from automarine_cli.planning.drive import Drive
-from automarine_cli.planning.known import read_known
+from automarine_cli.planning.campaign import Campaign, plan_campaign, specification
+from automarine_cli.planning.candidates import Slot
 from automarine_cli.planning.limits import EXAMPLE, Limits, read_limits
-from automarine_cli.planning.rehearsal import specification
+from automarine_cli.planning.prior_results import read_prior_results
 from automarine_cli.planning.rivals import Split
-from automarine_cli.planning.schedule import Slot
+from automarine_cli.planning.vehicle import Drive, command_file
 from automarine_cli.report import plan_page, plan_tables
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.plan import plan_figure
@@ -133,7 +131,7 @@ def _plan(asked: PlanOptions, runner: Runner) -> Plan:
     `thruster_tests` that logged a current or a power the battery's use. Raises ModelError, SettingError, LogError,
     RunError or OutputError.
     """
-    known, limits = read_known(asked.model, asked.diagnosis), asked.limits
+    known, limits = read_prior_results(asked.model, asked.diagnosis), asked.limits
     allowed = limits if isinstance(limits, Limits) else Limits() if limits is None else read_limits(limits)
     names, tests = given_columns(asked.columns), asked.thruster_tests
     drive = drive_for(asked.thrusters, asked.arm, names, known, allowed)

@@ -6,11 +6,10 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap
 from automarine_cli.pipeline.plain_data import Source
-from automarine_cli.planning.budget import Supply
-from automarine_cli.planning.consumption import consumption
-from automarine_cli.planning.drive import Drive, drive_of
-from automarine_cli.planning.known import Known
+from automarine_cli.planning.candidates import Supply
 from automarine_cli.planning.limits import Limits
+from automarine_cli.planning.prior_results import PriorResults
+from automarine_cli.planning.vehicle import Drive, consumption, drive_of
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import Series
 from automarine_cli.workflows.moments import map_and_arm
@@ -23,7 +22,7 @@ def drive_for(
     thrusters: Source | ThrusterMap | None,
     arm: float | None,
     columns: ColumnMap,
-    known: Known,
+    known: PriorResults,
     limits: Limits,
 ) -> Drive | None:
     """How the thrusters make the model's moments, or None without a map. Raises SettingError, ModelError."""
@@ -43,7 +42,7 @@ def drive_for(
     return drive_of(*given, limits.thrusters.largest_command, equal, unit)
 
 
-def largest_moment(known: Known, limits: Limits, drive: Drive | None) -> float:
+def largest_moment(known: PriorResults, limits: Limits, drive: Drive | None) -> float:
     """The largest moment that runs may have, in the model's unit. Raises SettingError where nothing says it, or the
     thrusters cannot give it."""
     asked, unit = limits.moments.largest, known.stored.moment_unit
@@ -59,7 +58,7 @@ def largest_moment(known: Known, limits: Limits, drive: Drive | None) -> float:
             f"moments.largest is {asked:g} {unit}; the thrusters give at most {drive.largest:.4g} {unit} as they are "
             "paired; ask for less, or pair them by equal commands"
         )
-    return drive.largest_told if asked is None else asked
+    return drive.largest_rounded if asked is None else asked
 
 
 def supply_for(

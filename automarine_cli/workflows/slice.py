@@ -9,7 +9,7 @@ from typing import Any, Literal
 from automarine_cli.errors import LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, given_columns, read_log
 from automarine_cli.logs.formats import stem_of
-from automarine_cli.logs.written import columns_of, csv_text
+from automarine_cli.logs.table import columns_of, csv_text
 from automarine_cli.pipeline.outputs import ResultFolder, file_stems
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress

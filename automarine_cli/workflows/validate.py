@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.comparison.ahead import Ahead, ahead_of
-from automarine_cli.comparison.residuals import FreeRun
 from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.comparison.scores import SCORES, RunScore, rate_source, score_key
-from automarine_cli.comparison.validation import Comparison, Scored, compare
+from automarine_cli.comparison.simulated_runs import FreeRun
+from automarine_cli.comparison.validation import Ahead, Comparison, Scored, ahead_of, compare
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import AutomarineError, ModelError, RunError

@@ -11,7 +11,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
 
-from made_learned import BASE, LAWS, NOISE_DEG, campaign
+from made_learned import BASE, LAWS, campaign, true_gap
 
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.formula import formula_of
@@ -36,7 +36,7 @@ def judged(name: str, diagnosis: Diagnosis) -> dict[str, Any]:
         "right": diagnosis.found.final.added == (f"learned:{variable}",),
         "rivals": [rival.name for rival in diagnosis.found.rivals],
         "inside_band": float(np.mean((truth > curve.low) & (truth < curve.high))),
-        "held_out_gap_to_noise": float(np.rad2deg(diagnosis.held_out_gap.after) / NOISE_DEG),
+        "held_out_gap_to_that_of_the_true_model": diagnosis.held_out_gap.after / true_gap(name, diagnosis),
         "formula": None if formula is None else formula.text,
         "parameters": None if formula is None else {k: e.to_json() for k, e in formula.parameters.items()},
     }
@@ -60,6 +60,7 @@ def main() -> None:
     for seed in range(given.clean):
         runs = campaign("nothing", 100 + seed, gain=SCATTERS[seed % len(SCATTERS)])
         diagnosis = diagnose_runs(runs, BASE, seed=seed)
+        print("nothing", seed, diagnosis.verdict, flush=True)
         if diagnosis.verdict != "nothing-missing":
             claims[seed] = {"verdict": diagnosis.verdict, "effects": list(diagnosis.found.final.added)}
     found["nothing"] = {"campaigns": given.clean, "not silent": claims}

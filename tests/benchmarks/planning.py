@@ -28,15 +28,12 @@ from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
-from automarine_cli.planning.budget import Supply
-from automarine_cli.planning.campaign import Campaign, fitting_of, plan_campaign
-from automarine_cli.planning.candidates import paper_grid
+from automarine_cli.planning.campaign import Campaign, fitting_of, plan_campaign, specification
+from automarine_cli.planning.candidates import Supply, paper_grid, scheduled
 from automarine_cli.planning.information import ANGLE
-from automarine_cli.planning.known import Doubt, Known
 from automarine_cli.planning.limits import Goal, Limits, Logger, Pool, Runs
-from automarine_cli.planning.rehearsal import specification
-from automarine_cli.planning.schedule import scheduled
-from automarine_cli.planning.selection import pairs_of
+from automarine_cli.planning.prior_results import Doubt, PriorResults
+from automarine_cli.planning.rivals import pairs_of
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.campaign import make_runs
@@ -67,15 +64,17 @@ HIDDEN = {
 """What is hidden, and what it is mistaken for after the paper's grid."""
 
 
-def known_of(model: YawModel, doubts: tuple[Doubt, ...] = ()) -> Known:
+def known_of(model: YawModel, doubts: tuple[Doubt, ...] = ()) -> PriorResults:
     """The truth as what is known, without any interval."""
-    return Known(StoredModels({"3": MODEL}, "3", "nu", 0.0, "truth", YAW), model, {}, 1.0, None, 0, doubts)
+    return PriorResults(
+        StoredModels({"3": MODEL}, "3", "nu", 0.0, "truth", YAW), model, {}, 1.0, None, 0, doubts
+    )
 
 
 @cache
 def grid_motion() -> float:
     """Motion of the paper's grid [s]: 48 steps of half a turn."""
-    return sum(one.motion for one in paper_grid(MODEL, Limits(), LARGEST))
+    return sum(one.motion for one in paper_grid(MODEL, LARGEST))
 
 
 @cache
@@ -92,7 +91,7 @@ def grid_of(like: Campaign, passed: float = 1.0) -> Campaign:
     """The paper's grid in place of a campaign's runs; steps drawn out by the factor `passed`."""
     runs = [
         replace(one, commands=tuple((moment, round(passed * seconds, 1)) for moment, seconds in one.commands))
-        for one in paper_grid(MODEL, like.limits, LARGEST)
+        for one in paper_grid(MODEL, LARGEST)
     ]
     return replace(like, slots=scheduled(runs, like.limits, SUPPLY))
 

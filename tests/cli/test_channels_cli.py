@@ -15,8 +15,8 @@ from automarine_cli.logs.canonical import names_of
 from automarine_cli.models.closed_form import response
 from automarine_cli.pipeline.manifest import read_manifest
 from automarine_cli.planning.campaign import fitting_of
-from automarine_cli.planning.known import read_known
 from automarine_cli.planning.limits import Limits, Logger
+from automarine_cli.planning.prior_results import read_prior_results
 from automarine_cli.report.yaw_report import sentences
 from automarine_cli.runs.load import load_runs
 from automarine_cli.workflows.rerun import rerun
@@ -147,7 +147,7 @@ def test_a_speed_alone_is_summed_up(dof: Dof, tmp_path: Path) -> None:
 def test_plans_count_on_a_gyro_that_the_model_rests_on(steps: Path, run: Run, tmp_path: Path) -> None:
     run("fit-yaw", steps, "-o", tmp_path / "both")
     run("fit-yaw", steps, "--channels", "position", "-o", tmp_path / "one")
-    both, one = (read_known(tmp_path / name / "yaw_model.json", None) for name in ("both", "one"))
+    both, one = (read_prior_results(tmp_path / name / "yaw_model.json", None) for name in ("both", "one"))
     assert both.rate_noise_deg_s == pytest.approx(0.3, rel=0.2) and one.rate_noise_deg_s is None
     assert fitting_of(one, Limits()).channels is None
     limited = fitting_of(one, Limits(logger=Logger(rate_noise_deg_s=0.5)))

@@ -15,8 +15,8 @@ from click.testing import Result
 from made_runs import written
 from made_sequences import model_file, sequence_run
 
-from automarine_cli.comparison.residuals import free_runs
 from automarine_cli.comparison.scores import SCORES, score_key
+from automarine_cli.comparison.simulated_runs import free_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.report.figures.style import MODEL_COLOURS

@@ -12,10 +12,9 @@ from tolerances import assert_close
 
 from automarine_cli import effects
 from automarine_cli.comparison import rollouts, scores
-from automarine_cli.comparison.residuals import FreeRun, free_runs
-from automarine_cli.comparison.restart import find_restarts, restarted_errors
+from automarine_cli.comparison.rollouts import rest_state, start_states
 from automarine_cli.comparison.scores import SCORES, fit_percent, rate_error, rate_source
-from automarine_cli.comparison.starts import rest_state, start_states
+from automarine_cli.comparison.simulated_runs import FreeRun, find_restarts, free_runs, restarted_errors
 from automarine_cli.comparison.validation import Comparison, compare
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Parameter, Place

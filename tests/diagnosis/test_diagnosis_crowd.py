@@ -50,11 +50,11 @@ def test_a_lag_of_the_thrust_takes_the_place_of_what_imitates_it() -> None:
     several = grown(study, base, delay, slow)
     scores = score(study, BASE, base.fit, ["input-delay", "sensor-lag", "thruster-lag"], 0)
     first = Round(base, scores, (grown(study, base, delay), grown(study, base, slow)), 0.0)
-    found, says = one_instead(study, several, first, 0, each, may_stand)
+    found, says = one_instead(study, several, first, each, may_stand)
     assert found.added == ("thruster-lag",) and found.model.terms[-1].values[1] == 1.0
     assert found.model.terms[-1].values[0] == pytest.approx(0.4, abs=0.05)
     assert says == "thruster-lag alone does as well as input-delay and sensor-lag together."
-    assert one_instead(study, found, first, 0, each, may_stand) == (found, "")
+    assert one_instead(study, found, first, each, may_stand) == (found, "")
 
 
 def test_two_that_are_both_there_stay() -> None:
@@ -66,7 +66,7 @@ def test_two_that_are_both_there_stay() -> None:
     both = grown(study, base, lag, bias)
     scores = score(study, BASE, base.fit, ["bias-moment", "thruster-lag", "input-delay"], 0)
     first = Round(base, scores, (grown(study, base, lag), grown(study, base, bias)), 0.0)
-    assert one_instead(study, both, first, 0, each, may_stand) == (both, "")
+    assert one_instead(study, both, first, each, may_stand) == (both, "")
     assert compensating(study, base, both) == ()
 
 

@@ -208,7 +208,9 @@ def test_a_run_tells_two_explanations_apart_only_where_they_differ(
     assert next(v for k, v in sigmas.items() if "rest record" in k) < 1e-6
     advice = suggest(study, final, rival, "dead-band", "coulomb-drag")
     assert (
-        advice.sigma == max(sigmas.values()) and advice.kind in advice.sentence and "sigma" in advice.sentence
+        sigmas[advice.kind] == max(sigmas.values())
+        and advice.kind in advice.sentence
+        and "sigma" in advice.sentence
     )
 
 
@@ -222,7 +224,7 @@ def test_extra_runs_are_those_of_the_campaign(dead: tuple[Study, Trial, Trial, T
 def test_advice_asks_for_what_the_campaign_lacks() -> None:
     runs = campaign(TRUTH, 9, runs=16)
     steps = [replace(run, moment=np.abs(run.command[50]) * (run.command != 0)) for run in runs[::4]]
-    said = " ".join(general_advice(study_of(steps, TRUTH), {}))
+    said = " ".join(general_advice(study_of(steps, TRUTH)))
     assert "coast-down" in said and "reversal" in said and "both sides" in said
-    said = " ".join(general_advice(study_of(runs, TRUTH), {}))
+    said = " ".join(general_advice(study_of(runs, TRUTH)))
     assert "two coast-downs" not in said and "two reversals" not in said and "both sides" not in said

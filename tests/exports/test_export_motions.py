@@ -19,7 +19,7 @@ from automarine_cli import exports as targets
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import FORCES, FRAMES, THRUSTER_MAP, Origin, Settings, Written, YawSubject
-from automarine_cli.exports.frames import in_enu
+from automarine_cli.exports.conversions import in_enu
 from automarine_cli.exports.prepare import in_unit, refuse_inertia, refuse_motion, split
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.workflows.export import export

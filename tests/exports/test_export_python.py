@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from automarine_cli import effects
 from automarine_cli.effects.base import EVEN
 from automarine_cli.errors import SettingError
-from automarine_cli.exports.frames import in_enu
+from automarine_cli.exports.conversions import in_enu
 from automarine_cli.exports.python_terms import LAWS, LINES
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import YawModel

@@ -15,7 +15,7 @@ from made_runs import written
 from made_sequences import model_file, sequence_run
 from numpy.typing import NDArray
 
-from automarine_cli.comparison.ahead import ahead_of
+from automarine_cli.comparison.validation import ahead_of
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import make_course

@@ -80,23 +80,6 @@ class Tab:
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
-    def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
-        """Move, press or release the mouse (`mouseMoved`, `mousePressed`, `mouseReleased`)."""
-        self("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
-
-    def finger(self, kind: str, *places: tuple[float, float]) -> None:
-        """Put fingers down, move them, or (with no place) take them away: touchStart, touchMove, touchEnd."""
-        self("Input.dispatchTouchEvent", type=kind, touchPoints=[{"x": x, "y": y} for x, y in places])
-
-    def swipe(self, start: tuple[float, float], end: tuple[float, float], *, hold_s: float = 0.0) -> None:
-        """One finger from here to there in ten steps, after it has stood still for a while."""
-        self.finger("touchStart", start)
-        time.sleep(hold_s)
-        for i in range(1, 11):
-            self.finger("touchMove", tuple(a + i / 10 * (b - a) for a, b in zip(start, end)))  # type: ignore[arg-type]
-            time.sleep(0.016)
-        self.finger("touchEnd")
-
     def screenshot(self, to: Path, *, whole: bool = True) -> None:
         """A picture of the page."""
         clip = {}

@@ -15,7 +15,8 @@ FINE = 0.005  # s, of the integrator
 @dataclass(frozen=True)
 class Sea:
     """The truth: I_r, k_r, k_rr, delay [s] of the command; disturbing acceleration [rad/s²] and its time constant [s];
-    white noise of the thrust as a share of it [s^1/2], log scatter of the thrust from run to run, compass [deg]."""
+    white noise of the thrust as a share of it [s^1/2], log scatter of the thrust from run to run, compass [deg]; by
+    which share `warmth` the thrust is more at 24 than at 4 degrees of the water, as a tanh (then it is logged)."""
 
     inertia: float = 1.0
     k_r: float = 0.0
@@ -26,6 +27,7 @@ class Sea:
     thrust: float = 0.02
     scatter: float = 0.03
     noise_deg: float = 1.0
+    warmth: float = 0.0
 
 
 def steered(
@@ -52,13 +54,15 @@ def steered(
     pushed, keep = sea.size * rng.standard_normal(count), np.exp(-FINE / sea.lasting)
     shown, commands = np.zeros((samples, count)), np.zeros((samples + 1, count))
     applied = np.zeros((samples * inner, count))
+    warm = 14.0 + 10.0 * np.sin(period * np.arange(samples)[:, None] / 9.0 + np.arange(count))
+    stronger = 1.0 + 0.5 * sea.warmth * np.tanh((warm - 14.0) / 4.0)
     for k in range(samples):
         shown[k] = heading + noise[k]
         steering = 1.5 * (1.5 * asked[k] - shown[k]) - 0.8 * (shown[k] - shown[max(k - 1, 0)]) / period
         commands[k + 1] = asked[k] if free else np.clip(steering, -1.0, 1.0)
         for m in range(k * inner, (k + 1) * inner):
             applied[m] = commands[k + (2 * (m - k * inner) >= inner)]
-            thrust = gain * applied[m - late] / sea.inertia if m >= late else 0.0 * gain
+            thrust = gain * stronger[k] * applied[m - late] / sea.inertia if m >= late else 0.0 * gain
             fresh = keep * pushed + sea.size * np.sqrt(1.0 - keep**2) * rng.standard_normal(count)
             kick = sea.thrust * np.abs(thrust) * rng.standard_normal(count) / np.sqrt(FINE)
             drive = thrust + 0.5 * (pushed + fresh) + kick
@@ -67,7 +71,16 @@ def steered(
             heading, rate, pushed = heading + 0.5 * FINE * (rate + swift), swift, fresh
     time = period * np.arange(samples)
     return [
-        Run(f"driven_{i}", "driven.csv", 100.0 * i + time, shown[:, i], commands[:-1, i], "nu", dof=YAW)
+        Run(
+            f"driven_{i}",
+            "driven.csv",
+            100.0 * i + time,
+            shown[:, i],
+            commands[:-1, i],
+            "nu",
+            {"water_temp_C": warm[:, i]} if sea.warmth else {},
+            dof=YAW,
+        )
         for i in range(count)
     ]
 

@@ -10,6 +10,9 @@ from effect_contract import long_plans, unmeasured
 from made_runs import INERTIA, K_RR
 from numpy.typing import NDArray
 
+from automarine_cli.diagnosis.diagnose import Diagnosis
+from automarine_cli.diagnosis.gap import gap
+from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.dofs import YAW
 from automarine_cli.effects import Effect, Place, State
 from automarine_cli.models.vehicle import Bound
@@ -29,6 +32,7 @@ LAWS: Mapping[str, tuple[str, str, Callable[[Floats], Floats]]] = {
     "temperature": ("water_temp_C", "gain", lambda x: 0.12 * np.sin(2.0 * np.pi * (x - 4.0) / 20.0)),
     "rate": ("yaw-rate", "moment", lambda x: -0.35 * np.abs(x) ** 1.5),
     "depth": ("depth_below_m", "moment", lambda x: 0.03 * np.tanh(x - 2.0)),
+    "product": ("depth_below_m", "drag", lambda x: 0.04 * x),
     "nothing": ("", "moment", lambda x: 0.0 * x),
 }
 """The variable, what its curve is, and the curve (of the speed, on its size)."""
@@ -41,6 +45,8 @@ def law(name: str) -> Law:
         return lambda state: np.sign(state.relative) * curve(state.relative)
     if name == "nothing":
         return lambda state: 0.0 * state.delivered
+    if kind == "drag":
+        return lambda state: -curve(state.signals[variable]) * state.relative
     return lambda state: curve(state.signals[variable]) * (state.delivered if kind == "gain" else 1.0)
 
 
@@ -68,13 +74,27 @@ class Truth(YawModel):
         return [*super().forces(theta), Bound(0, Hidden(self.law), ())]
 
 
+def true_model(name: str) -> Truth:
+    """The base model with a law of LAWS."""
+    return Truth(BASE.inertia, BASE.terms, BASE.moment_unit, BASE.dof, law(name))
+
+
+def true_gap(name: str, diagnosis: Diagnosis) -> float:
+    """The gap [rad] on the runs held out of a diagnosis that the true model leaves, refitted to the same runs."""
+    study, held_out = replace(diagnosis.study, signals=COLUMNS), diagnosis.held_out
+    assert held_out is not None
+    fit = study.fit(true_model(name))
+    trial = Trial((), true_model(name).with_theta(fit.of_model), fit, 0.0)
+    return gap(replace(held_out, signals=COLUMNS), trial, trial).after
+
+
 def campaign(name: str, seed: int = 0, *, repeats: int = 2, gain: float = GAIN) -> list[Run]:
     """Runs of the vehicle with a law of LAWS; every run logs COLUMNS."""
     random = np.random.default_rng(500 + seed)
     plans = long_plans() * repeats
     runs = [unmeasured(plans[i], number) for number, i in enumerate(random.permutation(len(plans)))]
     runs = [replace(run, extras=_columns(run, number, random)) for number, run in enumerate(runs)]
-    truth = Truth(BASE.inertia, BASE.terms, BASE.moment_unit, BASE.dof, law(name))
+    truth = true_model(name)
     batch = make_batch(runs, 0.05, COLUMNS)
     start = Start(
         position=random.uniform(-np.pi, np.pi, (1, len(runs))),

@@ -227,7 +227,7 @@ def test_advice_speaks_of_the_motion(dof: Dof) -> None:
         for i, size in enumerate((0.2, 0.5, 1.0))
     ]
     study = study_of(runs, model_of(dof))
-    said = [*extra_runs(study), *general_advice(study, {})]
+    said = [*extra_runs(study), *general_advice(study)]
     assert len(said) >= 11
     for sentence in said:
         assert not strange_to(dof, sentence), sentence

@@ -19,7 +19,7 @@ from automarine_cli.models.yaw_model import Term
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.propulsion import drive_by_thrusters
+from automarine_cli.thrusters.propulsion import drive_run_by_thrusters
 
 
 @pytest.fixture
@@ -147,21 +147,21 @@ def test_thruster_commands_become_a_moment(tmp_path: Path) -> None:
     assert ThrusterMap.load(path) == thrusters
     n = np.linspace(-10, 10, 20)
     run = Run("a", "a.csv", np.arange(20.0), np.zeros(20), None, "", {"n_port": n, "n_stbd": -n}, dof=YAW)
-    (driven,) = drive_by_thrusters([run], thrusters, 0.4)
+    driven = drive_run_by_thrusters(run, thrusters, 0.4)
     expected = 0.4 * 0.03 * np.sign(n) * n**2  # one ahead, one astern
     assert driven.moment_unit == "N m" and run.moment is None
     np.testing.assert_allclose(driven.command, expected, rtol=1e-12)
     swapped = Run("a", "a.csv", run.time, run.position, None, "", {"n_port": -n, "n_stbd": n}, dof=YAW)
-    np.testing.assert_array_equal(drive_by_thrusters([swapped], thrusters, 0.4)[0].moment, -driven.command)
+    np.testing.assert_array_equal(drive_run_by_thrusters(swapped, thrusters, 0.4).moment, -driven.command)
 
 
 def test_runs_that_thrusters_cannot_drive() -> None:
     ahead = ThrusterMap("square", Curve(0.02), None)
     with pytest.raises(RunError, match="run 'run': no thruster command n_port or n_stbd in the log"):
-        drive_by_thrusters([step_run(0.5)], ahead, 0.4)
+        drive_run_by_thrusters(step_run(0.5), ahead, 0.4)
     n = np.ones(20)
     run = Run("a", "a.csv", np.arange(20.0), np.zeros(20), None, "", {"n_port": n, "n_stbd": -n}, dof=YAW)
     with pytest.raises(ModelError, match=r"^a\.csv, run 'a': the thruster map has no backward direction"):
-        drive_by_thrusters([run], ahead, 0.4)
+        drive_run_by_thrusters(run, ahead, 0.4)
     with pytest.raises(ModelError, match=r"arm of a thruster is 0\.0; expected a positive length"):
-        drive_by_thrusters([run], ahead, 0.0)
+        drive_run_by_thrusters(run, ahead, 0.0)

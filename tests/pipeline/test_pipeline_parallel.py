@@ -13,7 +13,6 @@ import pytest
 
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.pipeline.parallel import AHEAD, LARGEST_CHUNK, lasting_map, ordered_map, ordered_stream
-from automarine_cli.pipeline.steps import Pipeline
 
 
 def square(x: int) -> int:
@@ -37,14 +36,6 @@ def own_process(x: int) -> int:
 def leave_a_note(x: int, folder: Path) -> int:
     (folder / str(x)).touch()
     return x
-
-
-def digits(x: int) -> list[str]:
-    return list(str(x))
-
-
-def odd_only(x: int) -> int | None:
-    return x if x % 2 else None
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -132,17 +123,6 @@ def test_interrupt_and_kill_end_every_process_soon(tmp_path: Path, how: int, wai
     if how == signal.SIGINT:  # by the signal itself where it struck during an import; see `interrupts.end`
         assert parent.returncode in (130, -signal.SIGINT)
         assert said == b""
-
-
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_pipeline_counts_what_goes_in_and_comes_out(jobs: int) -> None:
-    pipeline = Pipeline(jobs=jobs)
-    letters = pipeline.spread("digits", [10, 2, 345], digits)
-    kept = pipeline.step("odd", map(int, letters), odd_only)
-    assert letters == ["1", "0", "2", "3", "4", "5"]
-    assert kept == [1, 3, 5]
-    assert pipeline.to_json() == [{"step": "digits", "in": 3, "out": 6}, {"step": "odd", "in": 6, "out": 3}]
-    assert [str(count) for count in pipeline.counts] == ["digits: 3 -> 6", "odd: 6 -> 3"]
 
 
 def test_a_cluster_without_dask_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:

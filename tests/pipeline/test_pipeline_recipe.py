@@ -19,7 +19,6 @@ from automarine_cli.pipeline.recipe import (
     key_of,
     keyed,
     read_mapping,
-    read_recipe,
     to_mapping,
     toml_text,
 )
@@ -73,7 +72,7 @@ def test_round_trip_through_plain_data() -> None:
 def test_round_trip_through_toml(tmp_path: Path, recipe: Pool) -> None:
     path = tmp_path / "pool.toml"
     path.write_text(toml_text(to_mapping(recipe)), encoding="utf-8")
-    assert read_recipe(Pool, path) == recipe
+    assert from_mapping(Pool, read_mapping(path), path.name) == recipe
 
 
 KEYS = st.text(st.characters(codec="utf-8", exclude_categories=("Cs",)), max_size=5)
@@ -127,7 +126,7 @@ def test_numbers_keep_their_type() -> None:
 def test_json_by_its_ending_and_a_byte_order_mark(tmp_path: Path) -> None:
     path = tmp_path / "level.json"
     path.write_bytes(b'\xef\xbb\xbf{"tau": 2}')
-    assert read_recipe(Level, path) == Level(2.0)
+    assert from_mapping(Level, read_mapping(path), path.name) == Level(2.0)
 
 
 @pytest.mark.parametrize(

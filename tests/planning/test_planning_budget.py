@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 
 from automarine_cli.errors import RunError, SettingError
-from automarine_cli.planning.budget import Supply, allowance, costs
-from automarine_cli.planning.candidates import Candidate
-from automarine_cli.planning.commands import command_file, in_words
-from automarine_cli.planning.consumption import consumption
-from automarine_cli.planning.drive import drive_of
+from automarine_cli.planning.candidates import (
+    Candidate,
+    Supply,
+    allowance,
+    costs,
+    in_order,
+    scheduled,
+)
 from automarine_cli.planning.limits import Battery, Limits, Pool, Runs
-from automarine_cli.planning.schedule import in_order, pool_minutes, scheduled
+from automarine_cli.planning.vehicle import command_file, consumption, drive_of, in_words
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import Series
@@ -45,7 +48,7 @@ def test_the_battery_after_each_run_is_what_was_drawn_until_then() -> None:
         [2.0 - spent[0], 2.0 - sum(spent[:2]) - waits, 2.0 - sum(spent) - 2 * waits], rel=1e-12
     )
     assert [slot.begins for slot in slots] == [0.0, 64.0, 132.0]
-    assert pool_minutes(slots, 3.0) == pytest.approx(139.0 / 60.0)
+    assert slots[-1].ends(3.0) / 60.0 == pytest.approx(139.0 / 60.0)
     assert [slot.candidate.start_heading for slot in slots] == [0.0, 90.0, 180.0]
 
 
@@ -68,7 +71,7 @@ def test_commands_give_the_moment_through_the_map(equal_thrust: bool, moment: fl
     else:
         assert port == -starboard
     assert max(abs(n) for n in drive.commands(drive.largest)) == pytest.approx(150.0, rel=1e-5)
-    assert drive.largest_told <= drive.largest
+    assert drive.largest_rounded <= drive.largest
 
 
 def test_a_map_of_one_direction_and_an_unknown_end_are_refused() -> None:

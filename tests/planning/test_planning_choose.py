@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from automarine_cli.planning.choose import Shop, choose
-from automarine_cli.planning.objectives import Contest, Intervals, Splitting
+from automarine_cli.planning.information import Intervals
+from automarine_cli.planning.rivals import Contest, Splitting
+from automarine_cli.planning.selection import PlanBudget, choose
 
 Floats = NDArray[np.float64]
 
@@ -16,9 +17,11 @@ LINE = np.stack([np.ones(9), PLACES], axis=1)
 EACH = LINE[:, :, None] * LINE[:, None, :]
 
 
-def shop(room: tuple[float, float, float, float], costs: Floats | None = None, most: float = 100.0) -> Shop:
+def shop(
+    room: tuple[float, float, float, float], costs: Floats | None = None, most: float = 100.0
+) -> PlanBudget:
     cost = np.ones((9, 4)) if costs is None else costs
-    return Shop(cost, np.array(room), np.zeros(9), np.full(9, most), np.arange(9)[::-1].copy())
+    return PlanBudget(cost, np.array(room), np.zeros(9), np.full(9, most), np.arange(9)[::-1].copy())
 
 
 def intervals(wanted: Floats, goal: float | None = None) -> Intervals:

@@ -7,10 +7,10 @@ import pytest
 from automarine_cli.dofs import YAW
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.planning.budget import Supply
 from automarine_cli.planning.campaign import Campaign, plan_campaign
-from automarine_cli.planning.known import Doubt, Known
+from automarine_cli.planning.candidates import Supply
 from automarine_cli.planning.limits import Limits, Logger, Moments, Pool, Runs
+from automarine_cli.planning.prior_results import Doubt, PriorResults
 from automarine_cli.planning.selection import DRIFT, NARROW
 
 MODEL = YawModel.base("3", 1.018, [1.257], "nu", YAW)
@@ -20,7 +20,9 @@ LIMITS = Limits(
 
 
 def planned(limits: Limits = LIMITS, model: YawModel = MODEL, doubts: tuple[Doubt, ...] = ()) -> Campaign:
-    known = Known(StoredModels({"3": MODEL}, "3", "nu", 0.0, "model", YAW), model, {}, None, None, 0, doubts)
+    known = PriorResults(
+        StoredModels({"3": MODEL}, "3", "nu", 0.0, "model", YAW), model, {}, None, None, 0, doubts
+    )
     return plan_campaign(known, limits, 1.2, Supply(0.3, 6.0, 1.2))
 
 
@@ -30,7 +32,9 @@ def plain() -> Campaign:
 
 
 def test_as_many_runs_to_one_side_as_to_the_other(plain: Campaign) -> None:
-    own = [one.side for one, why in zip(plain.candidates, plain.why) if why == NARROW]
+    own = [
+        1 if one.commands[0][0] > 0 else -1 for one, why in zip(plain.candidates, plain.why) if why == NARROW
+    ]
     assert abs(sum(own)) <= 1
     assert plain.why[0] == plain.why[-1] == DRIFT
     assert plain.candidates[0].label == plain.candidates[-1].label

@@ -13,8 +13,8 @@ from automarine_cli.dofs import HEAVE, SURGE, YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.runs.agreement import Agreement
 from automarine_cli.runs.channels import choose_channels, trouble_of
+from automarine_cli.runs.clean import standstill, summed_position
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.summed import standstill, summed_position
 
 Floats = NDArray[np.float64]
 SIZES = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)

@@ -9,9 +9,8 @@ from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
 from automarine_cli.runs import clean as room
 from automarine_cli.runs.clean import clean
-from automarine_cli.runs.jumps import find_jumps
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.sense import position_trouble
+from automarine_cli.runs.sense import find_jumps, position_trouble
 from automarine_cli.runs.unwrap import find_glitches
 
 Floats = NDArray[np.float64]

@@ -17,7 +17,7 @@ from automarine_cli.models.allocation import Allocation, Thruster
 from automarine_cli.models.planar import PLACES, CrossDrag, Inertia, PlanarModel
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.simulation.batch import make_batch
-from automarine_cli.simulation.plane import coriolis
+from automarine_cli.simulation.plane import product_with, turning_of
 from automarine_cli.simulation.rollout import Start, Trajectory, simulate
 
 Floats = NDArray[np.float64]
@@ -202,13 +202,15 @@ def test_coriolis_does_no_work() -> None:
     rng = np.random.default_rng(2)
     half = rng.normal(size=(7, 3, 3))
     inertia, nu = half @ half.transpose(0, 2, 1), rng.normal(size=(3, 7, 5))
-    force = coriolis(inertia, nu)
+    force = np.stack(turning_of(product_with(inertia)(nu), nu))
     np.testing.assert_allclose((force * nu).sum(axis=0), 0.0, atol=1e-12)
     m, x_g, (u, v, r) = 3.0, 0.4, nu[:, :1]  # Fossen's own matrix of a rigid body
     rigid = Inertia.rigid(m, 0.7, x_g).matrix[None]
     c_13, c_23 = -m * (x_g * r + v), m * u
     expected = np.stack([c_13 * r, c_23 * r, -c_13 * u - c_23 * v])
-    np.testing.assert_allclose(coriolis(rigid, nu[:, :1]), expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        turning_of(product_with(rigid)(nu[:, :1]), nu[:, :1]), expected, rtol=1e-12, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(("u", "v"), [(0.8, 0.3), (0.8, -0.3), (-0.5, 0.2)])

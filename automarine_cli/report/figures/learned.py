@@ -36,8 +36,8 @@ def learned_figure(diagnosis: Diagnosis, curve: LearnedCurve) -> Figure:
     axes.axhline(0.0, color="0.3", linewidth=0.6)
     unit, size = f" [{curve.unit}]" if curve.unit else "", "size of " * curve.sized
     axes.set_xlabel(f"{size}{curve.variable}{unit}", parse_math=False)
-    word = diagnosis.study.base.dof.words.force
-    axes.set_ylabel("change of thrust [%]" if gain else f"{word} [{curve.y_unit}]")
+    word = diagnosis.study.base.dof.words.force if curve.kind == "moment" else "change of linear drag"
+    axes.set_ylabel("change of thrust [%]" if gain else f"{word} [{curve.y_unit}]", parse_math=False)
     legend(axes)
     return figure
 

@@ -16,8 +16,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from automarine_cli.report.figures import panels
-
 # Okabe and Ito (2008), ordered so that neighbours differ in lightness too.
 COLOURS = {
     "black": "#000000",
@@ -107,11 +105,9 @@ def png(figure: Figure) -> bytes:
 
 @house_style
 def svg(figure: Figure) -> bytes:
-    """The figure as SVG with text as text, and with its panels as data for a page that shows values: no date, no
-    software name, the same bytes each time."""
-    panels.mark(figure)
+    """The figure as SVG with text as text: no date, no software name, the same bytes each time."""
     with matplotlib.rc_context({"svg.hashsalt": "automarine", "svg.fonttype": "none"}):
-        return panels.described(_saved(figure, "svg", {"Date": None, "Creator": None}), figure)
+        return _saved(figure, "svg", {"Date": None, "Creator": None})
 
 
 @house_style

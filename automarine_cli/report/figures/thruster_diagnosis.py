@@ -14,7 +14,6 @@ from automarine_cli.thrusters.where import bins_of, gap_against, variables
 
 LABEL = {"n": "Control signal n", "voltage": "Supply voltage", "run-order": "Run order"}
 BEFORE, AFTER = COLOURS["vermilion"], COLOURS["blue"]
-WHERE = {"both": "", "forward": " forward", "backward": " backward"}
 
 
 @house_style

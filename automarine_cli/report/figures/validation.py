@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from automarine_cli.comparison.residuals import FreeRun
+from automarine_cli.comparison.simulated_runs import FreeRun
 from automarine_cli.report.figures.style import (
     COLOURS,
     MEASURED,

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.errors import ModelError
@@ -14,19 +13,13 @@ from automarine_cli.models.store import StoredModels, yaw_models_from_json
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import printable
+from automarine_cli.planning.candidates import Floats
 from automarine_cli.planning.fitting import Fitting
-from automarine_cli.planning.information import ANGLE, OFFSET, labels, names_of, relative_directions
-
-Floats = NDArray[np.float64]
+from automarine_cli.planning.information import ANGLE, LOOSE, OFFSET, labels, names_of, relative_directions
 
 DIAGNOSIS = "automarine/diagnosis/1"
 NOISE_DEG, SCATTER = 1.0, 0.03
 """Of a model whose file does not say: a compass in a pool, and the thrust of small motors."""
-LOOSE = 3.0
-"""Standard deviation of a parameter before any run, in its own size: it keeps the first choices from dividing by
-zero."""
-
-
 NO_RIVALS = "The diagnosis leaves no rivals open to split, so the runs are chosen to narrow the intervals."
 
 
@@ -39,7 +32,7 @@ class Doubt:
 
 
 @dataclass(frozen=True)
-class Known:
+class PriorResults:
     """The model with all that is believed to act, its estimates by label, the logs' noise [degrees] and scatter (None
     where the file does not say), how many runs were fitted, the doubts that are open, and the noise of a gyro that the
     fit rests on."""
@@ -56,7 +49,7 @@ class Known:
 
 
 @dataclass(frozen=True)
-class Told:
+class Diagnosed:
     """What a diagnosis says: effects with their values, estimates by label, base values, doubts."""
 
     effects: tuple[tuple[str, tuple[float, ...]], ...]
@@ -65,7 +58,7 @@ class Told:
     doubts: tuple[Doubt, ...] = ()
 
 
-def read_known(model: Source, diagnosis: Source | None) -> Known:
+def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
     """What the files say. Raises ModelError with file and key."""
     name = printable(model.name)
     data = read_plain(model, "JSON", ModelError)
@@ -108,28 +101,13 @@ def read_known(model: Source, diagnosis: Source | None) -> Known:
     for term in chosen.terms:
         if _lacking(term.name):
             raise ModelError(
-                f"{name}: {term.name} needs the column {_lacking(term.name)[0]!r}, which planned runs do not "
-                "have; plan "
-                "from the model without it"
+                f"{name}: {term.name} needs the column {_lacking(term.name)[0]!r}, which planned runs do not have; "
+                "plan from the model without it"
             )
-    return Known(
+    return PriorResults(
         stored, chosen, now, _size(noise), _size(spread), used if isinstance(used, int) else 0, doubts, notes,
         _noise_of(data.get("channels"), stored.dof.velocity),
     )  # fmt: skip
-
-
-def _noise_of(channels: object, quantity: str) -> float | None:
-    """The noise of a sensor that a file says it rests on."""
-    for one in channels if isinstance(channels, list) else ():
-        if isinstance(one, Mapping) and one.get("quantity") == quantity and one.get("used") is True:
-            noise = _estimate(one.get("noise"))
-            return None if noise is None else _size(noise.value)
-    return None
-
-
-def _lacking(effect: str) -> list[str]:
-    """Columns that an effect needs and planned runs do not have."""
-    return [need for need in effects.get(effect).columns if need != "voltage"]
 
 
 def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:
@@ -180,6 +158,20 @@ def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
     return np.stack([known[name] for name in names or [n for n in known if n != ANGLE]], axis=1)
 
 
+def _noise_of(channels: object, quantity: str) -> float | None:
+    """The noise of a sensor that a file says it rests on."""
+    for one in channels if isinstance(channels, list) else ():
+        if isinstance(one, Mapping) and one.get("quantity") == quantity and one.get("used") is True:
+            noise = _estimate(one.get("noise"))
+            return None if noise is None else _size(noise.value)
+    return None
+
+
+def _lacking(effect: str) -> list[str]:
+    """Columns that an effect needs and planned runs do not have."""
+    return [need for need in effects.get(effect).columns if need != "voltage"]
+
+
 def _size(value: object) -> float | None:
     return (
         float(value) if isinstance(value, int | float) and not isinstance(value, bool) and value > 0 else None
@@ -215,7 +207,7 @@ def _stored_estimates(data: Mapping[str, object], stored: StoredModels) -> dict[
     return _some(found)
 
 
-def _read_diagnosis(path: Source, stored: StoredModels) -> Told:
+def _read_diagnosis(path: Source, stored: StoredModels) -> Diagnosed:
     where, force = printable(path.name), stored.dof.words.force
     data, key = read_plain(path, "JSON", ModelError), f"{force}_unit"
     if data.get("schema") != DIAGNOSIS or key not in data:
@@ -251,7 +243,7 @@ def _read_diagnosis(path: Source, stored: StoredModels) -> Told:
         str(name): _estimate(one.get("after")) for name, one in (base.items() if isinstance(base, Mapping) else ())
         if isinstance(one, Mapping)
     }  # fmt: skip
-    return Told(tuple(named), _some(estimates), _some(after), tuple(doubts))
+    return Diagnosed(tuple(named), _some(estimates), _some(after), tuple(doubts))
 
 
 def _effect_name(entry: object, where: str) -> str:

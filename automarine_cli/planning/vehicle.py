@@ -1,0 +1,187 @@
+"""What the thrusters can give and draw, and the files that the vehicle's computer plays.
+
+Two thrusters make a moment by the inverse of their map; tests that logged a current or a power beside the thrust tell
+what they draw.
+"""
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import floor, log10
+
+import numpy as np
+from scipy import optimize
+
+from automarine_cli.errors import RunError, SettingError
+from automarine_cli.planning.candidates import POWER_LAW, Candidate, Floats
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.records import Series
+
+ROUND_DOWN = 1e-6
+FEWEST = 6
+"""Rows of thruster tests from which on the current is told."""
+MOMENT_COLUMNS = {"nu": "tau", "N m": "tau_Nm"}
+DIGITS = 6
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Two equal thrusters `arm` [m] off the centre line, control signals up to `most`.
+
+    With `equal_thrust` one pulls ahead as much as the other astern, so that the vehicle is not pushed ahead; else both
+    get the same size of signal. `unit` is one unit of the model's moment in N m.
+    """
+
+    ahead: Curve
+    astern: Curve
+    arm: float
+    most: float
+    equal_thrust: bool
+    unit: float
+
+    @property
+    def largest(self) -> float:
+        """Largest moment, in the model's unit."""
+        ahead, astern = self._thrust(self.ahead, self.most), self._thrust(self.astern, self.most)
+        pull = 2.0 * min(ahead, astern) if self.equal_thrust else ahead + astern
+        return self.arm * pull / self.unit * (1.0 - ROUND_DOWN)
+
+    @property
+    def largest_rounded(self) -> float:
+        """The same, rounded down to three digits."""
+        largest = self.largest
+        unit = 10.0 ** (floor(log10(largest)) - 2)
+        return float(f"{floor(largest / unit) * unit:.3g}")
+
+    def forces(self, moment: float) -> tuple[float, float]:
+        """Thrust [N] of the thruster that pulls ahead and of the one that pulls astern (a size)."""
+        wanted = abs(moment) * self.unit / self.arm
+        if self.equal_thrust:
+            return wanted / 2.0, wanted / 2.0
+        n = self._common(wanted)
+        return self._thrust(self.ahead, n), self._thrust(self.astern, n)
+
+    def commands(self, moment: float) -> tuple[float, float]:
+        """Control signals (n_port, n_stbd) that give the moment; positive turns to starboard."""
+        if moment == 0.0:
+            return 0.0, 0.0
+        if self.equal_thrust:
+            each, _ = self.forces(moment)
+            ahead, astern = _signal(self.ahead, each), _signal(self.astern, each)
+        else:
+            ahead = astern = self._common(abs(moment) * self.unit / self.arm)
+        return (ahead, -astern) if moment > 0 else (-astern, ahead)
+
+    def _common(self, wanted: float) -> float:
+        """The signal at which both thrusters together give the thrust `wanted` [N]."""
+
+        def short(n: float) -> float:
+            return self._thrust(self.ahead, n) + self._thrust(self.astern, n) - wanted
+
+        return float(optimize.brentq(short, 0.0, self.most, xtol=1e-12 * self.most))
+
+    @staticmethod
+    def _thrust(curve: Curve, n: float) -> float:
+        return float(curve.thrust(n))  # type: ignore[arg-type]
+
+
+def drive_of(known: ThrusterMap, arm: float, most: float | None, equal_thrust: bool, unit: float) -> Drive:
+    """The drive of a map. Raises SettingError for a map of one direction, and where the largest signal is not known."""
+    if known.forward is None or known.backward is None:
+        lacking = "forward" if known.forward is None else "backward"
+        raise SettingError(
+            f"the thruster map has no {lacking} direction, but one thruster pulls each way in a turn; fit the map "
+            "from a test that pulls both ways"
+        )
+    ends = [curve.n_sat for curve in (known.forward, known.backward) if curve.n_sat is not None]
+    largest = most if most is not None else min(ends, default=None)
+    if largest is None:
+        raise SettingError(
+            "the thruster map does not say how far the control signal goes; give thrusters.largest_command in "
+            "the limits"
+        )
+    return Drive(known.forward, known.backward, arm, largest, equal_thrust, unit)
+
+
+def _signal(curve: Curve, force: float) -> float:
+    """The control signal that gives a thrust, inverse of `Curve.thrust`."""
+    return float(curve.n_0 + (force / curve.a) ** (1.0 / curve.p))
+
+
+@dataclass(frozen=True)
+class Consumption:
+    """Electrical power of one thruster: `idle` + c |F|^1.5 [W], c `ahead` and `astern` [W/N^1.5]."""
+
+    idle: float
+    ahead: float
+    astern: float
+
+    def power(self, force: float) -> float:
+        """Power [W] that the thrust `force` [N] takes, without the idle share."""
+        return (self.ahead if force > 0 else self.astern) * abs(force) ** POWER_LAW
+
+
+def consumption(records: Sequence[Series], per_test: int, volts: float) -> Consumption:
+    """Least squares over all rows with a power or a current, none of the three below zero; `per_test` equal thrusters
+    pulled together, `volts` of the supply where a current was logged without a voltage.
+
+    Raises RunError where no test has such a column, or too few rows.
+    """
+    force, power = [], []
+    for one in records:
+        drawn = _power(one, volts)
+        if drawn is not None:
+            good = np.isfinite(drawn)
+            force.append(one.force[good] / per_test)
+            power.append(drawn[good] / per_test)
+    count = sum(map(len, force))
+    if count < FEWEST:
+        raise RunError(
+            f"{count} rows of the thruster tests hold a power or a current, and {FEWEST} are needed; name the column "
+            "power_W or current_A, or state the current at full moment with battery.full_A in the limits"
+        )
+    f, p = np.concatenate(force), np.concatenate(power)
+    size = np.abs(f) ** POWER_LAW
+    design = np.stack([np.ones_like(f), np.where(f > 0, size, 0.0), np.where(f < 0, size, 0.0)], axis=1)
+    idle, ahead, astern = optimize.nnls(design, p)[0]
+    return Consumption(float(idle), float(ahead or astern), float(astern or ahead))
+
+
+def _power(one: Series, volts: float) -> Floats | None:
+    """Power [W] of all pulling thrusters, (N,), or None."""
+    if "power_W" in one.extras:
+        return one.extras["power_W"]
+    if "current_A" not in one.extras:
+        return None
+    return one.extras["current_A"] * (volts if one.voltage is None else one.voltage)
+
+
+def command_file(candidate: Candidate, rest: float, unit: str, drive: Drive | None) -> str:
+    """CSV with `time_s` since the log's start and the moment, or `n_port` and `n_stbd` where a `drive` makes it."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("time_s", *((MOMENT_COLUMNS[unit],) if drive is None else ("n_port", "n_stbd"))))
+    time = 0.0
+    for moment, seconds in ((0.0, rest), *candidate.commands, (0.0, 0.0)):
+        values = (moment,) if drive is None else drive.commands(moment)
+        writer.writerow((f"{round(time, 3):g}", *(f"{value + 0.0:.{DIGITS}g}" for value in values)))
+        time += seconds
+    return text.getvalue()
+
+
+def in_words(candidate: Candidate, unit: str) -> str:
+    """What a person is to do, in a line."""
+    commands = candidate.commands
+    if candidate.kind == "rest":
+        return f"nothing for {commands[0][1]:g} s, thrusters idle"
+    if candidate.kind == "slow-ramp":
+        first, last, total = commands[0][0], commands[-1][0], candidate.driven
+        return f"{first:+g} to {last:+g} {unit} in {len(commands)} equal stairs over {total:g} s"
+    parts = [
+        f"{moment:+g} {unit} for {seconds:g} s" if moment else f"nothing for {seconds:g} s"
+        for moment, seconds in commands
+    ]
+    told = ", then ".join(parts)
+    return told if candidate.voltage is None else f"at {candidate.voltage:g} V: {told}"
