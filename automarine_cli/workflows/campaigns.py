@@ -16,8 +16,9 @@ from automarine_cli.report.campaign_tables import campaigns_table
 from automarine_cli.report.tables import Table
 from automarine_cli.workflows.campaign_file import read_campaign
 from automarine_cli.workflows.campaign_steps import NAMES
-from automarine_cli.workflows.command import UNRECORDED, Command, Runner, View, reads
+from automarine_cli.workflows.command import UNRECORDED, Command, Runner, reads
 from automarine_cli.workflows.run import run_campaign
+from automarine_cli.workflows.view import View
 
 SCHEMA = "automarine/campaigns/1"
 COMMAND = "campaigns"

@@ -24,8 +24,9 @@ from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import none_left, refused_by_strict, runs_of_table, unreadable
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen, look_at_run, look_at_tests, with_limits
 from automarine_cli.runs.run import NAMED_APART, SetAside, names_apart
-from automarine_cli.workflows.command import Command, Row, Runner, View
+from automarine_cli.workflows.command import Command, Runner
 from automarine_cli.workflows.shared import Columns, OfLogs, counted
+from automarine_cli.workflows.view import Row, View
 
 
 @dataclass(frozen=True, repr=False)

@@ -7,26 +7,22 @@ read and what a manifest records; `Runner.results` does the rest alike for all.
 
 import inspect
 import pkgutil
-import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
-import pandas as pd
-
 from automarine_cli.comparison.result_files import Contents
 from automarine_cli.effects.own import own_files
-from automarine_cli.errors import SettingError
 from automarine_cli.logs import Logs, find_logs, given_columns
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import ResultFolder, result_folder
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.report.html.markdown import to_html
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import has_bytes
+from automarine_cli.workflows.view import View
 
 
 class Record(Protocol):
@@ -37,12 +33,8 @@ class Record(Protocol):
 
 Options = TypeVar("Options", bound=Record)
 Result = TypeVar("Result")
-Row = dict[str, object]
-Figures = Mapping[str, Callable[[], Any]]
-"""Figures by name, drawn when they are called for."""
 
 HOLD_OUT = "hold_out"
-WIDTH = 110  # letters of a line at the prompt
 
 
 @dataclass(frozen=True)
@@ -65,42 +57,6 @@ UNRECORDED: Mapping[str, object] = {"unrecorded": True}
 """Metadata of a field that no manifest tells: no result depends on it."""
 SELDOM: Mapping[str, object] = {"seldom": True}
 """Metadata of a field that a manifest records only where it is not the default."""
-
-
-@dataclass(frozen=True)
-class View(Generic[Result]):
-    """How one kind of result is shown: tables and sentences for the terminal, a few lines and rows of numbers for
-    Python, and figures, of which the first is drawn where none is asked for."""
-
-    says: Callable[[Result], Sequence[Table | str]]
-    lines: Callable[[Result], Iterator[str]]
-    rows: Callable[[Result], Iterator[Row]] = lambda result: iter(())
-    figures: Callable[[Result], Figures] = lambda result: {}
-
-    def text(self, result: Result) -> str:
-        """A few lines: what it is, and the numbers that matter."""
-        return "\n".join(part for line in self.lines(result) for part in _wrapped(line))
-
-    def frame(self, result: Result) -> pd.DataFrame:
-        """The numbers, one row a parameter, run or score."""
-        return pd.DataFrame(list(self.rows(result)))
-
-    def html(self, result: Result) -> str:
-        """The tables as HTML in which everything that came from files is escaped."""
-        tables = [one.to_markdown() for one in self.says(result) if isinstance(one, Table)]
-        return to_html("\n".join(tables), lambda place, said: "").html
-
-    def figure(self, result: Result, what: str | None) -> Any:
-        """One of the result's figures. Raises SettingError with those that there are."""
-        drawn = self.figures(result)
-        if not drawn:
-            raise SettingError(
-                f"a {type(result).__name__} has no figure; fit or validate its runs, and plot that"
-            )
-        name = next(iter(drawn)) if what is None else what
-        if name not in drawn:
-            raise SettingError(f"there is no figure {name!r}; known are {', '.join(drawn)}")
-        return drawn[name]()
 
 
 @dataclass(frozen=True)
@@ -301,10 +257,3 @@ def _file(value: object, name: str) -> object:
 
 def _default(one: "Field[Any]") -> object:
     return inspect.Parameter.empty if one.default is MISSING else one.default
-
-
-def _wrapped(line: str) -> list[str]:
-    inner = " " * (len(line) - len(line.lstrip()) + 2)
-    return textwrap.wrap(
-        line, WIDTH, subsequent_indent=inner, break_on_hyphens=False, drop_whitespace=True
-    ) or [""]

@@ -19,8 +19,9 @@ from automarine_cli.report.compare_tables import difference_table, parameter_tab
 from automarine_cli.report.figures.compare import compare_figure
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.tables import Table
-from automarine_cli.workflows.command import Command, Compared, Row, Runner, View, commands, reads
+from automarine_cli.workflows.command import Command, Compared, Runner, commands, reads
 from automarine_cli.workflows.shared import Drawn, numbers
+from automarine_cli.workflows.view import Row, View
 
 SCHEMA = "automarine/comparison/1"
 FILES = ("comparison.json", "parameters.csv", "differences.csv", "comparison.md", "comparison.png")

@@ -37,22 +37,12 @@ from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.runs.stuck import without_stuck
 from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
-from automarine_cli.workflows.command import (
-    Command,
-    Compared,
-    Figures,
-    Row,
-    Runner,
-    View,
-)
+from automarine_cli.workflows.command import Command, Compared, Runner
 from automarine_cli.workflows.diagnose_planar import SCHEMA, DiagnoseOptions, PlanarDiagnosis, diagnose_planar
-from automarine_cli.workflows.diagnose_thrusters import (
-    FILES,
-    ThrusterDiagnosis,
-    diagnose_thrusters,
-)
+from automarine_cli.workflows.diagnose_thrusters import FILES, ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.workflows.moments import with_moments
 from automarine_cli.workflows.shared import aligned, numbers
+from automarine_cli.workflows.view import Figures, Row, View
 
 LEARNED = "learned.png"
 

@@ -27,18 +27,10 @@ from automarine_cli.report.figures.planar_diagnosis import before_after_figure, 
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.channels import AUTO
 from automarine_cli.runs.run import Run, SetAside, readings
-from automarine_cli.workflows.command import (
-    HOLD_OUT,
-    SELDOM,
-    Command,
-    Figures,
-    Row,
-    Runner,
-    View,
-    reads,
-)
+from automarine_cli.workflows.command import HOLD_OUT, SELDOM, Command, Runner, reads
 from automarine_cli.workflows.planar_runs import load_planar
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, aligned, numbers
+from automarine_cli.workflows.view import Figures, Row, View
 
 SCHEMA = "automarine/diagnosis/1"
 FEWEST = 4

@@ -17,17 +17,9 @@ from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
 from automarine_cli.thrusters.diagnosis import diagnose_thrusters as diagnose_points
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import ThrusterLogs, load_thruster_logs
-from automarine_cli.workflows.command import (
-    HOLD_OUT,
-    SELDOM,
-    Command,
-    Figures,
-    Row,
-    Runner,
-    View,
-    reads,
-)
+from automarine_cli.workflows.command import HOLD_OUT, SELDOM, Command, Runner, reads
 from automarine_cli.workflows.shared import Columns, Ending, Judged, OfLogs, numbers
+from automarine_cli.workflows.view import Figures, Row, View
 
 FILES = (
     "diagnosis.json",

@@ -42,7 +42,8 @@ from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.tables import Table
 from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.workflows.command import Command, Runner, View, reads
+from automarine_cli.workflows.command import Command, Runner, reads
+from automarine_cli.workflows.view import View
 
 SCHEMA = "automarine/export/1"
 

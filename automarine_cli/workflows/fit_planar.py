@@ -12,9 +12,10 @@ from automarine_cli.report import planar_report
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.run import Run
-from automarine_cli.workflows.command import UNRECORDED, Command, Row, Runner, View
+from automarine_cli.workflows.command import UNRECORDED, Command, Runner
 from automarine_cli.workflows.planar_runs import load_planar
 from automarine_cli.workflows.shared import Ending, Lever, OfLogs, aligned, counted, numbers
+from automarine_cli.workflows.view import Row, View
 
 FILES = ("planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png")
 

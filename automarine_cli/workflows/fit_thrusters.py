@@ -27,8 +27,9 @@ from automarine_cli.thrusters.records import ThrusterLogs, load_thruster_logs
 from automarine_cli.thrusters.result import ThrusterFit
 from automarine_cli.thrusters.tare import Tare, subtract_tare
 from automarine_cli.thrusters.voltage import VoltageExponent, voltage_exponents
-from automarine_cli.workflows.command import Command, Compared, Row, Runner, View
+from automarine_cli.workflows.command import Command, Compared, Runner
 from automarine_cli.workflows.shared import Columns, Ending, OfLogs, aligned, counted, numbers
+from automarine_cli.workflows.view import Row, View
 
 FELT = 0.2  # exponent of thrust against voltage from which one map for all voltages misleads
 FILES = ("thrusters.json", "thrusters.csv", "thrusters.md", "thrusters.png")

@@ -28,9 +28,10 @@ from automarine_cli.runs.channels import AUTO, wanted_channels
 from automarine_cli.runs.half_turn import UNTRIMMED, Trim
 from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run
-from automarine_cli.workflows.command import SELDOM, Command, Compared, Figures, Row, Runner, View
+from automarine_cli.workflows.command import SELDOM, Command, Compared, Runner
 from automarine_cli.workflows.moments import moment_maker
 from automarine_cli.workflows.shared import Ending, Lever, OfLogs, Thrusters, aligned, counted, numbers
+from automarine_cli.workflows.view import Figures, Row, View
 
 FIT_TO = ("auto", "half-turns", "whole-runs")
 STEPS = "steps"  # what translations have in place of half-turns

@@ -17,7 +17,8 @@ from automarine_cli.workflows.campaign_file import open_questions
 from automarine_cli.workflows.campaign_look import Look, look_at
 from automarine_cli.workflows.campaign_places import places_of
 from automarine_cli.workflows.campaign_text import campaign_text
-from automarine_cli.workflows.command import Command, Runner, View, reads
+from automarine_cli.workflows.command import Command, Runner, reads
+from automarine_cli.workflows.view import View
 
 SCHEMA = "automarine/init/1"
 NAME = "campaign.toml"

@@ -23,15 +23,10 @@ from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import load_thruster_logs
-from automarine_cli.workflows.command import (
-    Command,
-    Row,
-    Runner,
-    View,
-    reads,
-)
+from automarine_cli.workflows.command import Command, Runner, reads
 from automarine_cli.workflows.plan_vehicle import drive_for, largest_moment, supply_for
 from automarine_cli.workflows.shared import Columns, Drawn, aligned
+from automarine_cli.workflows.view import Row, View
 
 SCHEMA = "automarine/plan/1"
 FILES = ("plan.md", "plan.csv", "plan.json", "plan.toml", "plan.png", "commands/")

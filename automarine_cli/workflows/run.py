@@ -15,9 +15,10 @@ from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import has_bytes
 from automarine_cli.workflows.campaign_file import Campaign, read_campaign
 from automarine_cli.workflows.campaign_steps import NAMES, REPORT, STEPS, Step
-from automarine_cli.workflows.command import UNRECORDED, Command, Runner, View, reads
+from automarine_cli.workflows.command import UNRECORDED, Command, Runner, reads
 from automarine_cli.workflows.report import RUN as RESULT
 from automarine_cli.workflows.report import report_files
+from automarine_cli.workflows.view import View
 
 SCHEMA = "automarine/run/1"
 COMMAND = "run"

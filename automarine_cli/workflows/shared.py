@@ -10,10 +10,8 @@ from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.report.figures.files import refuse_unknown
 from automarine_cli.report.tables import interval
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.workflows.command import (
-    Row,
-    reads,
-)
+from automarine_cli.workflows.command import reads
+from automarine_cli.workflows.view import Row
 
 
 @dataclass(frozen=True, kw_only=True)

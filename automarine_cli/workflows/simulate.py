@@ -20,10 +20,11 @@ from automarine_cli.simulation.planar_specification import (
 from automarine_cli.simulation.run_groups import levels_of
 from automarine_cli.simulation.specification import Specification, specification_from
 from automarine_cli.thrusters.records import bollard_columns
-from automarine_cli.workflows.command import Command, Row, Runner, View, reads
+from automarine_cli.workflows.command import Command, Runner, reads
 from automarine_cli.workflows.shared import counted
 from automarine_cli.workflows.simulate_planar import DECIMALS, SCHEMA, TRUTH, PlanarSimulation
 from automarine_cli.workflows.simulate_planar import VIEW as PLANAR_VIEW
+from automarine_cli.workflows.view import Row, View
 
 
 @dataclass(frozen=True, repr=False)

@@ -8,8 +8,8 @@ from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.tables import Table
 from automarine_cli.simulation.planar_campaign import PlanarMade, planar_logs
 from automarine_cli.simulation.planar_specification import PlanarSpecification
-from automarine_cli.workflows.command import Row, View
 from automarine_cli.workflows.shared import counted
+from automarine_cli.workflows.view import Row, View
 
 TRUTH = "truth.json"
 SCHEMA = "automarine/simulation-truth/1"

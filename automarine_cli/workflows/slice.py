@@ -21,8 +21,9 @@ from automarine_cli.runs.run import SetAside
 from automarine_cli.runs.slices import By, find_slices
 from automarine_cli.simulation.log_files import gzip_bytes
 from automarine_cli.simulation.parquet_bytes import parquet_bytes
-from automarine_cli.workflows.command import Command, Row, Runner, View
+from automarine_cli.workflows.command import Command, Runner
 from automarine_cli.workflows.shared import Columns, OfLogs, counted
+from automarine_cli.workflows.view import Row, View
 
 SCHEMA = "automarine/slices/1"
 FOLDER, MOVING = "runs", "moving"

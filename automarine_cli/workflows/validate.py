@@ -38,10 +38,17 @@ from automarine_cli.runs.channels import (
 from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
 from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.runs.undriven import without_undriven
-from automarine_cli.workflows.command import SELDOM, Command, Figures, Row, Runner, View
+from automarine_cli.workflows.command import SELDOM, Command, Runner
 from automarine_cli.workflows.moments import moment_maker
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, counted
-from automarine_cli.workflows.validate_planar import SCHEMA, PlanarValidation, files, validate_planar
+from automarine_cli.workflows.validate_planar import (
+    SCHEMA,
+    Pictures,
+    PlanarValidation,
+    files,
+    validate_planar,
+)
+from automarine_cli.workflows.view import Figures, Row, View
 
 MEANING = {
     "rmse": "free run: measured less simulated {position} from the start of each run to its end",
@@ -141,14 +148,7 @@ def _run_json(one: RunScore, dof: Dof) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Pictures:
-    """Whether a figure of every run is drawn."""
-
-    figures: bool = True
-
-
-@dataclass(frozen=True, kw_only=True)
-class ValidateOptions(Ending, _Pictures, Lever, Judged, OfLogs):
+class ValidateOptions(Ending, Pictures, Lever, Judged, OfLogs):
     """`channels` says which sensors are believed, `seed` is that of the bootstrap over runs."""
 
     by_effects = True

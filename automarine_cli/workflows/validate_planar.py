@@ -18,9 +18,10 @@ from automarine_cli.report.figures.planar import planar_figure
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.channels import AUTO
 from automarine_cli.runs.run import SetAside, readings
-from automarine_cli.workflows.command import SELDOM, UNRECORDED, Command, Figures, Row, Runner, View
+from automarine_cli.workflows.command import SELDOM, UNRECORDED, Command, Runner
 from automarine_cli.workflows.planar_runs import load_planar
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, counted
+from automarine_cli.workflows.view import Figures, Row, View
 
 SCHEMA = "automarine/validation/1"
 FILES = ("validation.json", "validation.csv", "validation.md", "validation.tex", "validation_RUN.png")
@@ -101,14 +102,14 @@ def _start(one: PlanarFree) -> dict[str, float]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Pictures:
+class Pictures:
     """Whether a figure of every run is drawn."""
 
     figures: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
-class ValidatePlanarOptions(Ending, _Pictures, Lever, Judged, OfLogs):
+class ValidatePlanarOptions(Ending, Pictures, Lever, Judged, OfLogs):
     """As of `validate`; nothing is drawn at random and every channel is compared."""
 
     channels: str = field(default=AUTO, metadata=SELDOM)

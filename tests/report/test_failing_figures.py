@@ -94,9 +94,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         am.simulate(specification, out=place / "forces" / motion)
     am.fit_thrusters(place / "pool/thrusters", thrusters_per_test=2, out=place / "thrusters")
     am.fit_yaw(place / "pool/steps", out=place / "yaw")
-    am.fit_yaw(
-        [place / "pool/driving", place / "pool/steps"], fit_to="whole-runs", out=place / "driven"
-    )
+    am.fit_yaw([place / "pool/driving", place / "pool/steps"], fit_to="whole-runs", out=place / "driven")
     return place
 
 

@@ -49,8 +49,9 @@ from automarine_cli.logs import given_columns
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import load_runs
-from automarine_cli.workflows.command import Command, Compared, View
+from automarine_cli.workflows.command import Command, Compared
 from automarine_cli.workflows.shared import Columns, OfLogs
+from automarine_cli.workflows.view import View
 
 SCHEMA = "automarine/row-count/1"
 
