@@ -1,6 +1,6 @@
 """`validate`: simulate each log with each model, compare, plot (the source paper's section 5 and Fig. 10)."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Any
@@ -9,7 +9,6 @@ import numpy as np
 
 from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.comparison.scores import SCORES, RunScore, rate_source, score_key
-from automarine_cli.comparison.simulated_runs import FreeRun
 from automarine_cli.comparison.validation import Ahead, Comparison, Scored, ahead_of, compare
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.effects.thruster_imbalance import lacking_signal
@@ -18,13 +17,10 @@ from automarine_cli.fits.channel_noise import channel_sentences, channels_of, me
 from automarine_cli.logs import given_columns
 from automarine_cli.models.planar_store import SCHEMA as PLANAR_SCHEMA
 from automarine_cli.models.store import StoredModels, load_yaw_models
-from automarine_cli.pipeline.attempts import Attempt
-from automarine_cli.pipeline.outputs import ResultFolder, file_stems
-from automarine_cli.pipeline.parallel import ordered_map
+from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import schema_in
-from automarine_cli.pipeline.progress import Progress
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.report.figures.files import Files, drawn, write_figure
+from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.tables import Table, number
 from automarine_cli.report.validation_tables import ahead_table, overall_table, run_table, score_table
@@ -47,6 +43,7 @@ from automarine_cli.workflows.validate_planar import (
     PlanarValidation,
     files,
     validate_planar,
+    write_figures_of_runs,
 )
 from automarine_cli.workflows.view import Figures, Row, View
 
@@ -183,7 +180,7 @@ def _validate(asked: ValidateOptions, runner: Runner) -> Validation:
         return Validation(stored, compared, left_out, chosen, ahead_of(stored, runs, chosen.names))
 
     def write(folder: ResultFolder, result: Validation) -> None:
-        _write(folder, result, asked.figure_formats if asked.figures else (), jobs, progress)
+        _write(folder, result, asked.figure_formats if asked.figures else (), runner)
 
     return runner.results(asked, work, write)
 
@@ -236,9 +233,7 @@ def _same_unit(runs: Sequence[Run], stored: StoredModels) -> None:
             )
 
 
-def _write(
-    folder: ResultFolder, result: Validation, formats: tuple[str, ...], jobs: int, progress: Progress
-) -> None:
+def _write(folder: ResultFolder, result: Validation, formats: tuple[str, ...], runner: Runner) -> None:
     found = result.comparison
     folder.write_json("validation.json", result.to_json())
     folder.write("validation.csv", score_table(found).to_csv())
@@ -249,22 +244,16 @@ def _write(
         "\n".join([*first, *(one.to_markdown() for one in tables), *sensors, *[""] * bool(sensors)]),
     )
     folder.write("validation.tex", "\n".join(table.to_latex() for table in tables))
-    if not formats:
-        return
+    names, draws = [run.name for run in found.runs], _draws(found)
+    write_figures_of_runs(folder, names, draws, formats, runner)
+
+
+def _draws(found: Comparison) -> list[Draw]:
+    """What draws the figure of each run."""
     free = [
         {number: scored.free[i] for number, scored in found.models.items()} for i in range(len(found.runs))
     ]
-    work = list(zip(file_stems([run.name for run in found.runs]), free, found.floors))
-    for figure in ordered_map(
-        partial(_drawn, formats=formats), work, jobs, progress=progress, stage="figures"
-    ):
-        write_figure(folder, figure)
-
-
-def _drawn(one: tuple[str, Mapping[str, FreeRun], float], formats: tuple[str, ...]) -> Attempt[Files]:
-    """The figure of one run in each of the formats."""
-    stem, free, floor = one
-    return drawn(f"validation_{stem}", lambda: validation_figure(free, floor), formats)
+    return [partial(validation_figure, *pair) for pair in zip(free, found.floors)]
 
 
 def _lines(result: Validation) -> Iterator[str]:
@@ -292,11 +281,7 @@ def _rows(result: Validation) -> Iterator[Row]:
 
 def _figures(result: Validation) -> Figures:
     found = result.comparison
-    free = [{model: scored.free[i] for model, scored in found.models.items()} for i in range(len(found.runs))]
-    return {
-        run.name: partial(validation_figure, one, floor)
-        for run, one, floor in zip(found.runs, free, found.floors)
-    }
+    return dict(zip((run.name for run in found.runs), _draws(found)))
 
 
 validate: Command[ValidateOptions, Validation | PlanarValidation] = Command(

@@ -1,6 +1,6 @@
 """`validate` of a planar model: simulate each log by its commands alone, compare every channel, plot."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Any
@@ -13,7 +13,7 @@ from automarine_cli.pipeline.attempts import Attempt
 from automarine_cli.pipeline.outputs import ResultFolder, file_stems
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.report.figures.files import Files, drawn, write_figure
+from automarine_cli.report.figures.files import Draw, Files, drawn, write_figure
 from automarine_cli.report.figures.planar import planar_figure
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.channels import AUTO
@@ -142,19 +142,29 @@ def _validate(asked: ValidatePlanarOptions, runner: Runner) -> PlanarValidation:
         folder.write("validation.csv", table.to_csv())
         folder.write("validation.md", table.to_markdown())
         folder.write("validation.tex", table.to_latex())
-        if asked.figures:
-            pairs = list(zip(file_stems([one.run.name for one in result.free]), result.free))
-            draw = partial(_drawn, formats=asked.figure_formats)
-            for figure in ordered_map(draw, pairs, jobs, progress=progress, stage="figures"):
-                write_figure(folder, figure)
+        names, draws = (
+            [one.run.name for one in result.free],
+            [partial(planar_figure, one) for one in result.free],
+        )
+        write_figures_of_runs(folder, names, draws, asked.figure_formats if asked.figures else (), runner)
 
     return runner.results(asked, work, write)
 
 
-def _drawn(one: tuple[str, PlanarFree], formats: tuple[str, ...]) -> Attempt[Files]:
+def write_figures_of_runs(
+    folder: ResultFolder, names: Sequence[str], draws: Sequence[Draw], formats: Sequence[str], runner: Runner
+) -> None:
+    """A figure of each run in each of the formats."""
+    figures = list(zip(file_stems(names), draws)) if formats else []
+    draw, jobs, progress = partial(_drawn, formats=formats), runner.jobs, runner.progress
+    for figure in ordered_map(draw, figures, jobs, progress=progress, stage="figures"):
+        write_figure(folder, figure)
+
+
+def _drawn(one: tuple[str, Draw], formats: Sequence[str]) -> Attempt[Files]:
     """The figure of one run in each of the formats."""
-    stem, free = one
-    return drawn(f"validation_{stem}", lambda: planar_figure(free), formats)
+    stem, draw = one
+    return drawn(f"validation_{stem}", draw, formats)
 
 
 def _lines(result: PlanarValidation) -> Iterator[str]:
