@@ -94,7 +94,7 @@ def model_json(
     preferred: str,
     because: str,
     ratio: Mapping[str, object] | None,
-    valid_range: Mapping[str, object],
+    valid_range: Mapping[str, object] | None,
     effects: Sequence[Mapping[str, object]],
 ) -> dict[str, object]:
     """What every model file begins with: models by number, the preferred one and why, the ratio of inertia to quadratic
