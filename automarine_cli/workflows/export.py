@@ -149,15 +149,20 @@ def export_targets() -> Targets:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportOptions(Settings):
-    """The model, the target, and the settings that targets use; `number` is which of the file's yaw models (by default
-    the preferred one), `frame` ENU or NED (by default the target's own)."""
+class _Asked:
+    """The model and the target; `number` is which of the file's yaw models (by default the preferred one), `frame` ENU
+    or NED (by default the target's own)."""
 
     model: Source = field(metadata=reads("file"))
     to: str
     form: str | None = None
     number: str | None = None
     frame: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportOptions(Settings, _Asked):
+    """The same, with the settings that targets use."""
 
     @property
     def settings(self) -> Settings:
