@@ -12,7 +12,7 @@ MAKEFLAGS += --no-print-directory
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test check fit-thrusters fit-yaw validate diagnose run reproduce wheel sample-runs paper pictures bench blind closed-loop real clean
+.PHONY: help demo test test-all check fit-thrusters fit-yaw validate diagnose run reproduce wheel sample-runs paper pictures bench blind closed-loop real clean
 
 help: ## Show this list
 	echo "make TARGET, where TARGET is one of"
@@ -72,8 +72,11 @@ reproduce: $(READY) ## The demo twice, under two locales, and again from its man
 wheel: $(READY) ## Build the wheel into OUT/wheel, install it into an empty environment and use it there
 	.ci/wheel $(OUT)/wheel $(BIN)/python
 
-test: $(READY) ## Run the tests, a process a core
-	$(BIN)/python -m pytest -q -n auto --dist loadfile
+test: $(READY) ## Run the tests but for the slow ones, a process for each core
+	$(BIN)/python -m pytest -q -n auto --dist loadfile -m "not slow"
+
+test-all: $(READY) test ## Then the slow ones: clusters, kills, same bytes, planted effects, real data, every example
+	$(BIN)/python -m pytest -q -n auto --dist loadfile -m slow
 
 check: $(READY) ## Lint, format, types and the order of imports
 	$(BIN)/ruff check .

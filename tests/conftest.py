@@ -12,22 +12,32 @@ for _library in ("OPENBLAS", "OMP", "MKL"):  # as the console script does, befor
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 from hypothesis import settings
-from repository import ROOT as ROOT
-from repository import SAMPLE_RUNS as SAMPLE_RUNS
+from once import made_once
+from small_campaign import make_small_campaign
 
 from automarine_cli.cli import automarine
 from automarine_cli.pipeline.attempts import Attempt
 from automarine_cli.pipeline.outputs import ResultFolder
+from automarine_cli.workflows.run import run_campaign
 
 # The same examples on every machine, no clock, and no folder of examples beside the repository.
 settings.register_profile("house", derandomize=True, deadline=None, database=None, max_examples=50)
 settings.load_profile("house")
 
 TAKEN = ResultFolder.taken
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """What `real_data` means."""
+    for folder in (mark.args[0] for mark in item.iter_markers("real_data")):
+        item.add_marker("slow")
+        if not folder.is_dir():
+            item.add_marker(pytest.mark.skip(reason="real data not at hand (AUTOMARINE_DATA)"))
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -41,6 +51,16 @@ def strict_figures() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ResultFolder, "taken", taken)
         yield
+
+
+@pytest.fixture(scope="session")
+def small_day(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small campaign in `pool`, and its results as far as the yaw model in `out`; to be read, and copied."""
+
+    def make(folder: Path) -> None:
+        run_campaign(make_small_campaign(folder / "pool"), out=folder / "out", until="fit-yaw")
+
+    return made_once(tmp_path_factory, "small_day", make)
 
 
 @pytest.fixture

@@ -48,6 +48,14 @@ class DiagnoseThrustersOptions(Columns, Ending, _Bench, Judged, OfLogs):
     channels: str = field(default=AUTO, metadata=SELDOM)
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        is_map = f"{self.model.name} is a thruster map"
+        if self.thrusters is not None or self.arm is not None:
+            raise SettingError(f"{is_map}: --thrusters and --arm belong to a yaw model; leave them out")
+        if self.channels != AUTO:
+            raise SettingError(f"{is_map}: --channels belongs to a motion; leave it out")
+
 
 def _diagnose(asked: DiagnoseThrustersOptions, runner: Runner) -> ThrusterDiagnosis:
     """Diagnose the thruster map in `model` on bollard tests in which `thrusters_per_test` thrusters pulled.
@@ -55,11 +63,6 @@ def _diagnose(asked: DiagnoseThrustersOptions, runner: Runner) -> ThrusterDiagno
     Without `hold_out` a quarter of the levels, drawn with `seed`, is held out. Raises LogError, RunError, FitError,
     ModelError, SettingError, OutputError.
     """
-    is_map = f"{asked.model.name} is a thruster map"
-    if asked.thrusters is not None or asked.arm is not None:
-        raise SettingError(f"{is_map}: --thrusters and --arm belong to a yaw model; leave them out")
-    if asked.channels != AUTO:
-        raise SettingError(f"{is_map}: --channels belongs to a motion; leave it out")
     names, strict, progress = given_columns(asked.columns), asked.strict, runner.progress
     base, with_voltage, of_map = _base(asked.model)
     loaded = load_thruster_logs(asked.logs, names, strict=strict, progress=progress)

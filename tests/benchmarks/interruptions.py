@@ -6,7 +6,7 @@ Steps: a process that replaces results is killed at each file-system call in tur
 reasons (`helpers/torn_writes.py`), with folders exchanged in one step and with two renames. Kills: the real command is
 killed at random moments. Interrupts: Ctrl-C and SIGTERM at random moments of commands with two processes; counted
 are those that end with status 130 and one sentence and leave nothing, and how long the slowest took. A few of each
-are in `make test`.
+are in `make test-all`.
 """
 
 # ruff: noqa: E402 - the folder of the tests has to be on the path first

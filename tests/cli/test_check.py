@@ -16,8 +16,6 @@ from automarine_cli.errors import LogError, RunError
 from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.workflows.check import check
 
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the folder of real measurements is not here")
-
 
 @pytest.fixture
 def campaign(tmp_path: Path) -> Path:
@@ -120,7 +118,7 @@ def test_what_cleaning_did_is_told(tmp_path: Path) -> None:
     assert "run: 1 heading spike dropped" in result.tables()[0].to_text()
 
 
-@needs_data
+@pytest.mark.real_data(DATA)
 def test_the_lake_runs() -> None:
     """Ten closed-loop runs of a boat at 10 Hz: every one is read, none has a step from rest that serves; the heading of
     run_11 jumps twice in its first seconds, of which too little is left."""
@@ -147,7 +145,7 @@ def test_the_lake_runs() -> None:
     assert aside.why.startswith("no time, heading and yaw moment; found the columns command, mean_force_N;")
 
 
-@needs_data
+@pytest.mark.real_data(DATA)
 def test_the_thruster_tables() -> None:
     rules = {
         "n": ColumnRule("cmd"),
@@ -167,7 +165,7 @@ def test_the_thruster_tables() -> None:
     assert len(series) == 20 and {(test.points, test.levels) for test in series} == {(1000, 1)}
 
 
-@needs_data
+@pytest.mark.real_data(DATA)
 def test_a_lake_run_that_turns_already_is_not_from_rest() -> None:
     """Runs 1, 3, 21 and 29 begin at full moment while the boat still turns the other way."""
     columns = ColumnMap({n: ColumnRule(f, sign=-1) for n, f in

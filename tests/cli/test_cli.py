@@ -215,7 +215,7 @@ def test_signals_leave_nothing_half_written(tmp_path: Path, how: int) -> None:
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
     process.send_signal(how)
-    _, said = process.communicate(timeout=20)
+    _, said = process.communicate(timeout=60)
     assert (process.returncode, said) == (130, "Interrupted; nothing was left half written.\n")
     assert list(tmp_path.iterdir()) == []
 

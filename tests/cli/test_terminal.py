@@ -12,9 +12,9 @@ import pytest
 from click.testing import Result
 from hypothesis import given
 from hypothesis import strategies as st
+from pseudo_terminal import ESCAPE, on_terminal
 from repository import ROOT
 from small_campaign import make_small_campaign
-from terminal import ESCAPE, on_terminal
 
 from automarine_cli.report.table_text import text_table
 from automarine_cli.report.tables import Table

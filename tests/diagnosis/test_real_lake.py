@@ -1,6 +1,5 @@
 """Ten closed-loop runs of a Kingfisher boat on a lake: whole runs, moving starts, a delay, headings the other way."""
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,7 +25,7 @@ from automarine_cli.workflows.fit_yaw import fit_yaw
 from automarine_cli.workflows.moments import with_moments
 
 LAKE, BOLLARD = DATA / "yaw" / "kingfisher_lake", DATA / "thrusters" / "kingfisher_heron_bollard_raw.csv"
-pytestmark = pytest.mark.skipif(not LAKE.is_dir(), reason="real data not at hand (AUTOMARINE_DATA)")
+pytestmark = pytest.mark.real_data(LAKE)
 
 NOMINAL = """
 [columns]
@@ -146,7 +145,6 @@ def test_delay_and_surge_halve_the_error_on_runs_left_out(halves: tuple[list[Run
     assert after < 0.7 * before
 
 
-@pytest.mark.skipif("AUTOMARINE_SLOW" not in os.environ, reason="some minutes; AUTOMARINE_SLOW=1 runs it")
 def test_a_diagnosis_names_the_delay_and_the_gap_on_runs_left_out_shrinks(
     halves: tuple[list[Run], list[Run]],
 ) -> None:

@@ -6,20 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_campaign import make_small_campaign
 
-import automarine_cli as am
 from automarine_cli.pipeline.manifest import sha256
 from automarine_cli.workflows.export import export
 
 
-@pytest.fixture(scope="module")
-def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def fitted(small_day: Path) -> Path:
     """The folder of a small yaw fit."""
-    folder = tmp_path_factory.mktemp("card")
-    logs = make_small_campaign(folder / "logs").parent
-    am.fit_yaw(logs / "steps", out=folder / "yaw")
-    return folder / "yaw"
+    return small_day / "out" / "yaw"
 
 
 def test_the_card_says_what_the_model_file_and_its_manifest_say(fitted: Path) -> None:

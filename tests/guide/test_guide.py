@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from click.shell_completion import ShellComplete
 from click.testing import Result
-from conftest import ROOT
-from terminal import ESCAPE, on_terminal
+from pseudo_terminal import ESCAPE, on_terminal
+from repository import ROOT
 from test_readme import commands, flags_of
 
 from automarine_cli import guide

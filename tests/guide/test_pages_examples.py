@@ -17,12 +17,6 @@ from test_readme import PAGES, fences
 from automarine_cli.cli import automarine
 
 ALLOWED = ("automarine", "cp", "mkdir", "sed", "echo", "head")
-SLOW = (
-    "automarine run sample_runs/pool_day.toml -o out/pool_day",
-    "automarine fit-planar ",
-    "automarine diagnose sample_runs/planar ",
-)
-"""Lines that begin so take half a minute or more; they are run with AUTOMARINE_EVERY_EXAMPLE=1."""
 CLOSE = 0.01  # numbers may differ by so much on another machine, or by one in the last decimal
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
 ANYTHING = "..."
@@ -73,13 +67,7 @@ def printed(line: str) -> str:
     return done.stdout
 
 
-def wanted() -> list[Example]:
-    """The examples that are run here."""
-    every = os.environ.get("AUTOMARINE_EVERY_EXAMPLE")
-    return [one for one in examples() if every or not one.line.startswith(SLOW)]
-
-
-EXAMPLES = wanted()
+EXAMPLES = list(examples())
 
 
 def words(text: str) -> list[str]:
@@ -123,6 +111,7 @@ def difference(shown: str, found: str) -> str:
     return "" if place == len(given) or ANYTHING in shown.split()[-1:] else f"left out: {given[place:][:20]}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda one: f"{one.page}: {one.line}")
 def test_examples_print_what_is_shown(said: dict[str, str], example: Example) -> None:
     assert difference(example.shown, said[example.line]) == ""
@@ -141,6 +130,6 @@ def test_the_comparison_can_fail() -> None:
 
 def test_enough_is_run() -> None:
     assert {line.split()[0] for _, line, _ in EXAMPLES} <= set(ALLOWED)
-    by_page = {one.page for one in examples()}
+    by_page = {one.page for one in EXAMPLES}
     assert {page for page in PAGES if "/commands/" in page} <= by_page
     assert len(PAGES) > 20 and (ROOT / "README.md").is_file()

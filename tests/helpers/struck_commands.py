@@ -25,19 +25,27 @@ class Struck:
     took_s: float
 
 
-def start(arguments: list[str], folder: Path) -> "subprocess.Popen[str]":
-    """`automarine ...` in that folder, in a process group of its own as a terminal makes it."""
+def start(arguments: list[str], folder: Path, halt_at: str = "") -> "subprocess.Popen[str]":
+    """`automarine ...` in that folder, in a process group of its own as a terminal makes it; see `halting`."""
+    path = [str(ROOT), *([str(Path(__file__).with_name("halting"))] if halt_at else [])]
+    more = {"PYTHONPATH": os.pathsep.join(path), "OPENBLAS_NUM_THREADS": "1", "HALT_AT": halt_at}
     return subprocess.Popen(
-        [sys.executable, "-m", "automarine_cli", *arguments],
-        cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"},
+        [sys.executable, "-m", "automarine_cli", *arguments], cwd=folder, env=os.environ | more,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
 
 
-def strike(arguments: list[str], folder: Path, after_s: float, how: int) -> Struck:
-    """Ctrl-C goes to the whole process group, as from a terminal; other signals to the command alone."""
-    process = start(arguments, folder)
-    time.sleep(after_s)
+def strike(arguments: list[str], folder: Path, when: float | str, how: int) -> Struck:
+    """A signal after so many seconds, or once the command has halted for good at a moment (see `halting`).
+
+    Ctrl-C goes to the whole process group, as from a terminal; other signals to the command alone.
+    """
+    process = start(arguments, folder, when if isinstance(when, str) else "")
+    if isinstance(when, str):
+        assert process.stdout is not None
+        assert process.stdout.readline() == "halted\n"
+    else:
+        time.sleep(when)
     struck = time.monotonic()
     with contextlib.suppress(ProcessLookupError):
         if how == signal.SIGINT:

@@ -21,7 +21,10 @@ from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.workflows.campaigns import run_campaigns
 
 distributed = pytest.importorskip("distributed", reason="the extra automarine[cluster] is not installed")
-pytestmark = pytest.mark.filterwarnings("default")  # Dask's own warnings are none of ours
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("default"),  # Dask's own warnings are none of ours
+]
 
 
 class Cluster:
@@ -29,7 +32,8 @@ class Cluster:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        paths = os.pathsep.join([str(ROOT), str(Path(__file__).parent)])
+        here = Path(__file__).parent
+        paths = os.pathsep.join(map(str, (ROOT, here, here.with_name("helpers"))))
         self.environment = os.environ | {"PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"}
         self.processes: list[subprocess.Popen[bytes]] = []
         note = folder / "scheduler.json"
@@ -130,6 +134,7 @@ def test_diagnosis_on_a_cluster_is_the_same_bytes_even_if_a_worker_dies(
     struck.wait()
     assert there.exit_code == 0, there.output
     assert cluster.workers[1].poll() == -signal.SIGKILL, "the diagnosis was over before the worker was killed"
+    cluster.workers[1] = cluster.worker()
     for file in sorted((tmp_path / "here").iterdir()):
         assert file.read_bytes() == (tmp_path / "there" / file.name).read_bytes(), file.name
 

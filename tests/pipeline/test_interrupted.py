@@ -48,6 +48,7 @@ def hidden(folder: Path) -> list[str]:
 # Each step of the writing in turn
 
 
+@pytest.mark.slow
 @posix_only
 @pytest.mark.parametrize("how", ["exchange", "rename"])
 @pytest.mark.parametrize("what", ["kill", "fault"])
@@ -66,6 +67,7 @@ def test_each_step_killed_or_failing_leaves_old_or_new_whole(tmp_path: Path, wha
     assert counts.get("neither", 0) == (1 if (what, how) == ("kill", "rename") else 0)
 
 
+@pytest.mark.slow
 @posix_only
 def test_the_command_killed_at_random_moments(tmp_path: Path) -> None:
     killed = KilledCommand(tmp_path)
@@ -270,29 +272,32 @@ def test_a_disk_that_is_read_only_is_one_sentence(tmp_path: Path) -> None:
 # Interrupts
 
 
-FIT = ["fit-yaw", str(SAMPLE_RUNS / "steps"), "-o", "out", "--jobs", "2"]
+FIT = ["fit-yaw", str(SAMPLE_RUNS / "hidden_one"), "-o", "out", "--jobs", "2"]
+MOMENTS = {
+    "libraries are loaded": "command import numpy",
+    "logs are read": "command open .csv",
+    "processes start": "worker import numpy",
+    "processes take work": "worker pickle.find_class automarine_cli.pipeline.parallel",
+    "results are written": "command open yaw_model.json",
+}
 
 
+@pytest.mark.slow
 @posix_only
 @pytest.mark.parametrize(
-    ("how", "after_s"),
+    ("how", "moment"),
     [
-        (signal.SIGINT, 0.1),
-        (signal.SIGINT, 1.0),
-        (signal.SIGINT, 2.0),
-        (signal.SIGTERM, 1.5),
-        (signal.SIGHUP, 0.7),
+        *((signal.SIGINT, moment) for moment in MOMENTS),
+        (signal.SIGTERM, "processes take work"),
+        (signal.SIGHUP, "logs are read"),
     ],
 )
-def test_an_interrupted_command_ends_soon_with_its_processes(
-    tmp_path: Path, how: int, after_s: float
+def test_an_interrupted_command_ends_with_its_processes_and_waits_for_no_work(
+    tmp_path: Path, how: int, moment: str
 ) -> None:
-    """A busy machine is given three seconds here; `tests/benchmarks/interruptions.py` measures."""
-    found = strike(FIT, tmp_path, after_s, how)
-    if found.status == 0:
-        pytest.skip("this machine is faster than the interrupt")
+    """Command or process have halted for good: whoever waits for them never ends."""
+    found = strike(FIT, tmp_path, MOMENTS[moment], how)
     assert (found.status, found.said) == (130, SENTENCE)
-    assert found.took_s < 3.0
     assert list(tmp_path.iterdir()) == []
 
 
@@ -329,6 +334,7 @@ IN_C = """
 """
 
 
+@pytest.mark.slow
 @posix_only
 @pytest.mark.parametrize("body", [SWALLOWED, TURNED, IN_C], ids=["swallowed", "turned", "in-c"])
 def test_an_interrupt_that_a_library_swallows_ends_the_command_all_the_same(body: str) -> None:
@@ -340,7 +346,7 @@ def test_an_interrupt_that_a_library_swallows_ends_the_command_all_the_same(body
     process.stdout.readline()
     time.sleep(0.2)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=20)
+    _, said = process.communicate(timeout=60)
     assert (process.returncode, said) == (130, SENTENCE)
 
 
@@ -356,5 +362,5 @@ def test_what_is_ignored_stays_ignored() -> None:
     assert process.stdout is not None
     process.stdout.readline()
     process.send_signal(signal.SIGHUP)
-    assert process.communicate(timeout=20)[0] == "done\n"
+    assert process.communicate(timeout=60)[0] == "done\n"
     assert process.returncode == 0

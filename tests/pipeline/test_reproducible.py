@@ -18,6 +18,8 @@ from torn_writes import content
 
 from automarine_cli.pipeline.manifest import read_manifest
 
+pytestmark = pytest.mark.slow
+
 STEPS = [
     f"steps/tau_{sign}{size}_a.csv" for sign in "+-" for size in ("0.1", "0.2", "0.3", "0.4", "0.5", "0.6")
 ]

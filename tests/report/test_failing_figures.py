@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from click.testing import Result
-from small_campaign import make_small_campaign
 
 import automarine_cli as am
 from automarine_cli.diagnosis import search
@@ -84,16 +83,15 @@ def force_steps(motion: str) -> dict[str, object]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(small_day: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the logs of small campaigns, and results that other commands take."""
     place = tmp_path_factory.mktemp("failing")
-    make_small_campaign(place / "pool")
+    for name in ("pool", "out/thrusters", "out/yaw"):
+        shutil.copytree(small_day / name, place / Path(name).name)
     for motion in ("surge", "heave"):
         specification = place / f"{motion}.json"
         specification.write_text(json.dumps(force_steps(motion)))
         am.simulate(specification, out=place / "forces" / motion)
-    am.fit_thrusters(place / "pool/thrusters", thrusters_per_test=2, out=place / "thrusters")
-    am.fit_yaw(place / "pool/steps", out=place / "yaw")
     am.fit_yaw([place / "pool/driving", place / "pool/steps"], fit_to="whole-runs", out=place / "driven")
     return place
 

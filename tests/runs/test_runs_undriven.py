@@ -167,7 +167,7 @@ def test_every_command_refuses_it(model: Callable[[str], Path], tmp_path: Path) 
             assert "something that this log does not hold moved it" in said and "Traceback" not in said
 
 
-@pytest.mark.skipif(not REAL.is_dir(), reason="real data not at hand (AUTOMARINE_DATA)")
+@pytest.mark.real_data(REAL)
 @pytest.mark.parametrize("dof", DOFS.values(), ids=DOFS)
 def test_a_real_vehicle_steered_from_another_console(dof: Dof) -> None:
     (run,) = load_runs([REAL], dof=dof).runs
@@ -177,14 +177,14 @@ def test_a_real_vehicle_steered_from_another_console(dof: Dof) -> None:
     assert f"the {dof.words.force} commanded is 0 in 100 % of the log, while the vehicle" in said
 
 
-@pytest.mark.skipif(not REAL.is_dir(), reason="real data not at hand (AUTOMARINE_DATA)")
+@pytest.mark.real_data(REAL)
 def test_a_model_is_not_judged_by_it_either(model: Callable[[str], Path]) -> None:
     for command in ("validate", "diagnose"):
         said = answer(command, REAL, "--model", model("N m"))
         assert "turned over 217 deg at up to 13 deg/s and gathered speed 3 times" in said
 
 
-@pytest.mark.skipif(not REAL.is_dir(), reason="real data not at hand (AUTOMARINE_DATA)")
+@pytest.mark.real_data(REAL)
 @pytest.mark.parametrize("folder", ["heavy_rov_sea", "minerva_hil_simulated", "cybership_enterprise"])
 @pytest.mark.parametrize("name", ["yaw", "surge", "sway"])
 def test_real_vehicles_that_were_driven_are_kept(folder: str, name: str) -> None:

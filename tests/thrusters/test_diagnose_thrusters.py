@@ -19,7 +19,6 @@ from automarine_cli.thrusters.records import Series, ThrusterLogs
 from automarine_cli.workflows import diagnose_thrusters as workflow
 
 TESTS = DATA / "thrusters"
-real = pytest.mark.skipif(not TESTS.is_dir(), reason="real data not at hand (AUTOMARINE_DATA)")
 
 AHEAD, ASTERN = 40.0, 25.0  # N at full command
 NOISE = 0.2  # N
@@ -243,7 +242,7 @@ COMMAND = '[columns]\nn = "cmd"\nforce_N = "force_n"\n'
 SPEED = '[columns]\nn = { from = "n_rev_s", unit = "rev/s" }\nforce_N = "force_n"\n'
 
 
-@real
+@pytest.mark.real_data(TESTS)
 @pytest.mark.parametrize(
     ("name", "columns", "volts", "expected", "before", "after"),
     [

@@ -10,7 +10,7 @@ from automarine_cli.thrusters.result import ThrusterFit
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
 
 TESTS = DATA / "thrusters"
-pytestmark = pytest.mark.skipif(not TESTS.is_dir(), reason="real data not at hand (AUTOMARINE_DATA)")
+pytestmark = pytest.mark.real_data(TESTS)
 
 SPEED = """
 [columns]

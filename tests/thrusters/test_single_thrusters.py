@@ -267,7 +267,7 @@ def test_check_and_fit_say_so(tmp_path: Path, run: Callable[..., Result]) -> Non
     assert result["models"]["3"]["k_rr"]["value"] == pytest.approx(K_RR, rel=0.05)
 
 
-@pytest.mark.skipif(not SEA.is_dir(), reason="real data not at hand (AUTOMARINE_DATA)")
+@pytest.mark.real_data(SEA)
 def test_a_real_vehicle_at_its_limits_agrees_with_its_own_configuration() -> None:
     """N = 0.4875 F_lateral + 0.764 (F_port - F_stbd), F = 0.00029112 n |n|, is the nominal map of its source."""
     campaign = load_runs([str(SEA / "run_*.csv")], dof=YAW)

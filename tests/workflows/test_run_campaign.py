@@ -17,19 +17,10 @@ from automarine_cli.workflows.verify import verify
 EARLY = "fit-yaw"  # as far as most of these tests go: a second of work
 
 
-@pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a campaign file, and `out` with the results of its first steps."""
-    place = tmp_path_factory.mktemp("small")
-    campaign = make_small_campaign(place / "pool")
-    run_campaign(campaign, out=place / "out", until=EARLY)
-    return place
-
-
 @pytest.fixture
-def place(small: Path, tmp_path: Path) -> Path:
+def place(small_day: Path, tmp_path: Path) -> Path:
     """A copy that a test may spoil."""
-    return Path(shutil.copytree(small, tmp_path / "copy"))
+    return Path(shutil.copytree(small_day, tmp_path / "copy"))
 
 
 def again(place: Path, **how: object) -> CampaignRun:
@@ -72,8 +63,8 @@ class Whole(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def whole(small: Path, tmp_path_factory: pytest.TempPathFactory) -> Whole:
-    place = Path(shutil.copytree(small, tmp_path_factory.mktemp("whole") / "copy"))
+def whole(small_day: Path, tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    place = Path(shutil.copytree(small_day, tmp_path_factory.mktemp("whole") / "copy"))
     told: list[News] = []
     return Whole(place, again(place, until=None, tell=told.append), told)
 
@@ -107,6 +98,7 @@ def test_whole_campaign(whole: Whole) -> None:
     assert kept.says == first.says
 
 
+@pytest.mark.slow
 def test_same_bytes_of_every_step_on_two_processes_and_elsewhere(whole: Whole, tmp_path: Path) -> None:
     shutil.copytree(whole.place / "pool", tmp_path / "pool")
     made = run_campaign(tmp_path / "pool" / "campaign.toml", out=tmp_path / "out", jobs=2)

@@ -1,4 +1,4 @@
-"""A command as a person at a terminal sees it."""
+"""The command on a terminal of a given width, as a person sees it."""
 
 import fcntl
 import os
