@@ -47,34 +47,46 @@ def of_model(data: Mapping[str, Any], models: Sequence[str], dof: Dof) -> Conten
 
 def of_thrusters(data: Mapping[str, Any], models: Sequence[str]) -> Contents:
     """What a thruster map says."""
-    parameters = {}
+    parameters, form = {}, str(data["form"])
+    facts = {
+        "form": form,
+        "error of it [% of full scale]": _short(data["chosen"]["rmse_percent_of_full_scale"]),
+    }
     for side in ("forward", "backward"):
         if data[side]["a"] is not None:
             parameters[f"a {side}, square law"] = Estimate.from_json(data[side]["a"])
         chosen = (data.get("parameters") or {}).get(side) or {}
         for name, value in chosen.items():
-            if data["form"] != "square" and isinstance(value, dict):
-                parameters[f"{name} {side}, form {data['form']}"] = Estimate.from_json(value)
-    error = _short(data["chosen"]["rmse_percent_of_full_scale"])
-    return parameters, {"form": str(data["form"]), "error of it [% of full scale]": error}
+            if form != "square" and isinstance(value, dict):
+                _place(f"{name} {side}, form {form}", value, parameters, facts)
+    return parameters, facts
+
+
+def _place(name: str, value: dict[str, Any], parameters: dict[str, Estimate], facts: dict[str, str]) -> None:
+    """A parameter with an interval is compared; one that a bound holds is a fact."""
+    if value["ci95"] is not None:
+        parameters[name] = Estimate.from_json(value)
+    elif value["value"] is None:
+        facts[name] = str(value["at_bound"])
+    else:
+        facts[name] = f"{_short(value['value'])}, {value['at_bound']}"
 
 
 def of_diagnosis(data: Mapping[str, Any], models: Sequence[str]) -> Contents:
     """What a diagnosis says, of whatever motion."""
     dof = DOFS[str(data.get("motion", YAW.name))]
-    own, parameters = dof.symbols, {}
+    own, parameters = dof.symbols, dict[str, Estimate]()
+    names = ", ".join(str(effect["name"]) for effect in data["effects"])
+    facts = {"verdict": str(data["verdict"]) + (f": {names}" if names else "")}
     for effect in data["effects"]:
         for name, value in effect["parameters"].items():
-            estimate = Estimate.from_json(value)
-            if estimate.stderr > 0:  # a choice of law has no interval
-                parameters[f"{effect['name']}: {name}"] = estimate
+            if value["stderr"] != 0:  # a choice of law has no interval
+                _place(f"{effect['name']}: {name}", value, parameters, facts)
     for name, moved in data.get("base", {}).items():
         told = own.quadratic_print if name == own.quadratic else name
         parameters[f"{told} with what was missing"] = Estimate.from_json(moved["after"])
     gap = data["gap"]["fitted_runs"]
     unit = dof.units.key if f"before_{dof.units.key}" in gap else "N"
-    names = ", ".join(str(effect["name"]) for effect in data["effects"])
-    facts = {"verdict": str(data["verdict"]) + (f": {names}" if names else "")}
     for key, name in (("before", "gap before"), ("after", "gap after"), ("noise_floor", "noise")):
         facts[f"{name} [{unit}]"] = _short(gap[f"{key}_{unit}"])
     return parameters, facts

@@ -88,19 +88,19 @@ def _as_good(found: Found, base: Trial, curve: Trial) -> list[Trial]:
 def _shows(study: Study, base: Trial, seed: int) -> bool:
     """Whether a curve beside what was found would gain more than chance by its score."""
     try:
-        curves, null = scored(study, base, seed)
+        curves, chance = scored(study, base, seed)
     except FitError:
         return False
-    return bool(curves) and curves[0].gain > max(float(np.quantile(null, 1.0 - LEVEL)), 0.0)
+    return bool(curves) and curves[0].gain > max(chance.threshold(LEVEL), 0.0)
 
 
 def _best(study: Study, found: Found, base: Trial, seed: int, each: Map) -> Found | None:
     """The search's outcome with the best curve beside what `base` has, if one beats chance."""
     try:
-        curves, null = scored(study, base, seed)
+        curves, chance = scored(study, base, seed)
     except FitError:
         return None
-    bar = max(float(np.quantile(null, 1.0 - LEVEL)), 0.0)
+    bar = max(chance.threshold(LEVEL), 0.0)
     least = max(BEHIND * curves[0].gain, 0.0) if curves else 0.0
     leading = [one for i, one in enumerate(curves[:MOST_LEADERS]) if i < LEADERS or one.gain > least]
     tried = each(partial(_fitted, study, base, BRIEF), leading, "trying curves")
@@ -121,8 +121,8 @@ def _best(study: Study, found: Found, base: Trial, seed: int, each: Map) -> Foun
         if one.evidence < best.evidence + TIE
     ]
     kept = [rival for rival in found.rivals if rival.replaces in base.added]
-    chance = float((1 + np.sum(null >= base.evidence - best.evidence)) / (1 + len(null)))
-    p_values = {n: p for n, p in found.p_values.items() if n in base.added} | {name: chance}
+    p_value = chance.p_value(base.evidence - best.evidence)
+    p_values = {n: p for n, p in found.p_values.items() if n in base.added} | {name: p_value}
     rivals.sort(key=lambda rival: rival.behind)
     undoing = tuple(pair for pair in found.compensating if set(pair.names) <= set(base.added))
     return replace(

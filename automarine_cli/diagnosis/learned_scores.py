@@ -17,6 +17,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import FIRST, KINDS, KNOTS, PREFIX, TIME, Learned, hyphened
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.run_effects import GAIN
+from automarine_cli.fits.stepwise import Chance
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.quantities import CLOCK, SINCE
 from automarine_cli.runs.run import Run
@@ -48,11 +49,11 @@ class Curve:
         return self.model.terms[-1].name
 
 
-def scored(study: Study, base: Trial, seed: int) -> tuple[list[Curve], Floats]:
+def scored(study: Study, base: Trial, seed: int) -> tuple[list[Curve], Chance]:
     """All curves that these runs can show, best first, and what the best of them gains by chance, (DRAWS,)."""
     models = candidates(study, base.model)
     if not models:
-        return [], np.zeros(DRAWS)
+        return [], Chance(np.zeros(DRAWS))
     probes = [_probe(model) for model in models]
     names = list(dict.fromkeys(model.terms[-1].name for model in models))
     ordered = [(m, p) for name in names for m, p in zip(models, probes) if p.effect == name]
@@ -74,7 +75,7 @@ def scored(study: Study, base: Trial, seed: int) -> tuple[list[Curve], Floats]:
         gain, curve, spread = _gains(information[here, here], pulls, model, len(study.runs))
         null = np.maximum(null, gain[1:])
         found.append(Curve(with_curve(model, spread, np.clip(curve, -1.0, 1.0)), float(gain[0])))
-    return sorted(found, key=lambda one: -one.gain), null
+    return sorted(found, key=lambda one: -one.gain), Chance(null)
 
 
 def _gains(information: Floats, pulls: Floats, model: YawModel, runs: int) -> tuple[Floats, Floats, float]:

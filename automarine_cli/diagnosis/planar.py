@@ -19,6 +19,7 @@ from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.planar_fit import Estimated
 from automarine_cli.fits.planar_likelihood import PlanarLikelihood, Promise
 from automarine_cli.fits.planar_structure import PLACES, Observed
+from automarine_cli.fits.stepwise import Judge, discover
 from automarine_cli.models.planar_store import StoredPlanar
 from automarine_cli.models.tied import Tied
 from automarine_cli.runs.run import Run
@@ -64,9 +65,10 @@ class Contender:
 
 @dataclass(frozen=True)
 class Round:
-    """One look for an effect: the surplus that each candidate's score promised, those that were fitted, the `best` if
-    one was taken, and its rivals."""
+    """One look for an effect: the model that was looked at, the surplus that each candidate's score promised, those
+    that were fitted, the `best` if one was taken, and its rivals."""
 
+    before: Estimated
     promised: tuple[tuple[Candidate, float], ...]
     tried: tuple[Contender, ...]
     best: Contender | None
@@ -132,6 +134,39 @@ class PlanarSearch:
         return outlook_of(before, after, len(self.every.runs), gained)
 
 
+@dataclass(frozen=True)
+class _Planar(Judge[Estimated, Round]):
+    """Candidates judged by innovations of the fitted runs, and by the density of the `other` runs."""
+
+    likelihood: PlanarLikelihood
+    other: PlanarLikelihood
+    seen: Observed
+    most = MOST
+
+    def look(self, model: Estimated, number: int) -> Round:
+        likelihood, other, runs = self.likelihood, self.other, len(self.likelihood.runs)
+        promised = _promised(likelihood, model, self.seen)
+        tried = [
+            _contender(
+                one, likelihood.estimate(*likelihood.toward(one.model, model, promise), True), model, other
+            )
+            for one, promise in sorted(promised, key=lambda each: -each[1].gain)[:FULLY]
+            if 2.0 * promise.gain > HEAD_START
+        ]
+        model, tried = _on_the_best_summit(likelihood, model, tried, other)
+        good = sorted((one for one in tried if one.borne_out), key=lambda one: -one.surplus)
+        surplus = tuple((one, 2.0 * promise.gain - _penalty(one, runs)) for one, promise in promised)
+        if not good:
+            return Round(model, surplus, tuple(tried), None, ())
+        best, *rest = good
+        found = likelihood.estimate(best.candidate.model, best.found)
+        near = tuple(one for one in rest if one.rivals(best))
+        return Round(model, surplus, tuple(tried), replace(best, found=found), near)
+
+    def able(self, look: Round, first: Round) -> list[Estimated]:
+        return [] if look.best is None else [look.best.found]
+
+
 def find_missing(
     stored: StoredPlanar, runs: Sequence[Run], kept: Sequence[Run], seen: Observed
 ) -> PlanarSearch:
@@ -139,31 +174,14 @@ def find_missing(
     if len(runs) < 2 or not kept:
         raise RunError(f"{len(runs) + len(kept)} runs are too few for a diagnosis; give three or more")
     likelihood, other = PlanarLikelihood(tuple(runs), seen), PlanarLikelihood(tuple(kept), seen)
-    before = here = likelihood.estimate(*_begin(stored, seen))
-    rounds: list[Round] = []
-    while len(rounds) < MOST:
-        promised = _promised(likelihood, here, seen)
-        tried = [
-            _contender(
-                one, likelihood.estimate(*likelihood.toward(one.model, here, promise), True), here, other
-            )
-            for one, promise in sorted(promised, key=lambda each: -each[1].gain)[:FULLY]
-            if 2.0 * promise.gain > HEAD_START
-        ]
-        here, tried = _on_the_best_summit(likelihood, here, tried, other)
-        before = before if rounds else here
-        good = sorted((one for one in tried if one.borne_out), key=lambda one: -one.surplus)
-        surplus = tuple((one, 2.0 * promise.gain - _penalty(one, len(runs))) for one, promise in promised)
-        if not good:
-            rounds.append(Round(surplus, tuple(tried), None, ()))
-            break
-        best, *rest = good
-        here = likelihood.estimate(best.candidate.model, best.found)
-        near = tuple(one for one in rest if one.rivals(best))
-        rounds.append(Round(surplus, tuple(tried), replace(best, found=here), near))
+    outcome = discover(_Planar(likelihood, other, seen), likelihood.estimate(*_begin(stored, seen)))
+    rounds, before, here = outcome.looks, outcome.looks[0].before, outcome.final
+    if rounds[-1].best is not None and here is rounds[-1].before:
+        # nothing can be looked for beside the last one: it is not taken
+        rounds = (*rounds[:-1], replace(rounds[-1], best=None, rivals=()))
     every = PlanarLikelihood((*runs, *kept), seen)
     return PlanarSearch(
-        before, tuple(rounds), every, len(runs),
+        before, rounds, every, len(runs),
         (foretold(every, before), foretold(every, here)), (_densities(every, before), _densities(every, here)),
     )  # fmt: skip
 

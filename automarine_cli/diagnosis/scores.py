@@ -17,6 +17,7 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.pull import Probe, Pull, pull_of
 from automarine_cli.diagnosis.study import Fit, Study
 from automarine_cli.fits import linear_mixed
+from automarine_cli.fits.stepwise import Chance
 from automarine_cli.models.yaw_model import YawModel
 
 Floats = NDArray[np.float64]
@@ -43,19 +44,10 @@ class Score:
 
 
 @dataclass(frozen=True)
-class Scores:
-    """All candidates, best first, and the null distribution (draws,) of the best penalised drop."""
+class Scores(Chance):
+    """All candidates, best first, beside what chance reaches: the best penalised drop of each of `null` draws."""
 
     ranked: tuple[Score, ...]
-    null: Floats
-
-    def threshold(self, level: float) -> float:
-        """Penalised drop that chance reaches in a share `level` of campaigns."""
-        return float(np.quantile(self.null, 1.0 - level))
-
-    def p_value(self, penalised: float) -> float:
-        """Share of null campaigns whose best candidate would gain as much."""
-        return float((1 + np.sum(self.null >= penalised)) / (1 + len(self.null)))
 
 
 def penalty(parameters: int, runs: int) -> float:
@@ -154,7 +146,7 @@ def score(study: Study, model: YawModel, fit: Fit, names: Sequence[str], seed: i
             cost = penalty(fitted_parameters(probe.effect, start), runs)
             null = np.maximum(null, chance - cost)
             keep(law_of(probe.effect, start), Score(probe.effect, rise, rise - cost, start, unit_size))
-    return Scores(_by_effect(list(best.values())), null)
+    return Scores(null, _by_effect(list(best.values())))
 
 
 def law_of(name: str, values: Sequence[float] | Floats) -> tuple[object, ...]:

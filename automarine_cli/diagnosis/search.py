@@ -1,4 +1,4 @@
-"""Which effects are missing: add the best while it beats chance, swap and remove, list what cannot be excluded.
+"""Which effects are missing from a model of motion: a stepwise search, judged by the likelihood of whole runs.
 
 Every judgement compares simulations of whole runs with everything refitted together (Study.fit); the scores of one
 linearisation only say where fits start and what chance reaches. Evidence is the marginal likelihood with Schwarz's
@@ -7,7 +7,7 @@ in which nothing is missing; runs predicted from the others have a veto.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -34,6 +34,7 @@ from automarine_cli.diagnosis.trials import (
 )
 from automarine_cli.errors import FitError
 from automarine_cli.fits.innovations import InnovationsFit
+from automarine_cli.fits.stepwise import Judge, discover
 
 Floats = NDArray[np.float64]
 Map = Callable[[Callable[[Any], "Trial | None"], Sequence[Any], str], Sequence["Trial | None"]]
@@ -65,32 +66,50 @@ REACH = 60.0
 """Candidates this far behind the best by a full fit are no rivals of it."""
 
 
+@dataclass(frozen=True)
+class _Runs(Judge[Trial, Round]):
+    """Candidates judged by whole runs simulated with everything refitted; `each` maps a function over them."""
+
+    study: Study
+    seed: int
+    each: Map
+    most = MOST_EFFECTS
+
+    def look(self, model: Trial, number: int) -> Round:
+        return _round(self.study, model, self.seed + number, self.each, whole=number == 0)
+
+    def able(self, look: Round, first: Round) -> list[Trial]:
+        current, cycle = look.before, self.study.cycle
+        least = max(look.threshold, TRUST * (first.before.evidence - current.evidence))
+        able = [t for t in look.trials if look.gain(t) > least and may_stand(t, current, cycle)]
+        return sorted(able, key=lambda trial: trial.evidence)
+
+    def added(self, model: Trial) -> tuple[str, ...]:
+        return model.added
+
+    def without(self, model: Trial, name: str) -> Trial | None:
+        return without(self.study, model, name)
+
+    def better(self, current: Trial, left: Trial, look: Round, first: Round) -> Trial:
+        able = [trial for trial in look.trials if may_stand(trial, left, self.study.cycle)]
+        best = min((*able, current), key=lambda trial: trial.evidence)
+        least = max(look.threshold, TRUST * (first.before.evidence - left.evidence))
+        if left.evidence - best.evidence <= least:
+            return left
+        return best if best.evidence < current.evidence - SETTLED_EVIDENCE else current
+
+
 def search(study: Study, seed: int, each: Map) -> Found:
     """Find what is missing; `each` maps a function over candidates, in processes or not."""
-    base = trial_of(study, study.base, (), study.fit(study.base))
-    current, rounds, p_values = base, list[Round](), dict[str, float]()
-    others: list[Trial] = []
-    while len(current.added) < MOST_EFFECTS:
-        try:
-            this = _round(study, current, seed + len(rounds), each, whole=not rounds)
-        except FitError:
-            if not rounds:
-                raise
-            if not others:  # simulations beside the last one run away, and beside all that could stand for it
-                current = rounds[-1].before
-                break
-            current = others.pop(0)
-            continue
-        rounds.append(this)
-        current = this.before
-        least = max(this.threshold, TRUST * (rounds[0].before.evidence - current.evidence))
-        able = [t for t in this.trials if this.gain(t) > least and may_stand(t, current, study.cycle)]
-        if not able:
-            break
-        p_values |= {t.added[-1]: this.scores.p_value(this.gain(t)) for t in able}
-        current, *others = sorted(able, key=lambda trial: trial.evidence)
+    judge = _Runs(study, seed, each)
+    outcome = discover(judge, trial_of(study, study.base, (), study.fit(study.base)))
+    current, rounds, around = outcome.final, outcome.looks, outcome.around
     base = rounds[0].before
-    current, around = _reconsider(study, current, rounds[0], seed + MOST_EFFECTS, each)
+    p_values = {
+        trial.added[-1]: this.scores.p_value(this.gain(trial))
+        for this in rounds
+        for trial in judge.able(this, rounds[0])
+    }
     for name, this in around.items():
         p_values[name] = this.scores.p_value(this.before.evidence - current.evidence)
     more = False
@@ -105,7 +124,7 @@ def search(study: Study, seed: int, each: Map) -> Found:
         p_values[current.added[0]] = rounds[0].scores.p_value(rounds[0].gain(current))
     names = {name: p_values.get(name, LEVEL) for name in current.added}
     found = Found(
-        study, base, current, tuple(rounds), names, _rivals(current, around), more,
+        study, base, current, rounds, names, _rivals(current, around), more,
         crowd=crowd, compensating=compensating(study, base, current),
     )  # fmt: skip
     return found if current.added else replace(found, doubtful=_doubtful(found))
@@ -234,42 +253,6 @@ def may_stand(trial: Trial, current: Trial, cycle: LimitCycle | None = None) -> 
         if not held and (not p.scan or effect.varies(term.values))
     )  # fmt: skip
     return predicts and not any(stopped)
-
-
-def _reconsider(
-    study: Study, current: Trial, first: Round, seed: int, each: Map
-) -> tuple[Trial, dict[str, Round]]:
-    """Take each effect out in turn and ask again what is missing: swap it for a better one, or leave it out.
-
-    What was found first may mimic two effects at once, and is then better replaced when the other is known. Also
-    returns, for each effect that stays, the round in which it competes with what could stand in its place.
-    """
-    if len(current.added) < 2:
-        return current, dict.fromkeys(current.added, first)
-    around: dict[str, Round] = {}
-    waiting, steps = list(current.added), 0
-    while waiting and steps < 3 * MOST_EFFECTS:
-        steps += 1
-        name = waiting.pop(0)
-        left = without(study, current, name)
-        if left is None:
-            continue
-        try:
-            this = _round(study, left, seed + steps, each, whole=False)
-        except FitError:  # simulations beside this fit run away: it cannot be asked
-            continue
-        able = [trial for trial in this.trials if may_stand(trial, left, study.cycle)]
-        best = min((*able, current), key=lambda trial: trial.evidence)
-        least = max(this.threshold, TRUST * (first.before.evidence - left.evidence))
-        if left.evidence - best.evidence <= least:
-            best = left
-        if best.evidence < current.evidence - SETTLED_EVIDENCE or best is left:
-            current, around, waiting = best, {}, list(best.added)
-        else:
-            around[name] = this
-    if len(current.added) == 1:
-        around = dict.fromkeys(current.added, first)
-    return current, around
 
 
 def _rivals(final: Trial, around: Mapping[str, Round]) -> tuple[Rival, ...]:

@@ -19,6 +19,7 @@ from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, WEAK, Found, Tr
 from automarine_cli.diagnosis.where import Region, Where
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.run_effects import GAIN
+from automarine_cli.fits.stepwise import NamedRival
 
 Floats = NDArray[np.float64]
 
@@ -47,15 +48,6 @@ MOST_RIVALS = 3
 """Rivals that are told to people."""
 FEWEST_GAINS = 10
 """Runs from which the order of their gains says anything."""
-
-
-@dataclass(frozen=True)
-class NamedRival:
-    """Another explanation that these runs cannot exclude, its weight, and the run that would tell."""
-
-    name: str
-    confidence: float
-    split_by: str
 
 
 @dataclass(frozen=True)
@@ -209,7 +201,7 @@ def _unexplained(study: Study, found: Found, where: Where, kept: Gap | None) -> 
         more = " or more" if found.more else ""
         return f"The runs would take {MOST_EFFECTS} effects{more}, which is more than they can vouch for."
     if not final.added and found.doubtful is None and (regions := _outstanding(where)):
-        return f"The gap stands out against chance {_stretch(regions[0])}."
+        return f"The error is beyond chance {_stretch(regions[0])}."
     return ""
 
 

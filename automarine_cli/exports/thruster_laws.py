@@ -5,14 +5,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import MapSubject, number
-from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.forms import Curve, thrust_both_ways
 from automarine_cli.thrusters.map import ThrusterMap
-
-Floats = NDArray[np.float64]
+from automarine_cli.thrusters.points import Floats
 
 GRID = 2001  # control signals at which a law is compared with the map
 CLOSE = 1e-3  # of the full scale: nearer than any bollard test tells
@@ -108,9 +106,7 @@ def _knots(curve: Curve | None, n_max: float, points: int) -> Floats:
 
 def force_of(map_: ThrusterMap, n: Floats) -> Floats:
     """Thrust [N] of the map; nothing in a direction that was never measured."""
-    ahead = map_.forward.thrust(np.maximum(n, 0.0)) if map_.forward else np.zeros_like(n)
-    astern = map_.backward.thrust(np.maximum(-n, 0.0)) if map_.backward else np.zeros_like(n)
-    return np.asarray(ahead - astern)
+    return thrust_both_ways(map_.forward, map_.backward, n, unmeasured=0.0)
 
 
 def top(map_: ThrusterMap, n_max: float) -> float:

@@ -30,7 +30,6 @@ from automarine_cli.exports.base import (
 )
 from automarine_cli.exports.thruster_laws import (
     CLOSE,
-    Floats,
     both_sides,
     force_of,
     largest_signal,
@@ -39,6 +38,7 @@ from automarine_cli.exports.thruster_laws import (
     top,
     worst,
 )
+from automarine_cli.thrusters.points import Floats
 
 TABLES = {
     "constants": "stonefish-table or uuv-table",

@@ -78,7 +78,12 @@ def missing_sentence(steps: Steps) -> str:
         for name, kind in RESULTS.items()
         if name not in steps and not (only_force and name in ("yaw", "validation", "diagnosis"))
     ]
-    return f"Not in this report, for want of results: {listed(missing)}." if missing else ""
+    if not missing:
+        return ""
+    lack = [f"no {words.removeprefix('a ').removeprefix('an ')}" for words in missing]
+    why = "that step was not run" if len(missing) == 1 else "those steps were not run"
+    said = listed(lack)
+    return f"{said[0].upper()}{said[1:]}: {why}."
 
 
 def _identified(steps: Steps) -> str:
@@ -101,17 +106,21 @@ def _model(step: StepResult) -> str:
     runs, v = step.at("runs", "used"), own.velocity
     linear, quadratic = f"{own.linear} {v}", f"{own.quadratic_print} |{v}| {v}"
     law = {"1": f" {linear}", "2": f" {quadratic} + {linear}", "3": f" {quadratic}"}.get(model, "")
-    return f"model {escape(model)} (drag{law}) serves best on {runs} runs, with {' and '.join(found)}"
+    return f"model {escape(model)} (drag{law}) fits {runs} runs best, with {' and '.join(found)}"
 
 
 def _thrust(step: StepResult) -> str:
-    sides = []
-    for key, side in (("forward", "ahead"), ("backward", "astern")):
-        if step.at(key, "a") is not None:
-            sides.append(f"{number(step.number(key, 'a', 'value'))} {side}")
-    form = str(step.at("form"))
-    also = "" if form == "square" else f" (better told by the form {escape(form)})"
-    return f"one thruster gives F = a |n| n{also} with a = {' and '.join(sides)} N/n²" if sides else ""
+    form, ways = str(step.at("form")), (("forward", "ahead"), ("backward", "astern"))
+    if form == "square":
+        sides = [
+            f"{number(step.number(key, 'a', 'value'))} {side}"
+            for key, side in ways
+            if step.at(key, "a") is not None
+        ]
+        return f"one thruster gives F = a |n| n with a = {' and '.join(sides)} N/n²" if sides else ""
+    equation = next(one["equation"] for one in step.at("forms") if one["form"] == form)
+    errors = [number(step.number(*at, "rmse_percent_of_full_scale"), 2) for at in (("chosen",), ())]
+    return f"one thruster gives {escape(equation)} to {errors[0]} % of full scale (the square law to {errors[1]} %)"
 
 
 def _predicts(step: StepResult | None, fitted: StepResult | None) -> str:

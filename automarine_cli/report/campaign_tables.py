@@ -90,8 +90,9 @@ def _check(data: dict[str, Any], _: Dof) -> str:
 
 
 def _thrusters(data: dict[str, Any], _: Dof) -> str:
-    error = number(data["rmse_percent_of_full_scale"], 2)
-    return f"{data['form']} law, R² {number(data['r2'])}, error {error} % of full scale"
+    chosen = data["chosen"]
+    error = number(chosen["rmse_percent_of_full_scale"], 2)
+    return f"{chosen['form']} law, R² {number(chosen['r2'])}, error {error} % of full scale"
 
 
 def _model(data: dict[str, Any], dof: Dof) -> str:

@@ -2,6 +2,7 @@
 
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
+from automarine_cli.thrusters.fit import Parameter
 from automarine_cli.thrusters.verdict import WELL_ABOVE
 
 SHOWN = 8
@@ -116,10 +117,7 @@ def gaps(result: ThrusterDiagnosis) -> Table:
         shares = (number(result.percent(value), 3) for value in (gap.before, gap.after))
         rows.append((name, number(gap.before, 3), number(gap.after, 3), *shares, number(gap.floor, 2)))
     notes = ["Before: the map's form refitted. After: with the effects that are named."]
-    if result.given_rmse is not None:
-        notes.append(
-            f"The map exactly as given is {number(result.given_rmse, 3)} N off on the fitted levels."
-        )
+    notes.append(f"The map exactly as given is {number(result.given_rmse, 3)} N off on the fitted levels.")
     if result.held_out is None:
         notes.append("Too few levels to hold any out: cross-validation leaves each out in turn.")
     return Table(
@@ -152,16 +150,11 @@ def where(result: ThrusterDiagnosis) -> Table:
     """Regions in which the map as it was stands out from the measurement."""
     rows = tuple(
         (
-            VARIABLE[region.variable],
-            number(region.low),
-            number(region.high),
-            region.unit,
-            number(region.gap, 3),
-            f"{100 * region.share:.0f} %",
-            f"{region.p_value:.3f}",
+            VARIABLE[one.variable], number(one.low), number(one.high), one.unit, number(one.gap, 3),
+            f"{100 * one.share:.0f} %", f"{one.p_value:.3f}",
         )
-        for region in result.where
-    )
+        for one in result.where
+    )  # fmt: skip
     return Table("Where the gap stands out", ("against", "from", "to", "unit", "gap [N]", "share", "p"), rows)
 
 
@@ -179,7 +172,7 @@ def candidates(result: ThrusterDiagnosis) -> Table:
         )
         for trial in trials
     )
-    chance = number(look.scores.threshold, 3)
+    chance = number(look.scores.least_evidence, 3)
     note = f"Chance reaches an evidence of {chance} in one of a hundred maps without any effect."
     header = ("effect", "direction", "evidence", "p", "cross-validated error [% of full scale]")
     return Table("Candidates alone", header, rows, notes=(note,))
@@ -208,13 +201,10 @@ def markdown(result: ThrusterDiagnosis) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-def _estimate(value: object) -> str:
-    if not isinstance(value, dict) or value.get("value") is None:
+def _estimate(one: Parameter) -> str:
+    if one.value is None:
         return "beyond what was measured"
-    interval = value.get("ci95")
-    text = number(float(value["value"]))
-    return (
-        text
-        if not interval
-        else f"{text} [{number(interval[0])}, {number(interval[1])}] {value['unit']}".rstrip()
-    )
+    if one.estimate is None:
+        return number(one.value)
+    low, high = one.estimate.ci95
+    return f"{number(one.value)} [{number(low)}, {number(high)}] {one.unit}".rstrip()

@@ -5,17 +5,21 @@ import io
 
 import numpy as np
 
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.report.tables import MISSING, Table, interval, number
-from automarine_cli.thrusters.fit import SIDES
+from automarine_cli.thrusters.analysis import Analysis
+from automarine_cli.thrusters.fit import Parameter
+from automarine_cli.thrusters.forms import SIDES
 from automarine_cli.thrusters.result import ThrusterFit, scaled
+from automarine_cli.thrusters.selection import FormScore
 
 SHOWN = 12  # flagged points on the terminal and in the report; thrusters.csv has all
 
 
 def tables(result: ThrusterFit) -> tuple[Table, ...]:
-    """All tables that the result has something for, in the order of reading."""
+    """All tables that the result has something for, in the order of reading: the map that is used leads."""
     found = [coefficients(result), forms(result), parameters(result)]
+    if not _square(result.analysis):
+        found = [parameters(result), forms(result), coefficients(result)]
     if result.voltages:
         found.append(voltages(result))
     if any(result.exponents.values()):
@@ -53,17 +57,11 @@ def coefficients(result: ThrusterFit) -> Table:
             values, unit = (interval(estimate), interval(scaled(estimate, count))), estimate.unit
         rows.append((name, *values[: min(count, 2)], unit, points, str(analysis.levels.get(name, 0))))
     header = ("a, one thruster", f"a, {count} thrusters together")
-    law = analysis.law
-    cross = "" if law.cv_rmse is None else f", {number(analysis.percent(law.cv_rmse), 3)} % cross-validated"
-    note = (
-        f"R² {analysis.r2:.4f}, rmse {number(law.rmse, 3)} N = {number(analysis.percent(law.rmse), 3)} % of "
-        f"full scale ({number(analysis.full_scale)} N){cross}."
-    )
     return Table(
         "Square law F = a |n| n, least squares [95 % interval]",
         ("direction", *header[: min(count, 2)], "unit", "points", "levels"),
         tuple(rows),
-        notes=(note,),
+        notes=(_errors(analysis, analysis.law, analysis.r2),),
     )
 
 
@@ -72,7 +70,7 @@ def forms(result: ThrusterFit) -> Table:
     analysis = result.analysis
     rows = []
     for score in analysis.selection.scores:
-        chosen = score.form.name == analysis.selection.chosen.form.name
+        chosen = score.form.name == analysis.chosen.form.name
         bounds = [f"{name} {', '.join(at)}" for name, at in score.at_bound.items() if at]
         rows.append(
             (
@@ -87,15 +85,9 @@ def forms(result: ThrusterFit) -> Table:
             )
         )
     header = (
-        "form",
-        "parameters",
-        "cv rmse [N]",
-        "cv [% of full scale]",
-        "rmse [N]",
-        "rmse [% of full scale]",
-        "within 1 s.e. of best",
-        "at bound",
-    )
+        "form", "parameters", "cv rmse [N]", "cv [% of full scale]", "rmse [N]", "rmse [% of full scale]",
+        "within 1 s.e. of best", "at bound",
+    )  # fmt: skip
     return Table(
         "Forms side by side, cross-validated over levels (parameters in each direction; * chosen)",
         header,
@@ -104,23 +96,35 @@ def forms(result: ThrusterFit) -> Table:
 
 
 def parameters(result: ThrusterFit) -> Table:
-    """The chosen form's parameters in each direction."""
-    chosen = result.analysis.selection.chosen
-    rows = []
-    for name, _ in SIDES:
-        for key in chosen.form.free:
-            entry = result.analysis.parameters.get(name, {}).get(key)
-            if isinstance(entry, dict):
-                known = entry["stderr"] is not None
-                at_bound = [
-                    text for text in (number(entry["value"]), entry.get("at_bound")) if text != MISSING
-                ]
-                text = interval(Estimate.from_json(entry)) if known else ", ".join(map(str, at_bound))
-                rows.append((name, key, text, str(entry["unit"])))
+    """The chosen form's parameters in each direction, and how well it fits; the square law says that beside its a."""
+    analysis, chosen = result.analysis, result.analysis.chosen
+    rows = [(side, name, _parameter(one), one.unit) for (name, side), one in analysis.estimates.items()]
     return Table(
         f"Chosen form {chosen.form.name}: {chosen.form.equation}",
         ("direction", "parameter", "value [95 % interval]", "unit"),
         tuple(rows),
+        notes=() if _square(analysis) else (_errors(analysis, chosen, analysis.chosen_r2),),
+    )
+
+
+def _square(analysis: Analysis) -> bool:
+    return analysis.chosen.form.name == "square"
+
+
+def _parameter(one: Parameter) -> str:
+    if one.estimate is not None:
+        return interval(one.estimate)
+    return one.why if one.value is None else f"{number(one.value)}, {one.why}"
+
+
+def _errors(analysis: Analysis, score: FormScore, r2: float) -> str:
+    """How well one form fits, in a sentence."""
+    cross = (
+        "" if score.cv_rmse is None else f", {number(analysis.percent(score.cv_rmse), 3)} % cross-validated"
+    )
+    return (
+        f"R² {r2:.4f}, rmse {number(score.rmse, 3)} N = {number(analysis.percent(score.rmse), 3)} % of "
+        f"full scale ({number(analysis.full_scale)} N){cross}."
     )
 
 
@@ -128,27 +132,17 @@ def voltages(result: ThrusterFit) -> Table:
     """One row a voltage: the square law's coefficients and error, the chosen form and its error."""
     rows = []
     for volts, analysis in result.voltages:
-        chosen = analysis.selection.chosen
+        chosen = analysis.chosen
+        errors = [number(analysis.percent(score.rmse), 3) for score in (analysis.law, chosen)]
+        laws = [interval(analysis.square.get(name)) for name, _ in SIDES]
         rows.append(
-            (
-                number(volts),
-                *(interval(analysis.square.get(name)) for name, _ in SIDES),
-                number(analysis.percent(analysis.law.rmse), 3),
-                chosen.form.name,
-                number(analysis.percent(chosen.rmse), 3),
-                number(analysis.full_scale),
-            )
+            (number(volts), *laws, errors[0], chosen.form.name, errors[1], number(analysis.full_scale))
         )
     unit = next(iter(result.analysis.square.values())).unit
     header = (
-        "voltage [V]",
-        f"a forward [{unit}]",
-        f"a backward [{unit}]",
-        "square law [%]",
-        "chosen form",
-        "chosen form [%]",
-        "full scale [N]",
-    )
+        "voltage [V]", f"a forward [{unit}]", f"a backward [{unit}]", "square law [%]", "chosen form",
+        "chosen form [%]", "full scale [N]",
+    )  # fmt: skip
     return Table(
         "A map for each voltage (errors in percent of that voltage's full scale)", header, tuple(rows)
     )
@@ -162,15 +156,8 @@ def exponents(result: ThrusterFit) -> Table:
         if found is None:
             continue
         pairs = ", ".join(f"{p:.2f} ({low:.4g}–{high:.4g} V)" for low, high, p in found.between) or MISSING
-        rows.append(
-            (
-                name,
-                interval(found.exponent),
-                pairs,
-                interval(found.coefficient),
-                f"{found.drift_percent:+.1f} %",
-            )
-        )
+        drift = f"{found.drift_percent:+.1f} %"
+        rows.append((name, interval(found.exponent), pairs, interval(found.coefficient), drift))
     return Table(
         "Exponent p of thrust against voltage, F ~ V^p at the same control signal [95 % interval]",
         ("direction", "p", "between neighbouring voltages", "exponent of a", "drift of a, lowest to highest"),
@@ -184,22 +171,14 @@ def flagged(result: ThrusterFit) -> Table:
     order = sorted(np.flatnonzero(points.flag != ""), key=lambda index: (points.weight[index], index))
     rows = tuple(
         (
-            result.place(int(index)),
-            number(float(points.n[index])),
-            number(float(points.force[index])),
-            number(float(points.weight[index]), 2),
-            str(points.flag[index]),
+            result.place(int(i)), number(points.n[i]), number(points.force[i]), number(points.weight[i], 2),
+            str(points.flag[i]),
         )
-        for index in order[:SHOWN]
-    )
+        for i in order[:SHOWN]
+    )  # fmt: skip
     more = (f"and {len(order) - SHOWN} more, see thrusters.csv",) if len(order) > SHOWN else ()
     title = f"{len(order)} of {len(points)} points weigh less: they contradict their neighbours"
-    return Table(
-        title,
-        ("log", "n", "thrust [N]", "weight", "why"),
-        rows,
-        notes=more,
-    )
+    return Table(title, ("log", "n", "thrust [N]", "weight", "why"), rows, notes=more)
 
 
 def points_csv(result: ThrusterFit) -> str:
@@ -208,39 +187,16 @@ def points_csv(result: ThrusterFit) -> str:
     fitted, square = analysis.fitted(points.n), analysis.fitted(points.n, square=True)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        (
-            "file",
-            "run",
-            "n",
-            "force_N",
-            "spread_N",
-            "count",
-            "stderr_N",
-            "voltage_V",
-            "fitted_N",
-            "square_law_N",
-            "residual_N",
-            "weight",
-            "flag",
-        )
-    )
+    columns = {
+        "n": points.n, "force_N": points.force, "spread_N": points.spread, "count": points.count,
+        "stderr_N": points.stderr, "voltage_V": points.voltage, "fitted_N": fitted, "square_law_N": square,
+        "residual_N": points.force - fitted, "weight": points.weight,
+    }  # fmt: skip
+    writer.writerow(("file", "run", *columns, "flag"))
     for i in range(len(points)):
         record = result.logs.records[int(points.record[i])]
-        values = (points.voltage[i], fitted[i], square[i], points.force[i] - fitted[i], points.weight[i])
-        writer.writerow(
-            (
-                record.source,
-                record.run,
-                _cell(points.n[i]),
-                _cell(points.force[i]),
-                _cell(points.spread[i]),
-                int(points.count[i]),
-                _cell(points.stderr[i]),
-                *map(_cell, values),
-                str(points.flag[i]),
-            )
-        )
+        values = (_cell(column[i]) for column in columns.values())
+        writer.writerow((record.source, record.run, *values, str(points.flag[i])))
     return text.getvalue()
 
 

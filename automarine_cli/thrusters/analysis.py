@@ -8,13 +8,14 @@ from automarine_cli.errors import FitError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.thrusters.fit import (
     FEWEST_LEVELS,
-    SIDES,
+    Parameter,
     Side,
     amplitude_unit,
     parameters,
     sides_of,
     square_law,
 )
+from automarine_cli.thrusters.forms import SIDES, thrust_both_ways
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.points import Floats, Ints, Points, levels_of
 from automarine_cli.thrusters.selection import FormScore, Selection, select_form
@@ -40,7 +41,7 @@ class Analysis:
     without: dict[str, str]
     levels: dict[str, int]
     selection: Selection
-    parameters: dict[str, dict[str, object]]
+    parameters: dict[str, dict[str, Parameter]]
     r2: float
     chosen_r2: float
 
@@ -50,9 +51,23 @@ class Analysis:
         return next(score for score in self.selection.scores if score.form.name == "square")
 
     @property
+    def chosen(self) -> FormScore:
+        """The form that is used."""
+        return self.selection.chosen
+
+    @property
+    def estimates(self) -> dict[tuple[str, str], Parameter]:
+        """The chosen form's own parameters by name and direction."""
+        return {
+            (key, side): found[key]
+            for side, found in self.parameters.items()
+            for key in self.chosen.form.free
+        }
+
+    @property
     def map(self) -> ThrusterMap:
         """The chosen form as a map."""
-        return _map(self.selection.chosen, self.n_unit)
+        return _map(self.chosen, self.n_unit)
 
     @property
     def square_map(self) -> ThrusterMap:
@@ -61,12 +76,8 @@ class Analysis:
 
     def fitted(self, n: Floats, square: bool = False) -> Floats:
         """Thrust [N] by the chosen form or the square law, shape of n; NaN in a direction that has no fit."""
-        total = np.zeros_like(n)
-        chosen = self.square_map if square else self.map
-        for sign, curve in ((1.0, chosen.forward), (-1.0, chosen.backward)):
-            side = n * sign > 0
-            total[side] = np.nan if curve is None else sign * curve.thrust(np.abs(n[side]))
-        return total
+        law = self.square_map if square else self.map
+        return thrust_both_ways(law.forward, law.backward, n)
 
     def percent(self, value: float | None) -> float | None:
         """Newtons as a percentage of full scale."""

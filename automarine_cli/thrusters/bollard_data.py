@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from automarine_cli.errors import FitError
 from automarine_cli.thrusters.contradictions import flag_contradictions, left_out
-from automarine_cli.thrusters.fit import SIDES, Side, sides_of
+from automarine_cli.thrusters.fit import Side, sides_of
+from automarine_cli.thrusters.forms import SIDES
 from automarine_cli.thrusters.plateaus import reduce_series
 from automarine_cli.thrusters.points import Floats, Ints, Points, groups_of, levels_of, voltage_steps
 from automarine_cli.thrusters.records import ThrusterLogs
@@ -33,7 +34,7 @@ class BollardData:
 
     `step` numbers the voltage steps (None with one voltage or none), `level` numbers commands (signed) at one
     voltage: the unit of chance; `group` what cross-validation leaves out together. `order` runs from 0 for the first
-    reading to 1 for the last. `sources` are file and run of each record; `zero` [N] are the readings at rest.
+    reading to 1 for the last. `places` are file and run of each record; `zero` [N] are the readings at rest.
     """
 
     points: Points
@@ -43,7 +44,7 @@ class BollardData:
     order: Floats
     tare_stderr: float
     n_unit: str
-    sources: tuple[tuple[str, str], ...]
+    places: tuple[str, ...]
     zero: Floats
 
     @property
@@ -55,6 +56,11 @@ class BollardData:
     def voltage(self) -> Floats | None:
         """Supply voltage [V] where it was varied in steps, else None."""
         return None if self.step is None else self.points.voltage
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """The directions that were measured."""
+        return tuple(name for name, sign in SIDES if np.any(self.points.n * sign > 0))
 
     @property
     def levels(self) -> int:
@@ -99,8 +105,7 @@ class BollardData:
 
     def place(self, index: int) -> str:
         """File and run of one point."""
-        source, run = self.sources[int(self.points.record[index])]
-        return f"{source}, run {run}" if run else source
+        return self.places[int(self.points.record[index])]
 
 
 def bollard_data(
@@ -118,11 +123,9 @@ def bollard_data(
     order = np.arange(len(points), dtype=float) / max(len(points) - 1, 1)
     keep = np.zeros(len(points), dtype=bool)
     for name, sign in SIDES:
-        keep |= (points.n * sign > 0) & (name in sides)
-    for name, sign in SIDES:
         here = points.n * sign > 0
-        if name in sides and len(np.unique(levels_of(points.n[here]))) < fewest:
-            keep &= ~here
+        if name in sides and len(np.unique(levels_of(points.n[here]))) >= fewest:
+            keep |= here
     if not np.any(keep):
         raise FitError(
             f"no direction of the map has {fewest} different commands in the logs; a diagnosis needs a curve: "
@@ -138,9 +141,9 @@ def bollard_data(
     level = levels_of(kept.n)
     if kept_step is not None:
         level = np.unique(np.stack([level, kept_step]), axis=1, return_inverse=True)[1].ravel()
-    sources = tuple((record.source, record.run) for record in loaded.records)
+    places = tuple(record.place for record in loaded.records)
     stderr = tare.stderr if tare.subtracted else 0.0
-    values = (kept, kept_step, level.astype(np.int64), _groups(kept.n), order[keep], stderr, n_unit, sources)
+    values = (kept, kept_step, level.astype(np.int64), _groups(kept.n), order[keep], stderr, n_unit, places)
     return BollardData(*values, points.force[points.n == 0.0])
 
 

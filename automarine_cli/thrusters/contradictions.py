@@ -1,4 +1,4 @@
-"""Readings that contradict their neighbours: tachometer and load cell drop-outs, faulty runs."""
+"""Readings that contradict their neighbours: tachometer and load cell drop-outs, outliers."""
 
 from dataclasses import replace
 
@@ -37,7 +37,7 @@ def _reason(n: float, force: float, deviation: float, scale: float) -> str:
         return f"{deviation:.3g} N of thrust at zero control signal: tachometer drop-out"
     if abs(force) <= 0.01 * scale:
         return "no thrust although its neighbours pull: load cell or thruster dropped out"
-    return f"{deviation:.3g} N off what its neighbours say: faulty run"
+    return f"outlier: {deviation:.3g} N from neighbouring points"
 
 
 def _scale(force: Floats) -> float:

@@ -1,6 +1,5 @@
 """A whole diagnosis of a thruster map: base refitted, effects searched, gap on levels fitted and held out, verdict."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,9 +8,11 @@ from automarine_cli.errors import FitError, RunError
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.runs.run import SetAside
 from automarine_cli.thrusters.bollard_data import BollardData, bollard_data, held_out_levels, noise_level
-from automarine_cli.thrusters.forms import SQUARE, Curve
+from automarine_cli.thrusters.forms import SIDES, SQUARE, Curve
 from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.points import Floats
 from automarine_cli.thrusters.records import ThrusterLogs
+from automarine_cli.thrusters.result import parameters_json
 from automarine_cli.thrusters.search import Search, search_around_faults
 from automarine_cli.thrusters.shapes import Fitted, Shape, effects_of, form_of
 from automarine_cli.thrusters.verdict import Named, curve_parameters, named_effects, verdict_of
@@ -56,7 +57,7 @@ class ThrusterDiagnosis(Shown):
     gap: ThrusterGap
     held_out_gap: ThrusterGap | None
     cross: ThrusterGap
-    given_rmse: float | None
+    given_rmse: float
     floor_from: str
     smallest: dict[str, float | None]
     set_aside: tuple[SetAside, ...] = ()
@@ -74,11 +75,12 @@ class ThrusterDiagnosis(Shown):
     def extended_map(self) -> dict[str, object]:
         """Content of extended_model.json: a thruster map (schema automarine/thruster-map/1)."""
         found = self.final
-        curves = _both(found)
         form = form_of(frozenset().union(*(effects for _, effects in found.shape.curves))).name
-        result = ThrusterMap(form, curves[0], curves[1], self.data.n_unit).to_json()
+        result = ThrusterMap(form, *found.both_ways, self.data.n_unit).to_json()
         estimates = curve_parameters(found)
-        result["parameters"] = {name: estimates.get(name) for name in ("forward", "backward")}
+        result["parameters"] = {
+            name: parameters_json(estimates.get(name)) for name in ("forward", "backward")
+        }
         result |= {
             "rmse_N": self.gap.after,
             "cv_rmse_N": self.cross.after,
@@ -131,7 +133,7 @@ class ThrusterDiagnosis(Shown):
                     "name": trial.effect,
                     "where": trial.where,
                     "evidence": trial.evidence,
-                    "threshold": look.scores.threshold,
+                    "threshold": look.scores.least_evidence,
                     "p_value": trial.p_value,
                     "cv_rmse_N": trial.fit.rmse(left_out=True),
                     "taken": trial is look.taken,
@@ -148,13 +150,10 @@ class ThrusterDiagnosis(Shown):
 
 def start_shape(base: ThrusterMap, data: BollardData, voltage: bool = False) -> Shape:
     """The base map as a shape: its form in each direction that was measured, tied where both curves are one."""
-    measured = [
-        name for name, sign in (("forward", 1.0), ("backward", -1.0)) if np.any(data.points.n * sign > 0)
-    ]
     with_voltage = voltage and data.step is not None
-    if base.forward == base.backward and len(measured) == 2:
+    if base.forward == base.backward and len(data.sides) == 2:
         return Shape((("both", _used(base, base.forward)),), with_voltage)
-    return Shape(tuple((name, _used(base, getattr(base, name))) for name in measured), with_voltage)
+    return Shape(tuple((name, _used(base, getattr(base, name))) for name in data.sides), with_voltage)
 
 
 def _used(base: ThrusterMap, curve: Curve | None) -> frozenset[str]:
@@ -188,12 +187,12 @@ def diagnose_thrusters(
         raise RunError(
             f"the map's control signal is in {base.n_unit}, the logs' in {n_unit}; give logs and map of one signal"
         )
-    sides = tuple(name for name in ("forward", "backward") if getattr(base, name) is not None)
+    sides = tuple(name for name, _ in SIDES if getattr(base, name) is not None)
     whole = bollard_data(logs, thrusters, n_unit or base.n_unit, sides)
     out = held_out_levels(whole, seed) & (hold_out is None)
     fitted, kept = whole.where(~out), whole.where(out) if np.any(out) else None
     if hold_out is not None:
-        kept = _kept(hold_out, whole, thrusters, sides)
+        kept = _kept(hold_out, whole, thrusters)
     floor, floor_from = noise_level(whole)
     shape = start_shape(base, fitted, voltage)
     found, fitted = search_around_faults(fitted, shape, floor, seed)
@@ -214,24 +213,19 @@ def diagnose_thrusters(
         where=regions(found.base, seed),
         faults=faults(whole, final),
         gap=ThrusterGap(found.base.rmse(), final.rmse(), floor),
-        held_out_gap=None if kept is None else ThrusterGap(_rms(found.base, kept), _rms(final, kept), floor),
+        held_out_gap=None if kept is None else _gap_on(kept, found.base, final, floor),
         cross=ThrusterGap(found.base.rmse(left_out=True), final.rmse(left_out=True), floor),
-        given_rmse=_given(base, fitted),
+        given_rmse=_rms(fitted, base.force(fitted.points.n)),
         floor_from=floor_from,
         smallest=found.rounds[-1].scores.smallest,
         set_aside=logs.set_aside,
     )
 
 
-def _kept(logs: ThrusterLogs, fitted: BollardData, thrusters: int, sides: Sequence[str]) -> BollardData:
+def _kept(logs: ThrusterLogs, fitted: BollardData, thrusters: int) -> BollardData:
     """Logs held out as bollard data with nothing the fitted levels do not have."""
-    measured = [
-        name for name, sign in (("forward", 1.0), ("backward", -1.0)) if np.any(fitted.points.n * sign > 0)
-    ]
     try:
-        return bollard_data(
-            logs, thrusters, fitted.n_unit, tuple(side for side in sides if side in measured), fewest=1
-        )
+        return bollard_data(logs, thrusters, fitted.n_unit, fitted.sides, fewest=1)
     except FitError:
         raise FitError(
             "the logs held out have no command in a direction that was fitted; hold out logs like those fitted"
@@ -245,17 +239,11 @@ def _flagged(whole: BollardData, here: np.ndarray, fitted: BollardData) -> Bolla
     return replace(whole, points=replace(whole.points, weight=weight, flag=flag))
 
 
-def _rms(found: Fitted, data: BollardData) -> float:
-    rest = data.points.force - found.thrust(data)
+def _gap_on(kept: BollardData, base: Fitted, final: Fitted, floor: float) -> ThrusterGap:
+    return ThrusterGap(_rms(kept, base.thrust(kept)), _rms(kept, final.thrust(kept)), floor)
+
+
+def _rms(data: BollardData, thrust: Floats) -> float:
+    """Gap [N] of a thrust at the points, weighted as in the fit."""
+    rest = data.points.force - thrust
     return float(np.sqrt(data.points.weight @ rest**2 / data.points.weight.sum()))
-
-
-def _given(base: ThrusterMap, data: BollardData) -> float | None:
-    """Gap of the map exactly as given [N]."""
-    rest = data.points.force - base.force(data.points.n)
-    return float(np.sqrt(data.points.weight @ rest**2 / data.points.weight.sum()))
-
-
-def _both(found: Fitted) -> tuple[Curve | None, Curve | None]:
-    shared = found.curves.get("both")
-    return found.curves.get("forward", shared), found.curves.get("backward", shared)

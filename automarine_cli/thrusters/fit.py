@@ -6,13 +6,12 @@ import numpy as np
 
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.thrusters.curves import HIGH, LOW, Fits, fit_direction
-from automarine_cli.thrusters.forms import SQUARE, Curve, Form
+from automarine_cli.thrusters.forms import SIDES, SQUARE, Curve, Form
 from automarine_cli.thrusters.points import Floats, Ints, Points, groups_of
 
 FEWEST_LEVELS = 3
 ENOUGH_RECORDS = 4  # records from which their scatter alone carries an interval
 PLAIN, UNBIASED, JACKKNIFE = 0.0, 0.5, 1.0
-SIDES = (("forward", 1.0), ("backward", -1.0))
 
 
 @dataclass(frozen=True)
@@ -39,6 +38,34 @@ class Side:
     def groups(self) -> int:
         """How many independent levels or blocks of levels."""
         return len(np.unique(self.group))
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a fitted curve: its estimate; or its value and `why` it has no interval; or a value that the
+    form fixes. The value is None for a saturation beyond what was measured."""
+
+    value: float | None
+    unit: str = ""
+    estimate: Estimate | None = None
+    why: str = ""
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> "Parameter":
+        """One with an interval."""
+        return cls(estimate.value, estimate.unit, estimate)
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the form says what it is."""
+        return self.estimate is None and not self.why
+
+    def to_json(self) -> object:
+        """The contract's form of an estimate; a plain number where it is fixed."""
+        if self.estimate is not None:
+            return self.estimate.to_json()
+        nothing = {"value": self.value, "stderr": None, "ci95": None, "unit": self.unit, "at_bound": self.why}
+        return self.value if self.fixed else nothing
 
 
 def sides_of(points: Points, step: Ints | None, tare_stderr: float) -> dict[str, Side]:
@@ -92,7 +119,7 @@ def best_curve(side: Side, form: Form) -> tuple[Curve, tuple[str, ...]]:
 
 def parameters(
     side: Side, form: Form, curve: Curve, at_bound: tuple[str, ...], n_unit: str
-) -> dict[str, object]:
+) -> dict[str, Parameter]:
     """Estimates of the form's parameters by name; one at its bound has no standard error and says so."""
     level = side.magnitude if curve.n_sat is None else np.minimum(side.magnitude, curve.n_sat)
     above = np.maximum(level - curve.n_0, 0.0)
@@ -117,18 +144,13 @@ def parameters(
         tuple(units[name] for name in free),
         UNBIASED if free == ["a"] else JACKKNIFE,
     )
-    result: dict[str, object] = {name: estimate.to_json() for name, estimate in zip(free, found)}
+    result = {name: Parameter(value, units[name]) for name, value in values.items()}
+    result |= {name: Parameter.of(estimate) for name, estimate in zip(free, found)}
     for name in form.free:
-        if name not in result:
+        if name not in free:
             why = "no saturation within the measured range" if name == "n_sat" else "at the end of its range"
-            result[name] = {
-                "value": values[name],
-                "stderr": None,
-                "ci95": None,
-                "unit": units[name],
-                "at_bound": why,
-            }
-    return {name: result.get(name, values[name]) for name in ("a", "p", "n_0", "n_sat")}
+            result[name] = Parameter(values[name], units[name], why=why)
+    return result
 
 
 def amplitude_unit(n_unit: str, power: float = SQUARE) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from automarine_cli.thrusters.points import Floats
 
+SIDES = (("forward", 1.0), ("backward", -1.0))
 SQUARE = 2.0
 SUFFIX = "-saturation"
 
@@ -75,3 +76,14 @@ class Curve:
         """Size of the thrust [N] for |n| of any shape."""
         level = magnitude if self.n_sat is None else np.minimum(magnitude, self.n_sat)
         return np.asarray(self.a * np.maximum(level - self.n_0, 0.0) ** self.p)
+
+
+def thrust_both_ways(
+    forward: Curve | None, backward: Curve | None, n: Floats, unmeasured: float = np.nan
+) -> Floats:
+    """Thrust [N] at control signals n of any shape, `unmeasured` in a direction without a curve."""
+    total = np.zeros_like(n)
+    for (_, sign), curve in zip(SIDES, (forward, backward)):
+        here = n * sign > 0
+        total[here] = unmeasured if curve is None else sign * curve.thrust(np.abs(n[here]))
+    return np.asarray(total + 0.0)  # no negative zero

@@ -10,7 +10,7 @@ from automarine_cli.errors import ModelError
 from automarine_cli.models.entries import needed, number_at, object_at
 from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import printable
-from automarine_cli.thrusters.forms import FORMS, SQUARE, Curve
+from automarine_cli.thrusters.forms import FORMS, SIDES, SQUARE, Curve, thrust_both_ways
 from automarine_cli.thrusters.points import Floats
 
 SCHEMA = "automarine/thruster-map/1"
@@ -47,18 +47,13 @@ class ThrusterMap:
             raise ModelError(
                 "the control signal of a thruster must be finite; leave out the rows without a value"
             )
-        total = np.zeros_like(signal)
-        for sign, curve, name in ((1.0, self.forward, "forward"), (-1.0, self.backward, "backward")):
-            side = signal * sign > 0
-            if not np.any(side):
-                continue
-            if curve is None:
+        for name, sign in SIDES:
+            if getattr(self, name) is None and np.any(signal * sign > 0):
                 raise ModelError(
                     f"the thruster map has no {name} direction (none was measured), but the log drives "
                     f"a thruster {name}; fit the map from a bollard test that pulls both ways"
                 )
-            total = total + np.where(side, sign * curve.thrust(np.where(side, np.abs(signal), 0.0)), 0.0)
-        return total
+        return thrust_both_ways(self.forward, self.backward, signal)
 
     def moment(self, n_port: Floats | float, n_stbd: Floats | float, arm: float) -> Floats:
         """Yaw moment [N m] of two equal thrusters `arm` [m] off the centre line: arm (F_port - F_stbd).

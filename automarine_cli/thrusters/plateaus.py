@@ -14,6 +14,12 @@ SPIKE = 8.0  # robust standard deviations beyond which one sample is an electric
 MOST_READINGS = 2000  # rows of one record that are judged one by one
 SLOW = 0.02  # of the range: how far the command may move within the mean of neighbouring rows
 NOISY = 0.02  # command noise up to this share of its range still means "held constant"
+SERIES = 200  # rows from which a measured speed may be a series
+WINDOWS = (25, 10)  # samples whose mean tells a change of speed; a plateau holds three of them
+FRAGMENTS = (
+    3  # a series of commands falls into as many pieces by its values as by its steadiness; a speed in more
+)
+UNSTEADY = 0.05  # scatter of a steady speed, share of its range
 
 
 @dataclass(frozen=True)
@@ -31,17 +37,19 @@ def reduce_series(records: list[Series]) -> Reduction:
     """One point for each reading of a table, one for each plateau of a raw series.
 
     A record is a raw series when its non-zero commands are held over more than a handful of samples in
-    sequence.
+    sequence, or when its measured speed is steady for most of the time.
     """
     parts, dropped, notes = [], {"transient": 0, "drop_out": 0, "spike": 0, "too_short": 0}, []
     for number, record in enumerate(records):
         segments = constant_segments(record.n)
         lengths = [stop - start for start, stop in segments if np.any(record.n[start:stop] != 0)]
         typical = np.median(lengths) if lengths else len(record.n)
-        if typical <= HANDFUL:
+        steady = _steady(record.n) if len(record.n) >= SERIES else []
+        measured = 0 < FRAGMENTS * len(steady) < len(segments)
+        if typical <= HANDFUL and not measured:
             parts.append(_readings(record, number))
             continue
-        plateaus, counts, unsettled = _plateaus(record, number, segments)
+        plateaus, counts, unsettled = _plateaus(record, number, steady if measured else segments, measured)
         for name, value in counts.items():
             dropped[name] += value
         if unsettled:
@@ -89,6 +97,43 @@ def _noisy_edges(n: Floats, tolerance: float) -> np.ndarray:
     return np.array(edges, dtype=int)
 
 
+def _steady(n: Floats) -> list[tuple[int, int]]:
+    """Half-open index ranges in which a measured speed (N,) is steady, with its noise, its steps and its lag; none
+    where they are not most of it, as in a sweep or a table in random order."""
+    span = float(np.ptp(n))
+    for window in WINDOWS:
+        found = [
+            (start, stop)
+            for start, stop in _between_changes(n, window, span)
+            if stop - start >= 3 * window and _level_throughout(n[start:stop], span)
+        ]
+        if len(found) >= 3 and sum(stop - start for start, stop in found) >= 0.5 * len(n):
+            return found
+    return []
+
+
+def _between_changes(n: Floats, window: int, span: float) -> list[tuple[int, int]]:
+    """Ranges between changes of the mean of `window` samples from one window to the next; how much these differ by
+    noise alone is read from their smallest differences."""
+    total = np.concatenate([[0.0], np.cumsum(n)])
+    means = (total[window:] - total[:-window]) / window
+    change = np.abs(means[window:] - means[:-window])  # about sample i + window
+    limit = max(5.0 * float(np.quantile(change, 0.3)) / 0.385, 0.01 * span)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], change > limit, [False]]).astype(int)))
+    ranges, start = [], 0
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist()):
+        middle = first + int(np.argmax(change[first:last])) + window
+        ranges.append((start, min(first + 2 * window, middle)))
+        start = max(last, middle)
+    return [*ranges, (start, len(n))]
+
+
+def _level_throughout(n: Floats, span: float) -> bool:
+    """Whether both halves have one mean, and little scatter."""
+    halves = np.array_split(n, 2)
+    return abs(halves[0].mean() - halves[1].mean()) <= NOISY * span and float(np.std(n)) <= UNSTEADY * span
+
+
 def settled_from(force: Floats) -> tuple[int, bool]:
     """First sample of the steady part of a plateau, and whether it had settled at all.
 
@@ -133,9 +178,11 @@ def standard_error(force: Floats) -> float:
 
 
 def _plateaus(
-    record: Series, number: int, segments: list[tuple[int, int]]
+    record: Series, number: int, segments: list[tuple[int, int]], measured: bool
 ) -> tuple[Points | None, dict[str, int], list[float]]:
     counts = {"transient": 0, "drop_out": 0, "spike": 0, "too_short": 0}
+    if measured:
+        counts["transient"] += len(record.n) - sum(stop - start for start, stop in segments)
     rows, unsettled = [], []
     for held in _bridged(record.n, segments, counts):
         if len(held) <= HANDFUL:
@@ -145,6 +192,8 @@ def _plateaus(
         counts["spike"] += int(np.count_nonzero(spike))
         held = held[~spike]
         cut, settled = settled_from(record.force[held])
+        if measured:  # the speed has a lag of its own
+            cut = max(cut, settled_from(record.n[held])[0])
         counts["transient"] += cut
         held = held[cut:]
         force = record.force[held]

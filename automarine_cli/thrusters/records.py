@@ -37,6 +37,11 @@ class Series:
     voltage: Floats | None = None
     extras: Mapping[str, Floats] = field(default_factory=dict)
 
+    @property
+    def place(self) -> str:
+        """File and run, for people."""
+        return f"{self.source}, run {self.run}" if self.run else self.source
+
 
 @dataclass(frozen=True)
 class ThrusterLogs:
@@ -88,24 +93,14 @@ def _records(table: LogTable) -> tuple[list[Series], int, list[SetAside]]:
         good &= np.isfinite(time)
     names = np.full(len(table), "") if table.run is None else table.run
     records, idle = [], []
-    # Runs in the order in which they first appear, rows in file order.
-    first = {str(name): index for index, name in reversed(list(enumerate(names)))}
-    for name in sorted(first, key=first.__getitem__):
+    for name in dict.fromkeys(map(str, names)):  # in the order in which they first appear
         here = (names == name) & good
         if not np.any(here):
             idle.append(SetAside(table.source, name, "no row has both a control signal and a force"))
             continue
-        records.append(
-            Series(
-                table.source,
-                name,
-                n[here],
-                force[here],
-                None if time is None else time[here],
-                None if voltage is None else voltage[here],
-                {key: column[here] for key, column in table.extras.items()},
-            )
-        )
+        clock, volts = (None if column is None else column[here] for column in (time, voltage))
+        extras = {key: column[here] for key, column in table.extras.items()}
+        records.append(Series(table.source, name, n[here], force[here], clock, volts, extras))
     return records, int(np.count_nonzero(~good)), idle
 
 

@@ -1,5 +1,6 @@
 """The result of `fit-thrusters` and its form in JSON (the contract's section 3, with additions)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,8 @@ from automarine_cli.pipeline.outputs import json_document
 from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.thrusters.analysis import Analysis
-from automarine_cli.thrusters.fit import SIDES
+from automarine_cli.thrusters.fit import Parameter
+from automarine_cli.thrusters.forms import SIDES
 from automarine_cli.thrusters.map import SCHEMA, ThrusterMap
 from automarine_cli.thrusters.plateaus import Reduction
 from automarine_cli.thrusters.points import Points
@@ -44,8 +46,7 @@ class ThrusterFit(Shown):
 
     def place(self, index: int) -> str:
         """File and run of one point, for people."""
-        record = self.logs.records[int(self.points.record[index])]
-        return f"{record.source}, run {record.run}" if record.run else record.source
+        return self.logs.records[int(self.points.record[index])].place
 
     def document(self, option: str) -> Document:
         """Its result file, for a command that takes a map."""
@@ -123,6 +124,11 @@ def _estimate(estimate: Estimate | None) -> dict[str, object] | None:
     return None if estimate is None else estimate.to_json()
 
 
+def parameters_json(found: Mapping[str, Parameter] | None) -> dict[str, object] | None:
+    """One direction's parameters in a map's file."""
+    return None if found is None else {name: one.to_json() for name, one in found.items()}
+
+
 def _square_json(analysis: Analysis) -> dict[str, object]:
     """`forward` and `backward`: equation 2's coefficient; null with a why where not measured."""
     result: dict[str, object] = {}
@@ -141,7 +147,7 @@ def _square_json(analysis: Analysis) -> dict[str, object]:
 
 def _scores_json(analysis: Analysis) -> dict[str, object]:
     """The square law's scores, all forms side by side, the chosen one and why."""
-    law, chosen = analysis.law, analysis.selection.chosen
+    law, chosen = analysis.law, analysis.chosen
     return {
         "r2": analysis.r2,
         "rmse_N": law.rmse,
@@ -158,7 +164,7 @@ def _scores_json(analysis: Analysis) -> dict[str, object]:
             "rmse_percent_of_full_scale": analysis.percent(chosen.rmse),
             "cv_rmse_N": chosen.cv_rmse,
         },
-        "parameters": {name: analysis.parameters.get(name) for name, _ in SIDES},
+        "parameters": {name: parameters_json(analysis.parameters.get(name)) for name, _ in SIDES},
     }
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from automarine_cli.fits.stepwise import Chance
 from automarine_cli.thrusters.bollard_data import BollardData
 from automarine_cli.thrusters.curves import jacobian
 from automarine_cli.thrusters.forms import Curve
@@ -38,8 +39,8 @@ SMALLEST = 1e-12
 
 
 @dataclass(frozen=True)
-class Scores:
-    """Evidence of each candidate, in the order asked for, and what chance reaches with the best of them all.
+class Scores(Chance):
+    """Evidence of each candidate, in the order asked for, beside what chance reaches with the best of them all.
 
     Evidence is G log(SSE before / SSE after) less log(G) for each parameter, G the number of groups.
     `smallest` is, by effect, the smallest size that these levels would show four times in five (None: none tried
@@ -47,9 +48,12 @@ class Scores:
     """
 
     evidence: Floats
-    p_values: Floats
-    threshold: float
     smallest: dict[str, float | None]
+
+    @property
+    def least_evidence(self) -> float:
+        """Evidence that chance reaches in a share CHANCE of tables; no less than nothing."""
+        return max(self.threshold(CHANCE), 0.0)
 
 
 @dataclass(frozen=True)
@@ -88,12 +92,12 @@ def score(found: Fitted, candidates: Sequence[tuple[str, str]], random: np.rando
         fall = np.minimum(sum(falls[key] for key in keys), (1.0 - 1e-9) * squares)
         table.append(-levels * np.log1p(-fall / squares) - len(keys) * np.log(levels))
     evidence = np.stack(table) if table else np.zeros((0, len(both)))
-    best = np.max(evidence[:, 1:], axis=0, initial=-np.inf)
-    beyond = np.sum(best[None, :] >= evidence[:, :1], axis=1)
-    threshold = float(max(np.quantile(best, 1.0 - CHANCE), 0.0)) if len(table) else 0.0
+    null = np.max(evidence[:, 1:], axis=0) if table else np.zeros(NULLS)
+    scores = Scores(null, evidence[:, 0], {})
     sigma = float(np.sqrt(squares[0] / max(len(root) - basis.shape[1], 1)))
-    needed = float(np.sqrt(squares[0] * -np.expm1(-(threshold + np.log(levels)) / levels))) + POWER_80 * sigma
-    return Scores(evidence[:, 0], (1.0 + beyond) / (1.0 + NULLS), threshold, _smallest(pieces, needed))
+    least = scores.least_evidence + np.log(levels)
+    needed = float(np.sqrt(squares[0] * -np.expm1(-least / levels))) + POWER_80 * sigma
+    return replace(scores, smallest=_smallest(pieces, needed))
 
 
 def _single(candidates: Sequence[tuple[str, str]], found: Fitted) -> list[tuple[str, str]]:

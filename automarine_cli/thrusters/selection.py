@@ -1,6 +1,6 @@
 """Forms of the thrust curve cross-validated over levels, and the simplest that is good enough."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -103,15 +103,7 @@ def _choose(
         if score.form.name in losses:
             gap = losses[score.form.name] - losses[best.form.name]
             stderr = float(np.sqrt(len(gap)) * np.std(gap, ddof=1)) / total_weight + (EQUAL * full_scale) ** 2
-            score = FormScore(
-                score.form,
-                score.curves,
-                score.at_bound,
-                score.rmse,
-                score.cv_rmse,
-                float(gap.sum()) / total_weight,
-                stderr,
-            )
+            score = replace(score, behind=float(gap.sum()) / total_weight, behind_stderr=stderr)
         ranked.append(score)
     near = [score for score in ranked if score.within_reach]
     simplest = min(near, key=lambda score: (score.form.parameters, score.cv_rmse))

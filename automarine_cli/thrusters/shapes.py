@@ -9,7 +9,7 @@ import numpy as np
 from automarine_cli.thrusters.bollard_data import BollardData
 from automarine_cli.thrusters.curves import fit_direction
 from automarine_cli.thrusters.fit import Side, best_curve
-from automarine_cli.thrusters.forms import FORMS, SUFFIX, Curve, Form
+from automarine_cli.thrusters.forms import FORMS, SUFFIX, Curve, Form, thrust_both_ways
 from automarine_cli.thrusters.points import Floats
 
 CURVE_EFFECTS = ("dead-band", "thrust-exponent", "saturation")
@@ -109,6 +109,12 @@ class Fitted:
     sag: float
     reference: float
 
+    @property
+    def both_ways(self) -> tuple[Curve | None, Curve | None]:
+        """The curves forward and backward."""
+        shared = self.curves.get("both")
+        return self.curves.get("forward", shared), self.curves.get("backward", shared)
+
     @cached_property
     def predicted(self) -> Floats:
         """Thrust [N] of every point."""
@@ -129,12 +135,7 @@ class Fitted:
 
     def along(self, n: Floats) -> Floats:
         """Thrust [N] of the curves alone; NaN in a direction without a curve."""
-        total = np.zeros_like(n)
-        for sign, name in ((1.0, "forward"), (-1.0, "backward")):
-            curve = self.curves.get(name, self.curves.get("both"))
-            here = n * sign > 0
-            total[here] = np.nan if curve is None else sign * curve.thrust(np.abs(n[here]))
-        return total
+        return thrust_both_ways(*self.both_ways, n)
 
     @cached_property
     def left_out(self) -> Floats:

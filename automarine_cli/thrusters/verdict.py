@@ -1,14 +1,15 @@
 """What a search on a thruster map is entitled to say: verdict, named effects with estimates, rivals, next pulls."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.thrusters.fit import parameters
+from automarine_cli.fits.stepwise import NamedRival
+from automarine_cli.thrusters.fit import Parameter, parameters
 from automarine_cli.thrusters.points import Floats
-from automarine_cli.thrusters.search import Search, Swap
+from automarine_cli.thrusters.search import Rival, Search
 from automarine_cli.thrusters.shapes import (
     ASYMMETRY,
     SAG,
@@ -43,34 +44,25 @@ SAYS = {
 
 
 @dataclass(frozen=True)
-class Rival:
-    """Another explanation that these levels cannot exclude, its weight, and the pull that would tell."""
-
-    name: str
-    confidence: float
-    split_by: str
-
-
-@dataclass(frozen=True)
 class Named:
     """An effect missing from the map: sentence, parameters, how sure, p-value, rivals.
 
-    Each parameter is an estimate in the contract's form; one at the end of its range has no interval.
+    A parameter at the end of its range has no interval.
     """
 
     name: str
     says: str
-    parameters: Mapping[str, Mapping[str, object]]
+    parameters: Mapping[str, Parameter]
     confidence: float
     p_value: float
-    rivals: tuple[Rival, ...]
+    rivals: tuple[NamedRival, ...]
 
     def to_json(self) -> dict[str, object]:
         """The contract's form."""
         return {
             "name": self.name,
             "says": self.says,
-            "parameters": {key: dict(value) for key, value in self.parameters.items()},
+            "parameters": {key: value.to_json() for key, value in self.parameters.items()},
             "confidence": self.confidence,
             "p_value": self.p_value,
             "rivals": [vars(rival) for rival in self.rivals],
@@ -106,46 +98,46 @@ def named_effects(search: Search, floor: float) -> tuple[Named, ...]:
     """The final model's effects, in the order in which they were found."""
     found = []
     for name in search.named:
-        rivals = [swap for swap in search.rivals if swap.instead_of == name]
-        total = 1.0 + sum(swap.odds for swap in rivals)
+        rivals = [rival for rival in search.rivals if rival.instead_of == name]
+        total = 1.0 + sum(rival.odds for rival in rivals)
         p_value = search.p_values[name]
         values = effect_parameters(search.final, name, search.base)
         listed = tuple(
-            Rival(swap.name, swap.odds / total * (1.0 - p_value), split_by(search.final, swap, floor))
-            for swap in rivals
+            NamedRival(rival.name, rival.odds / total * (1.0 - p_value), split_by(search.final, rival, floor))
+            for rival in rivals
         )
         says = f"{SAYS[name]}: {_worded(values)}."
         found.append(Named(name, says, values, (1.0 - p_value) / total, p_value, listed))
     return tuple(found)
 
 
-def effect_parameters(found: Fitted, effect: str, base: Fitted) -> dict[str, dict[str, object]]:
+def effect_parameters(found: Fitted, effect: str, base: Fitted) -> dict[str, Parameter]:
     """Estimates of one effect; a parameter of one direction says so in its name."""
-    data, result = found.data, {}
+    data, result = found.data, dict[str, Parameter]()
     if effect in (VOLTAGE, SAG):
         shape = Shape(found.shape.curves, effect == VOLTAGE, effect == SAG)
         value = found.power if effect == VOLTAGE else found.sag
         column = multiplier_columns(found, shape)[:, 0]
         steps = data.step if effect == VOLTAGE else None
         estimate = Estimate.from_stderr(value, _one_stderr(found, column, steps), data.levels - 1, "1")
-        return {"p" if effect == VOLTAGE else "share_lost": estimate.to_json()}
+        return {"p" if effect == VOLTAGE else "share_lost": Parameter.of(estimate)}
     if effect == ASYMMETRY:
         sides = [np.where(data.points.n * sign > 0, found.predicted, 0.0) for sign in (1.0, -1.0)]
         ends = [found.along(np.array([sign * np.max(np.abs(data.points.n))]))[0] for sign in (1.0, -1.0)]
         ratio = float(abs(ends[1] / ends[0]))
         relative = float(np.hypot(_one_stderr(found, sides[0], None), _one_stderr(found, sides[1], None)))
         dof = min(int(np.count_nonzero(side)) for side in sides) - 1
-        return {"backward_over_forward": Estimate.from_log(ratio, relative, dof, "1").to_json()}
+        return {"backward_over_forward": Parameter.of(Estimate.from_log(ratio, relative, dof, "1"))}
     for where in found.shape.on(effect):
         if effect in dict(base.shape.curves).get(where, frozenset()):
             continue
-        values = _curve_parameters(found)[where][PARAMETER[effect]]
-        if isinstance(values, dict):
-            result[PARAMETER[effect] + ("" if where == "both" else f"_{where}")] = values
+        one = _curve_parameters(found)[where][PARAMETER[effect]]
+        if not one.fixed:
+            result[PARAMETER[effect] + ("" if where == "both" else f"_{where}")] = one
     return result
 
 
-def _curve_parameters(found: Fitted) -> dict[str, dict[str, object]]:
+def _curve_parameters(found: Fitted) -> dict[str, dict[str, Parameter]]:
     """Estimates of every direction's curve ("both" where they share one), by parameter."""
     result = {}
     gain = found.gain(found.data)
@@ -153,13 +145,13 @@ def _curve_parameters(found: Fitted) -> dict[str, dict[str, object]]:
         form, level = form_of(dict(found.shape.curves)[name]), side
         if found.power or found.sag:
             own = gain[index]
-            level = type(side)(**{**vars(side), "thrust": side.thrust / own, "weight": side.weight * own**2})
+            level = replace(side, thrust=side.thrust / own, weight=side.weight * own**2)
         values = parameters(level, form, found.curves[name], found.at_bound[name], found.data.n_unit)
         result[name] = values
     return result
 
 
-def curve_parameters(found: Fitted) -> dict[str, dict[str, object]]:
+def curve_parameters(found: Fitted) -> dict[str, dict[str, Parameter]]:
     """Estimates of the curves forward and backward, as a map's file holds them."""
     values = _curve_parameters(found)
     return {"forward": values["both"], "backward": values["both"]} if found.shape.tied else values
@@ -179,32 +171,31 @@ def _one_stderr(found: Fitted, column: Floats, steps: np.ndarray | None) -> floa
     return float(max(sizes))
 
 
-def split_by(final: Fitted, swap: Swap, floor: float) -> str:
+def split_by(final: Fitted, rival: Rival, floor: float) -> str:
     """The pull at which the named effect and its rival differ most, from the two fitted models."""
     data = final.data
     n = data.points.n
     along = np.linspace(min(float(n.min()), 0.0), max(float(n.max()), 0.0), 801)
-    gap = np.nan_to_num(final.along(along) - swap.fit.along(along))
-    if SAG in (swap.name, swap.instead_of):
+    gap = np.nan_to_num(final.along(along) - rival.fit.along(along))
+    if SAG in (rival.name, rival.instead_of):
         return "Repeat the first command last: a sag shows as less thrust at the same command."
-    if VOLTAGE in (swap.name, swap.instead_of):
+    if VOLTAGE in (rival.name, rival.instead_of):
         return "Repeat three commands at another voltage."
-    if ASYMMETRY in (swap.name, swap.instead_of):
+    if ASYMMETRY in (rival.name, rival.instead_of):
         return "Pull at the same commands forward and backward, five times each."
     at = int(np.argmax(np.abs(gap)))
     times = max(1, int(np.ceil((3.0 * max(floor, 1e-12) / max(abs(gap[at]), 1e-12)) ** 2)))
     often = "once" if times == 1 else f"{times} times"
     return (
-        f"Pull {often} at n = {along[at]:.3g}: with {swap.instead_of} {final.along(along[[at]])[0]:.3g} N, with "
-        f"{swap.name} {swap.fit.along(along[[at]])[0]:.3g} N, a difference of {abs(gap[at]):.2g} N."
+        f"Pull {often} at n = {along[at]:.3g}: with {rival.instead_of} {final.along(along[[at]])[0]:.3g} N, with "
+        f"{rival.name} {rival.fit.along(along[[at]])[0]:.3g} N, a difference of {abs(gap[at]):.2g} N."
     )
 
 
-def _worded(values: Mapping[str, Mapping[str, object]]) -> str:
+def _worded(values: Mapping[str, Parameter]) -> str:
     parts = []
     for name, value in values.items():
-        number = value.get("value")
-        text = f"{number:.3g}" if isinstance(number, float) else "beyond what was measured"
+        text = "beyond what was measured" if value.value is None else f"{value.value:.3g}"
         parts.append(
             f"{WORDS.get(name, name.replace('_forward', ' forward').replace('_backward', ' backward'))} = {text}"
         )

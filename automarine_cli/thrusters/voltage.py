@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.thrusters.fit import SIDES, Side
+from automarine_cli.thrusters.fit import Side
+from automarine_cli.thrusters.forms import SIDES
 from automarine_cli.thrusters.points import Floats, levels_of
 
 PLACES = 20

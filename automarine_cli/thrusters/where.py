@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from automarine_cli.thrusters.bollard_data import BollardData
-from automarine_cli.thrusters.fit import SIDES
+from automarine_cli.thrusters.forms import SIDES
 from automarine_cli.thrusters.points import Floats, Ints
 from automarine_cli.thrusters.shapes import Fitted
 

@@ -119,7 +119,8 @@ class PlanarDiagnosis(Shown):
             "threshold": HEAD_START,
             "base": {
                 name: {"before": before[name].to_json(), "after": after[name].to_json()}
-                for name in before.keys() & after.keys()
+                for name in before
+                if name in after
             },
             "held_out": [run.name for run in self.kept],
             "runs": {

@@ -2,10 +2,8 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from automarine_cli.errors import ModelError, RunError, SettingError
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.logs import ColumnMap, Logs, given_columns
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import Source, read_plain
@@ -18,7 +16,8 @@ from automarine_cli.thrusters.diagnosis import diagnose_thrusters as diagnose_po
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import ThrusterLogs, load_thruster_logs
 from automarine_cli.workflows.command import HOLD_OUT, SELDOM, Command, Runner, reads
-from automarine_cli.workflows.shared import Columns, Ending, Judged, OfLogs, numbers
+from automarine_cli.workflows.fit_thrusters import cells
+from automarine_cli.workflows.shared import Columns, Ending, Judged, OfLogs
 from automarine_cli.workflows.view import Figures, Row, View
 
 FILES = (
@@ -131,11 +130,10 @@ def _thrusters(given: int | None, columns: ColumnMap, of_map: int) -> int:
 
 
 def _rows(result: ThrusterDiagnosis) -> Iterator[Row]:
-    content: Any = result.to_json()
-    for effect in content["effects"]:
-        for name, one in effect["parameters"].items():
-            row = {"effect": effect["name"], "confidence": effect["confidence"], "parameter": name}
-            yield row | (numbers(Estimate.from_json(one)) if isinstance(one, dict) else {"value": one})
+    for effect in result.effects:
+        for name, one in effect.parameters.items():
+            row: Row = {"effect": effect.name, "confidence": effect.confidence, "parameter": name}
+            yield row | cells(one)
 
 
 def _figures(result: ThrusterDiagnosis) -> Figures:

@@ -19,7 +19,7 @@ from automarine_cli.report.tables import number
 from automarine_cli.runs.load import told_beside
 from automarine_cli.thrusters.analysis import Analysis, analyse
 from automarine_cli.thrusters.contradictions import flag_contradictions
-from automarine_cli.thrusters.fit import Side
+from automarine_cli.thrusters.fit import Parameter, Side
 from automarine_cli.thrusters.map import SCHEMA
 from automarine_cli.thrusters.plateaus import reduce_series
 from automarine_cli.thrusters.points import Ints, Points, voltage_steps
@@ -174,15 +174,30 @@ def _notes(points: Points) -> tuple[str, ...]:
 
 
 def _lines(fit: ThrusterFit) -> Iterator[str]:
-    law, chosen = fit.analysis, fit.analysis.selection.chosen.form.name
-    yield f"Thruster map of one thruster from {counted(len(fit.points), 'point')}: F = a |n| n; form chosen: {chosen}"
-    yield from aligned({f"a {side}": one for side, one in law.square.items()})
-    yield f"  R² {number(law.r2)}, rmse {number(law.percent(law.law.rmse), 3)} % of full scale"
+    found, form = fit.analysis, fit.analysis.chosen.form
+    law = "F = a |n| n" if form.name == "square" else form.equation
+    yield f"Thruster map of one thruster from {counted(len(fit.points), 'point')}: {law}; form chosen: {form.name}"
+    known = {f"{name} {side}": one.estimate for (name, side), one in found.estimates.items() if one.estimate}
+    yield from aligned(known)
+    yield from (f"  {name} {side}  {one.why}" for (name, side), one in found.estimates.items() if one.why)
+    yield f"  R² {number(found.chosen_r2)}, rmse {number(found.percent(found.chosen.rmse), 3)} % of full scale"
+    if form.name != "square":
+        error = number(found.percent(found.law.rmse), 3)
+        yield f"  The square law: R² {number(found.r2)}, rmse {error} % of full scale"
 
 
 def _rows(fit: ThrusterFit) -> Iterator[Row]:
-    for side, one in fit.analysis.square.items():
-        yield {"direction": side, "form": "square", "parameter": "a"} | numbers(one)
+    found = fit.analysis
+    if found.chosen.form.name != "square":
+        for (name, side), one in found.estimates.items():
+            yield {"direction": side, "form": found.chosen.form.name, "parameter": name} | cells(one)
+    for side, law in found.square.items():
+        yield {"direction": side, "form": "square", "parameter": "a"} | numbers(law)
+
+
+def cells(one: Parameter) -> Row:
+    """A parameter as the cells of a row; without an interval where a bound holds it."""
+    return {"value": one.value, "unit": one.unit} if one.estimate is None else numbers(one.estimate)
 
 
 fit_thrusters = Command(

@@ -66,8 +66,8 @@ def names(result: ThrusterDiagnosis) -> list[str]:
 
 def value(result: ThrusterDiagnosis, parameter: str) -> float:
     found = next(effect.parameters[parameter] for effect in result.effects if parameter in effect.parameters)
-    assert isinstance(found["value"], float)
-    return found["value"]
+    assert found.value is not None
+    return found.value
 
 
 @pytest.mark.parametrize(

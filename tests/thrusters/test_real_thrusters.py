@@ -61,8 +61,7 @@ def test_t200_against_speed(tmp_path: Path) -> None:
     assert analysis.selection.chosen.form.name == "power"
     assert percent(result, "power") == pytest.approx(0.36, abs=0.005)
     for side, exponent in (("forward", 2.10), ("backward", 2.15)):
-        entry = analysis.parameters[side]["p"]
-        assert isinstance(entry, dict) and entry["value"] == pytest.approx(exponent, abs=0.005)
+        assert analysis.parameters[side]["p"].value == pytest.approx(exponent, abs=0.005)
     drift = result.exponents["forward"]
     assert drift is not None and drift.drift_percent == pytest.approx(3.6, abs=0.2)
     assert not (result.points.flag != "").any()

@@ -12,9 +12,12 @@ from click.testing import Result
 from matplotlib.figure import Figure
 
 from automarine_cli.cli import fit_thrusters as fit_thrusters_command
+from automarine_cli.report.campaign_tables import outcome
 from automarine_cli.report.figures.thrusters import thruster_figure
+from automarine_cli.report.tables import number
 from automarine_cli.thrusters.forms import FORMS
 from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.workflows.compare import compare
 from automarine_cli.workflows.fit_thrusters import FILES, fit_thrusters
 
 Run = Callable[..., Result]
@@ -195,3 +198,43 @@ def test_help_ends_with_an_example(run: Run) -> None:
 
 def test_the_command_offers_every_form() -> None:
     assert set(fit_thrusters_command.FORMS) == set(FORMS)
+
+
+@pytest.fixture
+def throttle(tmp_path: Path) -> Path:
+    """Thrust against a throttle: far from the square law, with a dead band and no saturation."""
+    n = np.arange(-20, 21) / 20.0
+    thrust = 60.0 * np.sign(n) * np.maximum(np.abs(n) - 0.1, 0.0) ** 1.2
+    noise = 0.1 * np.random.default_rng(2).standard_normal(len(n))
+    return write(tmp_path / "throttle.csv", "n,force_N", n, thrust + noise)
+
+
+def test_the_map_that_is_used_comes_with_its_own_error(throttle: Path, tmp_path: Path) -> None:
+    out = tmp_path / "thrusters"
+    fit = fit_thrusters([throttle], out=out)
+    analysis = fit.analysis
+    own, law = (number(analysis.percent(one.rmse), 3) for one in (analysis.chosen, analysis.law))
+    assert analysis.chosen.form.name == "dead-band-power" and float(own) < 1.0 < 5.0 < float(law)
+    lines = repr(fit).splitlines()
+    assert analysis.chosen.form.equation in lines[0] and "a |n| n" not in lines[0]
+    assert f"rmse {own} % of full scale" in lines[-2]
+    assert lines[-1].startswith("  The square law:") and f"rmse {law} %" in lines[-1]
+    text = (out / "thrusters.md").read_text(encoding="utf-8")
+    assert text.index("Chosen form dead-band-power") < text.index("Square law F") and f"= {own} % of" in text
+    assert f"error {number(analysis.percent(analysis.chosen.rmse), 2)} %" in outcome("fit-thrusters", out)
+    frame = fit.to_frame()
+    chosen = frame[frame["form"] == "dead-band-power"].set_index(["parameter", "direction"])
+    assert set(frame["form"]) == {"dead-band-power", "square"} and len(chosen) == 6
+    assert chosen.loc[("n_0", "forward"), "value"] == pytest.approx(0.1, abs=0.01)
+
+
+def test_maps_with_a_parameter_at_its_bound_are_shown_and_compared(throttle: Path, tmp_path: Path) -> None:
+    form = "dead-band-power-saturation"
+    fits = [fit_thrusters([throttle], out=tmp_path / name, form=form) for name in ("a", "b")]
+    assert any("no saturation within the measured range" in line for line in repr(fits[0]).splitlines())
+    frame = fits[0].to_frame().set_index(["form", "parameter", "direction"])
+    assert np.isnan(frame.loc[(form, "n_sat", "forward"), "value"])
+    found = compare([tmp_path / "a", tmp_path / "b"])
+    named = [one.parameter for one in found.differences]
+    assert f"p forward, form {form}" in named and f"n_sat forward, form {form}" not in named
+    assert found.sides[0].facts[f"n_sat forward, form {form}"] == "no saturation within the measured range"

@@ -144,9 +144,8 @@ def test_cross_validation_finds_the_form_in_noise(name: str) -> None:
     assert analysis.selection.chosen.form.name == name
     for side, truth in zip(("forward", "backward"), TRUTHS[name]):
         for key in FORMS[name].free:
-            entry = analysis.parameters[side][key]
-            assert isinstance(entry, dict)
-            assert abs(entry["value"] - getattr(truth, key)) < 4.0 * entry["stderr"]
+            found = analysis.parameters[side][key].estimate
+            assert found is not None and abs(found.value - getattr(truth, key)) < 4.0 * found.stderr
 
 
 def test_twenty_points_refuse_four_parameters() -> None:

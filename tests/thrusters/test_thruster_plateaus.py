@@ -197,3 +197,47 @@ def test_a_faulty_plateau_among_five_is_flagged(start: int) -> None:
     points = reduce_series([Series("test.csv", "", record.n, force, record.time)]).points
     flagged = flag_contradictions(points, None)
     assert np.flatnonzero(flagged.flag != "").tolist() == [start // 200]
+
+
+def measured_speed(
+    seed: int, *, levels: int = 13, hold: int = 500, noise: float = 0.01, refresh: int = 1, sign: float = 1.0
+) -> tuple[np.ndarray, Series]:
+    """Levels of a propeller speed in random order [rpm], and a series at 50 Hz with its lag and noise; the tachometer
+    reads in steps of 5 rpm once in `refresh` samples."""
+    rng = np.random.default_rng(seed)
+    top = 3800.0
+    level = np.concatenate([[0.0], rng.permutation(np.linspace(-top, top, levels)), [0.0]])
+    wanted = np.repeat(level, hold)
+    speed = np.zeros(len(wanted))
+    for i in range(1, len(wanted)):
+        speed[i] = speed[i - 1] + (wanted[i] - speed[i - 1]) / 15.0
+    force = A * speed * np.abs(speed) / top**2 + 0.3 * rng.standard_normal(len(speed))
+    read = speed + noise * top * rng.standard_normal(len(speed)) * (np.abs(speed) > 50.0)
+    read = np.repeat((np.round(read / 5.0) * 5.0)[::refresh], refresh)[: len(speed)]
+    return sign * level, Series("rpm.csv", "", sign * read, sign * force, 0.02 * np.arange(len(speed)))
+
+
+@pytest.mark.parametrize(
+    ("refresh", "hold", "levels", "sign"),
+    [(1, 500, 13, 1.0), (1, 500, 13, -1.0), (5, 600, 13, 1.0), (1, 250, 25, 1.0)],
+)
+def test_a_measured_speed_is_reduced_by_its_own_steadiness(
+    refresh: int, hold: int, levels: int, sign: float
+) -> None:
+    truth, series = measured_speed(4, refresh=refresh, hold=hold, levels=levels, sign=sign)
+    reduction = reduce_series([series])
+    points = reduction.points
+    assert len(truth) <= reduction.plateaus == len(points) <= len(truth) + 3
+    nearest = np.abs(points.n[:, None] - truth[None, :]).min(axis=1)
+    assert nearest.max() < 0.01 * np.abs(truth).max()
+    assert np.all(np.abs(truth[:, None] - points.n[None, :]).min(axis=1) < 0.01 * np.abs(truth).max())
+    value, stderr = fitted(points)
+    assert abs(value * 3800.0**2 - A) < max(0.02 * A, 4.0 * stderr * 3800.0**2)
+
+
+def test_a_sweep_and_a_table_in_random_order_have_no_steady_speed() -> None:
+    rng = np.random.default_rng(5)
+    table = rng.permutation(np.repeat(np.linspace(-3800.0, 3800.0, 40), 10)) + 20.0 * rng.standard_normal(400)
+    for n in (np.linspace(-3800.0, 3800.0, 1500), table):
+        reduction = reduce_series([Series("test.csv", "", n, A * n * np.abs(n) / 3800.0**2)])
+        assert reduction.plateaus == 0 and len(reduction.points) == len(n)

@@ -73,14 +73,8 @@ def why_figure(result: ThrusterDiagnosis) -> Figure:
     order = np.argsort(base.data.points.n, kind="stable")
     gain = base.gain(base.data)
     n = base.data.points.n
-    panel.plot(
-        n[order],
-        (base.residual / gain)[order],
-        "o",
-        color=COLOURS["grey"],
-        markersize=2.5,
-        label="measured − map",
-    )
+    rest = (base.residual / gain)[order]
+    panel.plot(n[order], rest, "o", color=COLOURS["grey"], markersize=2.5, label="measured − map")
     if result.effects:
         extra = np.nan_to_num(result.final.along(along) - base.along(along))
         panel.plot(along, extra, color=AFTER, label="what the named effects add")
@@ -103,11 +97,11 @@ def _evidence(axes: Axes, result: ThrusterDiagnosis, looks: list) -> None:
             best[trial.effect] = (max(old[0], trial.evidence), taken)
         for effect, (evidence, taken) in best.items():
             labels.append(f"{effect} ({number + 1})")
-            widths.append(max(evidence, 0.0) / max(look.scores.threshold, 1.0))
+            widths.append(max(evidence, 0.0) / max(look.scores.least_evidence, 1.0))
             colours.append(AFTER if taken else COLOURS["grey"])
     place = np.arange(len(labels))
     axes.barh(place, widths, color=colours, height=0.7)
-    axes.axvline(1.0, color=BEFORE, linestyle=(0, (5, 1.5)), label="chance reaches this in 1 of 20")
+    axes.axvline(1.0, color=BEFORE, linestyle=(0, (5, 1.5)), label="chance reaches this in 1 of 100")
     axes.set_yticks(place, labels)
     axes.set_ylim(-0.6, len(labels) + 1.4)
     axes.invert_yaxis()
@@ -167,24 +161,15 @@ def _points(
     hollow: bool,
     colour: str = COLOURS["black"],
 ) -> None:
-    size = 2.0 if len(data.points) > 60 else 3.5
-    face = "none" if hollow else colour
+    style: dict[str, Any] = {"color": colour, "markeredgewidth": 0.7, "zorder": 3 if hollow else 2}
+    size, face = 2.0 if len(data.points) > 60 else 3.5, "none" if hollow else colour
     axes.plot(
-        data.points.n,
-        values,
-        "o",
-        color=colour,
-        markerfacecolor=face,
-        markersize=size + hollow,
-        markeredgewidth=0.7,
-        label=label,
-        zorder=3 if hollow else 2,
+        data.points.n, values, "o", markerfacecolor=face, markersize=size + hollow, label=label, **style
     )
     flagged = data.points.flag != ""
     if np.any(flagged):
-        axes.plot(
-            data.points.n[flagged], values[flagged], "x", color=COLOURS["purple"], markersize=6.0, zorder=4
-        )
+        n, own = data.points.n[flagged], values[flagged]
+        axes.plot(n, own, "x", color=COLOURS["purple"], markersize=6.0, zorder=4)
 
 
 def _percent(result: ThrusterDiagnosis, value: float) -> str:

@@ -42,7 +42,7 @@ def thruster_figure(result: ThrusterFit) -> Figure:
 
 def _apart(result: ThrusterFit) -> bool:
     """Whether one map cannot serve all voltages: its error is over three times that of a map for each."""
-    pooled = result.analysis.selection.chosen.rmse
+    pooled = result.analysis.chosen.rmse
     separate = np.sqrt(np.mean([one.selection.chosen.rmse**2 for _, one in result.voltages]))
     return bool(pooled > 3.0 * separate)
 
@@ -92,7 +92,7 @@ def _measured(axes: Axes, result: ThrusterFit) -> None:
 
 def _chosen(analysis: Analysis) -> str:
     """Name of the chosen form in a legend."""
-    name = analysis.selection.chosen.form.name
+    name = analysis.chosen.form.name
     return "square law (chosen)" if name == SQUARE else f"chosen: {name}"
 
 
@@ -105,7 +105,7 @@ def _line(axes: Axes, analysis: Analysis, square: bool, **style: Any) -> None:
 
 def _maps(axes: Axes, analysis: Analysis) -> None:
     """The chosen map, and the square law where that is another one."""
-    if analysis.selection.chosen.form.name != SQUARE:
+    if analysis.chosen.form.name != SQUARE:
         _line(axes, analysis, True, color=COLOURS["vermilion"], linestyle=DASHES, label="square law")
     _line(axes, analysis, False, color=COLOURS["blue"], label=_chosen(analysis))
 
@@ -125,7 +125,7 @@ def _residuals(axes: Axes, result: ThrusterFit) -> None:
     good = points.flag == ""
     size = 2.0 if len(points) > CROWD else 3.5
     axes.axhline(0.0, color="0.6", linewidth=0.6)
-    if analysis.selection.chosen.form.name != SQUARE:
+    if analysis.chosen.form.name != SQUARE:
         rest = (points.force - analysis.fitted(points.n, square=True))[good]
         style: dict[str, Any] = {"markerfacecolor": "none", "markeredgewidth": 0.7, "markersize": size + 1.0}
         axes.plot(points.n[good], rest, "o", color=COLOURS["vermilion"], label="square law", **style)

@@ -1,0 +1,153 @@
+"""The search for what a model lacks, whatever the model is of and however its candidates are judged.
+
+Forward: look what every candidate would gain and what chance would, fit the leaders, add the best that may stand, look
+again. Backward: take each effect out in turn and look again: what does better in its place is put there, what nothing
+asks for any more stays out, and what else could stand there is known as its rivals. (Stepwise selection: Efroymson
+1960, in Mathematical methods for digital computers; here with a threshold for the best of all candidates.)
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.errors import FitError
+
+Floats = NDArray[np.float64]
+Model = TypeVar("Model")
+Seen = TypeVar("Seen", covariant=True)
+
+
+@dataclass(frozen=True)
+class Chance:
+    """What the best of all candidates gains where nothing is missing: `null`, draws (N,) in the unit of evidence."""
+
+    null: Floats
+
+    def threshold(self, level: float) -> float:
+        """Gain that chance reaches in a share `level` of all cases."""
+        return float(np.quantile(self.null, 1.0 - level))
+
+    def p_value(self, gain: float) -> float:
+        """Share of cases without a missing effect whose best candidate would gain as much."""
+        return float((1 + np.sum(self.null >= gain)) / (1 + len(self.null)))
+
+
+class Look(Protocol[Seen]):
+    """One look for a missing effect: the model that was looked at, perhaps fitted better than it came."""
+
+    @property
+    def before(self) -> Seen:
+        """The model without what was looked for."""
+        ...
+
+
+Round = TypeVar("Round", bound=Look[Any])
+
+
+class Judge(ABC, Generic[Model, Round]):
+    """What a search asks about one kind of model. A new kind says how to look and who may be added; one that says too
+    what `added` lists and how to do `without` an effect has its effects reconsidered, and knows their rivals."""
+
+    most: int
+    """Looks forward at most."""
+
+    @abstractmethod
+    def look(self, model: Model, number: int) -> Round:
+        """Score all candidates, fit the leaders; `number` counts the looks of a search, for what is drawn at random.
+
+        Raises FitError where it cannot be done."""
+
+    @abstractmethod
+    def able(self, look: Round, first: Round) -> Sequence[Model]:
+        """Models with one effect more that are beyond chance and may stand, the best first; `first` was the first look
+        of the search."""
+
+    def added(self, model: Model) -> tuple[str, ...]:
+        """The effects that were added to a model."""
+        return ()
+
+    def without(self, model: Model, name: str) -> Model | None:
+        """The model with one effect taken out, fitted again; None where there is no such fit."""
+        return None
+
+    def better(self, current: Model, left: Model, look: Round, first: Round) -> Model:
+        """What is best: `current`, what the `look` at `left` (current without one effect) found, or `left` itself."""
+        return current
+
+
+@dataclass(frozen=True)
+class Outcome(Generic[Model, Round]):
+    """The final model, the looks forward, and for each effect added the look in which others competed for its place."""
+
+    final: Model
+    looks: tuple[Round, ...]
+    around: dict[str, Round]
+
+
+@dataclass(frozen=True)
+class NamedRival:
+    """Another explanation that the data cannot exclude, its weight, and the run or pull that would tell."""
+
+    name: str
+    confidence: float
+    split_by: str
+
+
+def discover(judge: Judge[Model, Round], base: Model) -> Outcome[Model, Round]:
+    """What `base` lacks. Raises FitError where not even the first look can be made."""
+    current, looks = _forward(judge, base)
+    current, around = _reconsidered(judge, current, looks[0])
+    return Outcome(current, tuple(looks), around)
+
+
+def _forward(judge: Judge[Model, Round], current: Model) -> tuple[Model, list[Round]]:
+    """Add the best while there is one."""
+    looks: list[Round] = []
+    others: list[Model] = []
+    while len(looks) < judge.most:
+        try:
+            look = judge.look(current, len(looks))
+        except FitError:
+            if not looks:
+                raise
+            if not others:  # neither the last model can be looked at nor any that could stand for it
+                return looks[-1].before, looks
+            current = others.pop(0)
+            continue
+        looks.append(look)
+        able = judge.able(look, looks[0])
+        if not able:
+            return look.before, looks
+        current, *others = able
+    return current, looks
+
+
+def _reconsidered(judge: Judge[Model, Round], current: Model, first: Round) -> tuple[Model, dict[str, Round]]:
+    """Take each effect out in turn and look again: what was found first may mimic two effects at once, and is then
+    better replaced when the other is known. In the place of a single effect competes what the first look found."""
+    if len(judge.added(current)) < 2:
+        return current, dict.fromkeys(judge.added(current), first)
+    around: dict[str, Round] = {}
+    waiting, steps = list(judge.added(current)), 0
+    while waiting and steps < 3 * judge.most:
+        steps += 1
+        name = waiting.pop(0)
+        left = judge.without(current, name)
+        if left is None:
+            continue
+        try:
+            look = judge.look(left, judge.most + steps)
+        except FitError:  # this model cannot be asked
+            continue
+        best = judge.better(current, left, look, first)
+        if best is current:
+            around[name] = look
+        else:
+            current, around, waiting = best, {}, list(judge.added(best))
+    if len(judge.added(current)) == 1:
+        around = dict.fromkeys(judge.added(current), first)
+    return current, around
