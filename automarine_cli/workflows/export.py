@@ -37,7 +37,7 @@ from automarine_cli.models.store import yaw_models_from_json
 from automarine_cli.pipeline.manifest import sha256
 from automarine_cli.pipeline.one_file import refuse_existing, write_whole
 from automarine_cli.pipeline.plain_data import Source, read_plain
-from automarine_cli.pipeline.reuse import manifest_of
+from automarine_cli.pipeline.reuse import logs_behind
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.tables import Table
 from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
@@ -192,7 +192,7 @@ def _export(asked: ExportOptions, runner: Runner) -> Exported:
     elif target.takes == THRUSTER_MAP:
         result = _of_map(target, data, origin, form, frame, settings)
     else:
-        logs = _logs_of(asked.model, origin)
+        logs = logs_behind(asked.model, origin.sha256)
         result = _of_yaw(target, data, origin, asked.number, form, frame, settings, logs)
     if out is not None:
         write_whole(out, result.text)
@@ -287,16 +287,6 @@ def _one_of(known: Iterable[str], asked: str, what: str) -> str:
     if asked not in known:
         raise SettingError(f"{what}: found {asked}, expected {' or '.join(known)}")
     return asked
-
-
-def _logs_of(model: Source, origin: Origin) -> tuple[tuple[str, str], ...] | None:
-    """Names and hashes of the logs that the model was fitted to, from the manifest beside it; None if it is not its."""
-    manifest = manifest_of(model.parent) if isinstance(model, Path) else None
-    if manifest is None or not any(one.sha256 == origin.sha256 for one in manifest.outputs):
-        return None
-    return tuple(
-        (one.file, one.sha256 or "unreadable") for one in manifest.inputs if one.role in ("log", "hold_out")
-    )
 
 
 export = Command(
