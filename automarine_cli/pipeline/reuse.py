@@ -54,7 +54,7 @@ def manifest_of(folder: Path) -> Manifest | None:
 
 
 def logs_behind(file: Source, sha256: str) -> tuple[tuple[str, str], ...] | None:
-    """Names and hashes of the logs that a result file was made of, from the manifest beside it; None if it is not its."""
+    """Names and hashes of the logs that a result file was made of, told by the manifest beside it; None without one."""
     manifest = manifest_of(file.parent) if isinstance(file, Path) else None
     if manifest is None or not any(one.sha256 == sha256 for one in manifest.outputs):
         return None
