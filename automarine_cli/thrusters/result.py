@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.fits.estimate import Estimate
+from automarine_cli.pipeline.outputs import json_document
+from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.thrusters.analysis import Analysis
 from automarine_cli.thrusters.fit import Parameter
@@ -45,6 +47,10 @@ class ThrusterFit(Shown):
     def place(self, index: int) -> str:
         """File and run of one point, for people."""
         return self.logs.records[int(self.points.record[index])].place
+
+    def document(self, option: str) -> Document:
+        """Its result file, for a command that takes a map."""
+        return json_document("thrusters.json", self.to_json())
 
     def to_json(self) -> dict[str, object]:
         """Content of thrusters.json (schema automarine/thruster-map/1)."""
