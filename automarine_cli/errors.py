@@ -14,7 +14,7 @@ class LogError(AutomarineError):
 
 
 class RunError(AutomarineError):
-    """Runs that do not serve: too few left, or a run that was named and cannot be used."""
+    """Unusable runs: too few left, or a run that was named and cannot be used."""
 
 
 class SettingError(AutomarineError):

@@ -223,5 +223,5 @@ def end_with(ctx: click.Context, refusals: list[str]) -> None:
     for refusal in refusals:
         click.echo(f"Error: {refusal}", err=True)
     if refusals:
-        click.echo("Correct that and run the same command again: what is done is kept.", err=True)
+        click.echo("Correct that and run the same command again: finished steps are reused.", err=True)
         ctx.exit(1)

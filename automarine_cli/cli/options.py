@@ -106,13 +106,13 @@ inputs_option = click.option(
 
 jobs_option = click.option(
     "--jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
-    help="Processes to work with; the results are the same.",
+    help="Parallel processes (results do not change).",
 )  # fmt: skip
 """`jobs`: int."""
 
 cluster_option = click.option(
     "--cluster", metavar="ADDRESS",
-    help="A Dask scheduler, such as tcp://host:8786, whose workers do the work; the results are the same.",
+    help="A Dask scheduler, such as tcp://host:8786, whose workers do the work (results do not change).",
 )  # fmt: skip
 """`cluster`: address or None."""
 
@@ -138,7 +138,7 @@ json_option = click.option(
 """`as_json`: bool."""
 
 strict_option = click.option(
-    "--strict", is_flag=True, help="Refuse, rather than set aside, a run that does not serve."
+    "--strict", is_flag=True, help="Refuse an unusable run instead of setting it aside."
 )
 """`strict`: bool."""
 

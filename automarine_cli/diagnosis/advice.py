@@ -30,8 +30,8 @@ Command = Callable[[Floats], Floats]
 REST, TURN, TAIL, RAMP = 2.0, 8.0, 15.0, 40.0  # seconds of standing, driving, coasting, sweeping
 LONGEST = 90.0
 LOW_VOLTAGE = 0.85
-TELLS = 4.0
-"""Sigma from which a run is said to tell two explanations apart."""
+TELLS, CLEAR = 4.0, 10.0
+"""Standard errors from which a run is said to tell two explanations apart, and to do so clearly."""
 NOT_TELLING = "none of the usual runs would: log the thrusters' speed or use a second {position} sensor"
 
 
@@ -63,10 +63,11 @@ def suggest(study: Study, final: Trial, rival: Trial, name: str, rival_name: str
     if sigma < TELLS:
         sentence = (
             f"{study.base.dof.fill(NOT_TELLING)} "
-            f"(the best of them, {kind}, parts {name} from {rival_name} by {sigma:.1f} sigma)"
+            f"(the best of them, {kind}, separates {name} from {rival_name} by {sigma:.1f} standard errors)"
         )
     else:
-        sentence = f"{kind} would tell {name} from {rival_name} by {sigma:.0f} sigma"
+        clearly = "clearly" if sigma > CLEAR else f"by {sigma:.0f} standard errors"
+        sentence = f"{kind} would tell {name} from {rival_name} {clearly}"
     return Advice(kind, sentence)
 
 

@@ -201,7 +201,7 @@ def _unexplained(study: Study, found: Found, where: Where, kept: Gap | None) -> 
         more = " or more" if found.more else ""
         return f"The runs would take {MOST_EFFECTS} effects{more}, which is more than they can vouch for."
     if not final.added and found.doubtful is None and (regions := _outstanding(where)):
-        return f"The gap stands out against chance {_stretch(regions[0])}."
+        return f"The error is beyond chance {_stretch(regions[0])}."
     return ""
 
 

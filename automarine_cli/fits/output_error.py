@@ -259,7 +259,7 @@ def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
             continue
         if gap < 0:
             parts.append(
-                f"model {number} leads by {-gap:.1f} ± {error:.1f}, too little to pay for another parameter"
+                f"model {number} leads by {-gap:.1f} ± {error:.1f}, not enough to justify another parameter"
             )
         elif gap <= 2.0 * error:
             more = ", which has more parameters" if parameters[number] > parameters[chosen] else ""

@@ -139,7 +139,7 @@ def _combination(pair: tuple[str, str], share: float, dof: Dof) -> str:
         )
     if share > 0:
         return (
-            "their quotient is known far better than either, as where the thrust scatters from run to run: add runs, "
+            "only their ratio is well determined, as where the thrust scatters from run to run: add runs, "
             "or measure thrust or voltage."
         )
     return (

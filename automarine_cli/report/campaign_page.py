@@ -231,7 +231,7 @@ def _made(steps: Steps) -> list[str]:
         rows.append(
             (step.name, f"automarine {made.command}", settings, seed, str(len(made.inputs)), made.automarine)
         )
-    header = ("folder", "command", "settings other than the usual", "seed", "inputs", "automarine")
+    header = ("folder", "command", "non-default settings", "seed", "inputs", "automarine")
     versions = {", ".join(f"{name} {one}" for name, one in made.libraries.items()) for _, made in known}
     return [
         Table("", header, tuple(rows)).to_markdown(),

@@ -78,7 +78,12 @@ def missing_sentence(steps: Steps) -> str:
         for name, kind in RESULTS.items()
         if name not in steps and not (only_force and name in ("yaw", "validation", "diagnosis"))
     ]
-    return f"Not in this report, for want of results: {listed(missing)}." if missing else ""
+    if not missing:
+        return ""
+    lack = [f"no {words.removeprefix('a ').removeprefix('an ')}" for words in missing]
+    why = "that step was not run" if len(missing) == 1 else "those steps were not run"
+    said = listed(lack)
+    return f"{said[0].upper()}{said[1:]}: {why}."
 
 
 def _identified(steps: Steps) -> str:
@@ -101,7 +106,7 @@ def _model(step: StepResult) -> str:
     runs, v = step.at("runs", "used"), own.velocity
     linear, quadratic = f"{own.linear} {v}", f"{own.quadratic_print} |{v}| {v}"
     law = {"1": f" {linear}", "2": f" {quadratic} + {linear}", "3": f" {quadratic}"}.get(model, "")
-    return f"model {escape(model)} (drag{law}) serves best on {runs} runs, with {' and '.join(found)}"
+    return f"model {escape(model)} (drag{law}) fits {runs} runs best, with {' and '.join(found)}"
 
 
 def _thrust(step: StepResult) -> str:

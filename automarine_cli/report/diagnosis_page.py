@@ -150,8 +150,8 @@ def _where(where: Where) -> str:
     """The regions as a table."""
     if not where.regions:
         return (
-            f"Against none of {len(where.variables)} variables does the gap stand out from what chance gives when "
-            "whole runs are turned or dealt at random."
+            f"The error depends on none of the {len(where.variables)} variables beyond chance (what whole runs, "
+            "mirrored or exchanged at random, would show)."
         )
     rest = len(where.regions) - MOST_REGIONS
     return regions_table(where).to_markdown() + (

@@ -123,7 +123,7 @@ def _predictions(search: PlanarSearch) -> list[Table]:
 def _where_table(where: Where) -> Table | str:
     """Where the gap stands out, the surest stretches first."""
     if not where.regions:
-        return "The gap stands out against chance nowhere."
+        return "The error depends on no variable beyond chance."
     rows = [
         (
             one.variable, f"{one.low:.3g} to {one.high:.3g} {one.unit}", one.seen_in,

@@ -32,7 +32,7 @@ SHORTEST_PART = 5.0  # s; what is left between two jumps has to be worth fitting
 
 
 class NotUsable(RunError):
-    """A run that does not serve: the reason, with a hint."""
+    """An unusable run: the reason, with a hint."""
 
 
 def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tuple[Run, ...]:
@@ -194,7 +194,7 @@ def _bridged(run: Run) -> tuple[Run, ...]:
 
 
 def too_short(part: Run) -> str | None:
-    """Why a part of a run that was split at a jump does not serve, or None."""
+    """Why a part of a run that was split at a jump is unusable, or None."""
     length = float(part.time[-1] - part.time[0])
     if not part.counts["jumps"] or length >= SHORTEST_PART:
         return None

@@ -1,4 +1,4 @@
-"""`load_runs`: all logs of a campaign become runs; what does not serve is set aside with its reason."""
+"""`load_runs`: all logs of a campaign become runs; what is unusable is set aside with its reason."""
 
 import contextlib
 import os

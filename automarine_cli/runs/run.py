@@ -1,4 +1,4 @@
-"""`Run`: one log of one test, cleaned and frozen; and what becomes of a run that does not serve."""
+"""`Run`: one log of one test, cleaned and frozen; and what becomes of an unusable run."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence

@@ -117,7 +117,7 @@ def _wraps_at(turn: float, span: float, jumps: Floats) -> bool:
 
 
 def stuck(position: Floats, command: Floats, dof: Dof) -> str | None:
-    """Why a position that repeats one value while a command acts does not serve, or None."""
+    """Why a position that repeats one value while a command acts is unusable, or None."""
     acting = command != 0
     if not acting.any():
         return None

@@ -38,6 +38,7 @@ def found_in(motion: str, names: Sequence[str]) -> Diagnosis:
     return diagnose_runs(hidden(motion, names), base_of(motion), hold_out=[])
 
 
+@pytest.mark.slow
 def test_the_lag_hidden_in_surge_is_found() -> None:
     found = found_in("surge", ("X_+12", "X_+30", "X_-30", "reversal_+20", "reversal_-20"))
     assert found.verdict == "named" and [one.name for one in found.effects] == ["thruster-lag"]
@@ -47,6 +48,7 @@ def test_the_lag_hidden_in_surge_is_found() -> None:
     assert "noise of the distance" in sentence and " cm" in sentence and "deg" not in sentence
 
 
+@pytest.mark.slow
 def test_the_tether_hidden_in_heave_is_found() -> None:
     found = found_in("heave", ("Z_+7.0_a", "Z_+12.0_a", "Z_+30.0_a", "reversal_+15", "reversal_+28"))
     assert found.verdict == "named" and [one.name for one in found.effects] == ["tether-spring"]

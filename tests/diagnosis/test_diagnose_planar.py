@@ -45,11 +45,11 @@ def searched(kind: str, seed: int = 1, mirror: bool = False) -> PlanarSearch:
 @pytest.mark.parametrize(
     ("kind", "added", "truth"),
     [
-        ("N_ur", "yaw.N_ur", 2.5),
         ("N_v", "yaw.N_v", 4.0),
-        ("Y_r", "sway.Y_r", 4.0),
-        ("munk-moment", "sway.m_v", 32.0),
-        ("current", "current.north", 0.15),
+        pytest.param("N_ur", "yaw.N_ur", 2.5, marks=pytest.mark.slow),
+        pytest.param("Y_r", "sway.Y_r", 4.0, marks=pytest.mark.slow),
+        pytest.param("munk-moment", "sway.m_v", 32.0, marks=pytest.mark.slow),
+        pytest.param("current", "current.north", 0.15, marks=pytest.mark.slow),
     ],
 )
 def test_what_is_hidden_is_named(kind: str, added: str, truth: float) -> None:
@@ -65,6 +65,7 @@ def test_nothing_hidden_nothing_named() -> None:
     assert found.verdict == "nothing-missing" and not found.suspected
 
 
+@pytest.mark.slow
 def test_the_mirrored_campaign_has_the_mirrored_verdict() -> None:
     one, other = (searched("N_v", mirror=mirror) for mirror in (False, True))
     assert [one.candidate.added for one in other.named] == [("yaw.N_v",)]
@@ -72,6 +73,7 @@ def test_the_mirrored_campaign_has_the_mirrored_verdict() -> None:
     assert other.after.known["yaw.N_v"] == pytest.approx(one.after.known["yaw.N_v"], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_missing_moment_stands_out_against_sway() -> None:
     """The filter needs -N_v v beside a model without it."""
     every = PlanarLikelihood(tuple(campaign(HIDDEN["N_v"], 3, 6, 30.0, SPEEDS)), Observed(SPEEDS))
@@ -106,6 +108,7 @@ def test_nothing_stands_out_where_nothing_is_missing() -> None:
     assert where is not None and where.regions == ()
 
 
+@pytest.mark.slow
 def test_logs_to_a_folder_of_results(tmp_path: Path) -> None:
     for run in campaign(HIDDEN["Y_r"], 1, 5, 8.0, SPEEDS):
         log(run, tmp_path)

@@ -21,7 +21,10 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 
 IN_YAW = [name for name in effects.names() if effects.get(name).acts_in(YAW)]
-EVERY_EFFECT = pytest.mark.parametrize("name", IN_YAW)
+FAST = "dead-band"  # the one that `make test` plants
+EVERY_EFFECT = pytest.mark.parametrize(
+    "name", [FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in IN_YAW if name != FAST)]
+)
 Judge = Callable[..., Diagnosis]
 
 
@@ -64,6 +67,7 @@ def test_planted_effect_gives_its_name_or_a_tie_that_holds_it(name: str, judge: 
     assert found.gap.after < found.gap.before and found.gap.after < 1.05 * found.gap.floor
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_nothing_planted_nothing_named(seed: int, judge: Judge) -> None:
     found = judge(campaign(seed=seed), base_for(""))
@@ -72,6 +76,7 @@ def test_nothing_planted_nothing_named(seed: int, judge: Judge) -> None:
     assert all(0 < size < np.inf for size in found.detectable.values())
 
 
+@pytest.mark.slow
 def test_two_planted_are_both_named(judge: Judge) -> None:
     among = look_alikes("dead-band") | look_alikes("water-swirl")
     found = judge(campaign("dead-band", "water-swirl"), base_for(""), among)
@@ -80,6 +85,7 @@ def test_two_planted_are_both_named(judge: Judge) -> None:
         assert sum(name in tie for tie in held(found)) == 1, held(found)
 
 
+@pytest.mark.slow
 def test_a_tether_that_snags_is_not_in_the_library(judge: Judge) -> None:
     """Now and then something holds the vehicle for a few seconds: no name fits, and none is given."""
     random = np.random.default_rng(5)
@@ -121,6 +127,7 @@ def as_made() -> dict[str, Diagnosis]:
     return {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TOLD)
 @pytest.mark.parametrize("telling", TELLINGS)
 def test_the_same_data_told_otherwise_give_the_same(

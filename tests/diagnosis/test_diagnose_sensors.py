@@ -52,6 +52,7 @@ def told(runs: list[Run], monkeypatch: pytest.MonkeyPatch, channels: str = "auto
     return diagnose_runs(runs, BASE, hold_out=[], channels=channels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lag", LAGS)
 def test_with_a_gyro_each_lag_is_named_from_steps_alone(lag: str, monkeypatch: pytest.MonkeyPatch) -> None:
     found = told(steps(lag), monkeypatch)
@@ -64,6 +65,7 @@ def test_with_a_gyro_each_lag_is_named_from_steps_alone(lag: str, monkeypatch: p
     assert found.gap.before > found.gap.after and found.gap.after < 1.05 * found.gap.floor
 
 
+@pytest.mark.slow
 def test_without_it_they_are_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
     ties = []
     for lag in LAGS:
@@ -79,6 +81,7 @@ def test_a_gyro_alone_sees_no_lag_of_the_compass(monkeypatch: pytest.MonkeyPatch
     assert found.verdict == "nothing-missing" and "sensor-lag" not in found.detectable
 
 
+@pytest.mark.slow
 def test_runs_held_out_may_lack_the_gyro(monkeypatch: pytest.MonkeyPatch) -> None:
     runs = steps("thruster-lag")
     every = search.candidates

@@ -21,6 +21,7 @@ from automarine_cli.workflows.simulate import simulate
 
 STRONG = 3.0
 """Times the usual start of an effect's size: it shows at once."""
+pytestmark = pytest.mark.slow
 VARYING = [name for name in effects.names() if effects.get(name).per_run and effects.get(name).acts_in(YAW)]
 MIRROR = "[columns]\nheading_deg = { from = 'heading_deg', sign = -1 }\ntau = { from = 'tau', sign = -1 }\n"
 

@@ -42,6 +42,7 @@ def grown(study: Study, base: Trial, *added: tuple[str, tuple[float, ...]]) -> T
     return trial
 
 
+@pytest.mark.slow
 def test_a_lag_of_the_thrust_takes_the_place_of_what_imitates_it() -> None:
     truth = BASE.with_effect("thruster-lag", (0.4, 1.0))
     study = study_with(truth, [[(-m, s) for m, s in plan] for plan in long_plans()[::2]])
@@ -57,6 +58,7 @@ def test_a_lag_of_the_thrust_takes_the_place_of_what_imitates_it() -> None:
     assert one_instead(study, found, first, each, may_stand) == (found, "")
 
 
+@pytest.mark.slow
 def test_two_that_are_both_there_stay() -> None:
     study = study_with(
         BASE.with_effect("thruster-lag", (0.4,)).with_effect("bias-moment", (0.08,)), long_plans()[1::4]

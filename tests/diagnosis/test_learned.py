@@ -156,7 +156,13 @@ def folder(by_command: tuple[Path, YawDiagnosis]) -> Path:
     return by_command[0]
 
 
-@pytest.fixture(scope="module", params=["temperature", "rate", "depth", "product"])
+@pytest.fixture(
+    scope="module",
+    params=[
+        "temperature",
+        *(pytest.param(law, marks=pytest.mark.slow) for law in ("rate", "depth", "product")),
+    ],
+)
 def found(request: pytest.FixtureRequest, few_candidates: None) -> tuple[str, Diagnosis]:
     """A law, and the diagnosis of a campaign with it."""
     if request.param == "temperature":
@@ -191,6 +197,7 @@ def test_the_band_holds_the_truth_and_the_formula_is_its_own(found: tuple[str, D
     assert formula.form.name == wanted[0] and low < wanted[2] < high
 
 
+@pytest.mark.slow
 def test_of_driven_runs_a_gain_on_the_temperature_is_learned(few_candidates: None) -> None:
     runs = steered(6, sea=Sea(warmth=0.4), length=40.0)
     diagnosis = diagnose_runs(runs, YawModel.base("3", 1.0, (1.2,), "nu", YAW))
@@ -210,6 +217,7 @@ def test_a_curve_that_does_as_well_as_an_effect_is_its_rival() -> None:
         assert [(one.replaces, one.name, one.behind) for one in ties(found, curve)] == rivals
 
 
+@pytest.mark.slow
 def test_clean_campaigns_stay_silent(few_candidates: None) -> None:
     for seed in (1, 2):
         assert (

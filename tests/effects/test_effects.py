@@ -288,6 +288,7 @@ def test_the_filter_of_driven_runs_knows_each_law(name: str) -> None:
 # What the data give back
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in law_names() if name not in CUTS])
 def test_recovered_from_data_made_with_it(name: str) -> None:
     effect, law = of_law(name)

@@ -149,7 +149,7 @@ def test_a_parameter_that_never_moved_is_told(i: int, name: str) -> None:
 def test_parameters_that_only_act_together_are_told() -> None:
     """Thrust that scatters multiplies inertia and drag alike; two drags at moments close together add up to one."""
     fit = identify(campaign(both_ways(SIZES), seed=0, gain_scatter=0.18))
-    assert said(fit, "I_r and k_rr are correlated by 0.9", "their quotient is known far better than either")
+    assert said(fit, "I_r and k_rr are correlated by 0.9", "only their ratio is well determined")
     close = sound().output_error["3"]
     away = close.mixed.covariance.copy()
     away[0, 1] = away[1, 0] = -0.96 * np.sqrt(away[0, 0] * away[1, 1])

@@ -6,6 +6,7 @@
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from made_runs import INERTIA, K_RR
@@ -100,6 +101,7 @@ def tokens(text: str) -> set[str]:
     return set(re.findall(r"[A-Za-z_]+(?:-[a-z]+)*", text))
 
 
+@cache
 def own_tokens(dof: Dof) -> set[str]:
     """Every word and symbol of a motion's record, and their plurals."""
     words = [text for text in vars(dof.words).values() if isinstance(text, str)]

@@ -46,9 +46,9 @@ def where_panels(where: Where, words: str, units: str = "runs", less: str = "sim
     _heat_map(figure, heat, where, less)
     out = sum(bool(variable.stands_out.any()) for variable in where.variables)
     told = (
-        f"The gap stands out against {out} of {len(where.variables)} variables (yellow)"
+        f"The error depends on {out} of {len(where.variables)} variables (yellow)"
         if out
-        else f"The gap stands out against none of {len(where.variables)} variables"
+        else f"The error depends on none of {len(where.variables)} variables"
     )
     handles = [
         Patch(color=MARK, alpha=0.45, label="stands out against chance"),
