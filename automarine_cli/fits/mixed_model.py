@@ -262,6 +262,6 @@ def _report(
         iterations=iterations,
         converged=converged,
         slots=problem.slots,
-        gram=inside,
+        gram=gram.keep(free),
         effects=problem.effects,
     )

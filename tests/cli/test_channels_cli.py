@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import Result
+from few_candidates import few_candidates
 from made_campaigns import both_ways, campaign
 
 from automarine_cli.dofs import DOFS, Dof
@@ -78,7 +79,8 @@ def test_results_say_which_sensors_they_rest_on(steps: Path, run: Run, tmp_path:
     assert "channels" not in read_manifest(out / "manifest.json").options
     for command, name in (("validate", "validation.json"), ("diagnose", "diagnosis.json")):
         there = tmp_path / command
-        result = run(command, steps, "--model", out / "yaw_model.json", "-o", there)
+        with few_candidates(("dead-band", "bias-moment")):
+            result = run(command, steps, "--model", out / "yaw_model.json", "-o", there)
         assert result.exit_code == 0, result.output
         assert "Sensors that count: heading" in result.stdout
         assert set(told(there, name)) == {"heading", "yaw_rate"}
@@ -104,7 +106,8 @@ def test_a_campaign_file_says_it_too(steps: Path, run: Run, tmp_path: Path) -> N
     file = tmp_path / "campaign.toml"
     text = 'schema = "automarine/campaign/1"\n[logs]\nsteps = ["{}"]\n[yaw]\nchannels = "{}"\n'
     file.write_text(text.format(steps, "yaw_rate"))
-    result = run("run", file, "-o", tmp_path / "out")
+    with few_candidates(("dead-band", "bias-moment")):
+        result = run("run", file, "-o", tmp_path / "out")
     assert result.exit_code == 0, result.output
     assert told(tmp_path / "out" / "yaw", "yaw_model.json")["heading"]["used"] is False
     assert "Sensors that count: yaw rate" in (tmp_path / "out" / "report.md").read_text()

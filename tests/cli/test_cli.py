@@ -362,6 +362,7 @@ def all_examples() -> Iterator[list[str]]:
     return (arguments for i, arguments in enumerate(seen) if arguments not in seen[:i])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (SAMPLE_RUNS / "steps").is_dir(), reason="sample_runs is not there yet")
 def test_every_example_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Callable[..., Result]

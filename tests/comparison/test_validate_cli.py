@@ -93,6 +93,7 @@ def test_json_alone_on_standard_output(pool: Path, run: Run) -> None:
     assert told.stdout.rstrip().endswith("Nothing was written; -o DIR keeps the results.")
 
 
+@pytest.mark.slow
 def test_same_bytes_on_any_number_of_jobs(pool: Path, run: Run, tmp_path: Path) -> None:
     for jobs in (1, 2):
         done = run(

@@ -5,16 +5,16 @@ against the effects that it is mistaken for, on either card, and a few campaigns
 does all of it on large campaigns, with equations of its own.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from effect_contract import base_for, measured, mirrored_signs, planted, short_plans, unmeasured
+from few_candidates import few_candidates
 from made_campaigns import rescaled, shifted
 
 from automarine_cli import effects
-from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
@@ -25,7 +25,6 @@ FAST = "dead-band"  # the one that `make test` plants
 EVERY_EFFECT = pytest.mark.parametrize(
     "name", [FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in IN_YAW if name != FAST)]
 )
-Judge = Callable[..., Diagnosis]
 
 
 def look_alikes(name: str) -> set[str]:
@@ -35,18 +34,10 @@ def look_alikes(name: str) -> set[str]:
     }
 
 
-@pytest.fixture
-def judge(monkeypatch: pytest.MonkeyPatch) -> Judge:
-    """`judge(runs, base, among)`: a diagnosis that fits all runs and tries the candidates `among`, or all."""
-
-    def diagnose(runs: Sequence[Run], base: YawModel, among: set[str] | None = None) -> Diagnosis:
-        every = search.candidates
-        with monkeypatch.context() as patch:
-            if among is not None:
-                patch.setattr(search, "candidates", lambda *of: [n for n in every(*of) if n in among])
-            return diagnose_runs(runs, base, hold_out=[])
-
-    return diagnose
+def judge(runs: Sequence[Run], base: YawModel, among: set[str] | None = None) -> Diagnosis:
+    """A diagnosis that fits all runs and tries the candidates `among`, or all."""
+    with few_candidates(effects.names() if among is None else among):
+        return diagnose_runs(runs, base, hold_out=[])
 
 
 def campaign(*names: str, seed: int = 1) -> list[Run]:
@@ -60,7 +51,7 @@ def held(found: Diagnosis) -> list[set[str]]:
 
 
 @EVERY_EFFECT
-def test_planted_effect_gives_its_name_or_a_tie_that_holds_it(name: str, judge: Judge) -> None:
+def test_planted_effect_gives_its_name_or_a_tie_that_holds_it(name: str) -> None:
     found = judge(campaign(name), base_for(name), look_alikes(name))
     assert found.verdict == "named"
     assert [name in tie for tie in held(found)] == [True], held(found)
@@ -69,7 +60,7 @@ def test_planted_effect_gives_its_name_or_a_tie_that_holds_it(name: str, judge: 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
-def test_nothing_planted_nothing_named(seed: int, judge: Judge) -> None:
+def test_nothing_planted_nothing_named(seed: int) -> None:
     found = judge(campaign(seed=seed), base_for(""))
     assert (found.verdict, found.effects) == ("nothing-missing", ())
     assert set(found.detectable) == set(IN_YAW) - {"quadratic-drag"}
@@ -77,7 +68,7 @@ def test_nothing_planted_nothing_named(seed: int, judge: Judge) -> None:
 
 
 @pytest.mark.slow
-def test_two_planted_are_both_named(judge: Judge) -> None:
+def test_two_planted_are_both_named() -> None:
     among = look_alikes("dead-band") | look_alikes("water-swirl")
     found = judge(campaign("dead-band", "water-swirl"), base_for(""), among)
     assert found.verdict == "named" and len(found.effects) == 2
@@ -86,7 +77,7 @@ def test_two_planted_are_both_named(judge: Judge) -> None:
 
 
 @pytest.mark.slow
-def test_a_tether_that_snags_is_not_in_the_library(judge: Judge) -> None:
+def test_a_tether_that_snags_is_not_in_the_library() -> None:
     """Now and then something holds the vehicle for a few seconds: no name fits, and none is given."""
     random = np.random.default_rng(5)
     runs = [unmeasured(plan, i) for i, plan in enumerate(short_plans())]
@@ -131,7 +122,7 @@ def as_made() -> dict[str, Diagnosis]:
 @pytest.mark.parametrize("name", TOLD)
 @pytest.mark.parametrize("telling", TELLINGS)
 def test_the_same_data_told_otherwise_give_the_same(
-    name: str, telling: str, judge: Judge, as_made: dict[str, Diagnosis]
+    name: str, telling: str, as_made: dict[str, Diagnosis]
 ) -> None:
     runs, base, effect = campaign(name), base_for(name), effects.get(name)
     if name not in as_made:

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from few_candidates import few_candidates
 from made_runs import INERTIA, K_RR
 
-from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.dofs import YAW
 from automarine_cli.models.yaw_model import YawModel
@@ -45,17 +45,16 @@ def steps(effect: str, seed: int = 1) -> list[Run]:
     return runs
 
 
-def told(runs: list[Run], monkeypatch: pytest.MonkeyPatch, channels: str = "auto") -> Diagnosis:
+def told(runs: list[Run], channels: str = "auto") -> Diagnosis:
     """A diagnosis that tries the three lags only."""
-    every = search.candidates
-    monkeypatch.setattr(search, "candidates", lambda *of: [name for name in every(*of) if name in LAGS])
-    return diagnose_runs(runs, BASE, hold_out=[], channels=channels)
+    with few_candidates(LAGS):
+        return diagnose_runs(runs, BASE, hold_out=[], channels=channels)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("lag", LAGS)
-def test_with_a_gyro_each_lag_is_named_from_steps_alone(lag: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    found = told(steps(lag), monkeypatch)
+def test_with_a_gyro_each_lag_is_named_from_steps_alone(lag: str) -> None:
+    found = told(steps(lag))
     assert found.channels.names == ("heading", "yaw_rate") and found.verdict == "named"
     (named,) = found.effects
     assert (named.name, named.rivals) == (lag, ())
@@ -66,26 +65,24 @@ def test_with_a_gyro_each_lag_is_named_from_steps_alone(lag: str, monkeypatch: p
 
 
 @pytest.mark.slow
-def test_without_it_they_are_rivals(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_it_they_are_rivals() -> None:
     ties = []
     for lag in LAGS:
-        with monkeypatch.context() as patch:
-            found = told(steps(lag), patch, channels="position")
+        found = told(steps(lag), channels="position")
         assert found.channels.names == ("heading",)
         ties.append({one for named in found.effects for one in (named.name, *(r.name for r in named.rivals))})
     assert max(len(tie) for tie in ties) > 1, ties
 
 
-def test_a_gyro_alone_sees_no_lag_of_the_compass(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = told(steps("sensor-lag"), monkeypatch, channels="yaw_rate")
+def test_a_gyro_alone_sees_no_lag_of_the_compass() -> None:
+    found = told(steps("sensor-lag"), channels="yaw_rate")
     assert found.verdict == "nothing-missing" and "sensor-lag" not in found.detectable
 
 
 @pytest.mark.slow
-def test_runs_held_out_may_lack_the_gyro(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_runs_held_out_may_lack_the_gyro() -> None:
     runs = steps("thruster-lag")
-    every = search.candidates
-    monkeypatch.setattr(search, "candidates", lambda *of: [name for name in every(*of) if name in LAGS])
-    found = diagnose_runs(runs[:14], BASE, hold_out=[replace(run, extras={}) for run in runs[14:]])
+    with few_candidates(LAGS):
+        found = diagnose_runs(runs[:14], BASE, hold_out=[replace(run, extras={}) for run in runs[14:]])
     assert [one.name for one in found.effects] == ["thruster-lag"]
     assert found.held_out_gap is not None and found.held_out_gap.after < found.held_out_gap.before

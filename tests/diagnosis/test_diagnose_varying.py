@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from few_candidates import few_candidates
 
 from automarine_cli import effects
 from automarine_cli.cli import automarine
-from automarine_cli.diagnosis import search
 from automarine_cli.dofs import YAW
 from automarine_cli.pipeline.manifest import read_manifest
 from automarine_cli.pipeline.recipe import toml_text
@@ -60,19 +60,14 @@ def diagnosed(out: Path, *arguments: object) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def few_candidates() -> Iterator[None]:
-    """What varies, and two that do not: judging the whole library is the matter of other tests."""
-    every = search.candidates
-    among = {*VARYING, "dead-band", "bias-moment"}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(search, "candidates", lambda *of: [name for name in every(*of) if name in among])
+def few() -> Iterator[None]:
+    """What varies, and two that do not."""
+    with few_candidates({*VARYING, "dead-band", "bias-moment"}):
         yield
 
 
 @pytest.fixture(scope="module", params=VARYING)
-def campaign(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, few_candidates: None
-) -> Campaign:
+def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, few: None) -> Campaign:
     """The campaign, simulated, fitted as whole runs and diagnosed."""
     folder = tmp_path_factory.mktemp(request.param)
     steps = {"kind": "step", "moments": {"from": -1.0, "to": 1.0, "step": 0.2}, "duration_s": 12.0}

@@ -9,12 +9,12 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from few_candidates import few_candidates
 from made_driven import Sea, steered
 from made_learned import BASE, LAWS, campaign, true_gap, written
 
 from automarine_cli import effects
 from automarine_cli.cli import automarine
-from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.formula import formula_of
 from automarine_cli.diagnosis.learned import ties
@@ -133,16 +133,14 @@ def test_the_prior_holds_what_the_data_do_not_show() -> None:
 
 
 @pytest.fixture(scope="module")
-def few_candidates() -> Iterator[None]:
-    """Two laws of the library: judging all of it is the matter of other tests."""
-    every, among = search.candidates, {"linear-drag", "bias-moment"}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(search, "candidates", lambda *of: [name for name in every(*of) if name in among])
+def few() -> Iterator[None]:
+    """Two laws of the library."""
+    with few_candidates({"linear-drag", "bias-moment"}):
         yield
 
 
 @pytest.fixture(scope="module")
-def by_command(tmp_path_factory: pytest.TempPathFactory, few_candidates: None) -> tuple[Path, YawDiagnosis]:
+def by_command(tmp_path_factory: pytest.TempPathFactory, few: None) -> tuple[Path, YawDiagnosis]:
     """Logs of a campaign in which thrust follows the temperature, fitted and diagnosed into a folder."""
     folder = tmp_path_factory.mktemp("learned")
     logs = written(campaign("temperature"), folder / "logs")
@@ -163,7 +161,7 @@ def folder(by_command: tuple[Path, YawDiagnosis]) -> Path:
         *(pytest.param(law, marks=pytest.mark.slow) for law in ("rate", "depth", "product")),
     ],
 )
-def found(request: pytest.FixtureRequest, few_candidates: None) -> tuple[str, Diagnosis]:
+def found(request: pytest.FixtureRequest, few: None) -> tuple[str, Diagnosis]:
     """A law, and the diagnosis of a campaign with it."""
     if request.param == "temperature":
         return request.param, request.getfixturevalue("by_command")[1].diagnosis
@@ -198,7 +196,7 @@ def test_the_band_holds_the_truth_and_the_formula_is_its_own(found: tuple[str, D
 
 
 @pytest.mark.slow
-def test_of_driven_runs_a_gain_on_the_temperature_is_learned(few_candidates: None) -> None:
+def test_of_driven_runs_a_gain_on_the_temperature_is_learned(few: None) -> None:
     runs = steered(6, sea=Sea(warmth=0.4), length=40.0)
     diagnosis = diagnose_runs(runs, YawModel.base("3", 1.0, (1.2,), "nu", YAW))
     assert diagnosis.study.driven and diagnosis.found.final.added == ("learned:water_temp_C",)
@@ -218,7 +216,7 @@ def test_a_curve_that_does_as_well_as_an_effect_is_its_rival() -> None:
 
 
 @pytest.mark.slow
-def test_clean_campaigns_stay_silent(few_candidates: None) -> None:
+def test_clean_campaigns_stay_silent(few: None) -> None:
     for seed in (1, 2):
         assert (
             diagnose_runs(campaign("nothing", seed, repeats=1), BASE, seed=seed).verdict == "nothing-missing"

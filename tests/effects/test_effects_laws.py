@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from effect_contract import Floats, base_for, long_plans, measured, planted, short_plans, unmeasured
+from few_candidates import few_candidates
 
-from automarine_cli.diagnosis import search
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.diagnosis.estimates import parameter_estimates
 from automarine_cli.diagnosis.scores import fitted_parameters
@@ -331,13 +331,12 @@ def test_amplitude_and_period_of_such_waves_are_recovered(seed: int) -> None:
     assert found["B"].value == 0.0
 
 
-def test_such_waves_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_such_waves_are_named() -> None:
     """Among what they are mistaken for: `make blind` has them among all."""
     among = {"periodic-disturbance", "heading-moment", "dead-band", "bias-moment"}
-    every = search.candidates
-    monkeypatch.setattr(search, "candidates", lambda *of: [name for name in every(*of) if name in among])
     assert fitted_parameters("periodic-disturbance", (0.0, 0.0, 3.0, 1.0)) == 2
-    found = diagnose_runs(wavy(4), BASE, hold_out=[])
+    with few_candidates(among):
+        found = diagnose_runs(wavy(4), BASE, hold_out=[])
     assert found.verdict == "named" and [one.name for one in found.effects] == ["periodic-disturbance"]
     assert found.effects[0].parameters["phase"].value == 1.0
     assert np.rad2deg(found.gap.after) == pytest.approx(0.5, rel=0.1)

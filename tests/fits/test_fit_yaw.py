@@ -227,6 +227,7 @@ def test_json_is_alone_on_standard_output(run: Command, logs: Path, results: tup
     assert json.loads(result.stdout) == model_of(results[0])
 
 
+@pytest.mark.slow
 def test_the_same_bytes_again_and_with_two_processes(
     run: Command, logs: Path, results: tuple[Path, Result], tmp_path: Path
 ) -> None:

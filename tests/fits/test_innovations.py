@@ -75,8 +75,7 @@ def test_slopes_are_those_of_the_value(number: str, drag: tuple[float, ...]) -> 
     (start,) = starts_near(problem, [model.theta], RANDOM)
     phi = problem.search(start)
     (slopes,) = problem.slopes(phi[None])
-    mean, precision = problem.priors
-    gradient = slopes.gradient.sum(axis=0) - ((phi - mean) * precision)[problem.free]
+    gradient = slopes.gradient.sum(axis=0) + problem.prior_gradient(phi)
     step = 1e-4 * np.maximum(np.abs(phi[problem.free]), 0.1)
     moved = np.tile(phi, (2 * len(step), 1))
     moved[np.arange(len(step)), problem.free] += step

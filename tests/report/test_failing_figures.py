@@ -2,15 +2,15 @@
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from click.testing import Result
+from few_candidates import few_candidates
 
 import automarine_cli as am
-from automarine_cli.diagnosis import search
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.pipeline import attempts
 from automarine_cli.pipeline.attempts import attempted
@@ -95,19 +95,15 @@ def made(small_day: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def few(patch: pytest.MonkeyPatch) -> None:
-    """Two effects will do for a diagnosis here."""
-    every = search.candidates
-    tried = ("dead-band", "bias-moment")
-    patch.setattr(search, "candidates", lambda *of: [name for name in every(*of) if name in tried])
+FEW = ("dead-band", "bias-moment")  # will do for a diagnosis here
 
 
 @pytest.fixture
-def place(made: Path, monkeypatch: pytest.MonkeyPatch, lenient_figures: None) -> Path:
+def place(made: Path, monkeypatch: pytest.MonkeyPatch, lenient_figures: None) -> Iterator[Path]:
     """The working directory of a test, with the campaign in it."""
     monkeypatch.chdir(made)
-    few(monkeypatch)
-    return made
+    with few_candidates(FEW):
+        yield made
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -180,8 +176,7 @@ def test_the_files_told_of_are_those_that_are_there(
 @pytest.fixture(scope="module")
 def diagnosis(made: Path) -> YawDiagnosis:
     """A diagnosis, not written yet."""
-    with pytest.MonkeyPatch.context() as patch:
-        few(patch)
+    with few_candidates(FEW):
         result = am.diagnose(made / "pool/steps", model=made / "yaw/yaw_model.json")
     assert isinstance(result, YawDiagnosis)
     return result

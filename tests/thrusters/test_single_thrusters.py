@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import Result
+from few_candidates import few_candidates
 from made_twin import ARM, INERTIA, K_RR, MAP, NAMES, gains_of, plans, spins, swapped, twin
 from repository import DATA
 
@@ -96,18 +97,17 @@ def test_dead_band_and_limit_of_each_are_recovered(name: str, parameter: str, tr
     ({"gains": gains_of(0.1, 0.1, 0.0)}, NAME), ({"bias": 0.05}, "bias-moment"),
     ({"asymmetry": 0.08}, "thrust-asymmetry"),
 ])  # fmt: skip
-def test_each_has_its_own_name(made: dict[str, object], name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    every = search.candidates
-    monkeypatch.setattr(search, "candidates", lambda *of: [n for n in every(*of) if n in LOOK_ALIKES])
-    found = diagnose_runs(driven(twin(plans(14, 4), seed=4, **made)), BASE, hold_out=[])  # type: ignore[arg-type]
+def test_each_has_its_own_name(made: dict[str, object], name: str) -> None:
+    runs = driven(twin(plans(14, 4), seed=4, **made))  # type: ignore[arg-type]
+    with few_candidates(LOOK_ALIKES):
+        found = diagnose_runs(runs, BASE, hold_out=[])
     assert [one.name for one in found.effects] == [name]
 
 
-def test_spins_alone_are_a_tie_and_the_advice_is_each_thruster_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    every = search.candidates
-    monkeypatch.setattr(search, "candidates", lambda *of: [n for n in every(*of) if n in LOOK_ALIKES])
+def test_spins_alone_are_a_tie_and_the_advice_is_each_thruster_alone() -> None:
     runs = driven(twin(spins(14, 5), gains_of(0.1, -0.06, 0.05), seed=5))
-    found = diagnose_runs(runs, BASE, hold_out=[])
+    with few_candidates(LOOK_ALIKES):
+        found = diagnose_runs(runs, BASE, hold_out=[])
     (one,) = found.effects
     (rival,) = one.rivals
     assert {one.name, rival.name} == {NAME, "thrust-asymmetry"}
