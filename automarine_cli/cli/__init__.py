@@ -24,13 +24,19 @@ SHORT_HELP = re.compile(r'^@click\.command\(\s*"[\w-]+",\s*short_help="([^"\n]+)
 NOT_COMMANDS = ("__init__", "options", "echo", "terminal")
 
 
+def _modules() -> dict[str, Path]:
+    """Name and file of every module that is a command."""
+    folders = (Path(place) for place in __path__)
+    files = (file for folder in folders for file in folder.glob("*.py"))
+    return {file.stem: file for file in files if file.stem not in NOT_COMMANDS}
+
+
 class CommandFolder(click.Group):
     """Finds its commands as modules of this folder and maps what they raise to the terminal."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of the modules in this folder, dashed, in name order."""
-        names = (path.stem for path in Path(__file__).parent.glob("*.py"))
-        found = {name.replace("_", "-") for name in names if name not in NOT_COMMANDS}
+        found = {name.replace("_", "-") for name in _modules()}
         return sorted(found.union(super().list_commands(ctx)))
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
@@ -47,8 +53,8 @@ class CommandFolder(click.Group):
             formatter.write_dl(rows)
 
     def _short_help(self, ctx: click.Context, name: str) -> str:
-        file = Path(__file__).with_name(f"{name.replace('-', '_')}.py")
-        written = file.is_file() and SHORT_HELP.search(file.read_text(encoding="utf-8"))
+        file = _modules().get(name.replace("-", "_"))
+        written = file and SHORT_HELP.search(file.read_text(encoding="utf-8"))
         if written:
             return written[1]
         command = self.get_command(ctx, name)

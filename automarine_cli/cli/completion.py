@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from automarine_cli.cli import options
+from automarine_cli.cli.echo import echo_result
 
 VARIABLE = "_AUTOMARINE_COMPLETE"
 
@@ -44,7 +45,7 @@ def completion(ctx: click.Context, shell: str, as_json: bool) -> object:
     script = found(ctx.find_root().command, {}, "automarine", VARIABLE).source()
     result = Completion(shell, script)
     if as_json:
-        options.echo_result(result, as_json=True)
+        echo_result(result, as_json=True)
     else:
         click.echo(script)
     return result

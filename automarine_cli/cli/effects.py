@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from automarine_cli.cli import options
+from automarine_cli.cli.echo import echo_result
 
 
 @click.command("effects", short_help="The library of effects, and the card of each.")
@@ -41,5 +42,5 @@ def effects(name: str | None, motion: str | None, new: Path | None, overwrite: b
     if new is not None and name is not None:
         raise click.UsageError("--new names the effect by its file; leave NAME out")
     result = workflow(name, motion) if new is None else keep_own(new, overwrite=overwrite)
-    options.echo_result(result, as_json=as_json, tables=result.tables(), keep_hint=None)
+    echo_result(result, as_json=as_json, tables=result.tables(), keep_hint=None)
     return result

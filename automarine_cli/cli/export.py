@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from automarine_cli.cli import options
+from automarine_cli.cli.echo import echo_result, verbosity_level
 
 _ABOVE_ZERO = click.FloatRange(min=0, min_open=True)
 
@@ -49,9 +50,7 @@ _ABOVE_ZERO = click.FloatRange(min=0, min_open=True)
 @options.overwrite_option
 @options.json_option
 @options.verbosity
-def export(
-    model: Path | None, to: str | None, show_list: bool, out: Path | None, as_json: bool, **settings: Any
-) -> object:
+def export(show_list: bool, **given: Any) -> object:
     """Write a yaw model or a thruster map for the program that is to use it.
 
     Signs, units and frame become the target's own and are stated in the file. Effects that the target cannot
@@ -62,21 +61,20 @@ def export(
       automarine fit-yaw sample_runs/steps -o out/yaw
       automarine export out/yaw/yaw_model.json --to gz-sim --newton-metres-per-nu 1.5 -o out/vehicle.sdf
     """
-    from automarine_cli.workflows import export as workflow
+    from automarine_cli.workflows.export import export as command
+    from automarine_cli.workflows.export import export_targets
 
+    out, as_json = given["out"], given["as_json"]
     if show_list:
-        found = workflow.export_targets()
-        options.echo_result(found, as_json=as_json, tables=found.tables(), keep_hint=None)
+        found = export_targets()
+        echo_result(found, as_json=as_json, tables=found.tables(), keep_hint=None)
         return found
-    if model is None or to is None:
+    if given["model"] is None or given["to"] is None:
         raise click.UsageError("give MODEL.json and --to NAME, or --list for the targets")
-    result = workflow.export(model, to=to, out=out, **settings)
-    if out is None and not as_json:
-        click.echo(result.text, nl=False)
-        for note in result.warnings if options.verbosity_level() >= 0 else ():
-            click.echo(note, err=True)
-        return result
-    options.echo_result(result, as_json=as_json, tables=result.tables(), keep_hint=None)
-    if not as_json and options.verbosity_level() >= 0:
-        click.echo(f"Written: {out}")
+    if out is not None or as_json:
+        return options.perform_one(command, given, written=f"Written: {out}")
+    result = command(**{key: value for key, value in given.items() if key != "as_json"})
+    click.echo(result.text, nl=False)
+    for note in result.warnings if verbosity_level() >= 0 else ():
+        click.echo(note, err=True)
     return result

@@ -1,11 +1,8 @@
 """`automarine fit-surge`: options in, one workflow call, tables out."""
 
-from pathlib import Path
-
 import click
 
 from automarine_cli.cli import options
-from automarine_cli.cli.fit_yaw import told
 
 
 @click.command("fit-surge", short_help="Step runs to drag, mass and a surge model.")
@@ -13,12 +10,8 @@ from automarine_cli.cli.fit_yaw import told
     "--within", type=click.FloatRange(min=0, min_open=True), metavar="METRES",
     help="Follow each step for so many metres, before the wall is felt; without it to its end.",
 )  # fmt: skip
-@options.fit_options
-def fit_surge(
-    logs: tuple[str, ...], columns: Path | None, thrusters: Path | None, within: float | None, fit_to: str,
-    tail: float | None, channels: str, with_effects: str, out: Path | None, overwrite: bool, strict: bool, jobs: int,
-    as_json: bool,
-) -> object:  # fmt: skip
+@options.fit_options("steps", "METRES")
+def fit_surge(**given: object) -> object:
     """Identify the surge model from step runs: distance against force, drag (Table 1) and mass (Table 2).
 
     Logs hold distance_m and force_X_N (or X, normalised; or n_port and n_stbd with --thrusters). Each step is
@@ -30,11 +23,6 @@ def fit_surge(
       automarine fit-surge sample_runs/surge --within 3 -o out/surge
       automarine fit-surge sample_runs/surge --within 3 --tail 1.5
     """
-    from automarine_cli.workflows import fit_yaw as workflow
+    from automarine_cli.workflows.fit_yaw import FITS
 
-    result = workflow.FITS["surge"](
-        logs, columns=columns, thrusters=thrusters, within=within, fit_to=fit_to, tail=tail, channels=channels,
-        with_effects=options.names_in(with_effects), out=out, overwrite=overwrite, strict=strict, jobs=jobs,
-        progress=options.terminal_progress(),
-    )  # fmt: skip
-    return told(result, out, as_json)
+    return options.perform(FITS["surge"], given)

@@ -1,7 +1,5 @@
 """`automarine fit-thrusters`: options in, one workflow call, tables out."""
 
-from pathlib import Path
-
 import click
 
 from automarine_cli.cli import options
@@ -24,26 +22,12 @@ FORMS = (*FORM_NAMES, *(f"{name}-saturation" for name in FORM_NAMES))
     type=click.Choice(("auto", *FORMS)),
     default="auto",
     show_default=True,
+    callback=lambda ctx, param, value: None if value == "auto" else value,
     metavar="FORM",
     help=f"Thrust curve of the map: {', '.join(FORMS)}; or auto, which chooses by cross-validation.",
 )
-@options.out_option
-@options.overwrite_option
-@options.strict_option
-@options.jobs_option
-@options.json_option
-@options.verbosity
-def fit_thrusters(
-    logs: tuple[str, ...],
-    columns: Path | None,
-    thrusters_per_test: int | None,
-    form: str,
-    out: Path | None,
-    overwrite: bool,
-    strict: bool,
-    jobs: int,
-    as_json: bool,
-) -> object:
+@options.ending("strict", "jobs")
+def fit_thrusters(**given: object) -> object:
     """Bollard tests (columns n, force_N) into the map of one thruster, forward and backward apart.
 
     The square law F = a |n| n is fitted always; seven other curves stand beside it, and cross-validation
@@ -53,21 +37,6 @@ def fit_thrusters(
     Example:
       automarine fit-thrusters sample_runs/thrusters --thrusters-per-test 2
     """
-    from automarine_cli.report.thruster_tables import sentences, tables
-    from automarine_cli.workflows import fit_thrusters as workflow
+    from automarine_cli.workflows.fit_thrusters import fit_thrusters as command
 
-    result = workflow.fit_thrusters(
-        logs,
-        columns=columns,
-        out=out,
-        overwrite=overwrite,
-        strict=strict,
-        thrusters_per_test=thrusters_per_test,
-        form=None if form == "auto" else form,
-        jobs=jobs,
-        progress=options.terminal_progress(),
-    )
-    options.echo_result(
-        result, as_json=as_json, out=out, tables=(*tables(result), *sentences(result)), files=workflow.FILES
-    )
-    return result
+    return options.perform(command, given)

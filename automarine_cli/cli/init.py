@@ -2,10 +2,12 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
 from automarine_cli.cli import options
+from automarine_cli.cli.echo import verbosity_level
 from automarine_cli.cli.terminal import folded, width_of
 
 
@@ -21,7 +23,7 @@ from automarine_cli.cli.terminal import folded, width_of
 @options.jobs_option
 @options.json_option
 @options.verbosity
-def init(folder: Path, out: Path | None, overwrite: bool, jobs: int, as_json: bool) -> object:
+def init(**given: Any) -> object:
     """Look at the logs in DIR (by default here) and write a commented campaign.toml for `automarine run`.
 
     It says which logs are thruster tests, step runs, manoeuvres and validation runs, and which column holds what,
@@ -32,14 +34,12 @@ def init(folder: Path, out: Path | None, overwrite: bool, jobs: int, as_json: bo
     Example:
       automarine init sample_runs -o out/campaign.toml
     """
-    from automarine_cli.workflows import init as workflow
+    from automarine_cli.workflows.init import NAME
+    from automarine_cli.workflows.init import init as command
 
-    result = workflow.init(
-        folder, out=out, overwrite=overwrite, jobs=jobs, progress=options.terminal_progress()
-    )
-    options.echo_result(result, as_json=as_json, tables=result.tables(), keep_hint=None)
-    if not as_json and options.verbosity_level() >= 0:
-        place = folder / workflow.NAME if out is None else out
+    result = options.perform_one(command, given)
+    if not given["as_json"] and verbosity_level() >= 0:
+        place = given["folder"] / NAME if given["out"] is None else given["out"]
         first = "Answer the questions in it, then: " if result.questions else "Next: "
         said = f"Written: {place}. {first}automarine run {place} -o results"
         click.echo(folded(said, width_of(sys.stdout)))

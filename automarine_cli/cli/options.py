@@ -1,43 +1,21 @@
-"""The options and arguments that commands share, as named decorators; how they end is in `echo`."""
+"""The options and arguments that commands share, as named decorators, and how a command is performed with them."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from automarine_cli.cli.echo import echo_result, echo_set_aside, terminal_progress, verbosity_level
+from automarine_cli.cli.echo import Result as Printed
+from automarine_cli.cli.echo import echo_result, terminal_progress, verbosity_level
+from automarine_cli.dofs import TRANSLATIONS
 
-__all__ = [
-    "FILE",
-    "arm_option",
-    "channels_option",
-    "cluster_option",
-    "columns_option",
-    "echo_result",
-    "echo_set_aside",
-    "fit_options",
-    "fit_to_option",
-    "inputs_option",
-    "jobs_option",
-    "json_option",
-    "logs_argument",
-    "model_option",
-    "names_in",
-    "out_option",
-    "overwrite_option",
-    "seed_option",
-    "strict_option",
-    "tail_option",
-    "terminal_progress",
-    "thrusters_option",
-    "verbosity",
-    "verbosity_level",
-    "with_option",
-]
+if TYPE_CHECKING:
+    from automarine_cli.workflows.command import Command
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Result = TypeVar("Result", bound=Printed)
 
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
@@ -116,22 +94,6 @@ cluster_option = click.option(
 )  # fmt: skip
 """`cluster`: address or None."""
 
-fit_to_option = click.option(
-    "--fit-to", type=click.Choice(("auto", "half-turns", "whole-runs")), default="auto", show_default=True,
-    help="What of the runs is fitted; auto takes half-turns where enough runs have them.",
-)  # fmt: skip
-"""`fit_to`: one of three words."""
-
-
-def tail_option(unit: str) -> Callable[[Function], Function]:
-    """`tail`: a number in the `unit` that is shown, or None."""
-    return click.option(
-        "--tail", type=float, callback=_finite, metavar=unit,
-        help="Where the tails of the paper's method start; without it where drag and inertia are expected to be off "
-        "least.",
-    )  # fmt: skip
-
-
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else."
 )
@@ -173,28 +135,84 @@ channels_option = click.option(
 """`channels`: text, understood by `runs.channels.wanted_channels`."""
 
 
+def _names(ctx: click.Context, param: click.Parameter, value: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in value.split(",") if name.strip())
+
+
 with_option = click.option(
-    "--with", "with_effects", default="", metavar="EFFECTS",
+    "--with", "with_effects", default="", callback=_names, metavar="EFFECTS",
     help="Effects that the models have beside drag, such as dead-band,input-delay. Fits whole runs, as driven ones.",
 )  # fmt: skip
-"""`with_effects`: text of names with commas."""
+"""`with_effects`: names."""
 
 
-def names_in(text: str) -> tuple[str, ...]:
-    """Names with commas between, as an option holds them."""
-    return tuple(name.strip() for name in text.split(",") if name.strip())
+def ending(*also: str) -> Callable[[Function], Function]:
+    """Where results go and how they are told, with those of strict, seed, jobs and cluster that are named."""
+    known = {"strict": strict_option, "seed": seed_option, "jobs": jobs_option, "cluster": cluster_option}
+    return _all(out_option, overwrite_option, *(known[name] for name in also), json_option, verbosity)
 
 
-def fit_options(function: Function) -> Function:
-    """What the fits of translations share; their `--fit-to` speaks of steps."""
-    steps = click.option(
-        "--fit-to", type=click.Choice(("auto", "steps", "whole-runs")), default="auto", show_default=True,
-        help="What of the runs is fitted; auto takes steps where there are enough.",
+def fit_options(steps: str, unit: str, *own: Callable[..., Any]) -> Callable[[Function], Function]:
+    """What the fits of single motions share: what their `steps` are called, and the `unit` of tails; `own` options are
+    told after the thrusters."""
+    where = " enough runs have them" if steps == "half-turns" else " there are enough"
+    fit_to = click.option(
+        "--fit-to", type=click.Choice(("auto", steps, "whole-runs")), default="auto", show_default=True,
+        help=f"What of the runs is fitted; auto takes {steps} where{where}.",
     )  # fmt: skip
-    every = (
-        logs_argument, columns_option, thrusters_option, steps, tail_option("METRES"), channels_option, with_option,
-        out_option, overwrite_option, strict_option, jobs_option, json_option, verbosity,
+    tail = click.option(
+        "--tail", type=float, callback=_finite, metavar=unit,
+        help="Where the tails of the paper's method start; without it where drag and inertia are expected to be off "
+        "least.",
     )  # fmt: skip
-    for one in reversed(every):
-        function = one(function)
-    return function
+    every = (columns_option, thrusters_option, *own, fit_to, tail, channels_option, with_option)
+    return _all(logs_argument, *every, ending("strict", "jobs"))
+
+
+def _all(*decorators: Callable[..., Any]) -> Callable[[Function], Function]:
+    """The decorators as one, the first on top."""
+
+    def decorated(function: Function) -> Function:
+        for one in reversed(decorators):
+            function = one(function)
+        return function
+
+    return decorated
+
+
+def refuse_half_a_drive(given: Mapping[str, Any]) -> None:
+    """Raise UsageError for a map without an arm, or the other way about, unless the model's thrusters need none or the
+    column map may hold it."""
+    thrusters, arm = given["thrusters"], given["arm"]
+    with given["model"].open("rb") as file:
+        start = file.read(2000)
+    levered = arm is not None or not any(f"{name}-model/1".encode() in start for name in TRANSLATIONS)
+    if levered and (thrusters is None) != (arm is None) and (thrusters is None or given["columns"] is None):
+        raise click.UsageError("--thrusters MAP.json and --arm METRES go together.")
+
+
+def perform_one(command: "Command[Any, Result]", given: Mapping[str, Any], written: str = "") -> Result:
+    """The same of a command that writes one file, or none; `written` says where it is."""
+    settings = {key: value for key, value in given.items() if key != "as_json"}
+    result = command(**{"progress": terminal_progress(), **settings})
+    echo_result(result, as_json=given["as_json"], tables=command.says(result), keep_hint=None)
+    if written and not given["as_json"] and verbosity_level() >= 0:
+        click.echo(written)
+    return result
+
+
+def perform(
+    command: "Command[Any, Result]",
+    given: dict[str, Any],
+    warnings: Callable[[Result], Sequence[str]] | None = None,
+) -> Result:
+    """Carry a command out as `given` on the command line, say what it found and where it is; hand that back.
+
+    `warnings` are those of the result, where they are not in the manifest that was written."""
+    as_json, out = given.pop("as_json"), given.get("out")
+    result = command(**{"progress": terminal_progress(), **given})
+    echo_result(
+        result, as_json=as_json, out=out, tables=command.says(result), files=command.files(result),
+        warnings=None if warnings is None else warnings(result),
+    )  # fmt: skip
+    return result

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from automarine_cli.cli import options
+from automarine_cli.cli.echo import echo_result
 
 
 @click.command("report", short_help="One page of all that a campaign's steps found.")
@@ -24,5 +25,5 @@ def report(folder: Path, title: str | None, overwrite: bool, as_json: bool) -> o
     from automarine_cli.workflows import report as workflow
 
     result = workflow.report(folder, title=title, overwrite=overwrite)
-    options.echo_result(result, as_json=as_json, out=folder, files=workflow.FILES)
+    echo_result(result, as_json=as_json, out=folder, files=workflow.FILES)
     return result

@@ -1,17 +1,14 @@
 """`automarine run`: a campaign or a recorded recipe in, one workflow call, what was done out."""
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
 from automarine_cli.cli import options
-from automarine_cli.cli.echo import CampaignTeller, end_with
+from automarine_cli.cli.echo import CampaignTeller, echo_result, end_with, terminal_progress
 from automarine_cli.dofs import TRANSLATIONS
 
-MOST_NAMED = 12  # campaigns whose folders are named at the end
 OF_TRANSLATIONS = tuple(f"{step}-{name}" for name in TRANSLATIONS for step in ("fit", "validate", "diagnose"))
 STEPS = ("check", "fit-thrusters", "fit-yaw", "validate", "diagnose", *OF_TRANSLATIONS, "report")
 
@@ -29,17 +26,9 @@ STEPS = ("check", "fit-thrusters", "fit-yaw", "validate", "diagnose", *OF_TRANSL
     help="Instead of a campaign: the manifest.json of a result that is to be made again, or its folder.",
 )  # fmt: skip
 @options.inputs_option
-@options.out_option
-@options.overwrite_option
-@options.jobs_option
-@options.cluster_option
-@options.json_option
-@options.verbosity
+@options.ending("jobs", "cluster")
 @click.pass_context
-def run(
-    ctx: click.Context, campaigns: tuple[Path, ...], until: str | None, force: bool, recorded: Path | None,
-    inputs: tuple[Path, ...], out: Path | None, overwrite: bool, jobs: int, cluster: str | None, as_json: bool,
-) -> object:  # fmt: skip
+def run(ctx: click.Context, **given: Any) -> object:
     """Run every step of a campaign file: check, fit-thrusters, fit-yaw, validate, diagnose, report; with a section
     [surge], [sway] or [heave] its fit, validation and diagnosis too.
 
@@ -57,43 +46,48 @@ def run(
       automarine run sample_runs/pool_day.toml --until fit-yaw -o out/pool_day
       automarine run --from out/fit-yaw/manifest.json -o out/again
     """
+    recorded, inputs, campaigns = given.pop("recorded"), given.pop("inputs"), given["campaigns"]
     if (not campaigns) == (recorded is None):
         raise click.UsageError(
             "give a campaign file (automarine init writes one), or --from MANIFEST to repeat a result"
         )
-    given: dict[str, Any] = {"out": out, "overwrite": overwrite, "jobs": jobs}
-    echo = partial(options.echo_result, as_json=as_json, out=out)
     if recorded is not None:
-        if force or until or cluster:
+        if given["force"] or given["until"] or given["cluster"]:
             raise click.UsageError("--force, --until and --cluster go with a campaign file, not with --from")
-        from automarine_cli.workflows.rerun import rerun
-
-        again = rerun(recorded, inputs=inputs, progress=options.terminal_progress(), **given)
-        echo(again, tables=again.sentences(), warnings=again.made.warnings)
-        if not again.same:
-            ctx.exit(1)
-        return again
+        return _again(ctx, recorded, inputs, given)
     if inputs:
         raise click.UsageError("--inputs goes with --from; a campaign file names its logs itself")
-    given |= {"force": force, "until": until}
-    if len(campaigns) > 1 or cluster:
-        return _several(ctx, campaigns, echo, cluster=cluster, **given)
+    if len(campaigns) > 1 or given["cluster"]:
+        if given["out"] is None:
+            raise click.UsageError("several campaigns need a folder for their results; give one with -o DIR")
+        from automarine_cli.workflows.campaigns import run_campaigns
+
+        overview = options.perform(run_campaigns, given, lambda made: made.warnings)
+        end_with(ctx, [f"{one.name}: {why}" for one in overview.refused for why in one.refused])
+        return overview
     from automarine_cli.workflows.run import run_campaign
 
     teller = CampaignTeller()
-    result = run_campaign(campaigns[0], progress=teller.progress, tell=teller.tell, **given)
-    echo(result, tables=result.tables(), files=result.files, warnings=result.warnings)
+    given |= {"campaign": given.pop("campaigns")[0], "progress": teller.progress, "tell": teller.tell}
+    result = options.perform(run_campaign, given, lambda made: made.warnings)
     end_with(ctx, [f"{one.step}: {one.why}" for one in result.refused])
     return result
 
 
-def _several(ctx: click.Context, paths: tuple[Path, ...], echo: Callable[..., None], **given: Any) -> object:
-    if given["out"] is None:
-        raise click.UsageError("several campaigns need a folder for their results; give one with -o DIR")
-    from automarine_cli.workflows.campaigns import run_campaigns
+def _again(ctx: click.Context, recorded: Path, inputs: tuple[Path, ...], given: dict[str, Any]) -> object:
+    from automarine_cli.workflows.rerun import rerun
 
-    result = run_campaigns(paths, progress=options.terminal_progress(), **given)
-    files = ("campaigns.csv", "campaigns.json", *(f"{one.name}/" for one in result.outcomes[:MOST_NAMED]))
-    echo(result, tables=(result.table(),), files=files, warnings=result.warnings)
-    end_with(ctx, [f"{one.name}: {why}" for one in result.refused for why in one.refused])
-    return result
+    again = rerun(
+        recorded, inputs=inputs, out=given["out"], overwrite=given["overwrite"], jobs=given["jobs"],
+        progress=terminal_progress(),
+    )  # fmt: skip
+    echo_result(
+        again,
+        as_json=given["as_json"],
+        out=given["out"],
+        tables=again.sentences(),
+        warnings=again.made.warnings,
+    )
+    if not again.same:
+        ctx.exit(1)
+    return again

@@ -26,9 +26,7 @@ from automarine_cli.cli import options
 @options.jobs_option
 @options.json_option
 @options.verbosity
-def simulate(
-    specification: Path, out: Path, overwrite: bool, seed: int | None, jobs: int, as_json: bool
-) -> object:
+def simulate(**given: object) -> object:
     """A pool campaign with known truth, made from a specification.
 
     The specification says what vehicle is tested, what acts on it that a model may not know of, what the logger
@@ -39,15 +37,6 @@ def simulate(
     Example:
       automarine simulate sample_runs/campaign.toml -o out/campaign
     """
-    from automarine_cli.workflows import simulate as workflow
+    from automarine_cli.workflows.simulate import simulate as command
 
-    result = workflow.simulate(
-        specification,
-        out=out,
-        seed=seed,
-        overwrite=overwrite,
-        jobs=jobs,
-        progress=options.terminal_progress(),
-    )
-    options.echo_result(result, as_json=as_json, out=out, tables=result.tables(), files=result.files())
-    return result
+    return options.perform(command, given)

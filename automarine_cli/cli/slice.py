@@ -1,7 +1,5 @@
 """`automarine slice`: options in, one workflow call, tables out."""
 
-from pathlib import Path
-
 import click
 
 from automarine_cli.cli import options
@@ -27,16 +25,8 @@ from automarine_cli.cli import options
     "--format", "form", type=click.Choice(["csv", "csv.gz", "parquet"]), default="csv", show_default=True,
     help="What the runs are written as.",
 )  # fmt: skip
-@options.out_option
-@options.overwrite_option
-@options.strict_option
-@options.jobs_option
-@options.json_option
-@options.verbosity
-def slice_(
-    logs: tuple[str, ...], by: str, columns: Path | None, keep: tuple[str, ...], lead: float, shortest: float,
-    form: str, out: Path | None, overwrite: bool, strict: bool, jobs: int, as_json: bool,
-) -> object:  # fmt: skip
+@options.ending("strict", "jobs")
+def slice_(**given: object) -> object:
     """Cut one long log into runs: a log of each, which names the file and the interval that it comes from.
 
     A vehicle logs a whole day in one file. Cut it by the flight mode, by arming, or where a constant command begins
@@ -48,13 +38,8 @@ def slice_(
     Example:
       automarine slice sample_runs/validation/there_and_back.csv --by moment -o out/slices
     """
-    if keep and by != "mode":
+    if given["keep"] and given["by"] != "mode":
         raise click.UsageError("--keep MODE goes with --by mode.")
-    from automarine_cli.workflows import slice as workflow
+    from automarine_cli.workflows.slice import slice_log as command
 
-    result = workflow.slice_log(
-        logs, by=by, columns=columns, keep=keep, lead=lead, shortest=shortest, form=form, out=out,  # type: ignore[arg-type]
-        overwrite=overwrite, strict=strict, jobs=jobs, progress=options.terminal_progress(),
-    )  # fmt: skip
-    options.echo_result(result, as_json=as_json, out=out, tables=result.tables(), files=result.written)
-    return result
+    return options.perform(command, given)

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from automarine_cli.cli import options
+from automarine_cli.cli.echo import echo_result
 
 
 @click.command("verify", short_help="Are results still what was written?")
@@ -31,7 +32,7 @@ def verify(ctx: click.Context, folders: tuple[Path, ...], inputs: tuple[Path, ..
 
     result = workflow.verify(folders, inputs=inputs)
     sentences = [folder.sentence() for folder in result.folders]
-    options.echo_result(result, as_json=as_json, tables=sentences, keep_hint=None)
+    echo_result(result, as_json=as_json, tables=sentences, keep_hint=None)
     for folder in result.folders:
         for line in folder.changes():
             click.echo(line, err=True)

@@ -3,27 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from automarine_cli.comparison.side_by_side import Side
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.fits.estimate import Estimate
 
 Contents = tuple[dict[str, Estimate], dict[str, str]]
-
-
-def side(name: str, data: Mapping[str, Any], models: Sequence[str]) -> Side:
-    """The side of one result file, of which the schema is known to be right; of yaw models those in `models`.
-
-    Raises KeyError, TypeError, ValueError or AttributeError for a file that automarine did not write so.
-    """
-    schema = str(data["schema"])
-    dof = DOFS[str(data.get("motion", YAW.name))]
-    if schema.startswith(f"automarine/{dof.name}-model/"):
-        parameters, facts = _model(data, models, dof)
-    elif schema.startswith("automarine/thruster-map/"):
-        parameters, facts = _thrusters(data)
-    else:
-        parameters, facts = _diagnosis(data, dof)
-    return Side(name, parameters, facts, int(data["runs"]["used"]))
 
 
 def shared_models(files: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
@@ -33,7 +16,11 @@ def shared_models(files: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     return tuple(number for number in common if number in preferred) or tuple(common)
 
 
-def _model(data: Mapping[str, Any], models: Sequence[str], dof: Dof) -> Contents:
+def of_model(data: Mapping[str, Any], models: Sequence[str], dof: Dof) -> Contents:
+    """What the file of a fit says, of the models in `models`.
+
+    These raise KeyError, TypeError, ValueError or AttributeError for a file that automarine did not write so.
+    """
     own = dof.symbols
     names = {
         own.quadratic: own.quadratic_print,
@@ -58,7 +45,8 @@ def _model(data: Mapping[str, Any], models: Sequence[str], dof: Dof) -> Contents
     return parameters, facts
 
 
-def _thrusters(data: Mapping[str, Any]) -> Contents:
+def of_thrusters(data: Mapping[str, Any], models: Sequence[str]) -> Contents:
+    """What a thruster map says."""
     parameters, form = {}, str(data["form"])
     facts = {
         "form": form,
@@ -84,7 +72,9 @@ def _place(name: str, value: dict[str, Any], parameters: dict[str, Estimate], fa
         facts[name] = f"{_short(value['value'])}, {value['at_bound']}"
 
 
-def _diagnosis(data: Mapping[str, Any], dof: Dof) -> Contents:
+def of_diagnosis(data: Mapping[str, Any], models: Sequence[str]) -> Contents:
+    """What a diagnosis says, of whatever motion."""
+    dof = DOFS[str(data.get("motion", YAW.name))]
     own, parameters = dof.symbols, dict[str, Estimate]()
     names = ", ".join(str(effect["name"]) for effect in data["effects"])
     facts = {"verdict": str(data["verdict"]) + (f": {names}" if names else "")}

@@ -22,6 +22,8 @@ from automarine_cli.fits.planar_use import PlanarUse
 from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.planar_store import planar_json, units
 from automarine_cli.models.tied import Tied
+from automarine_cli.pipeline.outputs import json_document
+from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.runs.run import Run, SetAside, readings
 
@@ -201,6 +203,10 @@ class PlanarFit(Shown):
             column = dof.column(dof.command, dof.units.forces[1])
             found[column] = [float(commands.min()), float(commands.max())]
         return found
+
+    def document(self, option: str) -> Document:
+        """Its result file, for a command that takes a model."""
+        return json_document("planar_model.json", self.to_json())
 
     def to_json(self) -> dict[str, object]:
         """The result file: schema automarine/planar-model/1."""

@@ -19,7 +19,9 @@ from automarine_cli.fits.step_response import StepData
 from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.fits.velocity_error import VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import Caution
-from automarine_cli.models.store import schema_of
+from automarine_cli.models.store import model_json
+from automarine_cli.pipeline.outputs import json_document
+from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice
 from automarine_cli.runs.half_turn import HalfTurn
@@ -77,20 +79,21 @@ class YawFit(Shown):
             return tuple(turn.moment for turn in self.turns)
         return tuple(float(end) for run in self.runs for end in (run.command.min(), run.command.max()))
 
+    def document(self, option: str) -> Document:
+        """Its result file, for a command that takes a model."""
+        return json_document(f"{self.dof.name}_model.json", self.to_json())
+
     def to_json(self) -> dict[str, object]:
         """The result file: schema automarine/yaw-model/1, or that of another motion."""
         fit, turn, dof = self.preferred, self.inertial_turn_angle, self.dof
-        content: dict[str, object] = {
-            "schema": schema_of(dof),
-            **({} if dof.wraps else {"motion": dof.name}),
-            f"{dof.words.force}_unit": self.moment_unit,
-            "fitted_to": f"{dof.words.step}s" if self.turns else "whole runs",
-            "models": {number: self._model_json(number) for number in sorted(self.output_error)},
-            "preferred": self.preference.number,
-            "preferred_because": self.preference.because,
-            dof.ratio_key: None if turn is None else turn.to_json(),
-            "valid_range": valid_range(self.moments, fit.model),
-            "effects": _effects_json(fit),
+        return {
+            **model_json(
+                dof, unit=self.moment_unit, fitted_to=f"{dof.words.step}s" if self.turns else "whole runs",
+                models={number: self._model_json(number) for number in sorted(self.output_error)},
+                preferred=self.preference.number, because=self.preference.because,
+                ratio=None if turn is None else turn.to_json(), valid_range=valid_range(self.moments, fit.model),
+                effects=_effects_json(fit),
+            ),
             **self._driven_json(),
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
@@ -105,8 +108,7 @@ class YawFit(Shown):
                 "set_aside": [asdict(run) for run in self.set_aside],
                 **readings(self.runs or [turn.step.run for turn in self.turns]),
             },
-        }
-        return content
+        }  # fmt: skip
 
     @property
     def buoyancy(self) -> "Buoyancy | None":

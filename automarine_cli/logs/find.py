@@ -23,7 +23,11 @@ class LogFile:
     named: bool
 
 
-def find_logs(arguments: Sequence[str | Path | LogFile]) -> list[LogFile]:
+Logs = Sequence[str | Path | LogFile]
+"""Files, directories and globs, or logs found already."""
+
+
+def find_logs(arguments: Logs) -> list[LogFile]:
     """The logs meant by files, directories (searched recursively) and globs; each file once.
 
     In name order, the files of a folder before the folders in it, whatever the order of the arguments: a shell

@@ -13,7 +13,6 @@ effect is there if its parameters are. What was not identified is a plain number
 import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from automarine_cli import effects
 from automarine_cli.dofs import DOFS, Dof
@@ -31,7 +30,7 @@ from automarine_cli.models.planar import (
     parameters_of,
 )
 from automarine_cli.models.yaw_model import Term
-from automarine_cli.pipeline.plain_data import read_plain, told
+from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import LONGEST, printable
 
 SCHEMA = "automarine/planar-model/1"
@@ -54,15 +53,7 @@ class StoredPlanar:
     data: Mapping[str, object] = field(default_factory=dict, repr=False, compare=False)
 
 
-def is_planar(model: Path) -> bool:
-    """Whether a model file says that it is of motion in the plane; False for anything that cannot be read."""
-    try:
-        return read_plain(model, "JSON", ModelError).get("schema") == SCHEMA
-    except ModelError:
-        return False
-
-
-def load_planar_model(path: Path) -> StoredPlanar:
+def load_planar_model(path: Source) -> StoredPlanar:
     """The model of a `planar_model.json`. Raises ModelError with the file and the key's path."""
     return planar_from_json(read_plain(path, "JSON", ModelError), printable(path.name))
 

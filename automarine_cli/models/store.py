@@ -1,16 +1,15 @@
 """Models from files: `yaw_model.json` of a yaw fit, or another motion's; all of it checked."""
 
 import difflib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from automarine_cli import effects
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError
 from automarine_cli.models.entries import needed, number_at, object_at
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel, base_roles
-from automarine_cli.pipeline.plain_data import read_plain
+from automarine_cli.pipeline.plain_data import Source, read_plain
 from automarine_cli.pipeline.plain_data import told as _told
 from automarine_cli.pipeline.words import LONGEST, printable
 
@@ -36,7 +35,7 @@ class StoredModels:
     effects: tuple[str, ...] = ()
 
 
-def load_yaw_models(path: Path) -> StoredModels:
+def load_yaw_models(path: Source) -> StoredModels:
     """The models of a `yaw_model.json`, of another motion's `..._model.json`, or of an `extended_model.json`.
 
     Raises ModelError with the file and the key's path for anything that is not what the schema says.
@@ -84,6 +83,34 @@ def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels
         )
     names = tuple(name for name, _ in added)
     return StoredModels(models, preferred, unit, late, where, dof, names)
+
+
+def model_json(
+    dof: Dof,
+    *,
+    unit: str,
+    fitted_to: str,
+    models: Mapping[str, Mapping[str, object]],
+    preferred: str,
+    because: str,
+    ratio: Mapping[str, object] | None,
+    valid_range: Mapping[str, object] | None,
+    effects: Sequence[Mapping[str, object]],
+) -> dict[str, object]:
+    """What every model file begins with: models by number, the preferred one and why, the ratio of inertia to quadratic
+    drag, the range that it was fitted in, and the effects beside drag."""
+    return {
+        "schema": schema_of(dof),
+        **({} if dof.wraps else {"motion": dof.name}),
+        f"{dof.words.force}_unit": unit,
+        "fitted_to": fitted_to,
+        "models": models,
+        "preferred": preferred,
+        "preferred_because": because,
+        dof.ratio_key: ratio,
+        "valid_range": valid_range,
+        "effects": effects,
+    }
 
 
 def schema_of(dof: Dof) -> str:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from automarine_cli import __version__
 from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.pipeline.recipe import from_mapping, read_mapping
 from automarine_cli.pipeline.words import printable
 
@@ -25,14 +26,14 @@ class Input(NamedTuple):
     """A file that a command reads: what results call it, where it is, and as what it was given."""
 
     name: str
-    path: Path
+    path: Source
     role: str = "log"  # or hold_out, model, thrusters, columns, specification
 
 
 def given_as(**options: object) -> list[Input]:
     """Those of the options that are files, each with the option's name as its role."""
     return [
-        Input(printable(path.name), path, role) for role, path in options.items() if isinstance(path, Path)
+        Input(printable(path.name), path, role) for role, path in options.items() if isinstance(path, Source)
     ]
 
 
@@ -96,19 +97,19 @@ def _library_versions() -> tuple[tuple[str, str], ...]:
     return tuple((name, metadata.version(name)) for name in LIBRARIES)
 
 
-def input_entries(inputs: Sequence[tuple[str, Path] | Input]) -> list[dict[str, object]]:
+def input_entries(inputs: Sequence[tuple[str, Source] | Input]) -> list[dict[str, object]]:
     """The list under `"inputs"`: name, role and hash of each file read."""
     files = (Input(*one) for one in inputs)
     return [{"file": file.name, "role": file.role, "sha256": sha256_if_readable(file.path)} for file in files]
 
 
-def sha256(path: Path) -> str:
+def sha256(path: Source) -> str:
     """SHA-256 of a file's content. Raises OSError."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def sha256_if_readable(path: Path) -> str | None:
+def sha256_if_readable(path: Source) -> str | None:
     """SHA-256 of a file's content; None for what cannot be opened, such as a log that was set aside for that."""
     with contextlib.suppress(OSError):
         return sha256(path)

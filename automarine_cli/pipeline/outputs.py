@@ -26,6 +26,7 @@ from automarine_cli.pipeline.manifest import (
     manifests_in,
     versions_here,
 )
+from automarine_cli.pipeline.plain_data import Document, Source
 from automarine_cli.pipeline.recipe import to_mapping
 
 Made = TypeVar("Made")
@@ -50,6 +51,11 @@ def json_text(data: object) -> str:
         raise OutputError(f"{place} is not a finite number; this is a defect, please report it") from None
     # a byte of a file's name that is not UTF-8 has no letter, only an escape
     return re.sub("[\ud800-\udfff]", lambda lone: f"\\u{ord(lone[0]):04x}", text)
+
+
+def json_document(name: str, data: object) -> Document:
+    """A result as the file that it would be written as."""
+    return Document(name, json_text(data).encode("utf-8"))
 
 
 def file_stems(names: Sequence[str]) -> list[str]:
@@ -126,7 +132,7 @@ def result_folder(
     *,
     command: str,
     options: Mapping[str, object],
-    inputs: Sequence[tuple[str, Path] | Input],
+    inputs: Sequence[tuple[str, Source] | Input],
     seed: int | None,
     overwrite: bool,
 ) -> Iterator[ResultFolder]:
@@ -215,7 +221,9 @@ def _read_manifest(path: Path) -> dict[str, object] | None:
 
 def _without_place(value: object) -> object:
     """An option as given, but never with a place on this machine: files are told by their last name."""
-    if isinstance(value, PurePath) or (isinstance(value, str) and PurePath(value).is_absolute()):
+    if isinstance(value, PurePath | Document):
+        return value.name
+    if isinstance(value, str) and PurePath(value).is_absolute():
         return PurePath(value).name
     if dataclasses.is_dataclass(value):
         return _without_place(to_mapping(value))

@@ -5,11 +5,13 @@ What such a file may cost is bounded before anything looks at it: its size, how 
 its whole numbers, the dots of a TOML key (the standard library takes time with the square of their number).
 """
 
+import io
 import json
 import math
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -27,12 +29,32 @@ _DOT = re.compile(r"[^\s.][ \t]*\.")
 Kind = Literal["JSON", "TOML"]
 
 
+@dataclass(frozen=True)
+class Document:
+    """A file that is on no disk: the name and the bytes that a result of Python would have been written as."""
+
+    name: str
+    content: bytes
+
+    def open(self, mode: Literal["rb"]) -> io.BufferedReader | io.BytesIO:
+        """Its bytes as a stream, as `Path.open`."""
+        return io.BytesIO(self.content)
+
+    def read_bytes(self) -> bytes:
+        """Its bytes, as `Path.read_bytes`."""
+        return self.content
+
+
+Source = Path | Document
+"""What a model, a map or a diagnosis is read from."""
+
+
 class Unsound(ValueError):
     """What the parsers let pass and we do not."""
 
 
 def read_plain(
-    path: Path, kind: Kind, refuse: type[AutomarineError], *, most: int | None = None
+    path: Source, kind: Kind, refuse: type[AutomarineError], *, most: int | None = None
 ) -> dict[str, object]:
     """The table (JSON: object) in a file.
 
@@ -62,6 +84,18 @@ def read_plain(
     return data
 
 
+def schema_in(source: object) -> str:
+    """The schema that a JSON file says it has; empty where there is none, or nothing that can be read."""
+    try:
+        return (
+            str(read_plain(source, "JSON", AutomarineError).get("schema"))
+            if isinstance(source, Source)
+            else ""
+        )
+    except AutomarineError:
+        return ""
+
+
 def told(value: object) -> str:
     """A value found, in words, short enough for one line."""
     if value is None:
@@ -76,7 +110,7 @@ def told(value: object) -> str:
     return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
 
 
-def _text(path: Path, name: str, refuse: type[AutomarineError], most: int) -> str:
+def _text(path: Source, name: str, refuse: type[AutomarineError], most: int) -> str:
     try:
         with path.open("rb") as file:
             content = file.read(most + 1)  # what has no end (a device) must not fill the memory

@@ -16,6 +16,7 @@ from automarine_cli.pipeline.manifest import (
     versions_here,
 )
 from automarine_cli.pipeline.outputs import json_text, recorded_options
+from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.pipeline.words import listed
 
 
@@ -50,6 +51,16 @@ def manifest_of(folder: Path) -> Manifest | None:
         return read_manifest(place) if is_manifest(place) else None
     except (OSError, SettingError):
         return None
+
+
+def logs_behind(file: Source, sha256: str) -> tuple[tuple[str, str], ...] | None:
+    """Names and hashes of the logs that a result file was made of, told by the manifest beside it; None without one."""
+    manifest = manifest_of(file.parent) if isinstance(file, Path) else None
+    if manifest is None or not any(one.sha256 == sha256 for one in manifest.outputs):
+        return None
+    return tuple(
+        (one.file, one.sha256 or "unreadable") for one in manifest.inputs if one.role in ("log", "hold_out")
+    )
 
 
 def _version(manifest: Manifest) -> str | None:

@@ -1,30 +1,59 @@
 """What every result can show of itself to somebody who works in Python: a few lines, a frame, a figure.
 
-How each kind of result looks is told in `workflows.views`, the one place that knows tables, frames and figures;
-it is loaded when something is to be shown, so that the results themselves stay plain data.
+How each kind is shown its command says, which lists it here; the results themselves stay plain data.
 """
 
-from importlib import import_module
-from typing import Any
+from typing import Any, ClassVar, Protocol
 
-VIEWS = "automarine_cli.workflows.views"
+from automarine_cli.pipeline.plain_data import Document
+
+
+class View(Protocol):
+    """How one kind of result is shown."""
+
+    def text(self, result: Any) -> str:
+        """A few lines."""
+        ...
+
+    def html(self, result: Any) -> str:
+        """The tables."""
+        ...
+
+    def frame(self, result: Any) -> Any:
+        """The numbers, as a `pandas.DataFrame`."""
+        ...
+
+    def figure(self, result: Any, what: str | None) -> Any:
+        """A `matplotlib.figure.Figure`."""
+        ...
 
 
 class Shown:
     """Base of result classes; their `@dataclass` needs `repr=False`, or its own repr would hide this one."""
 
+    views: ClassVar[dict[type, View]] = {}
+
     def __repr__(self) -> str:
         """A few lines: what it is, and the numbers that matter with their intervals."""
-        return "\n".join(import_module(VIEWS).lines(self))
+        return self.view.text(self)
 
     def _repr_html_(self) -> str:
         """The tables, for notebooks."""
-        return str(import_module(VIEWS).html(self))
+        return self.view.html(self)
 
     def to_frame(self) -> Any:
         """The numbers as a `pandas.DataFrame`, one row a parameter, run or score."""
-        return import_module(VIEWS).frame(self)
+        return self.view.frame(self)
 
     def plot(self, what: str | None = None) -> Any:
         """A `matplotlib.figure.Figure`; `what` chooses where there are several. Raises SettingError for another."""
-        return import_module(VIEWS).figure(self, what)
+        return self.view.figure(self, what)
+
+    def document(self, option: str) -> Document:
+        """The file that stands for this result where an option of that name wants one. Raises TypeError for none."""
+        raise TypeError(f"a {type(self).__name__} is no {option}; give the result of a fit, or a file")
+
+    @property
+    def view(self) -> View:
+        """How results of this kind are shown."""
+        return self.views[type(self)]

@@ -3,7 +3,6 @@ open."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from automarine_cli.errors import ModelError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.models.store import StoredModels, yaw_models_from_json
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.pipeline.plain_data import read_plain, told
+from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.candidates import Floats
 from automarine_cli.planning.fitting import Fitting
@@ -59,7 +58,7 @@ class Diagnosed:
     doubts: tuple[Doubt, ...] = ()
 
 
-def read_prior_results(model: Path, diagnosis: Path | None) -> PriorResults:
+def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
     """What the files say. Raises ModelError with file and key."""
     name = printable(model.name)
     data = read_plain(model, "JSON", ModelError)
@@ -208,7 +207,7 @@ def _stored_estimates(data: Mapping[str, object], stored: StoredModels) -> dict[
     return _some(found)
 
 
-def _read_diagnosis(path: Path, stored: StoredModels) -> Diagnosed:
+def _read_diagnosis(path: Source, stored: StoredModels) -> Diagnosed:
     where, force = printable(path.name), stored.dof.words.force
     data, key = read_plain(path, "JSON", ModelError), f"{force}_unit"
     if data.get("schema") != DIAGNOSIS or key not in data:

@@ -45,15 +45,19 @@ def alternatives(dof: Dof) -> dict[str, str]:
     }
 
 
-def document(steps: Steps, title: str, cautions: Sequence[str] = ()) -> str:
+def document(
+    steps: Steps, title: str, cautions: Sequence[str] = (), also: Mapping[str, str] | None = None
+) -> str:
     """The whole report in Markdown; places of pictures are relative to the folder that holds the step folders.
 
-    `cautions` are sentences about what does not fit together between the thruster tests and the vehicle.
+    `cautions` are sentences about what does not fit together between the thruster tests and the vehicle; `also` are
+    pages of other commands, by heading.
     """
     sections = {
         "Thruster map": _thrusters(steps, cautions),
         **{heading: blocks for dof in DOFS.values() for heading, blocks in _of_motion(steps, dof)},
         **dict(_together(steps)),
+        **{heading: [body] for heading, body in (also or {}).items()},
         "Logs": _logs(steps),
         "Runs set aside": _set_aside(steps),
         NEXT: _next(steps),

@@ -5,7 +5,6 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, LogError, RunError
-from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_motion
+from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_motion
 from automarine_cli.logs.canonical import names_of
 from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.progress import Progress, silent
@@ -42,7 +41,7 @@ class Campaign:
 
 
 def load_runs(
-    logs: Sequence[str | Path],
+    logs: Logs,
     columns: ColumnMap | None = None,
     *,
     dof: Dof,
@@ -80,7 +79,7 @@ class HalfTurnCampaign:
 
 
 def load_half_turns(
-    logs: Sequence[str | Path],
+    logs: Logs,
     columns: ColumnMap | None = None,
     drive: Callable[[Run], Run] | None = None,
     *,

@@ -3,13 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
-from pathlib import Path
 
 import numpy as np
 
 from automarine_cli.errors import ModelError
 from automarine_cli.models.entries import needed, number_at, object_at
-from automarine_cli.pipeline.plain_data import read_plain, told
+from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.thrusters.forms import FORMS, SIDES, SQUARE, Curve, thrust_both_ways
 from automarine_cli.thrusters.points import Floats
@@ -108,7 +107,7 @@ class ThrusterMap:
         return cls(form, curves["forward"], curves["backward"], unit)
 
     @classmethod
-    def load(cls, path: Path) -> "ThrusterMap":
+    def load(cls, path: Source) -> "ThrusterMap":
         """The map of a `thrusters.json`. Raises ModelError with the file and the key's path."""
         return cls.from_json(read_plain(path, "JSON", ModelError), printable(path.name))
 

@@ -1,14 +1,13 @@
 """Records of bollard tests: read from logs with missing values dropped and counted, or simulated."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
-from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, read_log, require_thruster
+from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_thruster
 from automarine_cli.pipeline.progress import Progress, counted, silent
 from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, unreadable
 from automarine_cli.runs.run import SetAside
@@ -55,7 +54,7 @@ class ThrusterLogs:
 
 
 def load_thruster_logs(
-    logs: Sequence[str | Path], columns: ColumnMap, *, strict: bool = False, progress: Progress = silent
+    logs: Logs, columns: ColumnMap, *, strict: bool = False, progress: Progress = silent
 ) -> ThrusterLogs:
     """Read every log; one `run` of a file is one record.
 

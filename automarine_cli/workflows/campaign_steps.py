@@ -1,21 +1,19 @@
 """The steps of a campaign in order: which logs and settings each takes, or why it has nothing to do."""
 
-import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.logs import ColumnMap, LogFile
-from automarine_cli.pipeline.manifest import Input, given_as
-from automarine_cli.pipeline.reuse import manifest_of, why_made_again
-from automarine_cli.runs.channels import asked_channels
-from automarine_cli.runs.load import has_bytes
+from automarine_cli.logs import LogFile
+from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.reuse import why_made_again
 from automarine_cli.workflows.campaign_file import Campaign
 from automarine_cli.workflows.check import check
+from automarine_cli.workflows.command import Command, Runner, inputs_of, recorded, seed_of
 from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.diagnose_planar import diagnose_planar
 from automarine_cli.workflows.fit_planar import fit_planar
@@ -28,57 +26,47 @@ FIGURES = ("png", "svg")  # for a person, and for the report
 RUNS = {"steps": "step runs", "manoeuvres": "manoeuvres", "validation": "validation runs"}
 
 
+Work = Command[Any, Any]
+
+
 @dataclass(frozen=True)
 class Plan:
-    """One step, ready to run: the workflow, its logs and its settings."""
+    """One step, ready to run: the command and its options."""
 
-    work: Callable[..., object]
-    logs: list[LogFile]
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    work: Work
+    asked: Any
 
-    def run(self, **how: Any) -> object:
-        """Run the workflow; `how` is where to and on how many processes."""
-        return self.work(self.logs, **self.settings, **how)
+    def run(self, out: Path, overwrite: bool, jobs: int, progress: Progress) -> object:
+        """Run it into the folder `out`."""
+        return self.work.run(self.asked, Runner(self.work.name, out, overwrite, jobs, None, progress))
 
-    def why(self, folder: Path, command: str) -> str | None:
+    def why(self, folder: Path) -> str | None:
         """Why the result in `folder` is not the one that this plan makes, or None if it is."""
-        defaults = {key: one.default for key, one in inspect.signature(self.work).parameters.items()}
-        held = self.settings.get("hold_out", ())
-        given = {**self.settings, "hold_out": [file.name for file in held]} if held else self.settings
-        manifest = manifest_of(folder)
-        recorded = manifest.options if manifest is not None else {}
-        options = {key: given.get(key, _default(defaults.get(key))) for key in {**recorded, **given}}
-        options.pop("seed", None)
-        inputs = [Input(file.name, file.path) for file in self.logs if has_bytes(file)]
-        inputs += [Input(file.name, file.path, "hold_out") for file in held if has_bytes(file)]
-        files = {key: value for key, value in self.settings.items() if isinstance(value, Path)}
-        if isinstance(columns := self.settings.get("columns"), ColumnMap) and columns.database is not None:
-            files["dbc"] = columns.database
-        seed = self.settings.get("seed", defaults.get("seed"))
         return why_made_again(
-            folder, command=command, options=options, seed=seed, inputs=inputs + given_as(**files)
-        )
+            folder, command=self.work.name, options=recorded(self.asked), seed=seed_of(self.asked),
+            inputs=inputs_of(self.asked),
+        )  # fmt: skip
 
 
-def _default(value: object) -> object:
-    return [] if value == () else value
+def _plan(work: Work, logs: list[LogFile], **settings: object) -> Plan:
+    return Plan(work, work.asked({"logs": logs, **settings}))
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step of every campaign, or of those with logs of `motion`: its name, its folder, what makes its plan (or says
-    why there is none), and the command, by default of the step's name."""
+    """A step of every campaign, or of those with logs of `motion`: its name, its folder, the command, and what makes
+    its plan (or says why there is none)."""
 
     name: str
     folder: str
+    work: Work
     plan: Callable[[Campaign, Path], Plan | str]
     motion: str = ""
-    does: str = ""
 
     @property
     def command(self) -> str:
         """The command that it runs."""
-        return self.does or self.name
+        return self.work.name
 
     def belongs_to(self, campaign: Campaign) -> bool:
         """Whether the campaign has such a step."""
@@ -86,7 +74,7 @@ class Step:
 
 
 def _check(campaign: Campaign, out: Path) -> Plan | str:
-    return Plan(check, campaign.every_log(), {"columns": campaign.columns, "strict": campaign.asked.strict})
+    return _plan(check, campaign.every_log(), columns=campaign.columns, strict=campaign.asked.strict)
 
 
 def _fit_thrusters(campaign: Campaign, out: Path) -> Plan | str:
@@ -94,17 +82,7 @@ def _fit_thrusters(campaign: Campaign, out: Path) -> Plan | str:
     if not logs:
         return "the campaign names no thruster tests"
     form = None if asked.form == "auto" else asked.form
-    return Plan(
-        fit_thrusters,
-        logs,
-        {
-            "columns": campaign.columns,
-            "thrusters_per_test": asked.per_test,
-            "form": form,
-            "figure_formats": FIGURES,
-            "strict": campaign.asked.strict,
-        },
-    )
+    return _plan(fit_thrusters, logs, thrusters_per_test=asked.per_test, form=form, **_common(campaign))
 
 
 def _fit(campaign: Campaign, out: Path, motion: str) -> Plan | str:
@@ -116,11 +94,11 @@ def _fit(campaign: Campaign, out: Path, motion: str) -> Plan | str:
         return f"its {DOFS[motion].words.force}s need the thruster map, and fit-thrusters gave none"
     asked: Any = campaign.settings(motion)
     own = {key: getattr(asked, key) for key in ("within", "depths") if hasattr(asked, key)}
-    own |= {"fit_to": asked.fit_to, "tail": asked.tail, **asked_channels(asked.channels)}
-    return Plan(FITS[motion], logs, {**_common(campaign), **drive, **own})
+    own |= {"fit_to": asked.fit_to, "tail": asked.tail, "channels": asked.channels}
+    return _plan(FITS[motion], logs, **_common(campaign), **drive, **own)
 
 
-def _judge(campaign: Campaign, out: Path, motion: str, work: Callable[..., object]) -> Plan | str:
+def _judge(campaign: Campaign, out: Path, motion: str, work: Work) -> Plan | str:
     """Validation or diagnosis."""
     kinds = ("validation",) if work is validate else ("steps", "manoeuvres")
     logs, held = campaign.files(*kinds, motion=motion), campaign.files("validation", motion=motion)
@@ -129,15 +107,13 @@ def _judge(campaign: Campaign, out: Path, motion: str, work: Callable[..., objec
     model, drive = out / motion / f"{motion}_model.json", _drive(campaign, out, motion)
     if not model.is_file() or drive is None:
         return f"it needs the {motion} model, and fit-{motion} gave none"
-    more: dict[str, object] = {"hold_out": held} if held and work is diagnose else {}
+    more: dict[str, object] = {"hold_out": held} if work is diagnose else {}
     asked: Any = campaign.settings(motion)
-    more |= asked_channels(asked.channels)
-    return Plan(
-        work, logs, {**_common(campaign), **drive, "model": model, "seed": campaign.asked.seed, **more}
-    )
+    more |= {"model": model, "seed": campaign.asked.seed, "channels": asked.channels}
+    return _plan(work, logs, **_common(campaign), **drive, **more)
 
 
-def _together(campaign: Campaign, out: Path, work: Callable[..., object]) -> Plan | str:
+def _together(campaign: Campaign, out: Path, work: Work) -> Plan | str:
     """Fit, validation or diagnosis of surge, sway and yaw together."""
     motion = PLANAR.name
     runs, held = (campaign.files(kind, motion=motion) for kind in ("runs", "validation"))
@@ -149,13 +125,13 @@ def _together(campaign: Campaign, out: Path, work: Callable[..., object]) -> Pla
         return "its forces need the thruster map, and fit-thrusters gave none"
     settings = {**_common(campaign), **drive}
     if work is fit_planar:
-        return Plan(work, logs, settings)
+        return _plan(work, logs, **settings)
     settings["model"] = out / motion / "planar_model.json"
     if not (out / motion / "planar_model.json").is_file():
         return "it needs the planar model, and fit-planar gave none"
     if work is diagnose_planar:
-        settings |= {"seed": campaign.asked.seed, **({"hold_out": held} if held else {})}
-    return Plan(work, logs, settings)
+        settings |= {"seed": campaign.asked.seed, "hold_out": held}
+    return _plan(work, logs, **settings)
 
 
 def _none_named(kinds: tuple[str, ...], motion: str) -> str:
@@ -179,41 +155,30 @@ def _drive(campaign: Campaign, out: Path, motion: str) -> dict[str, object] | No
     return {"thrusters": thrusters, **arm}
 
 
-def _of(motion: str) -> tuple[Step, ...]:
+def _of(motion: str) -> Iterator[Step]:
     """The steps of one motion: every campaign has those of yaw, others those of which they have logs."""
     yaw = motion == YAW.name
     after, before, only = ("", "", "") if yaw else (f"-{motion}", f"{motion}_", motion)
-    judged = (("validate", "validation", validate), ("diagnose", "diagnosis", diagnose))
-    return (
-        Step(f"fit-{motion}", motion, partial(_fit, motion=motion), only),
-        *(
-            Step(
-                f"{command}{after}", before + folder, partial(_judge, motion=motion, work=work), only, command
-            )
-            for command, folder, work in judged
-        ),
-    )
+    yield Step(f"fit-{motion}", motion, FITS[motion], partial(_fit, motion=motion), only)
+    for work, folder in ((validate, "validation"), (diagnose, "diagnosis")):
+        plan = partial(_judge, motion=motion, work=work)
+        yield Step(f"{work.name}{after}", before + folder, work, plan, only)
+
+
+def _of_plane() -> Iterator[Step]:
+    """The steps of surge, sway and yaw together."""
+    name = PLANAR.name
+    works = ((fit_planar, ""), (validate_planar, "_validation"), (diagnose_planar, "_diagnosis"))
+    for work, folder in works:
+        step = work.name if work is fit_planar else f"{work.name}-{name}"
+        yield Step(step, f"{name}{folder}", work, partial(_together, work=work), name)
 
 
 STEPS = (
-    Step("check", "check", _check),
-    Step("fit-thrusters", "thrusters", _fit_thrusters),
+    Step("check", "check", check, _check),
+    Step("fit-thrusters", "thrusters", fit_thrusters, _fit_thrusters),
     *(step for motion in DOFS for step in _of(motion)),
-    Step("fit-planar", "planar", partial(_together, work=fit_planar), PLANAR.name),
-    Step(
-        "validate-planar",
-        "planar_validation",
-        partial(_together, work=validate_planar),
-        PLANAR.name,
-        "validate",
-    ),
-    Step(
-        "diagnose-planar",
-        "planar_diagnosis",
-        partial(_together, work=diagnose_planar),
-        PLANAR.name,
-        "diagnose",
-    ),
+    *_of_plane(),
 )
 REPORT = "report"
 NAMES = (*(step.name for step in STEPS), REPORT)

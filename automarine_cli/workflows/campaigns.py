@@ -3,21 +3,22 @@
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from automarine_cli.errors import AutomarineError, SettingError
 from automarine_cli.pipeline.manifest import Input
-from automarine_cli.pipeline.outputs import refuse_unfit, result_folder
+from automarine_cli.pipeline.outputs import ResultFolder, refuse_unfit
 from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.parcel import Parcel, content_of, install, packed, place_of, without_dots
-from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report.campaign_tables import campaigns_table
 from automarine_cli.report.tables import Table
 from automarine_cli.workflows.campaign_file import read_campaign
 from automarine_cli.workflows.campaign_steps import NAMES
+from automarine_cli.workflows.command import UNRECORDED, Command, Runner, reads
 from automarine_cli.workflows.run import run_campaign
+from automarine_cli.workflows.view import View
 
 SCHEMA = "automarine/campaigns/1"
 COMMAND = "campaigns"
@@ -85,34 +86,43 @@ class _Task:
     refused: str = ""
 
 
-def run_campaigns(
-    campaigns: Sequence[Path],
-    *,
-    out: Path,
-    overwrite: bool = False,
-    force: bool = False,
-    until: str | None = None,
-    jobs: int = 1,
-    cluster: str | None = None,
-    progress: Progress = silent,
-) -> Campaigns:
+@dataclass(frozen=True)
+class CampaignsOptions:
+    """Campaign files; `until` names the last step to do, with `force` every step is done again."""
+
+    campaigns: Sequence[Path] = field(metadata=reads("files", "campaign"))
+    force: bool = field(default=False, metadata=UNRECORDED)
+    until: str | None = None
+
+
+def _run_campaigns(asked: CampaignsOptions, runner: Runner) -> Campaigns:
     """Run each campaign as `run_campaign` does, into a folder of its own in `out`, and write an overview of all.
 
     The campaigns go side by side to `jobs` processes, or to the workers of the Dask scheduler at `cluster`, with their
     logs and with the results that are there: no common disk is needed, and the results are the same bytes. A campaign
-    that is refused is told in the overview; the others go on. Raises SettingError for campaigns given twice and for a
-    cluster that cannot be reached, and OutputError.
+    that is refused is told in the overview; the others go on. Raises SettingError for campaigns given twice, for no
+    folder, and for a cluster that cannot be reached, and OutputError.
     """
+    campaigns, until, out, cluster = asked.campaigns, asked.until, runner.out, runner.cluster
     if until is not None and until not in NAMES:
         raise SettingError(f"no step is called {until!r}; give one of {', '.join(NAMES)}")
+    if out is None:
+        raise SettingError("several campaigns need a folder for their results; give one")
     refuse_unfit(out)
-    settings = {"overwrite": overwrite, "force": force, "until": until}
+    settings = {"overwrite": runner.overwrite, "force": asked.force, "until": until}
     named = zip(names_of(campaigns), campaigns)
     tasks = [_Task(name, path, out / name, settings) for name, path in named]
     prepare, work = (None, _done) if cluster is None else (_packed, _done_elsewhere)
     outcomes = []
     found = ordered_stream(
-        work, tasks, jobs, cluster=cluster, progress=progress, stage=STAGE, prepare=prepare, at_once=1
+        work,
+        tasks,
+        runner.jobs,
+        cluster=cluster,
+        progress=runner.progress,
+        stage=STAGE,
+        prepare=prepare,
+        at_once=1,
     )
     for (outcome, content), task in zip(found, tasks):  # in this order the stream is taken to its end
         if content is not None:
@@ -120,13 +130,12 @@ def run_campaigns(
         outcomes.append(outcome)
     result = Campaigns(tuple(outcomes))
     inputs = [Input(name, path, "campaign") for name, path in zip(_below(campaigns), campaigns)]
-    options = {"until": until}
-    with result_folder(
-        out, command=COMMAND, options=options, inputs=inputs, seed=None, overwrite=True
-    ) as folder:
-        folder.write_json("campaigns.json", result.to_json())
-        folder.write("campaigns.csv", result.table().to_csv())
-    return result
+    return replace(runner, overwrite=True).results(asked, lambda: result, _write, inputs)
+
+
+def _write(folder: ResultFolder, result: Campaigns) -> None:
+    folder.write_json("campaigns.json", result.to_json())
+    folder.write("campaigns.csv", result.table().to_csv())
 
 
 def _below(campaigns: Sequence[Path]) -> list[str]:
@@ -194,3 +203,13 @@ def _outcome(task: _Task, campaign: Path, out: Path) -> Outcome:
     return Outcome(
         task.name, content["title"], tuple(content["steps"]), run.says, run.cautions, refused, run.warnings
     )
+
+
+MOST_NAMED = 12  # campaigns whose folders are named at the end
+
+run_campaigns = Command(
+    COMMAND, CampaignsOptions, _run_campaigns,
+    {Campaigns: View(lambda result: [result.table()], lambda result: iter(result.warnings))},
+    files=lambda result: ["campaigns.csv", "campaigns.json", *(f"{one.name}/" for one in result.outcomes[:MOST_NAMED])],
+    python="run_campaigns",
+)  # fmt: skip

@@ -1,9 +1,8 @@
 """`automarine check`: what is in the logs, what of it serves, and what is wrong with the rest."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from pathlib import Path
 
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import LogError
@@ -16,18 +15,18 @@ from automarine_cli.logs import (
     read_log,
     require_thruster,
 )
-from automarine_cli.pipeline.manifest import Input, given_as
-from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.progress import Progress
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.check_tables import run_tables, thruster_test_table
 from automarine_cli.report.tables import Table
-from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, runs_of_table, unreadable
+from automarine_cli.runs.load import none_left, refused_by_strict, runs_of_table, unreadable
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen, look_at_run, look_at_tests, with_limits
 from automarine_cli.runs.run import NAMED_APART, SetAside, names_apart
-
-FILES = ("check.json", "check.md")
+from automarine_cli.workflows.command import Command, Runner
+from automarine_cli.workflows.shared import Columns, OfLogs, counted
+from automarine_cli.workflows.view import Row, View
 
 
 @dataclass(frozen=True, repr=False)
@@ -62,36 +61,28 @@ class Check(Shown):
         return [run.to_json() for run in self.runs if run.dof is dof]
 
 
-def check(
-    logs: Sequence[str | Path],
-    *,
-    columns: ColumnMap | Path | None = None,
-    out: Path | None = None,
-    overwrite: bool = False,
-    strict: bool = False,
-    jobs: int = 1,
-    progress: Progress = silent,
-) -> Check:
-    """Look at logs of all motions and thruster tests, which may be mixed; writes what it found if `out` is given.
+@dataclass(frozen=True, kw_only=True)
+class CheckOptions(Columns, OfLogs):
+    """Logs to look at, and whether what would be set aside is refused."""
+
+    strict: bool = False
+
+
+def _check(asked: CheckOptions, runner: Runner) -> Check:
+    """Look at logs of all motions and thruster tests, which may be mixed.
 
     Raises LogError or RunError as `load_runs`: for a named log that cannot be read, with `strict` for what
     would be set aside, and where nothing is left; OutputError.
     """
-    names = given_columns(columns)
-    files = find_logs(logs)
-    if out is None:
-        return _look(files, names, strict, jobs, progress)
-    inputs = [Input(file.name, file.path) for file in files if has_bytes(file)] + given_as(
-        columns=columns, dbc=names.database
+    names, files = given_columns(asked.columns), find_logs(asked.logs)
+    return runner.results(
+        asked, lambda: _look(files, names, asked.strict, runner.jobs, runner.progress), _write
     )
-    options = {"columns": columns, "strict": strict}
-    with result_folder(
-        out, command="check", options=options, inputs=inputs, seed=None, overwrite=overwrite
-    ) as folder:
-        result = _look(files, names, strict, jobs, progress)
-        folder.write_json("check.json", result.to_json())
-        folder.write("check.md", "\n".join(table.to_markdown() for table in result.tables()))
-    return result
+
+
+def _write(folder: ResultFolder, result: Check) -> None:
+    folder.write_json("check.json", result.to_json())
+    folder.write("check.md", "\n".join(table.to_markdown() for table in result.tables()))
 
 
 def _look(files: Sequence[LogFile], names: ColumnMap, strict: bool, jobs: int, progress: Progress) -> Check:
@@ -128,3 +119,20 @@ def _look_at(
         return [], [], [unreadable(file, error)]
     runs, aside = runs_of_table(table, file)
     return [look_at_run(run) for run in runs], [], aside
+
+
+def _lines(result: Check) -> Iterator[str]:
+    runs, tests = counted(len(result.runs), "yaw run"), counted(len(result.tests), "thruster test")
+    yield f"Look at {counted(result.logs, 'log')}: {runs}, {tests}; {len(result.set_aside)} set aside"
+    yield from (f"  {one.file}, run {one.run}: {one.why}" for one in result.set_aside)
+
+
+def _rows(result: Check) -> Iterator[Row]:
+    yield from ({"kind": "yaw run"} | run.to_json() for run in result.runs if run.dof is YAW)
+    yield from ({"kind": "thruster test"} | asdict(test) for test in result.tests)
+
+
+check = Command(
+    "check", CheckOptions, _check, {Check: View(Check.tables, _lines, _rows)},
+    files=lambda result: ("check.json", "check.md"),
+)  # fmt: skip

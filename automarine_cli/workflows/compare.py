@@ -1,33 +1,30 @@
 """`compare`: results of two or more campaigns side by side: another vehicle, another day, another battery."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from automarine_cli.comparison.result_files import shared_models, side
+from automarine_cli.comparison.result_files import shared_models
 from automarine_cli.comparison.side_by_side import Difference, Side, differences
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
-from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import read_plain
-from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.compare_tables import difference_table, parameter_table, sentence, summary
 from automarine_cli.report.figures.compare import compare_figure
-from automarine_cli.report.figures.files import refuse_unknown, write_figures
+from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.tables import Table
+from automarine_cli.workflows.command import Command, Compared, Runner, commands, reads
+from automarine_cli.workflows.shared import Drawn, numbers
+from automarine_cli.workflows.view import Row, View
 
 SCHEMA = "automarine/comparison/1"
 FILES = ("comparison.json", "parameters.csv", "differences.csv", "comparison.md", "comparison.png")
-RESULTS = {
-    "diagnosis.json": ("automarine/diagnosis/1", "diagnose"),
-    **{f"{name}_model.json": (f"automarine/{name}-model/1", f"fit-{name}") for name in DOFS},
-    "thrusters.json": ("automarine/thruster-map/1", "fit-thrusters"),
-}
 STEPS = tuple(dict.fromkeys(("yaw", "thrusters", "diagnosis", *DOFS)))
 
 
@@ -70,12 +67,13 @@ class ResultComparison(Shown):
 
 @dataclass(frozen=True)
 class _Found:
-    """A result folder: its name here, its file, what is in it, and the command that it is of."""
+    """A result folder: its name here, its file, what is in it, the command that it is of, and how that is compared."""
 
     name: str
     path: Path
     data: Mapping[str, Any]
     kind: str
+    compared: Compared
 
     @property
     def dof(self) -> Dof:
@@ -88,23 +86,26 @@ class _Found:
         return str(self.data.get(f"{self.dof.words.force}_unit", ""))
 
 
-def compare(
-    results: Sequence[str | Path],
-    *,
-    out: Path | None = None,
-    figure_formats: tuple[str, ...] = ("png",),
-    overwrite: bool = False,
-    jobs: int = 1,
-    progress: Progress = silent,
-) -> ResultComparison:
+@dataclass(frozen=True, kw_only=True)
+class _Folders:
+    """Folders of results."""
+
+    results: Sequence[Path] = field(metadata=reads("folders", "result"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareOptions(Drawn, _Folders):
+    """Folders that `fit-thrusters`, `fit-yaw` or `diagnose` wrote."""
+
+
+def _compare(asked: CompareOptions, runner: Runner) -> ResultComparison:
     """Compare folders that `fit-thrusters`, `fit-yaw` or `diagnose` wrote, all of one command, with the first.
 
     Intervals of differences take the results as made from data of their own; logs that two of them share are told.
-    Writes the comparison if `out` is given; `jobs` and `progress` change nothing, it is quick. Raises SettingError for
-    results that cannot be compared, ModelError for a file that automarine did not write so, OutputError.
+    Raises SettingError for results that cannot be compared, ModelError for a file that automarine did not write so,
+    OutputError.
     """
-    refuse_unknown(figure_formats)
-    folders = [Path(one) for one in results]
+    folders = asked.results
     if len(folders) < 2:
         raise SettingError("one result was given; give two or more folders of results to compare")
     found = [_find(folder, name) for folder, name in zip(folders, _names(folders))]
@@ -117,30 +118,23 @@ def compare(
             "compare results that have the same model or form"
         )
     result = ResultComparison(found[0].kind, sides, apart, (*_notes(found, sides), *_shared_logs(found)))
-    if out is None:
-        return result
     inputs = [Input(f"{one.name}/{one.path.name}", one.path, "result") for one in found]
     inputs += [
         Input(f"{one.name}/{MANIFEST}", _manifest(one), "manifest")
         for one in found
         if is_manifest(_manifest(one))
     ]
-    with result_folder(
-        out,
-        command="compare",
-        options={"figure_formats": figure_formats},
-        inputs=inputs,
-        seed=None,
-        overwrite=overwrite,
-    ) as folder:
+
+    def write(folder: ResultFolder, result: ResultComparison) -> None:
         one, two = result.tables()
         folder.write_json("comparison.json", result.to_json())
         folder.write("parameters.csv", one.to_csv())
         folder.write("differences.csv", two.to_csv())
         words = Table("", ("in words",), tuple((line,) for line in result.sentences()))
         folder.write("comparison.md", "\n".join(table.to_markdown() for table in (words, one, two)))
-        write_figures(folder, {"comparison": lambda: compare_figure(sides)}, figure_formats)
-    return result
+        write_figures(folder, {"comparison": lambda: compare_figure(sides)}, asked.figure_formats)
+
+    return runner.results(asked, lambda: result, write, inputs)
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
@@ -156,23 +150,24 @@ def _names(folders: Sequence[Path]) -> list[str]:
 
 def _find(folder: Path, name: str) -> _Found:
     """The result in a folder. Raises SettingError if there is none, ModelError if it cannot be read."""
-    for file, (schema, kind) in RESULTS.items():
-        path = folder / file
+    found = {one.name: one.compared for one in commands().values() if one.compared is not None}
+    files = [one.file for one in found.values()]
+    for kind, compared in found.items():
+        path = folder / compared.file
         if not path.is_file():
             continue
-        data = read_plain(path, "JSON", ModelError)
+        data, schema = read_plain(path, "JSON", ModelError), compared.schema
         if data.get("schema") != schema:
-            raise ModelError(f"{name}/{file}: schema is {data.get('schema')!r}; expected {schema!r}")
-        if data.get("model") == "thruster-map":
-            kind = "diagnose of thrusters"
-        return _Found(name, path, data, kind)
-    inside = [step for step in STEPS if any((folder / step / file).is_file() for file in RESULTS)]
+            raise ModelError(f"{name}/{compared.file}: schema is {data.get('schema')!r}; expected {schema!r}")
+        of_map = data.get("model") == "thruster-map"
+        return _Found(name, path, data, f"{kind} of thrusters" if of_map else kind, compared)
+    inside = [step for step in STEPS if any((folder / step / file).is_file() for file in files)]
     if inside:
         raise SettingError(
             f"{folder} holds a whole campaign; compare one step of each, such as {folder / inside[0]}"
         )
     raise SettingError(
-        f"{folder} holds no result of fit-thrusters, fit-yaw or diagnose; expected one of the files {listed(RESULTS)}"
+        f"{folder} holds no result of fit-thrusters, fit-yaw or diagnose; expected one of the files {listed(files)}"
     )
 
 
@@ -194,15 +189,12 @@ def _refuse_mixtures(found: Sequence[_Found]) -> None:
 
 
 def _sides(found: Sequence[_Found]) -> tuple[Side, ...]:
-    models = (
-        shared_models([one.data for one in found])
-        if found[0].kind in [f"fit-{name}" for name in DOFS]
-        else ()
-    )
+    models = shared_models([one.data for one in found])
     sides = []
     for one in found:
         try:
-            sides.append(side(one.name, one.data, models))
+            parameters, facts = one.compared.contents(one.data, models)
+            sides.append(Side(one.name, parameters, facts, int(one.data["runs"]["used"])))
         except (KeyError, TypeError, ValueError, AttributeError) as problem:
             raise ModelError(
                 f"{one.name}/{one.path.name}: {type(problem).__name__} at {problem}; expected a file as automarine "
@@ -244,3 +236,23 @@ def _logs(count: int) -> str:
 
 def _manifest(one: _Found) -> Path:
     return one.path.with_name(MANIFEST)
+
+
+def _lines(result: ResultComparison) -> Iterator[str]:
+    yield from (summary(result.differences), *(f"  {one}" for one in result.sentences()[1:]))
+
+
+def _rows(result: ResultComparison) -> Iterator[Row]:
+    for one in result.differences:
+        row: Row = {"parameter": one.parameter, "of": one.of, "less": one.base} | numbers(one.difference)
+        yield row | {"p_value": one.p_value, "verdict": one.verdict}
+
+
+compare = Command(
+    "compare", CompareOptions, _compare,
+    {ResultComparison: View(
+        lambda result: [*result.tables(), *result.sentences()], _lines, _rows,
+        lambda result: {"intervals": lambda: compare_figure(result.sides)},
+    )},
+    files=lambda result: FILES,
+)  # fmt: skip

@@ -1,44 +1,49 @@
 """`diagnose`: where simulation and measurement disagree, which effect is missing, and the gap that it closes."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from automarine_cli.comparison.result_files import of_diagnosis
+from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.estimates import base_estimates
+from automarine_cli.diagnosis.extended_model import extended_model
 from automarine_cli.diagnosis.formula_file import learned_json
+from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.fits.channel_noise import channels_json, fit_sentences
 from automarine_cli.fits.linear_mixed import in_words_of
-from automarine_cli.logs import ColumnMap, LogFile, given_columns
-from automarine_cli.models.planar_store import is_planar
+from automarine_cli.logs import ColumnMap, Logs, given_columns
+from automarine_cli.models.planar_store import SCHEMA as PLANAR_SCHEMA
 from automarine_cli.models.store import StoredModels, load_yaw_models
-from automarine_cli.pipeline.manifest import Input, given_as
-from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.pipeline.outputs import ResultFolder, json_document
 from automarine_cli.pipeline.parallel import lasting_map
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.plain_data import Document, schema_in
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.report import diagnosis_report, diagnosis_tables, thruster_diagnosis
-from automarine_cli.report.figures.files import refuse_unknown
+from automarine_cli.report import diagnosis_report, diagnosis_tables
+from automarine_cli.report.figures.diagnosis_gap import before_after_figure
+from automarine_cli.report.figures.diagnosis_where import where_figure
+from automarine_cli.report.figures.diagnosis_why import why_figure
 from automarine_cli.report.tables import Table
-from automarine_cli.runs.channels import AUTO, asked_channels, wanted_channels
+from automarine_cli.runs.channels import wanted_channels
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.runs.stuck import without_stuck
 from automarine_cli.runs.undriven import without_undriven
-from automarine_cli.workflows.diagnose_planar import PlanarDiagnosis, diagnose_planar
-from automarine_cli.workflows.diagnose_thrusters import ThrusterDiagnosis, diagnose_thrusters, is_thruster_map
-from automarine_cli.workflows.effects import own_inputs
-from automarine_cli.workflows.extended_model import extended_model
+from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
+from automarine_cli.workflows.command import Command, Compared, Runner
+from automarine_cli.workflows.diagnose_planar import SCHEMA, DiagnoseOptions, PlanarDiagnosis, diagnose_planar
+from automarine_cli.workflows.diagnose_thrusters import FILES, ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.workflows.moments import with_moments
+from automarine_cli.workflows.shared import aligned, numbers
+from automarine_cli.workflows.view import Figures, Row, View
 
-FILES = ("diagnosis.json", "extended_model.json", "diagnosis.md", "where.png", "why.png", "before_after.png")
 LEARNED = "learned.png"
 
 
@@ -51,6 +56,12 @@ class YawDiagnosis(Shown):
     parent_sha256: str
     set_aside: tuple[SetAside, ...]
 
+    def document(self, option: str) -> Document:
+        """The diagnosis where one is wanted, else the extended model."""
+        if option == "diagnosis":
+            return json_document("diagnosis.json", self.to_json())
+        return json_document("extended_model.json", self.extended_model())
+
     def to_json(self) -> dict[str, Any]:
         """The result file: schema automarine/diagnosis/1."""
         found = self.diagnosis.found
@@ -59,7 +70,7 @@ class YawDiagnosis(Shown):
         before = base_estimates(self.diagnosis.study, found.base)
         dof = self.stored.dof
         return {
-            "schema": "automarine/diagnosis/1",
+            "schema": SCHEMA,
             **({} if dof.wraps else {"motion": dof.name}),
             "verdict": self.diagnosis.verdict,
             **{key: text for key in ("why", "left") if (text := getattr(self.diagnosis.said, key))},
@@ -125,7 +136,7 @@ class YawDiagnosis(Shown):
         lines += fit_sentences(self.diagnosis.channels, self.diagnosis.found.final.fit, self.stored.dof)
         return [*lines, *diagnosis_tables.tables(self.diagnosis)]
 
-    def extended_model(self) -> dict[str, Any]:
+    def extended_model(self) -> dict[str, object]:
         """The base model with the effects named, refitted together: a yaw-model that `validate` and `diagnose` take."""
         return extended_model(
             self.diagnosis.study, self.diagnosis.said.leaves, self.stored, self.parent_sha256
@@ -145,142 +156,54 @@ def _effect_json(effect: NamedEffect, runs: int, dof: Dof) -> dict[str, Any]:
     }
 
 
-def diagnose(
-    logs: Sequence[str | Path],
-    *,
-    model: Path,
-    hold_out: Sequence[str | Path] = (),
-    columns: Path | ColumnMap | None = None,
-    thrusters: Path | None = None,
-    arm: float | None = None,
-    out: Path | None = None,
-    figure_formats: tuple[str, ...] = ("png",),
-    overwrite: bool = False,
-    strict: bool = False,
-    seed: int = 0,
-    jobs: int = 1,
-    cluster: str | None = None,
-    progress: Progress = silent,
-    channels: str = AUTO,
-) -> YawDiagnosis:
-    """Diagnose the preferred model of the file `model` on yaw logs, on `jobs` processes or a Dask `cluster`.
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseMotionOptions(DiagnoseOptions):
+    """The same; the effects of the user's own are read too."""
+
+    by_effects = True
+
+
+def _diagnose(asked: DiagnoseMotionOptions, runner: Runner) -> YawDiagnosis:
+    """Diagnose the preferred model of the file `model` on logs of its motion, on `jobs` processes or a Dask `cluster`.
 
     `hold_out` logs are never fitted; without any a quarter of the runs, drawn with `seed`, is held out. `channels` says
-    which sensors count (`runs.channels.choose_channels`). Writes the
-    results if `out` is given, figures in the
-    `figure_formats` (png, svg, pdf). Raises LogError, RunError, ModelError, FitError, SettingError or OutputError.
+    which sensors count (`runs.channels.choose_channels`). A planar model is diagnosed on logs of motion in the plane, a
+    thruster map on bollard tests. Raises LogError, RunError, ModelError, FitError, SettingError or OutputError.
     """
-    refuse_unknown(figure_formats)
-    stored = load_yaw_models(model)
-    wanted_channels(channels, stored.dof)
-    names = given_columns(columns)
-    runs, aside, files = _runs(logs, names, thrusters, arm, strict, jobs, progress, stored)
-    kept, more_aside, more = (
-        (None, (), ())
-        if not hold_out
-        else _runs(hold_out, names, thrusters, arm, strict, jobs, progress, stored)
-    )
-    parent = hashlib.sha256(model.read_bytes()).hexdigest()
+    stored = load_yaw_models(asked.model)
+    wanted_channels(asked.channels, stored.dof)
+    names = given_columns(asked.columns)
+    runs, aside = _runs(asked.logs, asked, names, runner, stored)
+    kept, more_aside = _runs(asked.hold_out, asked, names, runner, stored) if asked.hold_out else (None, ())
+    parent = hashlib.sha256(asked.model.read_bytes()).hexdigest()
 
     def work() -> YawDiagnosis:
         base = stored.models[stored.preferred]
         with (
             told_beside((*aside, *more_aside)),
             in_words_of(stored.dof),
-            lasting_map(jobs, cluster=cluster, progress=progress) as each,
+            lasting_map(runner.jobs, cluster=runner.cluster, progress=runner.progress) as each,
         ):
-            found = diagnose_runs(runs, base, hold_out=kept, seed=seed, each=each, channels=channels)
+            found = diagnose_runs(
+                runs, base, hold_out=kept, seed=asked.seed, each=each, channels=asked.channels
+            )
         return YawDiagnosis(found, stored, parent, (*aside, *more_aside))
 
-    if out is None:
-        return work()
-    inputs = [Input(file.name, file.path) for file in files]
-    inputs += [Input(file.name, file.path, "hold_out") for file in more]
-    inputs += given_as(model=model, columns=columns, dbc=names.database, thrusters=thrusters)
-    inputs += own_inputs()
-    options = {
-        "model": model,
-        "hold_out": [file.name for file in more],
-        "columns": columns,
-        "thrusters": thrusters,
-        "arm": arm,
-        "figure_formats": figure_formats,
-        "strict": strict,
-        **asked_channels(channels),
-    }
-    with result_folder(
-        out, command="diagnose", options=options, inputs=inputs, seed=seed, overwrite=overwrite
-    ) as folder:
-        result = work()
+    def write(folder: ResultFolder, result: YawDiagnosis) -> None:
         folder.write_json("diagnosis.json", result.to_json())
         folder.write_json("extended_model.json", result.extended_model())
-        diagnosis_report.write(folder, result.diagnosis, figure_formats)
-    return result
+        diagnosis_report.write(folder, result.diagnosis, asked.figure_formats)
 
-
-def diagnose_any(
-    logs: Sequence[str | Path],
-    *,
-    model: Path,
-    thrusters: Path | None = None,
-    arm: float | None = None,
-    cluster: str | None = None,
-    channels: str = AUTO,
-    **settings: Any,
-) -> "YawDiagnosis | ThrusterDiagnosis | PlanarDiagnosis":
-    """`diagnose` for a model of one motion, `diagnose_planar` for those of three together, `diagnose_thrusters` for a
-    thruster map (here, they are quick), by the schema of the file `model`.
-    """
-    if is_planar(model):
-        if channels != AUTO:
-            raise SettingError(f"{model.name} is a planar model: every channel counts; leave --channels out")
-        return diagnose_planar(logs, model=model, thrusters=thrusters, arm=arm, **settings)
-    if is_thruster_map(model):
-        if thrusters is not None or arm is not None:
-            raise SettingError(
-                f"{model.name} is a thruster map: --thrusters and --arm belong to a yaw model; leave them out"
-            )
-        if channels != AUTO:
-            raise SettingError(
-                f"{model.name} is a thruster map: --channels belongs to a motion; leave it out"
-            )
-        return diagnose_thrusters(logs, model=model, **settings)
-    return diagnose(
-        logs, model=model, thrusters=thrusters, arm=arm, cluster=cluster, channels=channels, **settings
-    )
-
-
-def files_of(result: "YawDiagnosis | ThrusterDiagnosis | PlanarDiagnosis") -> tuple[str, ...]:
-    """The files of either kind of diagnosis."""
-    curve = isinstance(result, YawDiagnosis) and any(
-        one.learned is not None for one in result.diagnosis.effects
-    )
-    return (*FILES, LEARNED) if curve else FILES
-
-
-def terminal(result: "YawDiagnosis | ThrusterDiagnosis | PlanarDiagnosis") -> list[Table | str]:
-    """What the terminal shows of either kind of diagnosis."""
-    if isinstance(result, YawDiagnosis):
-        return result.tables()
-    if isinstance(result, PlanarDiagnosis):
-        return result.tables()
-    return [*thruster_diagnosis.sentences(result), *thruster_diagnosis.tables(result)]
+    return runner.results(asked, work, write)
 
 
 def _runs(
-    logs: Sequence[str | Path],
-    names: ColumnMap,
-    thrusters: Path | None,
-    arm: float | None,
-    strict: bool,
-    jobs: int,
-    progress: Progress,
-    stored: StoredModels,
-) -> tuple[list[Run], tuple[SetAside, ...], tuple[LogFile, ...]]:
+    logs: Logs, asked: DiagnoseOptions, names: ColumnMap, runner: Runner, stored: StoredModels
+) -> tuple[list[Run], tuple[SetAside, ...]]:
     """Runs that a diagnosis can use, with their moments, in the model's unit."""
-    dof = stored.dof
-    campaign = load_runs(logs, names, dof=dof, strict=strict, progress=progress, jobs=jobs)
-    runs = with_moments(campaign.runs, thrusters, arm, names, dof)
+    dof, strict = stored.dof, asked.strict
+    campaign = load_runs(logs, names, dof=dof, strict=strict, progress=runner.progress, jobs=runner.jobs)
+    runs = with_moments(campaign.runs, asked.thrusters, asked.arm, names, dof)
     units = {run.moment_unit for run in runs if run.moment is not None}
     if units - {stored.moment_unit}:
         raise SettingError(
@@ -293,4 +216,50 @@ def _runs(
     aside = (*campaign.set_aside, *undriven, *stuck)
     if strict and aside:
         raise refused_by_strict(aside[0])
-    return moving, aside, campaign.inputs
+    return moving, aside
+
+
+def _files(result: YawDiagnosis | ThrusterDiagnosis | PlanarDiagnosis) -> tuple[str, ...]:
+    """The files of any kind of diagnosis."""
+    curve = isinstance(result, YawDiagnosis) and any(
+        one.learned is not None for one in result.diagnosis.effects
+    )
+    return (*FILES, LEARNED) if curve else FILES
+
+
+def _lines(result: YawDiagnosis) -> Iterator[str]:
+    yield diagnosis_tables.verdict_sentence(result.diagnosis)
+    for effect in result.diagnosis.effects:
+        yield f"  {effect.name}, confidence {effect.confidence:.0%}"
+        yield from (f"  {line}" for line in aligned(effect.parameters))
+        yield from (f"    or {rival.name}, {rival.confidence:.0%}" for rival in effect.rivals)
+
+
+def _rows(result: YawDiagnosis) -> Iterator[Row]:
+    for effect in result.diagnosis.effects:
+        for name, one in effect.parameters.items():
+            yield {"effect": effect.name, "confidence": effect.confidence, "parameter": name} | numbers(one)
+
+
+def _figures(result: YawDiagnosis) -> Figures:
+    found = result.diagnosis
+    last = found.found
+    return {
+        "before-after": lambda: before_after_figure(found, budget(found)),
+        "where": lambda: where_figure(found),
+        "why": lambda: why_figure(found, naming_key(found.study, last.base, last.final)),
+    }
+
+
+def _instead(settings: Mapping[str, object]) -> Command[Any, Any] | None:
+    """The diagnosis of a planar model or of a thruster map."""
+    model = schema_in(settings.get("model"))
+    return diagnose_planar if model == PLANAR_SCHEMA else diagnose_thrusters if model == MAP_SCHEMA else None
+
+
+diagnose: Command[DiagnoseMotionOptions, YawDiagnosis | PlanarDiagnosis | ThrusterDiagnosis] = Command(
+    "diagnose", DiagnoseMotionOptions, _diagnose,
+    {YawDiagnosis: View(YawDiagnosis.tables, _lines, _rows, _figures), **diagnose_planar.views,
+     **diagnose_thrusters.views},
+    _files, Compared("diagnosis.json", SCHEMA, of_diagnosis), instead=_instead,
+)  # fmt: skip

@@ -1,11 +1,9 @@
 """`diagnose` of a planar model: which coupling, current or actuator effect it lacks, by innovations."""
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from functools import cached_property
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -19,17 +17,20 @@ from automarine_cli.errors import SettingError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.planar_fit import Estimated, PlanarFit, Tried
 from automarine_cli.fits.planar_structure import Observed, Structure, observed
-from automarine_cli.logs import ColumnMap, given_columns
+from automarine_cli.logs import Logs, given_columns
 from automarine_cli.models.planar_store import load_planar_model, planar_json
-from automarine_cli.pipeline.manifest import Input, given_as
-from automarine_cli.pipeline.outputs import result_folder
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.outputs import ResultFolder, json_document
+from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report import planar_diagnosis_report
-from automarine_cli.report.figures.files import refuse_unknown
+from automarine_cli.report.figures.planar_diagnosis import before_after_figure, where_figure, why_figure
 from automarine_cli.report.tables import Table
+from automarine_cli.runs.channels import AUTO
 from automarine_cli.runs.run import Run, SetAside, readings
+from automarine_cli.workflows.command import HOLD_OUT, SELDOM, Command, Runner, reads
 from automarine_cli.workflows.planar_runs import load_planar
+from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, aligned, numbers
+from automarine_cli.workflows.view import Figures, Row, View
 
 SCHEMA = "automarine/diagnosis/1"
 FEWEST = 4
@@ -84,6 +85,12 @@ class PlanarDiagnosis(Shown):
                 for rival, weight in zip(rivals, weights)
             ],
         }
+
+    def document(self, option: str) -> Document:
+        """The diagnosis where one is wanted, else the extended model."""
+        if option == "diagnosis":
+            return json_document("diagnosis.json", self.to_json())
+        return json_document("extended_model.json", self.extended_model())
 
     def to_json(self) -> dict[str, object]:
         """The result: schema automarine/diagnosis/1."""
@@ -153,65 +160,83 @@ class PlanarDiagnosis(Shown):
         return planar_diagnosis_report.tables(self.found)
 
 
-def diagnose_planar(
-    logs: Sequence[str | Path],
-    *,
-    model: Path,
-    hold_out: Sequence[str | Path] = (),
-    columns: Path | ColumnMap | None = None,
-    thrusters: Path | None = None,
-    arm: float | None = None,
-    out: Path | None = None,
-    figure_formats: tuple[str, ...] = ("png",),
-    overwrite: bool = False,
-    strict: bool = False,
-    seed: int = 0,
-    jobs: int = 1,
-    progress: Progress = silent,
-) -> PlanarDiagnosis:
-    """Name what the planar model of the file `model` lacks on planar logs; writes the results if `out` is given.
+@dataclass(frozen=True, kw_only=True)
+class HeldOut:
+    """Logs that are never fitted (none: a quarter of the runs)."""
 
-    `hold_out` logs are never fitted; without any a quarter of the runs, drawn with `seed`, is held out. Figures are
-    drawn in the `figure_formats` (png, svg, pdf). Raises LogError, RunError, ModelError, FitError, SettingError or
-    OutputError.
+    hold_out: Logs = field(default=(), metadata=reads("logs", HOLD_OUT))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseOptions(Ending, Lever, HeldOut, Judged, OfLogs):
+    """Logs, the model that they are to judge, and which sensors count; `seed` draws what is held out."""
+
+    channels: str = field(default=AUTO, metadata=SELDOM)
+    seed: int = 0
+
+
+def _diagnose(asked: DiagnoseOptions, runner: Runner) -> PlanarDiagnosis:
+    """Name what the planar model of the file `model` lacks on planar logs.
+
+    `hold_out` logs are never fitted; without any a quarter of the runs, drawn with `seed`, is held out. Raises
+    LogError, RunError, ModelError, FitError, SettingError or OutputError.
     """
-    refuse_unknown(figure_formats)
-    stored, names = load_planar_model(model), given_columns(columns)
-    campaign = load_planar(logs, names, thrusters, arm, strict=strict, jobs=jobs, progress=progress)
-    other = (
-        load_planar(hold_out, names, thrusters, arm, strict=strict, jobs=jobs, progress=progress)
-        if hold_out
-        else None
-    )
-    runs, kept = (campaign.runs, other.runs) if other else split_off(campaign.runs, seed, FEWEST)
+    if asked.channels != AUTO:
+        raise SettingError(
+            f"{asked.model.name} is a planar model: every channel counts; leave --channels out"
+        )
+    stored, names = load_planar_model(asked.model), given_columns(asked.columns)
+    load = partial(
+        load_planar, columns=names, thrusters=asked.thrusters, arm=asked.arm, strict=asked.strict, jobs=runner.jobs,
+        progress=runner.progress,
+    )  # fmt: skip
+    campaign, other = load(asked.logs), load(asked.hold_out) if asked.hold_out else None
+    runs, kept = (campaign.runs, other.runs) if other else split_off(campaign.runs, asked.seed, FEWEST)
     seen = observed(campaign.runs)
     if not kept:
         raise SettingError(
             f"no run is held out: expected at least {FEWEST} logs, or some given with --hold-out"
         )
     aside = (*campaign.set_aside, *(other.set_aside if other else ()))
-    parent = hashlib.sha256(model.read_bytes()).hexdigest()
+    parent = hashlib.sha256(asked.model.read_bytes()).hexdigest()
 
     def work() -> PlanarDiagnosis:
         found = find_missing(stored, runs, kept, seen)
-        where = find_planar_where(found, seed)
+        where = find_planar_where(found, asked.seed)
         return PlanarDiagnosis(found, where, tuple(runs), tuple(kept), seen, aside, parent)
 
-    if out is None:
-        return work()
-    more = other.inputs if other else ()
-    inputs = [Input(file.name, file.path) for file in campaign.inputs]
-    inputs += [Input(file.name, file.path, "hold_out") for file in more]
-    inputs += given_as(model=model, columns=columns, dbc=names.database, thrusters=thrusters)
-    options: dict[str, Any] = {
-        "model": model, "hold_out": [file.name for file in more], "columns": columns, "thrusters": thrusters,
-        "arm": arm, "figure_formats": figure_formats, "strict": strict,
-    }  # fmt: skip
-    with result_folder(
-        out, command="diagnose", options=options, inputs=inputs, seed=seed, overwrite=overwrite
-    ) as folder:
-        result = work()
+    def write(folder: ResultFolder, result: PlanarDiagnosis) -> None:
         folder.write_json("diagnosis.json", result.to_json())
         folder.write_json("extended_model.json", result.extended_model())
-        planar_diagnosis_report.write(folder, result.found, result.where, figure_formats)
-    return result
+        planar_diagnosis_report.write(folder, result.found, result.where, asked.figure_formats)
+
+    return runner.results(asked, work, write)
+
+
+def _lines(result: PlanarDiagnosis) -> Iterator[str]:
+    yield planar_diagnosis_report.verdict_sentence(result.found)
+    for one in result.found.named:
+        yield from (f"  {line}" for line in aligned(result.estimates_of(one)))
+
+
+def _rows(result: PlanarDiagnosis) -> Iterator[Row]:
+    for one in result.found.named:
+        for name, estimate in result.estimates_of(one).items():
+            yield {"effect": one.candidate.name, "parameter": name, **numbers(estimate)}
+
+
+def _figures(result: PlanarDiagnosis) -> Figures:
+    found, where = result.found, result.where
+    if where is None:
+        return {"why": lambda: why_figure(found)}
+    return {
+        "before-after": lambda: before_after_figure(found),
+        "where": lambda: where_figure(found, where),
+        "why": lambda: why_figure(found),
+    }
+
+
+diagnose_planar = Command(
+    "diagnose", DiagnoseOptions, _diagnose,
+    {PlanarDiagnosis: View(PlanarDiagnosis.tables, _lines, _rows, _figures)}, listed=False,
+)  # fmt: skip

@@ -1,21 +1,24 @@
 """`diagnose` on bollard tests: where a thruster map and its measurements disagree, why, and the map that closes it."""
 
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 
 from automarine_cli.errors import ModelError, RunError, SettingError
-from automarine_cli.logs import ColumnMap, given_columns
-from automarine_cli.pipeline.manifest import Input, given_as
-from automarine_cli.pipeline.outputs import result_folder
-from automarine_cli.pipeline.plain_data import read_plain
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.logs import ColumnMap, Logs, given_columns
+from automarine_cli.pipeline.outputs import ResultFolder
+from automarine_cli.pipeline.plain_data import Source, read_plain
 from automarine_cli.report import thruster_diagnosis as page
 from automarine_cli.report.figures import thruster_diagnosis as figures
-from automarine_cli.report.figures.files import refuse_unknown, write_figures
+from automarine_cli.report.figures.files import Draw, write_figures
+from automarine_cli.runs.channels import AUTO
 from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
 from automarine_cli.thrusters.diagnosis import diagnose_thrusters as diagnose_points
-from automarine_cli.thrusters.map import SCHEMA, ThrusterMap
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import ThrusterLogs, load_thruster_logs
+from automarine_cli.workflows.command import HOLD_OUT, SELDOM, Command, Runner, reads
+from automarine_cli.workflows.fit_thrusters import cells
+from automarine_cli.workflows.shared import Columns, Ending, Judged, OfLogs
+from automarine_cli.workflows.view import Figures, Row, View
 
 FILES = (
     "diagnosis.json",
@@ -27,88 +30,76 @@ FILES = (
 )
 
 
-def is_thruster_map(model: Path) -> bool:
-    """Whether a model file says that it is a thruster map; False for anything that cannot be read."""
-    try:
-        return read_plain(model, "JSON", ModelError).get("schema") == SCHEMA
-    except ModelError:
-        return False
+@dataclass(frozen=True, kw_only=True)
+class _Bench:
+    """Logs that are never fitted (none: a quarter of the levels), and how many equal thrusters pulled together."""
+
+    hold_out: Logs = field(default=(), metadata=reads("logs", HOLD_OUT))
+    thrusters_per_test: int | None = None
 
 
-def diagnose_thrusters(
-    logs: Sequence[str | Path],
-    *,
-    model: Path,
-    hold_out: Sequence[str | Path] = (),
-    columns: Path | ColumnMap | None = None,
-    out: Path | None = None,
-    figure_formats: tuple[str, ...] = ("png",),
-    overwrite: bool = False,
-    strict: bool = False,
-    seed: int = 0,
-    jobs: int = 1,
-    progress: Progress = silent,
-    thrusters_per_test: int | None = None,
-) -> ThrusterDiagnosis:
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseThrustersOptions(Columns, Ending, _Bench, Judged, OfLogs):
+    """Bollard tests and the map to diagnose; `thrusters`, `arm` and `channels` belong to a motion and are refused."""
+
+    thrusters: object = field(default=None, metadata=SELDOM)
+    arm: object = field(default=None, metadata=SELDOM)
+    channels: str = field(default=AUTO, metadata=SELDOM)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        is_map = f"{self.model.name} is a thruster map"
+        if self.thrusters is not None or self.arm is not None:
+            raise SettingError(f"{is_map}: --thrusters and --arm belong to a yaw model; leave them out")
+        if self.channels != AUTO:
+            raise SettingError(f"{is_map}: --channels belongs to a motion; leave it out")
+
+
+def _diagnose(asked: DiagnoseThrustersOptions, runner: Runner) -> ThrusterDiagnosis:
     """Diagnose the thruster map in `model` on bollard tests in which `thrusters_per_test` thrusters pulled.
 
-    Without `hold_out` a quarter of the levels, drawn with `seed`, is held out. Writes the results if `out` is given.
-    `jobs` changes nothing: a table of levels is quick. Raises LogError, RunError, FitError, ModelError, OutputError.
+    Without `hold_out` a quarter of the levels, drawn with `seed`, is held out. Raises LogError, RunError, FitError,
+    ModelError, SettingError, OutputError.
     """
-    refuse_unknown(figure_formats)
-    column_map = given_columns(columns)
-    base, with_voltage, of_map = _base(model)
-    loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)
-    held = load_thruster_logs(hold_out, column_map, strict=strict, progress=progress) if hold_out else None
-    if held is not None:
+    names, strict, progress = given_columns(asked.columns), asked.strict, runner.progress
+    base, with_voltage, of_map = _base(asked.model)
+    loaded = load_thruster_logs(asked.logs, names, strict=strict, progress=progress)
+    held = None
+    if asked.hold_out:
+        held = load_thruster_logs(asked.hold_out, names, strict=strict, progress=progress)
         loaded = _apart(loaded, held)
-    count = _thrusters(thrusters_per_test, column_map, of_map)
-    rule = column_map.columns.get("n")
+        asked = replace(asked, logs=loaded.inputs)
+    count = _thrusters(asked.thrusters_per_test, names, of_map)
+    rule = names.columns.get("n")
+    n_unit = (rule.unit or "") if rule is not None else ""
 
-    def judged() -> ThrusterDiagnosis:
+    def work() -> ThrusterDiagnosis:
         progress("diagnosing", 0, 1)
         result = diagnose_points(
-            loaded,
-            base,
-            hold_out=held,
-            thrusters=count,
-            n_unit=(rule.unit or "") if rule is not None else "",
-            voltage=with_voltage,
-            seed=seed,
+            loaded, base, hold_out=held, thrusters=count, n_unit=n_unit, voltage=with_voltage, seed=asked.seed
         )
         progress("diagnosing", 1, 1)
         return result
 
-    if out is None:
-        return judged()
-    inputs = [Input(file.name, file.path) for file in loaded.inputs]
-    inputs += [Input(file.name, file.path, "hold_out") for file in (held.inputs if held else ())]
-    inputs += given_as(model=model, columns=columns, dbc=column_map.database)
-    options = {
-        "model": model.name,
-        "hold_out": [file.name for file in held.inputs] if held else [],
-        "thrusters_per_test": thrusters_per_test,
-        "figure_formats": figure_formats,
-        "strict": strict,
-        "columns": columns,
-    }
-    with result_folder(
-        out, command="diagnose", options=options, inputs=inputs, seed=seed, overwrite=overwrite
-    ) as folder:
-        result = judged()
+    def write(folder: ResultFolder, result: ThrusterDiagnosis) -> None:
         folder.write_json("diagnosis.json", result.to_json())
         folder.write_json("extended_model.json", result.extended_map)
         folder.write("diagnosis.md", page.markdown(result))
-        drawings = {
-            "where": lambda: figures.where_figure(result),
-            "why": lambda: figures.why_figure(result),
-            "before_after": lambda: figures.before_after_figure(result),
-        }
-        write_figures(folder, drawings, figure_formats)
-    return result
+        write_figures(folder, _drawings(result), asked.figure_formats)
+
+    return runner.results(asked, work, write)
 
 
-def _base(model: Path) -> tuple[ThrusterMap, bool, int]:
+def _drawings(result: ThrusterDiagnosis) -> dict[str, Draw]:
+    return {
+        "where": lambda: figures.where_figure(result),
+        "why": lambda: figures.why_figure(result),
+        "before_after": lambda: figures.before_after_figure(result),
+    }
+
+
+def _base(model: Source) -> tuple[ThrusterMap, bool, int]:
     """The map, whether its file says how thrust follows the voltage, and how many thrusters pulled in its tests."""
     data = read_plain(model, "JSON", ModelError)
     found = ThrusterMap.from_json(data, model.name)
@@ -136,3 +127,25 @@ def _thrusters(given: int | None, columns: ColumnMap, of_map: int) -> int:
             f"thrusters_per_test is {value!r}; expected a whole number of thrusters, 1 or more"
         )
     return int(value)
+
+
+def _rows(result: ThrusterDiagnosis) -> Iterator[Row]:
+    for effect in result.effects:
+        for name, one in effect.parameters.items():
+            row: Row = {"effect": effect.name, "confidence": effect.confidence, "parameter": name}
+            yield row | cells(one)
+
+
+def _figures(result: ThrusterDiagnosis) -> Figures:
+    drawings = _drawings(result)
+    return {name.replace("_", "-"): drawings[name] for name in ("before_after", "where", "why")}
+
+
+diagnose_thrusters = Command(
+    "diagnose", DiagnoseThrustersOptions, _diagnose,
+    {ThrusterDiagnosis: View(
+        lambda result: [*page.sentences(result), *page.tables(result)],
+        lambda result: iter([page.verdict_sentence(result)]), _rows, _figures,
+    )},
+    files=lambda result: FILES, listed=False,
+)  # fmt: skip

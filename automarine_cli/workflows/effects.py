@@ -8,9 +8,8 @@ from automarine_cli import effects as library
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.effects import Effect, Parameter
 from automarine_cli.effects.base import EVEN, MIXED, ODD, ParameterCard
-from automarine_cli.effects.own import own_effect, own_files, own_folder
+from automarine_cli.effects.own import own_effect, own_folder
 from automarine_cli.errors import ModelError, OutputError, SettingError
-from automarine_cli.pipeline.manifest import Input
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.tables import Table, number
 
@@ -83,11 +82,6 @@ def keep_own(file: Path, *, overwrite: bool = False) -> EffectCards:
     half.write_bytes(content)
     half.replace(place)
     return EffectCards((effect,), True, next(dof for dof in DOFS.values() if effect.acts_in(dof)), True)
-
-
-def own_inputs() -> list[Input]:
-    """The user's own effects as inputs of a result: what they are decides what is found."""
-    return [Input(path.name, path, "own_effect") for path in own_files().values()]
 
 
 def effects(name: str | None = None, motion: str | None = None) -> EffectCards:

@@ -1,7 +1,7 @@
 """`export`: a model written for a simulator or a paper; what the target cannot represent is listed, and refused."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,12 +36,14 @@ from automarine_cli.models.planar_store import planar_from_json
 from automarine_cli.models.store import yaw_models_from_json
 from automarine_cli.pipeline.manifest import sha256
 from automarine_cli.pipeline.one_file import refuse_existing, write_whole
-from automarine_cli.pipeline.plain_data import read_plain
-from automarine_cli.pipeline.reuse import manifest_of
+from automarine_cli.pipeline.plain_data import Source, read_plain
+from automarine_cli.pipeline.reuse import logs_behind
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.tables import Table
 from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
 from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.workflows.command import Command, Runner, reads
+from automarine_cli.workflows.view import View
 
 SCHEMA = "automarine/export/1"
 
@@ -146,65 +148,62 @@ def export_targets() -> Targets:
     return Targets(tuple(targets.get(name) for name in targets.names()))
 
 
-def export(
-    model: Path,
-    *,
-    to: str,
-    form: str | None = None,
-    number: str | None = None,
-    frame: str | None = None,
-    rigid_inertia: float | None = None,
-    rigid_mass: float | None = None,
-    newton_metres_per_nu: float | None = None,
-    mesh_torque: tuple[float, float] | None = None,
-    symmetrise: bool = False,
-    n_max: float | None = None,
-    lag: float | None = None,
-    allow_partial: bool = False,
-    out: Path | None = None,
-    overwrite: bool = False,
-) -> Exported:
-    """Write the model in a file `model` for the target `to`, into `out` if that is given.
+@dataclass(frozen=True, kw_only=True)
+class _Asked:
+    """The model and the target; `number` is which of the file's yaw models (by default the preferred one), `frame` ENU
+    or NED (by default the target's own)."""
 
-    The settings are those of `exports.base.Settings`; `number` is which of the file's yaw models (by default the
-    preferred one), `frame` ENU or NED (by default the target's own). Raises ModelError, SettingError or OutputError,
-    for an effect too that the target cannot represent, unless `allow_partial`.
+    model: Source = field(metadata=reads("file"))
+    to: str
+    form: str | None = None
+    number: str | None = None
+    frame: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportOptions(Settings, _Asked):
+    """The same, with the settings that targets use."""
+
+    @property
+    def settings(self) -> Settings:
+        """Those of targets alone."""
+        return Settings(**{one.name: getattr(self, one.name) for one in fields(Settings)})
+
+
+def _export(asked: ExportOptions, runner: Runner) -> Exported:
+    """Write the model in a file `model` for the target `to`, into the file `out` if that is given.
+
+    The settings are those of `exports.base.Settings`. Raises ModelError, SettingError or OutputError, for an effect too
+    that the target cannot represent, unless `allow_partial`.
     """
-    target = targets.get(to)
-    settings = Settings(
-        rigid_inertia, rigid_mass, newton_metres_per_nu, mesh_torque, symmetrise, n_max, lag, allow_partial
-    )
+    target, settings, out = targets.get(asked.to), asked.settings, runner.out
     refuse_unused(target, settings)
-    data = read_plain(model, "JSON", ModelError)
-    origin = Origin(printable(model.name), sha256(model))
-    if data.get("schema") == PLANAR_SCHEMA:
-        return _planar(target, data, origin, form, frame, settings, out, overwrite)
-    asked = _one_of(target.forms, form or _form_by_ending(target, out), f"--form of {target.name}")
-    seen = _one_of(target.frames, (frame or target.frames[0]).upper(), f"--frame of {target.name}")
+    data = read_plain(asked.model, "JSON", ModelError)
+    origin = Origin(printable(asked.model.name), sha256(asked.model))
+    planar = data.get("schema") == PLANAR_SCHEMA
+    forms, frames = _taken_of_plane(target, origin, settings) if planar else (target.forms, target.frames)
+    usual = next(iter(forms)) if planar else _form_by_ending(target, out)
+    form = _one_of(forms, asked.form or usual, f"--form of {target.name}")
+    frame = _one_of(frames, (asked.frame or frames[0]).upper(), f"--frame of {target.name}")
     if out is not None:
-        refuse_existing(out, overwrite=overwrite)
-    if target.takes == THRUSTER_MAP:
-        result = _of_map(target, data, origin, asked, seen, settings)
+        refuse_existing(out, overwrite=runner.overwrite)
+    if planar:
+        result = _planar(target, data, origin, form, frame, settings)
+    elif target.takes == THRUSTER_MAP:
+        result = _of_map(target, data, origin, form, frame, settings)
     else:
-        result = _of_yaw(target, data, origin, number, asked, seen, settings, _logs_of(model, origin))
+        logs = logs_behind(asked.model, origin.sha256)
+        result = _of_yaw(target, data, origin, asked.number, form, frame, settings, logs)
     if out is not None:
         write_whole(out, result.text)
     return result
 
 
-def _planar(
-    target: Target,
-    data: Mapping[str, Any],
-    origin: Origin,
-    form: str | None,
-    frame: str | None,
-    settings: Settings,
-    out: Path | None,
-    overwrite: bool,
-) -> Exported:
-    """A model of surge, sway and yaw together, written into `out` if that is given."""
-    taken = target.planar
-    if taken is None:
+def _taken_of_plane(
+    target: Target, origin: Origin, settings: Settings
+) -> tuple[Mapping[str, str], Sequence[str]]:
+    """Forms and frames of a target for models of surge, sway and yaw together."""
+    if target.planar is None:
         takers = [name for name in targets.names() if targets.get(name).planar is not None]
         raise SettingError(
             f"{origin.file} is a model of surge, sway and yaw together; --to {target.name} takes one motion: take --to "
@@ -214,17 +213,20 @@ def _planar(
         raise SettingError(
             f"{origin.file} is in newtons already; --newton-metres-per-nu is for the unit nu, so leave it out"
         )
-    asked = _one_of(taken.forms, form or next(iter(taken.forms)), f"--form of {target.name}")
-    seen = _one_of(taken.frames, (frame or taken.frames[0]).upper(), f"--frame of {target.name}")
-    if out is not None:
-        refuse_existing(out, overwrite=overwrite)
-    model = planar_from_json(data, origin.file).model
-    subject = planar_subject(model, origin, seen, asked, settings, target.name)
-    written = taken.write(subject)
+    return target.planar.forms, target.planar.frames
+
+
+def _planar(
+    target: Target, data: Mapping[str, object], origin: Origin, form: str, frame: str, settings: Settings
+) -> Exported:
+    """A model of surge, sway and yaw together."""
+    assert target.planar is not None
+    subject = planar_subject(
+        planar_from_json(data, origin.file).model, origin, frame, form, settings, target.name
+    )
     carried = ("inertia", *(name for name, _, _ in subject.drags()))
-    if out is not None:
-        write_whole(out, written.text)
-    return Exported(target.name, asked, seen, origin, "N m", carried, subject.left_out, written)
+    written = target.planar.write(subject)
+    return Exported(target.name, form, frame, origin, "N m", carried, subject.left_out, written)
 
 
 def _of_map(
@@ -281,17 +283,13 @@ def _form_by_ending(target: Target, out: Path | None) -> str:
     return next((form for form, its in target.forms.items() if its == ending), next(iter(target.forms)))
 
 
-def _one_of(known: Any, asked: str, what: str) -> str:
+def _one_of(known: Iterable[str], asked: str, what: str) -> str:
     if asked not in known:
         raise SettingError(f"{what}: found {asked}, expected {' or '.join(known)}")
     return asked
 
 
-def _logs_of(model: Path, origin: Origin) -> tuple[tuple[str, str], ...] | None:
-    """Names and hashes of the logs that the model was fitted to, from the manifest beside it; None if it is not its."""
-    manifest = manifest_of(model.parent)
-    if manifest is None or not any(one.sha256 == origin.sha256 for one in manifest.outputs):
-        return None
-    return tuple(
-        (one.file, one.sha256 or "unreadable") for one in manifest.inputs if one.role in ("log", "hold_out")
-    )
+export = Command(
+    "export", ExportOptions, _export, {Exported: View(Exported.tables, lambda result: iter(result.warnings))},
+    repeats=False,
+)  # fmt: skip

@@ -1,70 +1,81 @@
 """`fit-planar`: logs of motion in the plane -> surge, sway and yaw together, with what couples them."""
 
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 
 from automarine_cli.fits.planar_fit import Estimator, PlanarFit, search
 from automarine_cli.fits.planar_likelihood import PlanarLikelihood
 from automarine_cli.fits.planar_structure import Observed, observed
-from automarine_cli.logs import ColumnMap, given_columns
-from automarine_cli.pipeline.manifest import Input, given_as
-from automarine_cli.pipeline.outputs import result_folder
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.logs import given_columns
+from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.report import planar_report
-from automarine_cli.report.figures.files import refuse_unknown, write_figures
+from automarine_cli.report.figures.files import write_figures
+from automarine_cli.report.tables import Table
 from automarine_cli.runs.run import Run
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.workflows.command import UNRECORDED, Command, Runner
 from automarine_cli.workflows.planar_runs import load_planar
+from automarine_cli.workflows.shared import Ending, Lever, OfLogs, aligned, counted, numbers
+from automarine_cli.workflows.view import Row, View
+
+FILES = ("planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png")
 
 
-def fit_planar(
-    logs: Sequence[str | Path],
-    *,
-    columns: Path | ColumnMap | None = None,
-    thrusters: Path | ThrusterMap | None = None,
-    arm: float | None = None,
-    out: Path | None = None,
-    figure_formats: tuple[str, ...] = ("png",),
-    overwrite: bool = False,
-    strict: bool = False,
-    jobs: int = 1,
-    progress: Progress = silent,
-    estimating: Callable[[tuple[Run, ...], Observed], Estimator] = PlanarLikelihood,
-) -> PlanarFit:
-    """Identify surge, sway and yaw together, and what couples them; writes the results if `out` is given.
+@dataclass(frozen=True, kw_only=True)
+class FitPlanarOptions(Ending, Lever, OfLogs):
+    """Logs of motion in the plane, with what drives them; `estimating` makes what fits a structure."""
+
+    estimating: Callable[[tuple[Run, ...], Observed], Estimator] = field(
+        default=PlanarLikelihood, metadata=UNRECORDED
+    )
+
+
+def _fit_planar(asked: FitPlanarOptions, runner: Runner) -> PlanarFit:
+    """Identify surge, sway and yaw together, and what couples them.
 
     `thrusters` and `arm` [m] turn the commands of two thrusters into force and moment. What the logs do not hold is
-    tied to assumptions that the result names. `estimating` makes what fits a structure.
-
-    Raises LogError, RunError, FitError, SettingError or OutputError.
+    tied to assumptions that the result names. Raises LogError, RunError, FitError, SettingError or OutputError.
     """
-    refuse_unknown(figure_formats)
-    names = given_columns(columns)
-    campaign = load_planar(logs, names, thrusters, arm, strict=strict, jobs=jobs, progress=progress)
+    names = given_columns(asked.columns)
+    campaign = load_planar(
+        asked.logs, names, asked.thrusters, asked.arm, strict=asked.strict, jobs=runner.jobs, progress=runner.progress
+    )  # fmt: skip
     seen = observed(campaign.runs)
 
     def work() -> PlanarFit:
-        estimator = estimating(campaign.runs, seen)
+        estimator = asked.estimating(campaign.runs, seen)
         tried = search(campaign.runs, seen, estimator)
         use, limits = estimator.use(tried[0].found), tuple(one.warning for one in campaign.limits)
         return PlanarFit(tried, campaign.runs, seen, campaign.set_aside, use, limits)
 
-    if out is None:
-        return work()
-    inputs = [Input(file.name, file.path) for file in campaign.inputs]
-    inputs += given_as(columns=columns, dbc=names.database, thrusters=thrusters)
-    options = {
-        "columns": columns, "thrusters": thrusters, "arm": arm, "figure_formats": figure_formats, "strict": strict,
-    }  # fmt: skip
-    with result_folder(
-        out, command="fit-planar", options=options, inputs=inputs, seed=None, overwrite=overwrite
-    ) as folder:
-        fit = work()
+    def write(folder: ResultFolder, fit: PlanarFit) -> None:
         folder.write_json("planar_model.json", fit.to_json())
         tables = planar_report.tables(fit)
         folder.write("planar.csv", tables[0].to_csv())
         sentences = "\n".join(f"{one}\n" for one in planar_report.sentences(fit))
         folder.write("planar.md", "\n".join([*(one.to_markdown() for one in tables), sentences]))
         folder.write("planar.tex", "\n".join(one.to_latex() for one in tables))
-        write_figures(folder, planar_report.drawings(fit), figure_formats)
-    return fit
+        write_figures(folder, planar_report.drawings(fit), asked.figure_formats)
+
+    return runner.results(asked, work, write)
+
+
+def _says(fit: PlanarFit) -> Sequence[Table | str]:
+    first, rest = fit.use.sentences if fit.use else (), planar_report.sentences(fit)
+    return [*first, *planar_report.tables(fit), *(one for one in rest if one not in first)]
+
+
+def _lines(fit: PlanarFit) -> Iterator[str]:
+    used, aside = counted(len(fit.runs), "run"), len(fit.set_aside)
+    yield f"Planar model ({fit.structure}), fitted to {used}; {aside} set aside"
+    yield from aligned(fit.estimates)
+    yield f"  {counted(len(fit.assumptions), 'assumption')}, {counted(len(fit.warnings), 'warning')}"
+
+
+def _rows(fit: PlanarFit) -> Iterator[Row]:
+    for name, one in fit.estimates.items():
+        yield {"parameter": name, **numbers(one)}
+
+
+fit_planar = Command(
+    "fit-planar", FitPlanarOptions, _fit_planar, {PlanarFit: View(_says, _lines, _rows)}, files=lambda fit: FILES
+)  # fmt: skip

@@ -1,92 +1,74 @@
 """`fit-thrusters`: bollard tests -> thruster map (the source paper's section 3.1, equations 2 and 3)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
+from automarine_cli.comparison.result_files import of_thrusters
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.logs import ColumnMap, given_columns
-from automarine_cli.pipeline.manifest import Input, given_as
-from automarine_cli.pipeline.outputs import result_folder
+from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report import thruster_tables
-from automarine_cli.report.figures.files import refuse_unknown, write_figures
+from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.thrusters import thruster_figure
+from automarine_cli.report.tables import number
 from automarine_cli.runs.load import told_beside
 from automarine_cli.thrusters.analysis import Analysis, analyse
 from automarine_cli.thrusters.contradictions import flag_contradictions
-from automarine_cli.thrusters.fit import Side
+from automarine_cli.thrusters.fit import Parameter, Side
+from automarine_cli.thrusters.map import SCHEMA
 from automarine_cli.thrusters.plateaus import reduce_series
 from automarine_cli.thrusters.points import Ints, Points, voltage_steps
 from automarine_cli.thrusters.records import ThrusterLogs, load_thruster_logs
 from automarine_cli.thrusters.result import ThrusterFit
 from automarine_cli.thrusters.tare import Tare, subtract_tare
 from automarine_cli.thrusters.voltage import VoltageExponent, voltage_exponents
+from automarine_cli.workflows.command import Command, Compared, Runner
+from automarine_cli.workflows.shared import Columns, Ending, OfLogs, aligned, counted, numbers
+from automarine_cli.workflows.view import Row, View
 
 FELT = 0.2  # exponent of thrust against voltage from which one map for all voltages misleads
 FILES = ("thrusters.json", "thrusters.csv", "thrusters.md", "thrusters.png")
 
 
-def fit_thrusters(
-    logs: Sequence[str | Path],
-    *,
-    columns: Path | ColumnMap | None = None,
-    out: Path | None = None,
-    figure_formats: tuple[str, ...] = ("png",),
-    overwrite: bool = False,
-    strict: bool = False,
-    thrusters_per_test: int | None = None,
-    form: str | None = None,
-    jobs: int = 1,
-    progress: Progress = silent,
-) -> ThrusterFit:
-    """Fit the thruster map of one thruster to bollard tests in which `thrusters_per_test` equal thrusters
-    pulled.
+@dataclass(frozen=True, kw_only=True)
+class _Tests:
+    """How many equal thrusters pulled together (None: the column map's `[defaults]`, else 1), and the thrust curve
+    (None: chosen by cross-validation)."""
 
-    `thrusters_per_test` of None takes the column map's `[defaults]`, else 1; `form` of None chooses by
-    cross-validation. Writes the results if `out` is given, figures in the
-    `figure_formats` (png, svg, pdf). Raises LogError, RunError, FitError, OutputError.
+    thrusters_per_test: int | None = None
+    form: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitThrustersOptions(Columns, Ending, _Tests, OfLogs):
+    """Bollard tests, and how they are read and fitted."""
+
+
+def _fit_thrusters(asked: FitThrustersOptions, runner: Runner) -> ThrusterFit:
+    """Fit the thruster map of one thruster to bollard tests in which `thrusters_per_test` equal thrusters pulled.
+
+    Raises LogError, RunError, FitError, SettingError or OutputError.
     """
-    refuse_unknown(figure_formats)
-    column_map = given_columns(columns)
-    loaded = load_thruster_logs(logs, column_map, strict=strict, progress=progress)
-    if out is None:
-        return _fit_loaded(loaded, column_map, thrusters_per_test, form, jobs, progress)
-    inputs = [Input(file.name, file.path) for file in loaded.inputs] + given_as(
-        columns=columns, dbc=column_map.database
-    )
-    options = {
-        "thrusters_per_test": thrusters_per_test,
-        "form": form,
-        "figure_formats": figure_formats,
-        "strict": strict,
-        "columns": columns,
-    }
-    with result_folder(
-        out, command="fit-thrusters", options=options, inputs=inputs, seed=None, overwrite=overwrite
-    ) as folder:
-        result = _fit_loaded(loaded, column_map, thrusters_per_test, form, jobs, progress)
+    names = given_columns(asked.columns)
+    loaded = load_thruster_logs(asked.logs, names, strict=asked.strict, progress=runner.progress)
+
+    def work() -> ThrusterFit:
+        count = _thrusters(asked.thrusters_per_test, names)
+        with told_beside(loaded.set_aside):
+            return _fit_points(loaded, names, count, asked.form, runner.jobs, runner.progress)
+
+    def write(folder: ResultFolder, result: ThrusterFit) -> None:
         folder.write_json("thrusters.json", result.to_json())
         folder.write("thrusters.csv", thruster_tables.points_csv(result))
         folder.write("thrusters.md", thruster_tables.markdown(result))
-        write_figures(folder, {"thrusters": lambda: thruster_figure(result)}, figure_formats)
-    return result
+        write_figures(folder, {"thrusters": lambda: thruster_figure(result)}, asked.figure_formats)
 
-
-def _fit_loaded(
-    loaded: ThrusterLogs,
-    columns: ColumnMap,
-    thrusters: int | None,
-    form: str | None,
-    jobs: int,
-    progress: Progress,
-) -> ThrusterFit:
-    count = _thrusters(thrusters, columns)
-    with told_beside(loaded.set_aside):
-        return _fit_points(loaded, columns, count, form, jobs, progress)
+    return runner.results(asked, work, write)
 
 
 def _fit_points(
@@ -189,3 +171,40 @@ def _notes(points: Points) -> tuple[str, ...]:
         f"{count} point{'s have' if count > 1 else ' has'} exactly zero thrust at a command (up to |n| = "
         f"{largest:.4g}): a dead band, or readings that were set to zero or never taken; they are kept.",
     )
+
+
+def _lines(fit: ThrusterFit) -> Iterator[str]:
+    found, form = fit.analysis, fit.analysis.chosen.form
+    law = "F = a |n| n" if form.name == "square" else form.equation
+    yield f"Thruster map of one thruster from {counted(len(fit.points), 'point')}: {law}; form chosen: {form.name}"
+    known = {f"{name} {side}": one.estimate for (name, side), one in found.estimates.items() if one.estimate}
+    yield from aligned(known)
+    yield from (f"  {name} {side}  {one.why}" for (name, side), one in found.estimates.items() if one.why)
+    yield f"  R² {number(found.chosen_r2)}, rmse {number(found.percent(found.chosen.rmse), 3)} % of full scale"
+    if form.name != "square":
+        error = number(found.percent(found.law.rmse), 3)
+        yield f"  The square law: R² {number(found.r2)}, rmse {error} % of full scale"
+
+
+def _rows(fit: ThrusterFit) -> Iterator[Row]:
+    found = fit.analysis
+    if found.chosen.form.name != "square":
+        for (name, side), one in found.estimates.items():
+            yield {"direction": side, "form": found.chosen.form.name, "parameter": name} | cells(one)
+    for side, law in found.square.items():
+        yield {"direction": side, "form": "square", "parameter": "a"} | numbers(law)
+
+
+def cells(one: Parameter) -> Row:
+    """A parameter as the cells of a row; without an interval where a bound holds it."""
+    return {"value": one.value, "unit": one.unit} if one.estimate is None else numbers(one.estimate)
+
+
+fit_thrusters = Command(
+    "fit-thrusters", FitThrustersOptions, _fit_thrusters,
+    {ThrusterFit: View(
+        lambda fit: [*thruster_tables.tables(fit), *thruster_tables.sentences(fit)], _lines, _rows,
+        lambda fit: {"map": lambda: thruster_figure(fit)},
+    )},
+    files=lambda fit: FILES, compared=Compared("thrusters.json", SCHEMA, of_thrusters),
+)  # fmt: skip

@@ -3,7 +3,7 @@
 import os
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +11,14 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs import LogFile, find_logs
 from automarine_cli.pipeline.manifest import MANIFEST
 from automarine_cli.pipeline.one_file import refuse_existing, write_whole
-from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.reuse import manifest_of
 from automarine_cli.report.tables import Table
 from automarine_cli.workflows.campaign_file import open_questions
 from automarine_cli.workflows.campaign_look import Look, look_at
 from automarine_cli.workflows.campaign_places import places_of
 from automarine_cli.workflows.campaign_text import campaign_text
+from automarine_cli.workflows.command import Command, Runner, reads
+from automarine_cli.workflows.view import View
 
 SCHEMA = "automarine/init/1"
 NAME = "campaign.toml"
@@ -77,26 +78,27 @@ class Started:
         )
 
 
-def init(
-    folder: Path = Path(),
-    *,
-    out: Path | None = None,
-    overwrite: bool = False,
-    write: bool = True,
-    jobs: int = 1,
-    progress: Progress = silent,
-) -> Started:
+@dataclass(frozen=True)
+class InitOptions:
+    """The folder of logs, and whether the file is written."""
+
+    folder: Path = field(default=Path(), metadata=reads("file"))
+    write: bool = True
+
+
+def _init(asked: InitOptions, runner: Runner) -> Started:
     """Look at the logs in `folder` and write a campaign file `out` (by default `campaign.toml` in the folder).
 
     Raises LogError where there are no logs, and OutputError for a file that is there already unless `overwrite`.
     """
-    target = folder / NAME if out is None else out
+    folder, write = asked.folder, asked.write
+    target = folder / NAME if runner.out is None else runner.out
     if write:
-        refuse_existing(target, overwrite=overwrite)
+        refuse_existing(target, overwrite=runner.overwrite)
     files = [file for file in find_logs([folder]) if not _is_result(file.path, folder)]
     if not files:
         raise LogError(f"{folder}: the only logs here are in folders of results; give a folder of logs")
-    look = look_at(folder, files, jobs, progress)
+    look = look_at(folder, files, runner.jobs, runner.progress)
     entries = _entries(look.placed, look, files, target)
     forces = {motion: _entries(kinds, look, files, target) for motion, kinds in look.forces.items()}
     text = campaign_text(look, entries, forces)
@@ -128,3 +130,8 @@ def _entries(
 
 def _below(base: str, places: Sequence[str]) -> Iterator[str]:
     yield from (place if base == "." else f"{base}/{place}" for place in places)
+
+
+init = Command(
+    "init", InitOptions, _init, {Started: View(Started.tables, lambda result: iter(result.questions))}, repeats=False
+)  # fmt: skip

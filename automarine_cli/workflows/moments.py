@@ -2,18 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap
+from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.propulsion import drive_run_by_thrusters
 
 
 def moment_maker(
-    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, dof: Dof
+    thrusters: Source | ThrusterMap | None, arm: float | None, columns: ColumnMap, dof: Dof
 ) -> Callable[[Run], Run] | None:
     """What makes the moment or force of thruster commands, at lever arm `arm` [m] (default: the column map's `arm_m`).
 
@@ -24,7 +24,7 @@ def moment_maker(
 
 
 def map_and_arm(
-    thrusters: Path | ThrusterMap | None, arm: float | None, columns: ColumnMap, dof: Dof
+    thrusters: Source | ThrusterMap | None, arm: float | None, columns: ColumnMap, dof: Dof
 ) -> tuple[ThrusterMap, float] | None:
     """The map and the lever arm [m] as given, or None without a map; see `moment_maker`."""
     if not dof.levered and arm is not None:
@@ -48,13 +48,13 @@ def map_and_arm(
         raise SettingError(
             f"--thrusters makes {dof.words.force}s only with the thrusters' lever arm; give --arm METRES"
         )
-    known = ThrusterMap.load(thrusters) if isinstance(thrusters, Path) else thrusters
+    known = ThrusterMap.load(thrusters) if isinstance(thrusters, Source) else thrusters
     return known, float(length)
 
 
 def with_moments(
     runs: Sequence[Run],
-    thrusters: Path | ThrusterMap | None,
+    thrusters: Source | ThrusterMap | None,
     arm: float | None,
     columns: ColumnMap,
     dof: Dof,

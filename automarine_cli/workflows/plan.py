@@ -1,15 +1,14 @@
 """`plan`: what is still unsure and what a day at the pool allows -> the runs of the next campaign."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from automarine_cli.fits.estimate import Estimate
-from automarine_cli.logs import ColumnMap, given_columns
-from automarine_cli.pipeline.manifest import Input, given_as
-from automarine_cli.pipeline.outputs import ResultFolder, result_folder
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.logs import Logs, given_columns
+from automarine_cli.pipeline.outputs import ResultFolder
+from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.pipeline.recipe import to_mapping, toml_text
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.planning.campaign import Campaign, plan_campaign, specification
@@ -19,12 +18,15 @@ from automarine_cli.planning.prior_results import read_prior_results
 from automarine_cli.planning.rivals import Split
 from automarine_cli.planning.vehicle import Drive, command_file
 from automarine_cli.report import plan_page, plan_tables
-from automarine_cli.report.figures.files import refuse_unknown, write_figures
+from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import load_thruster_logs
+from automarine_cli.workflows.command import Command, Runner, reads
 from automarine_cli.workflows.plan_vehicle import drive_for, largest_moment, supply_for
+from automarine_cli.workflows.shared import Columns, Drawn, aligned
+from automarine_cli.workflows.view import Row, View
 
 SCHEMA = "automarine/plan/1"
 FILES = ("plan.md", "plan.csv", "plan.json", "plan.toml", "plan.png", "commands/")
@@ -96,69 +98,59 @@ def example_limits() -> str:
     return EXAMPLE
 
 
-def plan(
-    model: Path,
-    *,
-    diagnosis: Path | None = None,
-    limits: Path | Limits | None = None,
-    parameters: tuple[str, ...] = (),
-    thrusters: Path | ThrusterMap | None = None,
-    arm: float | None = None,
-    thruster_tests: Sequence[str | Path] = (),
-    columns: Path | ColumnMap | None = None,
-    out: Path | None = None,
-    figure_formats: tuple[str, ...] = ("png",),
-    overwrite: bool = False,
-    seed: int = 0,
-    jobs: int = 1,
-    progress: Progress = silent,
-) -> Plan:
+@dataclass(frozen=True, kw_only=True)
+class _Asked:
+    """What is planned for, what the pool day allows, and with which thrusters."""
+
+    model: Source = field(metadata=reads("file"))
+    diagnosis: Source | None = field(default=None, metadata=reads("file"))
+    limits: Path | Limits | None = field(default=None, metadata=reads("file"))
+    parameters: tuple[str, ...] = ()
+    thrusters: Source | ThrusterMap | None = field(default=None, metadata=reads("file"))
+    arm: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanOptions(Drawn, Columns, _Asked):
+    """The model and the rivals of a `diagnosis`; `parameters` are those whose intervals are to shrink (all by default);
+    `seed` draws the order of the runs."""
+
+    thruster_tests: Logs = field(default=(), metadata=reads("logs", "thruster_tests"))
+    seed: int = 0
+
+
+def _plan(asked: PlanOptions, runner: Runner) -> Plan:
     """Plan the next campaign for the preferred model of the file `model`, and for the rivals in a `diagnosis`.
 
-    `parameters` are those whose intervals are to shrink (all by default); `limits` say what the pool day allows;
-    `thrusters` and `arm` [m] make control signals of moments, and with `thruster_tests` that logged a current or a
-    power the battery's use. `seed` draws the order of the runs; the work takes seconds, so `jobs` changes nothing.
-    Writes the results if `out` is given. Raises ModelError, SettingError, LogError, RunError or OutputError.
+    `limits` say what the pool day allows; `thrusters` and `arm` [m] make control signals of moments, and with
+    `thruster_tests` that logged a current or a power the battery's use. Raises ModelError, SettingError, LogError,
+    RunError or OutputError.
     """
-    refuse_unknown(figure_formats)
-    known = read_prior_results(model, diagnosis)
+    known, limits = read_prior_results(asked.model, asked.diagnosis), asked.limits
     allowed = limits if isinstance(limits, Limits) else Limits() if limits is None else read_limits(limits)
-    column_map = given_columns(columns)
-    drive = drive_for(thrusters, arm, column_map, known, allowed)
+    names, tests = given_columns(asked.columns), asked.thruster_tests
+    drive = drive_for(asked.thrusters, asked.arm, names, known, allowed)
     largest = largest_moment(known, allowed, drive)
-    tests = load_thruster_logs(thruster_tests, column_map, progress=progress) if thruster_tests else None
-    records = None if tests is None else tests.records
-    per_test = int(column_map.defaults.get("thrusters_per_test", 1))
+    records = load_thruster_logs(tests, names, progress=runner.progress).records if tests else None
+    per_test = int(names.defaults.get("thrusters_per_test", 1))
     supply, source = supply_for(allowed, largest, known.stored.moment_unit, drive, per_test, records)
 
     def work() -> Plan:
         found = plan_campaign(
-            known, allowed, largest, supply, wanted=tuple(parameters), seed=seed, progress=progress
+            known,
+            allowed,
+            largest,
+            supply,
+            wanted=asked.parameters,
+            seed=asked.seed,
+            progress=runner.progress,
         )
-        return Plan(found, known.stored.source, drive, source, seed)
+        return Plan(found, known.stored.source, drive, source, asked.seed)
 
-    if out is None:
-        return work()
-    inputs = given_as(model=model, diagnosis=diagnosis, limits=limits, thrusters=thrusters, columns=columns)
-    inputs += [
-        Input(file.name, file.path, "thruster_tests") for file in (() if tests is None else tests.inputs)
-    ]
-    options: Mapping[str, object] = {
-        "model": model,
-        "diagnosis": diagnosis,
-        "limits": limits,
-        "parameters": tuple(parameters),
-        "thrusters": thrusters,
-        "arm": arm,
-        "columns": columns,
-        "figure_formats": figure_formats,
-    }
-    with result_folder(
-        out, command="plan", options=options, inputs=inputs, seed=seed, overwrite=overwrite
-    ) as folder:
-        result = work()
-        _write(folder, result, figure_formats)
-    return result
+    def write(folder: ResultFolder, result: Plan) -> None:
+        _write(folder, result, asked.figure_formats)
+
+    return runner.results(asked, work, write)
 
 
 def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...]) -> None:
@@ -201,3 +193,21 @@ def _split_json(one: Split, grid: Split) -> dict[str, Any]:
 
 def _json(one: Estimate | None) -> dict[str, object] | None:
     return None if one is None else one.to_json()
+
+
+def _lines(result: Plan) -> Iterator[str]:
+    yield from plan_tables.total_sentences(result.campaign)
+    dof = result.campaign.fitting.model.dof
+    yield "Predicted, of the new runs alone:"
+    yield from aligned({plan_tables.in_print(name, dof): one for name, one in result.campaign.alone.items()})
+
+
+def _rows(result: Plan) -> Iterator[Row]:
+    yield from (_slot_json(slot, why) for slot, why in zip(result.campaign.slots, result.campaign.why))
+
+
+plan = Command(
+    "plan", PlanOptions, _plan,
+    {Plan: View(Plan.tables, _lines, _rows, lambda result: {"precision": lambda: plan_figure(result.campaign)})},
+    files=lambda result: FILES,
+)  # fmt: skip

@@ -1,11 +1,11 @@
 """What the thrusters and the battery of a planned campaign can give: drive, largest moment, current."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap
+from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.planning.candidates import Supply
 from automarine_cli.planning.limits import Limits
 from automarine_cli.planning.prior_results import PriorResults
@@ -19,7 +19,7 @@ LARGEST_NU = 1.0
 
 
 def drive_for(
-    thrusters: Path | ThrusterMap | None,
+    thrusters: Source | ThrusterMap | None,
     arm: float | None,
     columns: ColumnMap,
     known: PriorResults,

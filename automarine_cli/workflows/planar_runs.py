@@ -1,16 +1,15 @@
 """Logs -> runs of motion in the plane, with every force that drives them; what `fit-planar` and `validate` share."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.errors import AutomarineError, ModelError, RunError
-from automarine_cli.logs import ColumnMap
+from automarine_cli.logs import ColumnMap, Logs
 from automarine_cli.models.allocation import Allocation
+from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.load import Campaign, load_runs, none_left, refused_by_strict
 from automarine_cli.runs.planar import read_planar
@@ -20,9 +19,9 @@ from automarine_cli.workflows.moments import map_and_arm
 
 
 def load_planar(
-    logs: Sequence[str | Path],
+    logs: Logs,
     columns: ColumnMap,
-    thrusters: Path | ThrusterMap | None = None,
+    thrusters: Source | ThrusterMap | None = None,
     arm: float | None = None,
     *,
     strict: bool = False,

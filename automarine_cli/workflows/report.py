@@ -1,5 +1,6 @@
 """`report`: what the steps of a campaign left, as one page and as Markdown."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.report.campaign_page import document, usual_title
 from automarine_cli.report.campaign_steps import RESULTS, read_steps
 from automarine_cli.report.html.page import page
+from automarine_cli.workflows.command import commands
 
 SCHEMA = "automarine/report/1"
 FILES = ("report.html", "report.md")
@@ -64,5 +66,16 @@ def _cautions(record: Path) -> list[str]:
 def _made(folder: Path, title: str | None, cautions: Sequence[str]) -> Report:
     steps = read_steps(folder)
     title = title or usual_title(steps)
-    text = document(steps, title, cautions)
+    text = document(steps, title, cautions, _also(folder))
     return Report({"report.html": page(text, folder, title), "report.md": text}, tuple(steps))
+
+
+def _also(folder: Path) -> dict[str, str]:
+    """What commands without a section of their own left in the folder, by heading."""
+    found = {}
+    for name, command in commands().items():
+        place = folder / name / command.section
+        if command.section and place.is_file():
+            text = place.read_text(encoding="utf-8", errors="replace")
+            found[name.replace("-", " ").capitalize()] = re.sub(r"\A# .*\n", "", text)
+    return found

@@ -1,57 +1,23 @@
 """`run --from`: the same result again, from the recipe that its manifest recorded."""
 
-import inspect
 import tempfile
 import typing
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap, LogFile
-from automarine_cli.models.planar_store import is_planar
 from automarine_cli.pipeline.inputs import Sought, find_inputs
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
-from automarine_cli.pipeline.outputs import UNRECORDED
+from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.recipe import converted
 from automarine_cli.pipeline.words import listed
-from automarine_cli.planning.limits import Limits
-from automarine_cli.workflows.campaigns import run_campaigns
-from automarine_cli.workflows.check import check
-from automarine_cli.workflows.compare import compare
-from automarine_cli.workflows.diagnose import diagnose
-from automarine_cli.workflows.diagnose_planar import diagnose_planar
-from automarine_cli.workflows.diagnose_thrusters import diagnose_thrusters, is_thruster_map
-from automarine_cli.workflows.fit_planar import fit_planar
-from automarine_cli.workflows.fit_thrusters import fit_thrusters
-from automarine_cli.workflows.fit_yaw import FITS
-from automarine_cli.workflows.plan import plan
-from automarine_cli.workflows.run import run_campaign
-from automarine_cli.workflows.simulate import simulate
-from automarine_cli.workflows.slice import slice_log
-from automarine_cli.workflows.validate import validate
-from automarine_cli.workflows.validate_planar import validate_planar
+from automarine_cli.workflows.command import Command, commands
 
 SCHEMA = "automarine/rerun/1"
-COMMANDS: Mapping[str, Callable[..., object]] = {
-    "check": check,
-    "fit-thrusters": fit_thrusters,
-    **{f"fit-{name}": fit for name, fit in FITS.items()},
-    "fit-planar": fit_planar,
-    "validate": validate,
-    "diagnose": diagnose,
-    "simulate": simulate,
-    "plan": plan,
-    "slice": slice_log,
-    "compare": compare,
-    "run": run_campaign,
-    "campaigns": run_campaigns,
-}
-GIVEN_AS_TABLE = {"columns": ColumnMap, "limits": Limits}  # options that may be a table in place of a file
-# Options that are files; logs, hold_out and specification are more.
-FILES = ("model", "thrusters", "columns", "diagnosis", "limits")
 
 
 @dataclass(frozen=True)
@@ -127,14 +93,16 @@ def rerun(
     if not place.exists():
         raise SettingError(f"{recorded}: no {MANIFEST} here; give a folder of results, or its {MANIFEST}")
     manifest = read_manifest(place)
-    if manifest.command not in COMMANDS:
-        raise SettingError(f"{place.name}: command is {manifest.command!r}; known are {', '.join(COMMANDS)}")
+    known = {name: command for name, command in commands().items() if command.repeats}
+    if manifest.command not in known:
+        raise SettingError(f"{place.name}: command is {manifest.command!r}; known are {', '.join(known)}")
     found = find_inputs(manifest.inputs, list(inputs) or [Path()])
     _refuse_lost(found, inputs)
-    work, settings = _recipe(manifest, found, place.name)
+    command = known[manifest.command]
+    settings = _settings(command, manifest, found, place.name)
     with tempfile.TemporaryDirectory(prefix="automarine-") as spare:
         target = Path(spare) / "again" if out is None else out
-        work(**settings, out=target, overwrite=overwrite, jobs=jobs, progress=progress)
+        command(**settings, out=target, overwrite=overwrite, jobs=jobs, progress=progress)
         return Rerun(manifest, read_manifest(target / MANIFEST))
 
 
@@ -150,61 +118,52 @@ def _refuse_lost(found: Sequence[Sought], inputs: Sequence[Path]) -> None:
         )
 
 
-def _recipe(
-    manifest: Manifest, found: Sequence[Sought], where: str
-) -> tuple[Callable[..., object], dict[str, Any]]:
-    """The workflow and its settings. Raises SettingError for what this version does not know."""
-    roles: dict[str, list[Sought]] = {}
+def _settings(
+    command: Command[Any, Any], manifest: Manifest, found: Sequence[Sought], where: str
+) -> dict[str, Any]:
+    """The options as they were given. Raises SettingError for what this version does not know."""
+    roles: dict[str, list[Path]] = {}
     for one in found:
-        roles.setdefault(one.entry.role, []).append(one)
-    work = COMMANDS[manifest.command]
-    if work is diagnose and "model" in roles and is_thruster_map(roles["model"][0].path or Path()):
-        work = diagnose_thrusters
-    if work is diagnose and "model" in roles and is_planar(roles["model"][0].path or Path()):
-        work = diagnose_planar
-    if work is validate and "model" in roles and is_planar(roles["model"][0].path or Path()):
-        work = validate_planar
-    known, hints = inspect.signature(work).parameters, typing.get_type_hints(work)
-    settings: dict[str, Any] = {}
+        roles.setdefault(one.entry.role, []).extend([one.path] if one.path else [])
+    options = command.chosen({"model": next(iter(roles.get("model", ())), None)}).options
+    hints, settings = typing.get_type_hints(options), {}
+    known = {one.name: one for one in fields(options)}
     for key, value in manifest.options.items():
-        if key not in known or key in UNRECORDED:
+        if key not in known or known[key].metadata.get("unrecorded"):
             raise SettingError(
                 f"{where}: options: unknown key {key!r} of {manifest.command}; give a manifest as it wrote it"
             )
-        if key in FILES:
-            settings[key] = _file(key, value, roles, f"{where}: options.{key}")
-        elif key != "hold_out":
+        if "read" not in known[key].metadata:
             settings[key] = converted(hints[key], value, f"{where}: options.{key}")
-    for key, role in (("logs", "log"), ("hold_out", "hold_out"), ("thruster_tests", "thruster_tests")):
-        if key in known:
+    for key, option in known.items():
+        read = option.metadata.get("read")
+        if read is None:
+            continue
+        if read.kind == "file":
+            value = manifest.options.get(key, "" if option.metadata["unrecorded"] else None)
+            settings[key] = _file(key, value, hints[key], roles, f"{where}: options.{key}")
+        elif read.kind == "logs":
+            entries = (sought for sought in found if sought.entry.role == read.role)
+            settings[key] = [LogFile(one.path, one.entry.file, False) for one in entries if one.path]
+        else:
             settings[key] = [
-                LogFile(one.path, one.entry.file, False) for one in roles.get(role, ()) if one.path
+                path.parent if read.kind == "folders" else path for path in roles.get(read.role, ())
             ]
-    for key in ("specification", "campaign"):
-        if key in known:
-            settings[key] = _file(key, "", roles, f"{where}: inputs")
-    if "campaigns" in known:
-        settings["campaigns"] = [one.path for one in roles.get("campaign", ()) if one.path]
-    if "results" in known:
-        settings["results"] = [one.path.parent for one in roles.get("result", ()) if one.path]
-    if "seed" in known and manifest.seed is not None:
-        settings["seed"] = manifest.seed
-    return work, settings
+    return settings if manifest.seed is None or "seed" not in known else {**settings, "seed": manifest.seed}
 
 
-def _file(
-    key: str, value: object, roles: Mapping[str, list[Sought]], where: str
-) -> Path | ColumnMap | Limits | None:
+def _file(key: str, value: object, hint: object, roles: Mapping[str, list[Path]], where: str) -> object:
     """The file that was given as this option, or the table that was given in its place."""
     if value is None:
         return None
-    if key in GIVEN_AS_TABLE and isinstance(value, Mapping):
-        given = converted(GIVEN_AS_TABLE[key], value, where)
-        place = next((one.path for one in roles.get("dbc", ()) if one.path), None)
+    table = next((one for one in typing.get_args(hint) if is_dataclass(one) and one is not Document), None)
+    if table is not None and isinstance(value, Mapping):
+        given = converted(table, value, where)
+        place = next(iter(roles.get("dbc", ())), None)
         return replace(given, dbc=str(place)) if place and isinstance(given, ColumnMap) else given
     if not roles.get(key):
         raise SettingError(f"{where}: no input was recorded as the {key}; it was no file, call Python again")
-    return roles[key][0].path
+    return roles[key][0]
 
 
 def _fate(then: str | None, now: str | None) -> str:

@@ -2,22 +2,23 @@
 
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from automarine_cli.errors import AutomarineError, OutputError, SettingError
 from automarine_cli.pipeline.manifest import MANIFEST, Input, given_as, sha256
 from automarine_cli.pipeline.outputs import json_text, refuse_unfit, result_folder
-from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.reuse import manifest_of, remove_results, why_made_again
 from automarine_cli.report.campaign_tables import cautions, outcome, steps_table
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.load import has_bytes
 from automarine_cli.workflows.campaign_file import Campaign, read_campaign
 from automarine_cli.workflows.campaign_steps import NAMES, REPORT, STEPS, Step
+from automarine_cli.workflows.command import UNRECORDED, Command, Runner, reads
 from automarine_cli.workflows.report import RUN as RESULT
 from automarine_cli.workflows.report import report_files
+from automarine_cli.workflows.view import View
 
 SCHEMA = "automarine/run/1"
 COMMAND = "run"
@@ -78,54 +79,58 @@ class CampaignRun:
         return (steps_table(rows), *self.cautions)
 
 
-def run_campaign(
-    campaign: Path,
-    *,
-    out: Path | None = None,
-    overwrite: bool = False,
-    force: bool = False,
-    until: str | None = None,
-    jobs: int = 1,
-    progress: Progress = silent,
-    tell: Tell = lambda news: None,
-) -> CampaignRun:
+def _silent(news: News) -> None:
+    """Nobody is told."""
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """The campaign file; `until` names the last step to do, with `force` every step is done again, and `tell` hears
+    what becomes of each."""
+
+    campaign: Path = field(metadata=reads("file", recorded=False))
+    force: bool = field(default=False, metadata=UNRECORDED)
+    until: str | None = field(default=None, metadata=UNRECORDED)
+    tell: Tell = field(default=_silent, metadata=UNRECORDED)
+
+
+def _run_campaign(asked: RunOptions, runner: Runner) -> CampaignRun:
     """Run the steps of a campaign file into the folder `out`, each into a folder of its own, then the report.
 
     A step whose inputs, settings and versions are those of the result that is there is not run again, unless
     `force`; `until` names the last step to do. A step that is refused is told, and so are those that need it; the
     others go on. Raises SettingError for a campaign file that makes no sense and OutputError.
     """
-    if until is not None and until not in NAMES:
-        raise SettingError(f"no step is called {until!r}; give one of {', '.join(NAMES)}")
-    known = read_campaign(campaign)
-    if out is None:
+    if asked.until is not None and asked.until not in NAMES:
+        raise SettingError(f"no step is called {asked.until!r}; give one of {', '.join(NAMES)}")
+    known = read_campaign(asked.campaign)
+    if runner.out is None:
         with tempfile.TemporaryDirectory(prefix="automarine-") as spare:
-            return _run(known, Path(spare) / "run", False, False, until, jobs, progress, tell)
-    refuse_unfit(out)
-    _refuse_others(known, out, overwrite)
-    return _run(known, out, overwrite, force, until, jobs, progress, tell)
+            spared = replace(runner, out=Path(spare) / "run", overwrite=False)
+            return _run(known, replace(asked, force=False), spared)
+    refuse_unfit(runner.out)
+    _refuse_others(known, runner.out, runner.overwrite)
+    return _run(known, asked, runner)
 
 
-def _run(
-    campaign: Campaign, out: Path, overwrite: bool, force: bool, until: str | None, jobs: int,
-    progress: Progress, tell: Tell,
-) -> CampaignRun:  # fmt: skip
-    news: list[News] = []
+def _run(campaign: Campaign, asked: RunOptions, runner: Runner) -> CampaignRun:
+    out, news = runner.out, list[News]()
+    assert out is not None
     ours = {step.name for step in STEPS if step.belongs_to(campaign)} | {REPORT}
-    asked = NAMES if until is None else NAMES[: NAMES.index(until) + 1]
-    names = [name for name in asked if name in ours]
+    wanted = NAMES if asked.until is None else NAMES[: NAMES.index(asked.until) + 1]
+    names = [name for name in wanted if name in ours]
     for number, step in enumerate((one for one in STEPS if one.name in names), 1):
 
         def said(did: Did, why: str = "", number: int = number, name: str = step.name) -> News:
             one = News(name, number, len(names), did, why)
-            tell(one)
+            asked.tell(one)
             return one
 
-        news.append(_do(step, campaign, out, overwrite, force, jobs, progress, said))
+        news.append(_do(step, campaign, out, runner, asked.force, said))
     done = {one.step: one for one in news}
     content = _content(campaign, out, done)
     if REPORT in names:
-        news.append(_report(campaign, out, content, force, len(names), tell))
+        news.append(_report(campaign, out, content, asked.force, len(names), asked.tell))
     says = {
         step.name: outcome(step.name, out / step.folder)
         for step in STEPS
@@ -141,23 +146,22 @@ def _run(
 
 
 def _do(
-    step: Step, campaign: Campaign, out: Path, overwrite: bool, force: bool, jobs: int, progress: Progress,
-    said: Callable[..., News],
-) -> News:  # fmt: skip
+    step: Step, campaign: Campaign, out: Path, runner: Runner, force: bool, said: Callable[..., News]
+) -> News:
     """One step: skipped, kept, made or refused; a result that is no longer of this campaign is taken away."""
     folder = out / step.folder
     plan = step.plan(campaign, out)
     if isinstance(plan, str):
         gone = remove_results(folder, step.command)
         return said("skipped", plan + ("; its former result was removed" if gone else ""))
-    why = plan.why(folder, step.command)
+    why = plan.why(folder)
     if why is None and not force:
         return said("kept", "inputs, settings and versions unchanged")
     why = why or "--force"
     said("starts", why)
     ours = (found := manifest_of(folder)) is not None and found.command == step.command
     try:
-        plan.run(out=folder, overwrite=overwrite or ours, jobs=jobs, progress=progress)
+        plan.run(folder, runner.overwrite or ours, runner.jobs, runner.progress)
     except OutputError:
         raise
     except AutomarineError as refusal:
@@ -240,3 +244,9 @@ def _refuse_others(campaign: Campaign, out: Path, overwrite: bool) -> None:
             f"{out} already holds results of the campaign {theirs}; give --overwrite to replace them, or another "
             "folder with -o"
         )
+
+
+run_campaign = Command(
+    COMMAND, RunOptions, _run_campaign, {CampaignRun: View(CampaignRun.tables, lambda result: iter(result.cautions))},
+    files=lambda result: result.files, python="run_campaign",
+)  # fmt: skip

@@ -1,12 +1,10 @@
 """`simulate`: a specification -> the logs of a pool campaign, and the truth beside them."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from automarine_cli.pipeline.manifest import given_as
-from automarine_cli.pipeline.outputs import result_folder
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.recipe import read_mapping, to_mapping
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.pipeline.words import printable
@@ -22,7 +20,11 @@ from automarine_cli.simulation.planar_specification import (
 from automarine_cli.simulation.run_groups import levels_of
 from automarine_cli.simulation.specification import Specification, specification_from
 from automarine_cli.thrusters.records import bollard_columns
+from automarine_cli.workflows.command import Command, Runner, reads
+from automarine_cli.workflows.shared import counted
 from automarine_cli.workflows.simulate_planar import DECIMALS, SCHEMA, TRUTH, PlanarSimulation
+from automarine_cli.workflows.simulate_planar import VIEW as PLANAR_VIEW
+from automarine_cli.workflows.view import Row, View
 
 
 @dataclass(frozen=True, repr=False)
@@ -84,42 +86,37 @@ class Simulation(Shown):
         return (Table("Simulated campaign", header, tuple(rows), notes=notes),)
 
 
-def simulate(
-    specification: Path | Specification | PlanarSpecification,
-    *,
-    out: Path | None = None,
-    seed: int | None = None,
-    overwrite: bool = False,
-    jobs: int = 1,
-    progress: Progress = silent,
-) -> Simulation | PlanarSimulation:
-    """Make the campaign of a specification; `seed` replaces the one in it.
+@dataclass(frozen=True)
+class SimulateOptions:
+    """What is to be made; `seed` replaces the one in it."""
 
-    Writes logs and truth if `out` is given. Raises SettingError for a specification that makes no sense,
-    OutputError.
+    specification: Path | Specification | PlanarSpecification = field(metadata=reads("file", recorded=False))
+    seed: int | None = None
+
+
+def _simulate(asked: SimulateOptions, runner: Runner) -> Simulation | PlanarSimulation:
+    """Make the campaign of a specification, of one motion or of motion in the plane; `seed` replaces the one in it.
+
+    Raises SettingError for a specification that makes no sense, OutputError.
     """
-    asked = _asked(specification) if isinstance(specification, Path) else specification
-    used = asked.seed if seed is None else seed
+    given = asked.specification
+    made = _specified(given) if isinstance(given, Path) else given
+    used = made.seed if asked.seed is None else asked.seed
 
-    def made() -> Simulation | PlanarSimulation:
-        if isinstance(asked, PlanarSpecification):
-            return PlanarSimulation(asked, used, make_planar(asked, used))
-        return Simulation(asked, used, make_campaign(asked, used, jobs=jobs, progress=progress))
+    def work() -> Simulation | PlanarSimulation:
+        if isinstance(made, PlanarSpecification):
+            return PlanarSimulation(made, used, make_planar(made, used))
+        return Simulation(made, used, make_campaign(made, used, jobs=runner.jobs, progress=runner.progress))
 
-    if out is None:
-        return made()
-    inputs = given_as(specification=specification)
-    with result_folder(
-        out, command="simulate", options={}, inputs=inputs, seed=used, overwrite=overwrite
-    ) as folder:
-        result = made()
+    def write(folder: ResultFolder, result: Simulation | PlanarSimulation) -> None:
         for name, content in result.logs():
             folder.write(name, content)
         folder.write_json(TRUTH, result.to_json())
-    return result
+
+    return runner.results(replace(asked, seed=used), work, write)
 
 
-def _asked(path: Path) -> Specification | PlanarSpecification:
+def _specified(path: Path) -> Specification | PlanarSpecification:
     """The specification in a file, of one motion or of motion in the plane."""
     mapping, name = read_mapping(path), printable(path.name)
     return (
@@ -165,3 +162,20 @@ def _truth_of(run: SimulatedRun, number: int, made: Specification) -> dict[str, 
 
 def _rounded(value: float) -> float:
     return round(value, DECIMALS) + 0.0
+
+
+def _lines(result: Simulation) -> Iterator[str]:
+    names = ", ".join(effect.name for effect in result.specification.effects) or "none"
+    yield f"Simulated campaign of {counted(len(result.runs), 'run')}, seed {result.seed}; effects: {names}"
+
+
+def _rows(result: Simulation) -> Iterator[Row]:
+    made = result.specification
+    yield from (_truth_of(run, number, made) for number, run in enumerate(result.runs, 1))
+
+
+simulate = Command(
+    "simulate", SimulateOptions, _simulate,
+    {Simulation: View(Simulation.tables, _lines, _rows), PlanarSimulation: PLANAR_VIEW},
+    files=lambda result: result.files(),
+)  # fmt: skip

@@ -8,6 +8,8 @@ from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.tables import Table
 from automarine_cli.simulation.planar_campaign import PlanarMade, planar_logs
 from automarine_cli.simulation.planar_specification import PlanarSpecification
+from automarine_cli.workflows.shared import counted
+from automarine_cli.workflows.view import Row, View
 
 TRUTH = "truth.json"
 SCHEMA = "automarine/simulation-truth/1"
@@ -77,3 +79,16 @@ def _truth_of(one: PlanarMade) -> dict[str, object]:
 
 def _rounded(value: float) -> float:
     return round(value, DECIMALS) + 0.0
+
+
+def _lines(result: PlanarSimulation) -> Iterator[str]:
+    samples = sum(len(one.columns["time_s"]) for one in result.runs)
+    yield f"{counted(len(result.runs), 'simulated run')} of motion in the plane, {samples} samples, seed {result.seed}"
+
+
+def _rows(result: PlanarSimulation) -> Iterator[Row]:
+    for one in result.runs:
+        yield {"file": one.file, "run": one.name, "samples": len(one.columns["time_s"]), "gain": one.gain}
+
+
+VIEW = View(PlanarSimulation.tables, _lines, _rows)

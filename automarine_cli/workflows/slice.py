@@ -1,28 +1,29 @@
 """`slice`: one long log is cut into runs, each a log of its own that names its source and interval."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import islice
-from pathlib import Path
 from typing import Any, Literal
 
 from automarine_cli.errors import LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, find_logs, given_columns, read_log
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.logs.table import columns_of, csv_text
-from automarine_cli.pipeline.manifest import Input, given_as
-from automarine_cli.pipeline.outputs import file_stems, result_folder
+from automarine_cli.pipeline.outputs import ResultFolder, file_stems
 from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.progress import Progress
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import Table, number
-from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, unreadable
+from automarine_cli.runs.load import none_left, refused_by_strict, unreadable
 from automarine_cli.runs.run import SetAside
 from automarine_cli.runs.slices import By, find_slices
 from automarine_cli.simulation.log_files import gzip_bytes
 from automarine_cli.simulation.parquet_bytes import parquet_bytes
+from automarine_cli.workflows.command import Command, Runner
+from automarine_cli.workflows.shared import Columns, OfLogs, counted
+from automarine_cli.workflows.view import Row, View
 
 SCHEMA = "automarine/slices/1"
 FOLDER, MOVING = "runs", "moving"
@@ -128,48 +129,46 @@ class Slices(Shown):
         return (Table("Runs", header, rows, notes=tuple(notes)),)
 
 
-def slice_log(
-    logs: Sequence[str | Path],
-    *,
-    by: By,
-    columns: ColumnMap | Path | None = None,
-    keep: tuple[str, ...] = (),
-    lead: float = 2.0,
-    shortest: float = 1.0,
-    form: Form = "csv",
-    out: Path | None = None,
-    overwrite: bool = False,
-    strict: bool = False,
-    jobs: int = 1,
-    progress: Progress = silent,
-) -> Slices:
+@dataclass(frozen=True, kw_only=True)
+class _By:
+    """What logs are cut by: mode, arm or moment."""
+
+    by: By
+
+
+@dataclass(frozen=True, kw_only=True)
+class SliceOptions(Columns, _By, OfLogs):
+    """`keep`, `lead` and `shortest` as in `find_slices`, and the format of the logs that are written."""
+
+    keep: tuple[str, ...] = ()
+    lead: float = 2.0
+    shortest: float = 1.0
+    form: Form = "csv"
+    strict: bool = False
+
+
+def _slice(asked: SliceOptions, runner: Runner) -> Slices:
     """Cut each log into runs where the mode, the arming state or a constant command (`by`) begins and ends.
 
-    `keep`, `lead` and `shortest` as in `find_slices`. Writes a log of each run in the format `form` and a list of
-    them if `out` is given. Raises LogError for a log that does not tell what it is to be cut by, RunError where
-    nothing is left, OutputError.
+    Raises LogError for a log that does not tell what it is to be cut by, RunError where nothing is left, OutputError.
     """
-    names = given_columns(columns)
-    files = find_logs(logs)
-    cut = partial(_cut, columns=names, by=by, keep=tuple(keep), lead=lead, shortest=shortest, form=form)
-    if out is None:
-        return _sliced(files, cut, by, form, strict, jobs, progress)
-    inputs = [Input(file.name, file.path) for file in files if has_bytes(file)] + given_as(
-        columns=columns, dbc=names.database
+    cut = partial(
+        _cut, columns=given_columns(asked.columns), by=asked.by, keep=asked.keep, lead=asked.lead,
+        shortest=asked.shortest, form=asked.form,
+    )  # fmt: skip
+    files = find_logs(asked.logs)
+    return runner.results(
+        asked,
+        lambda: _sliced(files, cut, asked.by, asked.form, asked.strict, runner.jobs, runner.progress),
+        _write,
     )
-    options = {
-        "by": by, "columns": columns, "keep": list(keep), "lead": lead, "shortest": shortest, "form": form,
-        "strict": strict,
-    }  # fmt: skip
-    with result_folder(
-        out, command="slice", options=options, inputs=inputs, seed=None, overwrite=overwrite
-    ) as folder:
-        result = _sliced(files, cut, by, form, strict, jobs, progress)
-        for file, content in zip(result.files, (one for source in result.sources for one in source.contents)):
-            folder.write(file, content)
-        folder.write_json("slices.json", result.to_json())
-        folder.write("slices.md", "\n".join(table.to_markdown() for table in result.tables()))
-    return result
+
+
+def _write(folder: ResultFolder, result: Slices) -> None:
+    for file, content in zip(result.files, (one for source in result.sources for one in source.contents)):
+        folder.write(file, content)
+    folder.write_json("slices.json", result.to_json())
+    folder.write("slices.md", "\n".join(table.to_markdown() for table in result.tables()))
 
 
 def _sliced(
@@ -235,3 +234,18 @@ def _content(table: LogTable, first: int, stop: int, form: Form, comment: str) -
 def _seconds(value: float) -> str:
     """A stamp to the millisecond, without needless zeros."""
     return f"{value:.3f}".rstrip("0").rstrip(".")
+
+
+def _lines(result: Slices) -> Iterator[str]:
+    cuts = counted(len(result.cuts), "run")
+    yield f"{counted(len(result.sources), 'log')} cut by {result.by} into {cuts}; {len(result.set_aside)} set aside"
+
+
+def _rows(result: Slices) -> Iterator[Row]:
+    yield from result.to_json()["slices"]
+
+
+slice_log = Command(
+    "slice", SliceOptions, _slice, {Slices: View(Slices.tables, _lines, _rows)},
+    files=lambda result: result.written, python="slice_log",
+)  # fmt: skip

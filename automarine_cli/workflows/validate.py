@@ -1,48 +1,52 @@
 """`validate`: simulate each log with each model, compare, plot (the source paper's section 5 and Fig. 10)."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.comparison.scores import SCORES, RunScore, rate_source, score_key
-from automarine_cli.comparison.simulated_runs import FreeRun
 from automarine_cli.comparison.validation import Ahead, Comparison, Scored, ahead_of, compare
 from automarine_cli.dofs import YAW, Dof
 from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import AutomarineError, ModelError, RunError
 from automarine_cli.fits.channel_noise import channel_sentences, channels_of, measured_noises
-from automarine_cli.logs import ColumnMap, given_columns
+from automarine_cli.logs import given_columns
+from automarine_cli.models.planar_store import SCHEMA as PLANAR_SCHEMA
 from automarine_cli.models.store import StoredModels, load_yaw_models
-from automarine_cli.pipeline.attempts import Attempt
-from automarine_cli.pipeline.manifest import Input, given_as
-from automarine_cli.pipeline.outputs import ResultFolder, file_stems, result_folder
-from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.outputs import ResultFolder
+from automarine_cli.pipeline.plain_data import schema_in
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.report.figures.files import Files, drawn, refuse_unknown, write_figure
+from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.figures.validation import validation_figure
-from automarine_cli.report.tables import Table
+from automarine_cli.report.tables import Table, number
 from automarine_cli.report.validation_tables import ahead_table, overall_table, run_table, score_table
 from automarine_cli.runs.channels import (
     AUTO,
     NOTHING_TO_CHOOSE,
     ChannelChoice,
-    asked_channels,
     choose_channels,
     wanted_channels,
 )
 from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
 from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.runs.undriven import without_undriven
-from automarine_cli.workflows.effects import own_inputs
+from automarine_cli.workflows.command import SELDOM, Command, Runner
 from automarine_cli.workflows.moments import moment_maker
+from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, counted
+from automarine_cli.workflows.validate_planar import (
+    SCHEMA,
+    Pictures,
+    PlanarValidation,
+    files,
+    validate_planar,
+    write_figures_of_runs,
+)
+from automarine_cli.workflows.view import Figures, Row, View
 
-SCHEMA = "automarine/validation/1"
 MEANING = {
     "rmse": "free run: measured less simulated {position} from the start of each run to its end",
     "max_abs": "free run: the largest {position} error",
@@ -140,73 +144,45 @@ def _run_json(one: RunScore, dof: Dof) -> dict[str, Any]:
     return {**values, "diverged": one.diverged, "start": start}
 
 
-def validate(
-    logs: Sequence[str | Path],
-    *,
-    model: Path,
-    columns: Path | ColumnMap | None = None,
-    thrusters: Path | None = None,
-    arm: float | None = None,
-    out: Path | None = None,
-    figures: bool = True,
-    figure_formats: tuple[str, ...] = ("png",),
-    overwrite: bool = False,
-    strict: bool = False,
-    seed: int = 0,
-    jobs: int = 1,
-    progress: Progress = silent,
-    channels: str = AUTO,
-) -> Validation:
+@dataclass(frozen=True, kw_only=True)
+class ValidateOptions(Ending, Pictures, Lever, Judged, OfLogs):
+    """`channels` says which sensors are believed, `seed` is that of the bootstrap over runs."""
+
+    by_effects = True
+    channels: str = field(default=AUTO, metadata=SELDOM)
+    seed: int = 0
+
+
+def _validate(asked: ValidateOptions, runner: Runner) -> Validation:
     """Simulate every run with every model of the file `model` and score what it says against what was measured.
 
-    `thrusters` and `arm` [m] make the moment of thruster commands (`arm` may stand as `arm_m` among the column
-    map's defaults); `seed` is that of the bootstrap over runs, `channels` says which sensors are believed
-    (`runs.channels.choose_channels`).
-    Writes the results if `out` is given, one figure a run in each of the `figure_formats` (png, svg, pdf) unless
-    `figures` is false. Raises LogError, RunError,
+    The `arm` [m] may stand as `arm_m` among the column map's defaults, `channels` are those of
+    `runs.channels.choose_channels`. One figure a run is drawn unless `figures` is false. Raises LogError, RunError,
     ModelError, SettingError, OutputError.
     """
-    refuse_unknown(figure_formats)
-    stored = load_yaw_models(model)
-    wanted_channels(channels, stored.dof)
-    names = given_columns(columns)
-    drive = moment_maker(thrusters, arm, names, stored.dof)
-    campaign = load_runs(logs, names, dof=stored.dof, strict=strict, progress=progress, jobs=jobs)
+    stored = load_yaw_models(asked.model)
+    wanted_channels(asked.channels, stored.dof)
+    names, jobs, progress = given_columns(asked.columns), runner.jobs, runner.progress
+    drive = moment_maker(asked.thrusters, asked.arm, names, stored.dof)
+    campaign = load_runs(asked.logs, names, dof=stored.dof, strict=asked.strict, progress=progress, jobs=jobs)
     runs, aside = _usable(campaign.runs, stored, drive)
-    if strict and aside:
+    if asked.strict and aside:
         raise refused_by_strict(aside[0])
     if not runs:
         raise none_left(len(campaign.inputs), (*campaign.set_aside, *aside))
     _same_unit(runs, stored)
     left_out = (*campaign.set_aside, *aside)
-    chosen = choose_channels(runs, stored.dof, channels, late_position=True)
+    chosen = choose_channels(runs, stored.dof, asked.channels, late_position=True)
     runs = [chosen.believed(run) for run in runs]
 
     def work() -> Validation:
-        compared = compare(stored, runs, seed, progress)
+        compared = compare(stored, runs, asked.seed, progress)
         return Validation(stored, compared, left_out, chosen, ahead_of(stored, runs, chosen.names))
 
-    if out is None:
-        return work()
-    options = {
-        "model": model,
-        "columns": columns,
-        "thrusters": thrusters,
-        "arm": arm,
-        "figures": figures,
-        "figure_formats": figure_formats,
-        "strict": strict,
-        **asked_channels(channels),
-    }
-    inputs = [Input(file.name, file.path) for file in campaign.inputs]
-    inputs += given_as(model=model, columns=columns, dbc=names.database, thrusters=thrusters)
-    inputs += own_inputs()
-    with result_folder(
-        out, command="validate", options=options, inputs=inputs, seed=seed, overwrite=overwrite
-    ) as folder:
-        result = work()
-        _write(folder, result, figure_formats if figures else (), jobs, progress)
-    return result
+    def write(folder: ResultFolder, result: Validation) -> None:
+        _write(folder, result, asked.figure_formats if asked.figures else (), runner)
+
+    return runner.results(asked, work, write)
 
 
 def _usable(
@@ -257,9 +233,7 @@ def _same_unit(runs: Sequence[Run], stored: StoredModels) -> None:
             )
 
 
-def _write(
-    folder: ResultFolder, result: Validation, formats: tuple[str, ...], jobs: int, progress: Progress
-) -> None:
+def _write(folder: ResultFolder, result: Validation, formats: tuple[str, ...], runner: Runner) -> None:
     found = result.comparison
     folder.write_json("validation.json", result.to_json())
     folder.write("validation.csv", score_table(found).to_csv())
@@ -270,19 +244,48 @@ def _write(
         "\n".join([*first, *(one.to_markdown() for one in tables), *sensors, *[""] * bool(sensors)]),
     )
     folder.write("validation.tex", "\n".join(table.to_latex() for table in tables))
-    if not formats:
-        return
+    names, draws = [run.name for run in found.runs], _draws(found)
+    write_figures_of_runs(folder, names, draws, formats, runner)
+
+
+def _draws(found: Comparison) -> list[Draw]:
+    """What draws the figure of each run."""
     free = [
         {number: scored.free[i] for number, scored in found.models.items()} for i in range(len(found.runs))
     ]
-    work = list(zip(file_stems([run.name for run in found.runs]), free, found.floors))
-    for figure in ordered_map(
-        partial(_drawn, formats=formats), work, jobs, progress=progress, stage="figures"
-    ):
-        write_figure(folder, figure)
+    return [partial(validation_figure, *pair) for pair in zip(free, found.floors)]
 
 
-def _drawn(one: tuple[str, Mapping[str, FreeRun], float], formats: tuple[str, ...]) -> Attempt[Files]:
-    """The figure of one run in each of the formats."""
-    stem, free, floor = one
-    return drawn(f"validation_{stem}", lambda: validation_figure(free, floor), formats)
+def _lines(result: Validation) -> Iterator[str]:
+    found, dof = result.comparison, result.stored.dof
+    runs, aside = counted(len(found.runs), "run"), len(result.set_aside)
+    yield f"Validation on {runs}: model {found.best} is best; {aside} set aside"
+    if result.ahead is not None:
+        yield f"  {result.ahead.sentence}"
+    for model, scored in found.models.items():
+        score = scored.overall["rmse"]
+        ends = "" if score.ci95 is None else f" [{number(score.ci95[0], 3)}, {number(score.ci95[1], 3)}]"
+        error = f"{dof.position} rmse {number(score.value, 3)}{ends} {dof.units.shown}"
+        said = "runs away" if score.value is None else error
+        yield f"  model {model}  {said}"
+    yield f"  noise of the {dof.position} {number(found.floor, 3)} {dof.units.shown}"
+
+
+def _rows(result: Validation) -> Iterator[Row]:
+    found = result.comparison
+    for model, scored in found.models.items():
+        for run, one in zip(found.runs, scored.scores):
+            scores: Row = {score_key(name, run.dof): one.value(name) for name in SCORES}
+            yield {"run": run.name, "model": model} | scores
+
+
+def _figures(result: Validation) -> Figures:
+    found = result.comparison
+    return dict(zip((run.name for run in found.runs), _draws(found)))
+
+
+validate: Command[ValidateOptions, Validation | PlanarValidation] = Command(
+    "validate", ValidateOptions, _validate,
+    {Validation: View(Validation.tables, _lines, _rows, _figures), **validate_planar.views}, files,
+    instead=lambda settings: validate_planar if schema_in(settings.get("model")) == PLANAR_SCHEMA else None,
+)  # fmt: skip

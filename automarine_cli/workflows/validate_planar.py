@@ -1,28 +1,30 @@
 """`validate` of a planar model: simulate each log by its commands alone, compare every channel, plot."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from automarine_cli.comparison.planar import MEANING, SCORES, PlanarFree, free_runs, overall
 from automarine_cli.errors import SettingError
-from automarine_cli.logs import ColumnMap, given_columns
-from automarine_cli.models.planar_store import StoredPlanar, is_planar, load_planar_model
+from automarine_cli.logs import given_columns
+from automarine_cli.models.planar_store import StoredPlanar, load_planar_model
 from automarine_cli.pipeline.attempts import Attempt
-from automarine_cli.pipeline.manifest import Input, given_as
-from automarine_cli.pipeline.outputs import file_stems, result_folder
+from automarine_cli.pipeline.outputs import ResultFolder, file_stems
 from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.report.figures.files import Files, drawn, refuse_unknown, write_figure
+from automarine_cli.report.figures.files import Draw, Files, drawn, write_figure
 from automarine_cli.report.figures.planar import planar_figure
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.channels import AUTO
 from automarine_cli.runs.run import SetAside, readings
+from automarine_cli.workflows.command import SELDOM, UNRECORDED, Command, Runner
 from automarine_cli.workflows.planar_runs import load_planar
-from automarine_cli.workflows.validate import SCHEMA, Validation, validate
+from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, counted
+from automarine_cli.workflows.view import Figures, Row, View
+
+SCHEMA = "automarine/validation/1"
+FILES = ("validation.json", "validation.csv", "validation.md", "validation.tex", "validation_RUN.png")
 
 HEADINGS = {
     "heading_rmse_deg": "heading deg", "heading_max_abs_deg": "max deg", "position_rmse_m": "position m",
@@ -99,75 +101,94 @@ def _start(one: PlanarFree) -> dict[str, float]:
     return dict(zip(keys, one.start))
 
 
-def validate_any(
-    logs: Sequence[str | Path], *, model: Path, seed: int = 0, channels: str = AUTO, **settings: Any
-) -> Validation | PlanarValidation:
-    """`validate` for the models of one motion, `validate_planar` for those of three together, by the schema of the
-    file `model`. Raises what these raise."""
-    if not is_planar(model):
-        return validate(logs, model=model, seed=seed, channels=channels, **settings)
-    if channels != AUTO:
-        raise SettingError(
-            f"{model.name} is a planar model: every channel of its logs is compared; leave --channels out"
-        )
-    return validate_planar(logs, model=model, **settings)
+@dataclass(frozen=True, kw_only=True)
+class Pictures:
+    """Whether a figure of every run is drawn."""
+
+    figures: bool = True
 
 
-def validate_planar(
-    logs: Sequence[str | Path],
-    *,
-    model: Path,
-    columns: Path | ColumnMap | None = None,
-    thrusters: Path | None = None,
-    arm: float | None = None,
-    out: Path | None = None,
-    figures: bool = True,
-    figure_formats: tuple[str, ...] = ("png",),
-    overwrite: bool = False,
-    strict: bool = False,
-    jobs: int = 1,
-    progress: Progress = silent,
-) -> PlanarValidation:
+@dataclass(frozen=True, kw_only=True)
+class ValidatePlanarOptions(Ending, Pictures, Lever, Judged, OfLogs):
+    """As of `validate`; nothing is drawn at random and every channel is compared."""
+
+    channels: str = field(default=AUTO, metadata=SELDOM)
+    seed: int = field(default=0, metadata=UNRECORDED)
+
+
+def _validate(asked: ValidatePlanarOptions, runner: Runner) -> PlanarValidation:
     """Simulate every run with the planar model of the file `model` and compare what each sensor read.
 
-    Writes the results if `out` is given, one figure a run unless `figures` is false. Raises LogError, RunError,
-    ModelError, SettingError, OutputError.
+    One figure a run is drawn unless `figures` is false. Raises LogError, RunError, ModelError, SettingError,
+    OutputError.
     """
-    refuse_unknown(figure_formats)
-    stored, names = load_planar_model(model), given_columns(columns)
-    campaign = load_planar(logs, names, thrusters, arm, strict=strict, jobs=jobs, progress=progress)
+    if asked.channels != AUTO:
+        raise SettingError(
+            f"{asked.model.name} is a planar model: every channel of its logs is compared; leave --channels out"
+        )
+    stored, names, jobs, progress = (
+        load_planar_model(asked.model), given_columns(asked.columns), runner.jobs, runner.progress
+    )  # fmt: skip
+    campaign = load_planar(
+        asked.logs, names, asked.thrusters, asked.arm, strict=asked.strict, jobs=jobs, progress=progress
+    )
 
     def work() -> PlanarValidation:
         return PlanarValidation(stored, free_runs(stored.model, campaign.runs), campaign.set_aside)
 
-    if out is None:
-        return work()
-    options = {
-        "model": model, "columns": columns, "thrusters": thrusters, "arm": arm, "figures": figures,
-        "figure_formats": figure_formats, "strict": strict,
-    }  # fmt: skip
-    inputs = [Input(file.name, file.path) for file in campaign.inputs]
-    inputs += given_as(model=model, columns=columns, dbc=names.database, thrusters=thrusters)
-    with result_folder(
-        out, command="validate", options=options, inputs=inputs, seed=None, overwrite=overwrite
-    ) as folder:
-        result = work()
+    def write(folder: ResultFolder, result: PlanarValidation) -> None:
         (table,) = result.tables()
         folder.write_json("validation.json", result.to_json())
         folder.write("validation.csv", table.to_csv())
         folder.write("validation.md", table.to_markdown())
         folder.write("validation.tex", table.to_latex())
-        if figures:
-            stems = file_stems([one.run.name for one in result.free])
-            pairs = list(zip(stems, result.free))
-            for figure in ordered_map(
-                partial(_drawn, formats=figure_formats), pairs, jobs, progress=progress, stage="figures"
-            ):
-                write_figure(folder, figure)
-    return result
+        names, draws = (
+            [one.run.name for one in result.free],
+            [partial(planar_figure, one) for one in result.free],
+        )
+        write_figures_of_runs(folder, names, draws, asked.figure_formats if asked.figures else (), runner)
+
+    return runner.results(asked, work, write)
 
 
-def _drawn(one: tuple[str, PlanarFree], formats: tuple[str, ...]) -> Attempt[Files]:
+def write_figures_of_runs(
+    folder: ResultFolder, names: Sequence[str], draws: Sequence[Draw], formats: Sequence[str], runner: Runner
+) -> None:
+    """A figure of each run in each of the formats."""
+    figures = list(zip(file_stems(names), draws)) if formats else []
+    draw, jobs, progress = partial(_drawn, formats=formats), runner.jobs, runner.progress
+    for figure in ordered_map(draw, figures, jobs, progress=progress, stage="figures"):
+        write_figure(folder, figure)
+
+
+def _drawn(one: tuple[str, Draw], formats: Sequence[str]) -> Attempt[Files]:
     """The figure of one run in each of the formats."""
-    stem, free = one
-    return drawn(f"validation_{stem}", lambda: planar_figure(free), formats)
+    stem, draw = one
+    return drawn(f"validation_{stem}", draw, formats)
+
+
+def _lines(result: PlanarValidation) -> Iterator[str]:
+    runs, aside, scores = counted(len(result.free), "run"), len(result.set_aside), overall(result.free)
+    yield f"Validation of a planar model on {runs}; {aside} set aside"
+    told = ((name, scores[name]) for name in SCORES)
+    yield from (f"  {name}  {number(value, 3)}" for name, value in told if value is not None)
+
+
+def _rows(result: PlanarValidation) -> Iterator[Row]:
+    for one in result.free:
+        yield {"run": one.run.name, "model": NAME, **one.scores}
+
+
+def _figures(result: PlanarValidation) -> Figures:
+    return {one.run.name: partial(planar_figure, one) for one in result.free}
+
+
+def files(result: object) -> tuple[str, ...]:
+    """What a validation of any model leaves in its folder."""
+    return FILES
+
+
+validate_planar = Command(
+    "validate", ValidatePlanarOptions, _validate,
+    {PlanarValidation: View(PlanarValidation.tables, _lines, _rows, _figures)}, files, listed=False,
+)  # fmt: skip

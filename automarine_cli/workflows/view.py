@@ -1,46 +1,62 @@
-"""How a kind of result is shown in Python, and what such views share."""
+"""How the results of a command are shown: at the terminal, and to somebody who works in Python."""
 
+import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, TypeVar
 
-from automarine_cli.fits.estimate import Estimate
-from automarine_cli.report.tables import Table, interval
+import pandas as pd
 
+from automarine_cli.errors import SettingError
+from automarine_cli.report.html.markdown import to_html
+from automarine_cli.report.tables import Table
+
+Result = TypeVar("Result")
 Row = dict[str, object]
 Figures = Mapping[str, Callable[[], Any]]
+"""Figures by name, drawn when they are called for."""
+
+WIDTH = 110  # letters of a line at the prompt
 
 
 @dataclass(frozen=True)
-class View:
-    """How one kind of result is shown; the first of its figures is drawn where none is asked for."""
+class View(Generic[Result]):
+    """How one kind of result is shown: tables and sentences for the terminal, a few lines and rows of numbers for
+    Python, and figures, of which the first is drawn where none is asked for."""
 
-    lines: Callable[[Any], Iterator[str]]
-    rows: Callable[[Any], Iterator[Row]]
-    tables: Callable[[Any], Sequence[Table | str]]
-    figures: Callable[[Any], Figures]
+    says: Callable[[Result], Sequence[Table | str]]
+    lines: Callable[[Result], Iterator[str]]
+    rows: Callable[[Result], Iterator[Row]] = lambda result: iter(())
+    figures: Callable[[Result], Figures] = lambda result: {}
+
+    def text(self, result: Result) -> str:
+        """A few lines: what it is, and the numbers that matter."""
+        return "\n".join(part for line in self.lines(result) for part in _wrapped(line))
+
+    def frame(self, result: Result) -> pd.DataFrame:
+        """The numbers, one row a parameter, run or score."""
+        return pd.DataFrame(list(self.rows(result)))
+
+    def html(self, result: Result) -> str:
+        """The tables as HTML in which everything that came from files is escaped."""
+        tables = [one.to_markdown() for one in self.says(result) if isinstance(one, Table)]
+        return to_html("\n".join(tables), lambda place, said: "").html
+
+    def figure(self, result: Result, what: str | None) -> Any:
+        """One of the result's figures. Raises SettingError with those that there are."""
+        drawn = self.figures(result)
+        if not drawn:
+            raise SettingError(
+                f"a {type(result).__name__} has no figure; fit or validate its runs, and plot that"
+            )
+        name = next(iter(drawn)) if what is None else what
+        if name not in drawn:
+            raise SettingError(f"there is no figure {name!r}; known are {', '.join(drawn)}")
+        return drawn[name]()
 
 
-def counted(count: int, what: str) -> str:
-    """A count and what is counted: 1 run, 2 runs."""
-    return f"{count} {what}{'s' * (count != 1)}"
-
-
-def numbers(estimate: Estimate) -> Row:
-    """An estimate as the cells of a row."""
-    low, high = estimate.ci95
-    return {
-        "value": estimate.value,
-        "stderr": estimate.stderr,
-        "low": low,
-        "high": high,
-        "unit": estimate.unit,
-    }
-
-
-def aligned(estimates: Mapping[str, Estimate]) -> Iterator[str]:
-    """Names, numbers with their intervals, units: one line each."""
-    width = max((len(name) for name in estimates), default=0)
-    for name, one in estimates.items():
-        unit = "" if one.unit in ("", "1") else f" {one.unit}"
-        yield f"  {name:<{width}}  {interval(one)}{unit}"
+def _wrapped(line: str) -> list[str]:
+    inner = " " * (len(line) - len(line.lstrip()) + 2)
+    return textwrap.wrap(
+        line, WIDTH, subsequent_indent=inner, break_on_hyphens=False, drop_whitespace=True
+    ) or [""]

@@ -17,7 +17,7 @@ from click.testing import CliRunner, Result
 from repository import ROOT, SAMPLE_RUNS
 
 from automarine_cli import __version__
-from automarine_cli.cli import CommandFolder, automarine, options
+from automarine_cli.cli import CommandFolder, automarine, echo, options
 from automarine_cli.errors import LogError
 from automarine_cli.report.tables import Table
 
@@ -255,10 +255,10 @@ def say(*flags: str) -> Result:
     @options.json_option
     @options.verbosity
     def trial(out: Path | None, as_json: bool) -> None:
-        progress = options.terminal_progress()
+        progress = echo.terminal_progress()
         progress("read logs", 1, 1)
         table = Table("Drag", ("model", "k"), (("1", "1.5"),))
-        options.echo_result(
+        echo.echo_result(
             Outcome(), as_json=as_json, out=out, tables=(table, "One.", "Two."), files=("a.json",)
         )
 

@@ -19,7 +19,8 @@ from automarine_cli.models.planar_store import planar_json
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.report.figures.planar import planar_figure
 from automarine_cli.runs.run import Run
-from automarine_cli.workflows.validate_planar import PlanarValidation, validate_any, validate_planar
+from automarine_cli.workflows.validate import validate
+from automarine_cli.workflows.validate_planar import PlanarValidation, validate_planar
 
 CRAFT = Craft(np.diag([20.0, 32.0, 2.6]), linear=np.diag([8.0, 20.0, 3.0]))
 MODEL = PlanarModel(Inertia(20.0, 32.0, 2.6), *((Term("linear-drag", (size,)),) for size in (8.0, 20.0, 3.0)))  # type: ignore[misc]
@@ -156,9 +157,9 @@ def test_from_python(model: Path) -> None:
 
 def test_refusals(tmp_path: Path, model: Path) -> None:
     with pytest.raises(SettingError, match="every channel of its logs is compared; leave --channels out"):
-        validate_any([SAMPLE_RUNS / "planar"], model=model, channels="position")
+        validate([SAMPLE_RUNS / "planar"], model=model, channels="position")
     with pytest.raises(RunError, match="no run is left"):
-        validate_any([SAMPLE_RUNS / "surge"], model=model)
+        validate([SAMPLE_RUNS / "surge"], model=model)
     (tmp_path / "wrong.json").write_text(json.dumps(planar_json(MODEL) | {"force_unit": "nu"}))
     with pytest.raises(Exception, match="coupled motions are in newtons"):
-        validate_any([SAMPLE_RUNS / "planar"], model=tmp_path / "wrong.json")
+        validate([SAMPLE_RUNS / "planar"], model=tmp_path / "wrong.json")

@@ -12,13 +12,14 @@ from made_planar import FULL
 from automarine_cli.errors import ModelError
 from automarine_cli.models.planar import Inertia, PlanarModel
 from automarine_cli.models.planar_store import (
-    is_planar,
+    SCHEMA,
     load_planar_model,
     planar_from_json,
     planar_json,
     units,
 )
 from automarine_cli.models.yaw_model import Term
+from automarine_cli.pipeline.plain_data import schema_in
 
 
 @pytest.fixture
@@ -30,11 +31,11 @@ def test_a_model_is_read_as_it_was_written(tmp_path: Path, data: dict[str, Any])
     path = tmp_path / "planar_model.json"
     path.write_text(json.dumps(data))
     stored = load_planar_model(path)
-    assert stored.model == FULL and stored.source == "planar_model.json" and is_planar(path)
+    assert stored.model == FULL and stored.source == "planar_model.json" and schema_in(path) == SCHEMA
     assert stored.data["moment_unit"] == "N m"
     assert pickle.loads(pickle.dumps(stored)) == stored
     path.write_text('{"schema": "automarine/yaw-model/1"}')
-    assert not is_planar(path) and not is_planar(tmp_path / "none.json")
+    assert schema_in(path) != SCHEMA and schema_in(tmp_path / "none.json") == ""
 
 
 def test_estimates_are_read_by_their_value(data: dict[str, Any]) -> None:

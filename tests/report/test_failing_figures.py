@@ -10,6 +10,7 @@ import pytest
 from click.testing import Result
 from few_candidates import few_candidates
 
+import automarine_cli as am
 from automarine_cli.errors import FitError, SettingError
 from automarine_cli.pipeline import attempts
 from automarine_cli.pipeline.attempts import attempted
@@ -17,7 +18,6 @@ from automarine_cli.pipeline.outputs import result_folder
 from automarine_cli.report import diagnosis_report
 from automarine_cli.report.figures.style import FORMATS
 from automarine_cli.simulation.specification import SCHEMA
-from automarine_cli.workflows import api
 from automarine_cli.workflows.diagnose import YawDiagnosis
 
 Run = Callable[..., Result]
@@ -90,10 +90,8 @@ def made(small_day: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for motion in ("surge", "heave"):
         specification = place / f"{motion}.json"
         specification.write_text(json.dumps(force_steps(motion)))
-        api.simulate(specification, out=place / "forces" / motion)
-    api.FITS["fit_yaw"](
-        [place / "pool/driving", place / "pool/steps"], fit_to="whole-runs", out=place / "driven"
-    )
+        am.simulate(specification, out=place / "forces" / motion)
+    am.fit_yaw([place / "pool/driving", place / "pool/steps"], fit_to="whole-runs", out=place / "driven")
     return place
 
 
@@ -179,7 +177,7 @@ def test_the_files_told_of_are_those_that_are_there(
 def diagnosis(made: Path) -> YawDiagnosis:
     """A diagnosis, not written yet."""
     with few_candidates(FEW):
-        result = api.diagnose(made / "pool/steps", model=made / "yaw/yaw_model.json")
+        result = am.diagnose(made / "pool/steps", model=made / "yaw/yaw_model.json")
     assert isinstance(result, YawDiagnosis)
     return result
 
@@ -255,7 +253,7 @@ def test_an_interrupt_and_a_want_of_memory_pass(
 
     monkeypatch.setattr(CASES["fit-thrusters"].draws, ends)
     with pytest.raises(end):
-        api.fit_thrusters("pool/thrusters", out=tmp_path / "out")
+        am.fit_thrusters("pool/thrusters", out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -279,15 +277,15 @@ def test_what_an_exception_says_stands_on_one_line() -> None:
 
 
 CALLS: Sequence[Callable[[], object]] = (
-    lambda: api.fit_thrusters("nowhere", figure_formats=("gif",)),
-    lambda: api.FITS["fit_yaw"]("nowhere", figure_formats=("png", "gif")),
-    lambda: api.FITS["fit_surge"]("nowhere", figure_formats=("gif",)),
-    lambda: api.FITS["fit_heave"]("nowhere", figure_formats=("gif",)),
-    lambda: api.validate("nowhere", model="none.json", figure_formats=("gif",)),
-    lambda: api.diagnose("nowhere", model="none.json", figure_formats=("gif",)),
-    lambda: api.diagnose("nowhere", model="thrusters/thrusters.json", figure_formats=("gif",)),
-    lambda: api.compare(["nowhere"], figure_formats=("gif",)),
-    lambda: api.plan("none.json", figure_formats=("gif",)),
+    lambda: am.fit_thrusters("nowhere", figure_formats=("gif",)),
+    lambda: am.fit_yaw("nowhere", figure_formats=("png", "gif")),
+    lambda: am.fit_surge("nowhere", figure_formats=("gif",)),
+    lambda: am.fit_heave("nowhere", figure_formats=("gif",)),
+    lambda: am.validate("nowhere", model="none.json", figure_formats=("gif",)),
+    lambda: am.diagnose("nowhere", model="none.json", figure_formats=("gif",)),
+    lambda: am.diagnose("nowhere", model="thrusters/thrusters.json", figure_formats=("gif",)),
+    lambda: am.compare(["nowhere"], figure_formats=("gif",)),
+    lambda: am.plan("none.json", figure_formats=("gif",)),
 )
 
 

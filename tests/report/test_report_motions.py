@@ -24,7 +24,7 @@ from automarine_cli.report.figures.diagnosis_why import why_figure
 from automarine_cli.runs.half_turn import Trim
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
-from automarine_cli.workflows.view_kinds import VIEWS
+from automarine_cli.workflows.fit_yaw import VIEW
 
 FORCES = {dof.name: dof for dof in (SURGE, SWAY, HEAVE)}
 EVERY_FORCE = pytest.mark.parametrize("name", FORCES)
@@ -74,7 +74,7 @@ def test_a_fit_speaks_of_its_motion(fits: dict[str, YawFit], name: str) -> None:
         assert any(
             sign in table.to_latex() for sign in (dof.symbols.quadratic_math, dof.symbols.inertia_math)
         )
-    refuse_strange(dof, [*yaw_report.sentences(fit), *VIEWS[YawFit].lines(fit), *alternatives(dof).values()])
+    refuse_strange(dof, [*yaw_report.sentences(fit), *VIEW.lines(fit), *alternatives(dof).values()])
     keys = [key.replace("_", " ") for key in yaw_report.run_rows(fit).column_names]
     refuse_strange(dof, keys)
     assert f"start {dof.words.position} m" in keys and "covered cm" in keys and dof.words.force in keys

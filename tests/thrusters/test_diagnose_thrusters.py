@@ -10,10 +10,11 @@ import pytest
 from repository import DATA
 
 from automarine_cli.errors import FitError, RunError
+from automarine_cli.pipeline.plain_data import schema_in
 from automarine_cli.report.thruster_diagnosis import sentences, tables
 from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.thrusters.forms import Curve
-from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.thrusters.map import SCHEMA, ThrusterMap
 from automarine_cli.thrusters.records import Series, ThrusterLogs
 from automarine_cli.workflows import diagnose_thrusters as workflow
 
@@ -207,7 +208,7 @@ def test_results_are_whole_and_the_same_bytes(tmp_path: Path) -> None:
     other = write_csv(tmp_path / "other.csv", logs(dead_band, 1))
     model = tmp_path / "thrusters.json"
     model.write_text(json.dumps(SQUARE.to_json()), encoding="utf-8")
-    assert workflow.is_thruster_map(model) and not workflow.is_thruster_map(log)
+    assert schema_in(model) == SCHEMA and schema_in(log) != SCHEMA
     result = workflow.diagnose_thrusters([log], model=model, out=tmp_path / "one", jobs=1)
     workflow.diagnose_thrusters([log], model=model, out=tmp_path / "two", jobs=2)
     for name in (*workflow.FILES, "manifest.json"):

@@ -16,7 +16,6 @@ from small_campaign import make_small_campaign
 import automarine_cli as am
 from automarine_cli.errors import SettingError
 from automarine_cli.workflows.fit_yaw import fit_yaw
-from automarine_cli.workflows.view_kinds import VIEWS
 
 
 @pytest.fixture(scope="module")
@@ -88,9 +87,7 @@ def test_frames_hold_the_numbers(results: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("name", ["thrusters", "fit", "validation", "diagnosis", "comparison"])
 def test_every_figure_is_drawn(results: dict[str, Any], name: str) -> None:
-    drawn = next(view for kind, view in VIEWS.items() if isinstance(results[name], kind)).figures(
-        results[name]
-    )
+    drawn = results[name].view.figures(results[name])
     assert drawn and all(isinstance(results[name].plot(what), Figure) for what in drawn)
     with pytest.raises(SettingError, match=f"there is no figure 'x'; known are {next(iter(drawn))}"):
         results[name].plot("x")

@@ -1,7 +1,5 @@
 """The model that a diagnosis leaves behind: its base with the effects that were named."""
 
-from typing import Any
-
 import numpy as np
 
 from automarine_cli.diagnosis.estimates import base_estimates, parameter_estimates
@@ -9,10 +7,10 @@ from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.validity import covariance_json, valid_range
-from automarine_cli.models.store import StoredModels, schema_of
+from automarine_cli.models.store import StoredModels, model_json
 
 
-def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha256: str) -> dict[str, Any]:
+def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha256: str) -> dict[str, object]:
     """A yaw-model file of one model with its effects, and the hash of the file that it grew from."""
     base, model, dof = base_estimates(study, trial), trial.model, study.base.dof
     roles = ("quadratic", "linear", "inertia", "constant", "difference")
@@ -31,26 +29,23 @@ def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha2
         ).to_json()
     added = [term.name for term in model.terms if not term.own]
     return {
-        "schema": schema_of(dof),
-        **({} if dof.wraps else {"motion": dof.name}),
-        f"{dof.words.force}_unit": stored.moment_unit,
-        "fitted_to": "whole runs",
-        "models": {stored.preferred: {**drag, "output_error": told, "velocity_error": None, "sse": None}},
-        "preferred": stored.preferred,
-        "preferred_because": f"Model {stored.preferred} was the base of the diagnosis.",
-        dof.ratio_key: ratio,
-        "valid_range": valid_range(
-            (end for run in study.runs for end in (run.command.min(), run.command.max())), model
+        **model_json(
+            dof, unit=stored.moment_unit, fitted_to="whole runs",
+            models={stored.preferred: {**drag, "output_error": told, "velocity_error": None, "sse": None}},
+            preferred=stored.preferred, because=f"Model {stored.preferred} was the base of the diagnosis.", ratio=ratio,
+            valid_range=valid_range(
+                (end for run in study.runs for end in (run.command.min(), run.command.max())), model
+            ),
+            effects=[
+                {
+                    "name": name,
+                    "parameters": {k: e.to_json() for k, e in parameter_estimates(study, trial, name).items()},
+                }
+                for name in added
+            ],
         ),
-        "effects": [
-            {
-                "name": name,
-                "parameters": {k: e.to_json() for k, e in parameter_estimates(study, trial, name).items()},
-            }
-            for name in added
-        ],
         f"{dof.words.position}_noise_{dof.units.key}": float(dof.shown(trial.fit.noise))
         if study.position_counts
         else None,
         "parent": {"file": stored.source, "sha256": parent_sha256},
-    }
+    }  # fmt: skip
