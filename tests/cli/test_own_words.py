@@ -143,7 +143,10 @@ def runs_of(file: Path) -> list[pd.DataFrame]:
     return [part.drop(columns="run") for _, part in table.groupby("run", sort=False)]
 
 
-@pytest.fixture(scope="module", params=sorted(DOFS))
+MOTIONS = [pytest.param(name, marks=() if name == "heave" else pytest.mark.slow) for name in sorted(DOFS)]
+
+
+@pytest.fixture(scope="module", params=MOTIONS)
 def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     """A campaign of each motion: every step and the report, then every export and every card of an effect."""
     dof = DOFS[request.param]
