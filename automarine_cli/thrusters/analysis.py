@@ -67,27 +67,17 @@ class Analysis:
     @property
     def map(self) -> ThrusterMap:
         """The chosen form as a map."""
-        return _map(self.chosen, self.n_unit)
-
-    @property
-    def square_map(self) -> ThrusterMap:
-        """Equation 2 as a map."""
-        return _map(self.law, self.n_unit)
+        return ThrusterMap(self.chosen.form.name, *self.chosen.both_ways, self.n_unit)
 
     def fitted(self, n: Floats, square: bool = False) -> Floats:
         """Thrust [N] by the chosen form or the square law, shape of n; NaN in a direction that has no fit."""
-        law = self.square_map if square else self.map
-        return thrust_both_ways(law.forward, law.backward, n)
+        return thrust_both_ways(*(self.law if square else self.chosen).both_ways, n)
 
     def percent(self, value: float | None) -> float | None:
         """Newtons as a percentage of full scale."""
         if value is None:
             return None
         return 0.0 if value < ROUNDING * self.full_scale else 100.0 * value / self.full_scale
-
-
-def _map(score: FormScore, n_unit: str) -> ThrusterMap:
-    return ThrusterMap(score.form.name, score.curves.get("forward"), score.curves.get("backward"), n_unit)
 
 
 def analyse(
@@ -132,18 +122,8 @@ def analyse(
     spread = float(used.weight @ (used.force - mean) ** 2) / total
     law = next(score for score in selection.scores if score.form.name == "square")
     levels = {name: len(np.unique(levels_of(side.magnitude))) for name, side in sides.items()}
-    return Analysis(
-        points,
-        n_unit,
-        full_scale,
-        square,
-        without,
-        levels,
-        selection,
-        found,
-        1.0 - law.rmse**2 / spread,
-        1.0 - chosen.rmse**2 / spread,
-    ), sides
+    r2 = (1.0 - score.rmse**2 / spread for score in (law, chosen))
+    return Analysis(points, n_unit, full_scale, square, without, levels, selection, found, *r2), sides
 
 
 def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -> dict[str, str]:

@@ -70,14 +70,8 @@ class BollardData:
     def where(self, mask: NDArray[np.bool_]) -> "BollardData":
         """The points that `mask` keeps, as bollard data."""
         step = None if self.step is None else self.step[mask]
-        return replace(
-            self,
-            points=self.points.where(mask),
-            step=step,
-            level=self.level[mask],
-            group=self.group[mask],
-            order=self.order[mask],
-        )
+        own = {name: getattr(self, name)[mask] for name in ("level", "group", "order")}
+        return replace(self, points=self.points.where(mask), step=step, **own)
 
     def parts(self, tied: bool) -> dict[str, tuple[Ints, Side]]:
         """Point numbers and `Side` of each direction, or of both together as one curve of |n| (`tied`)."""

@@ -13,7 +13,7 @@ from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.points import Floats
 from automarine_cli.thrusters.records import ThrusterLogs
 from automarine_cli.thrusters.result import parameters_json
-from automarine_cli.thrusters.search import Search, search_around_faults
+from automarine_cli.thrusters.search import Round, Search, Trial, search_around_faults
 from automarine_cli.thrusters.shapes import Fitted, Shape, effects_of, form_of
 from automarine_cli.thrusters.verdict import Named, curve_parameters, named_effects, verdict_of
 from automarine_cli.thrusters.where import Fault, Region, faults, regions
@@ -128,17 +128,8 @@ class ThrusterDiagnosis(Shown):
             },
             "smallest_detectable": self.smallest,
             "candidates": [
-                {
-                    "round": number + 1,
-                    "name": trial.effect,
-                    "where": trial.where,
-                    "evidence": trial.evidence,
-                    "threshold": look.scores.least_evidence,
-                    "p_value": trial.p_value,
-                    "cv_rmse_N": trial.fit.rmse(left_out=True),
-                    "taken": trial is look.taken,
-                }
-                for number, look in enumerate(self.search.rounds)
+                _candidate_json(number, look, trial)
+                for number, look in enumerate(self.search.rounds, 1)
                 for trial in look.trials
             ],
             "runs": {
@@ -146,6 +137,14 @@ class ThrusterDiagnosis(Shown):
                 "set_aside": [vars(run) for run in self.set_aside],
             },
         }
+
+
+def _candidate_json(number: int, look: Round, trial: Trial) -> dict[str, object]:
+    return {
+        "round": number, "name": trial.effect, "where": trial.where, "evidence": trial.evidence,
+        "threshold": look.scores.least_evidence, "p_value": trial.p_value,
+        "cv_rmse_N": trial.fit.rmse(left_out=True), "taken": trial is look.taken,
+    }  # fmt: skip
 
 
 def start_shape(base: ThrusterMap, data: BollardData, voltage: bool = False) -> Shape:

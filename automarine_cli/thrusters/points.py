@@ -49,18 +49,10 @@ class Points:
         size = len(n)
         nothing = np.full(size, np.nan)
         return cls(
-            n=n,
-            force=force,
-            spread=nothing,
-            count=np.ones(size, dtype=np.int64),
-            stderr=nothing,
-            when=when,
-            record=np.full(size, record, dtype=np.int64),
-            voltage=nothing if voltage is None else voltage,
-            raw=np.zeros(size, dtype=bool),
-            weight=np.ones(size),
-            flag=np.full(size, "", dtype="<U120"),
-        )
+            n=n, force=force, spread=nothing, count=np.ones(size, dtype=np.int64), stderr=nothing, when=when,
+            record=np.full(size, record, dtype=np.int64), voltage=nothing if voltage is None else voltage,
+            raw=np.zeros(size, dtype=bool), weight=np.ones(size), flag=np.full(size, "", dtype="<U120"),
+        )  # fmt: skip
 
     def where(self, mask: NDArray[np.bool_]) -> "Points":
         """The points that `mask`, shape (P,), keeps."""

@@ -63,20 +63,15 @@ class ThrusterFit(Shown):
         result["thrusters_per_test"] = self.thrusters_per_test
         result |= _scores_json(analysis)
         result["n_unit"] = analysis.n_unit
+        tare, reduction = self.tare, self.reduction
         result["tare"] = {
-            "value_N": self.tare.value,
-            "stderr_N": self.tare.stderr,
-            "readings": self.tare.readings,
-            "drift_N": self.tare.drift,
-            "subtracted": self.tare.subtracted,
-        }
+            "value_N": tare.value, "stderr_N": tare.stderr, "readings": tare.readings, "drift_N": tare.drift,
+            "subtracted": tare.subtracted,
+        }  # fmt: skip
         result["points"] = {
-            "used": len(self.points),
-            "plateaus": self.reduction.plateaus,
-            "samples": self.reduction.samples,
-            "samples_left_out": self.reduction.dropped,
-            "rows_with_missing_values": self.logs.missing,
-        }
+            "used": len(self.points), "plateaus": reduction.plateaus, "samples": reduction.samples,
+            "samples_left_out": reduction.dropped, "rows_with_missing_values": self.logs.missing,
+        }  # fmt: skip
         result["flagged"] = [
             self._flagged_json(int(index)) for index in np.flatnonzero(self.points.flag != "")
         ]
@@ -101,13 +96,10 @@ class ThrusterFit(Shown):
         points = self.points
         record = self.logs.records[int(points.record[index])]
         return {
-            "file": record.source,
-            "run": record.run,
-            "n": float(points.n[index]),
-            "force_N": float(points.force[index]),
-            "weight": float(points.weight[index]),
+            "file": record.source, "run": record.run, "n": float(points.n[index]),
+            "force_N": float(points.force[index]), "weight": float(points.weight[index]),
             "why": str(points.flag[index]),
-        }
+        }  # fmt: skip
 
 
 def scaled(estimate: Estimate | None, factor: float) -> Estimate | None:

@@ -31,6 +31,11 @@ class FormScore:
     behind_stderr: float = 0.0
 
     @property
+    def both_ways(self) -> tuple[Curve | None, Curve | None]:
+        """The curves forward and backward."""
+        return self.curves.get("forward"), self.curves.get("backward")
+
+    @property
     def within_reach(self) -> bool:
         """Within one standard error of the best form."""
         return self.cv_rmse is not None and self.behind <= self.behind_stderr

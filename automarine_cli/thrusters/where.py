@@ -41,15 +41,9 @@ class Region:
     def to_json(self) -> dict[str, object]:
         """The contract's form."""
         return {
-            "variable": self.variable,
-            "from": self.low,
-            "to": self.high,
-            "unit": self.unit,
-            "gap_N": self.gap,
-            "share": self.share,
-            "p_value": self.p_value,
-            "runs": list(self.runs),
-        }
+            "variable": self.variable, "from": self.low, "to": self.high, "unit": self.unit, "gap_N": self.gap,
+            "share": self.share, "p_value": self.p_value, "runs": list(self.runs),
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -69,15 +63,9 @@ class Fault:
     def to_json(self) -> dict[str, object]:
         """Plain data; readings are counted from 1 in each record."""
         return {
-            "kind": self.kind,
-            "file": self.place,
-            "readings": [self.first, self.last],
-            "from_n": self.low,
-            "to_n": self.high,
-            "points": self.points,
-            "gap_N": self.gap,
-            "says": self.says,
-        }
+            "kind": self.kind, "file": self.place, "readings": [self.first, self.last], "from_n": self.low,
+            "to_n": self.high, "points": self.points, "gap_N": self.gap, "says": self.says,
+        }  # fmt: skip
 
 
 def variables(data: BollardData) -> dict[str, tuple[Floats, str]]:

@@ -158,7 +158,8 @@ def score(answers: Mapping[str, Any], key: Mapping[str, Any], figure: Path | Non
     ]
     print(Table("Marks", ("hidden", "campaigns", *words), tuple(rows)).to_text())
     print(calibration(sure).to_text())
-    print(f"Without an answer: {', '.join(unanswered) or 'none'}")
+    some = f", {unanswered[0]} the first" if unanswered else ""
+    print(f"Without an answer: {len(unanswered)} of {len(key)} campaigns{some}")
     if figure is not None:
         draw(confusion, figure)
 
