@@ -71,7 +71,7 @@ def page(topic: str) -> Page:
         return Page(topic, (FOLDER / f"{topic}.md").read_text(encoding="utf-8"))
     asked = topic.lower().replace("_", "-").removesuffix(".md")
     near = difflib.get_close_matches(asked, (*commands(), *pages()), n=3, cutoff=0.5)
-    meant = f"did you mean {' or '.join(near)}?" if near else "automarine guide lists all pages"
+    meant = f"did you mean {' or '.join(near)}?" if near else "look at the list of automarine guide"
     raise SettingError(f"the guide has no page {topic!r}; {meant}")
 
 

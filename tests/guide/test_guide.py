@@ -63,7 +63,7 @@ def test_a_wrong_topic_is_answered_with_near_ones(run: Run) -> None:
     assert found.exit_code == 1
     assert found.stderr.startswith("Error: the guide has no page 'fit_yew'; did you mean fit-yaw")
     assert len(found.stderr.splitlines()) == 1
-    assert "automarine guide lists all pages" in run("guide", "qqq").stderr
+    assert "look at the list of automarine guide" in run("guide", "qqq").stderr
 
 
 def test_the_shell_completes_topics() -> None:
