@@ -26,14 +26,14 @@ def test_a_campaign_has_these_steps_where_it_has_such_logs() -> None:
 def test_the_steps_take_their_logs(tmp_path: Path) -> None:
     campaign = read_campaign(SAMPLE_RUNS / "planar_day.toml")
     fit, validation, diagnosis = (one.plan for one in STEPS if one.motion == "planar")
-    assert len(fit(campaign, tmp_path).logs) == 8  # type: ignore[union-attr]
+    assert len(fit(campaign, tmp_path).asked.logs) == 8  # type: ignore[union-attr]
     for plan in (validation, diagnosis):
         assert plan(campaign, tmp_path) == "it needs the planar model, and fit-planar gave none"
     (tmp_path / "planar").mkdir()
     shutil.copy(SAMPLE_RUNS / "planar_bare.json", tmp_path / "planar" / "planar_model.json")
-    assert len(validation(campaign, tmp_path).logs) == 2  # type: ignore[union-attr]
+    assert len(validation(campaign, tmp_path).asked.logs) == 2  # type: ignore[union-attr]
     plan = diagnosis(campaign, tmp_path)
-    assert not isinstance(plan, str) and len(plan.logs) == 8 and len(plan.settings["hold_out"]) == 2
+    assert not isinstance(plan, str) and len(plan.asked.logs) == 8 and len(plan.asked.hold_out) == 2
 
 
 def test_init_offers_it(tmp_path: Path) -> None:
