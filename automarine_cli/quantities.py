@@ -5,5 +5,10 @@ Inside automarine angles are radians, times seconds, forces newtons; degrees app
 The yaw moment carries the unit of the logs: "nu", the normalised moment unit of the source paper, or "N m".
 """
 
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
 CLOCK, SINCE = "campaign-clock", "time-since-command-change"
 """Signals that every log has beside its columns: its clock, and the time since its command last changed, both [s]."""

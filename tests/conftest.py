@@ -3,9 +3,7 @@
 import os
 import signal
 
-if (
-    signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-):  # as in a shell's background: children would not hear Ctrl-C
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a shell's background: children would not hear Ctrl-C
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 for _library in ("OPENBLAS", "OMP", "MKL"):  # as the console script does, before numpy comes

@@ -26,7 +26,7 @@ FORBIDDEN_METHODS = {
 }  # fmt: skip
 FORBIDDEN_KEYWORDS = {"allow_pickle", "shell"}
 HEAVY = {"numpy", "scipy", "pandas", "pyarrow", "matplotlib"}
-LIGHT_ROOMS = {"cli", "errors", "quantities", "dofs", "__init__", "__main__"}
+LIGHT_ROOMS = {"cli", "errors", "dofs", "__init__", "__main__"}
 TOP_LEVEL = {"pyproject.toml", "automarine_cli", "tests", "sample_runs", "Makefile", "README.md"}
 LONGEST_MODULE, LONGEST_COMMAND = 300, 100
 
@@ -80,15 +80,12 @@ def test_libraries_stay_in_their_rooms() -> None:
         fine = {
             "pyplot": "pyplot" not in name,
             "nothing that executes what it reads": library not in FORBIDDEN_LIBRARIES,
-            "matplotlib in report/figures": library != "matplotlib"
-            or inside(path).startswith("report/figures/"),
+            "matplotlib in report/figures": library != "matplotlib" or inside(path).startswith("report/figures/"),
             "click in cli": library != "click" or here == "cli",
             "pandas at the edges": library != "pandas" or here in ("logs", "runs", "report", "workflows"),
             "light rooms stay light": library not in HEAVY or here not in LIGHT_ROOMS,
         }
-        wrong += [
-            f"{inside(path)}:{line} imports {name}: {rule}" for rule, holds in fine.items() if not holds
-        ]
+        wrong += [f"{inside(path)}:{line} imports {name}: {rule}" for rule, holds in fine.items() if not holds]
     assert wrong == []
 
 
@@ -137,10 +134,7 @@ def test_everything_public_says_what_it_is() -> None:
     for path, tree in TREES.items():
         bare += [] if ast.get_docstring(tree) else [inside(path)]
         classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
-        owners = [
-            tree,
-            *(c for c in classes if not c.name.startswith("_") and (not c.bases or is_protocol(c))),
-        ]
+        owners = [tree, *(c for c in classes if not c.name.startswith("_") and (not c.bases or is_protocol(c)))]
         bare += [
             f"{inside(path)}:{node.lineno} {node.name}"
             for owner in owners

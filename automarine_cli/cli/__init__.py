@@ -147,11 +147,7 @@ def automarine() -> None:
 
 def main() -> None:
     """The command line, from the arguments to the exit status."""
-    for library in (
-        "OPENBLAS",
-        "OMP",
-        "MKL",
-    ):  # our matrices are small: threads cost more than they bring, and
+    for library in ("OPENBLAS", "OMP", "MKL"):  # our matrices are small: threads cost more than they bring, and
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")  # sums in another order would be other bytes
     # what an interrupt leaves behind is cleared away by a process of Python's own, without a word
     os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")

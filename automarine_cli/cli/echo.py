@@ -142,9 +142,7 @@ def echo_set_aside(set_aside: Iterable[Any]) -> None:
     shown = list(alike.values()) if verbosity_level() > 0 else list(alike.values())[:SHOWN]
     width = width_of(sys.stderr)
     for first, *others in shown:
-        name = (
-            first["file"] if first["run"] in ("", first["file"]) else f"{first['file']}, run {first['run']}"
-        )
+        name = first["file"] if first["run"] in ("", first["file"]) else f"{first['file']}, run {first['run']}"
         name += f", and {len(others)} more" if others else ""
         line = folded(f"{name}: {first['why']}", width and width - 2)
         click.echo("  " + line.replace("\n", "\n  "), err=True)
@@ -196,14 +194,10 @@ def echo_result(
         else:
             click.echo(painted(table.to_text(width).rstrip("\n"), sys.stdout))
         last = i + 1 == len(tables) and out is None and keep_hint is None
-        if not last and not (
-            isinstance(table, str) and i + 1 < len(tables) and isinstance(tables[i + 1], str)
-        ):
+        if not last and not (isinstance(table, str) and i + 1 < len(tables) and isinstance(tables[i + 1], str)):
             click.echo()  # sentences stand together, everything else apart
     if out is not None:
-        there = [
-            name for name in files if not name.endswith(".png") or any(out.glob(name.replace("RUN", "*")))
-        ]
+        there = [name for name in files if not name.endswith(".png") or any(out.glob(name.replace("RUN", "*")))]
         listed = f": {', '.join(there)}" if there else ""
         click.echo(folded(f"Results are in {out}{listed}", width))
     elif keep_hint is not None:

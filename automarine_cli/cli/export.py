@@ -15,18 +15,14 @@ _ABOVE_ZERO = click.FloatRange(min=0, min_open=True)
 @click.argument("model", metavar="[MODEL.json]", required=False, type=options.FILE)
 @click.option("--to", metavar="NAME", help="The target: see --list.")
 @click.option("--list", "show_list", is_flag=True, help="List the targets, their forms and frames, and exit.")
-@click.option(
-    "--form", metavar="NAME", help="Which of the target's forms; by default the one FILE's ending tells."
-)
+@click.option("--form", metavar="NAME", help="Which of the target's forms; by default the one FILE's ending tells.")
 @click.option("--number", metavar="N", help="Which of the file's yaw models.  [default: the preferred one]")
 @click.option("--frame", metavar="NAME", help="ENU or NED.  [default: the target's own]")
 @click.option(
     "--rigid-inertia", type=_ABOVE_ZERO, metavar="VALUE",
     help="The vehicle's own part of I_r; the rest is written as added inertia.",
 )  # fmt: skip
-@click.option(
-    "--rigid-mass", type=_ABOVE_ZERO, metavar="KG", help="gz-sim, of a planar model: the vehicle's own mass."
-)
+@click.option("--rigid-mass", type=_ABOVE_ZERO, metavar="KG", help="gz-sim, of a planar model: the vehicle's own mass.")
 @click.option(
     "--newton-metres-per-nu", type=_ABOVE_ZERO, metavar="VALUE",
     help="The moment in N m that one normalised unit stands for.",
@@ -35,13 +31,9 @@ _ABOVE_ZERO = click.FloatRange(min=0, min_open=True)
     "--mesh-torque", type=_ABOVE_ZERO, nargs=2, metavar="QUADRATIC VISCOUS",
     help="stonefish: yaw drag [N m] of your mesh at 1 rad/s with a coefficient of 1.",
 )  # fmt: skip
-@click.option(
-    "--symmetrise", is_flag=True, help="thrusters: one coefficient for both directions, error and all."
-)
+@click.option("--symmetrise", is_flag=True, help="thrusters: one coefficient for both directions, error and all.")
 @click.option("--n-max", type=_ABOVE_ZERO, metavar="VALUE", help="thrusters: the largest control signal.")
-@click.option(
-    "--lag", type=_ABOVE_ZERO, metavar="SECONDS", help="thrusters: time constant of the propeller's speed."
-)
+@click.option("--lag", type=_ABOVE_ZERO, metavar="SECONDS", help="thrusters: time constant of the propeller's speed.")
 @click.option("--allow-partial", is_flag=True, help="Leave out what the target cannot represent, and say so.")
 @click.option(
     "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",

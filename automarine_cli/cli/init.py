@@ -12,9 +12,7 @@ from automarine_cli.cli.terminal import folded, width_of
 
 
 @click.command("init", short_help="Look at a folder of logs and write a campaign file.")
-@click.argument(
-    "folder", metavar="[DIR]", default=".", type=click.Path(exists=True, file_okay=False, path_type=Path)
-)
+@click.argument("folder", metavar="[DIR]", default=".", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option(
     "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
     help="The campaign file to write.  [default: DIR/campaign.toml]",

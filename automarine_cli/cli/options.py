@@ -34,12 +34,7 @@ def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> 
 def verbosity(function: Function) -> Function:
     """-v and -q; kept in the context (see `verbosity_level`), not handed to the command."""
     quiet = click.option(
-        "-q",
-        "--quiet",
-        count=True,
-        expose_value=False,
-        callback=_count_verbosity,
-        help="Say only what went wrong.",
+        "-q", "--quiet", count=True, expose_value=False, callback=_count_verbosity, help="Say only what went wrong."
     )
     verbose = click.option(
         "-v", "--verbose", count=True, expose_value=False, callback=_count_verbosity,
@@ -48,9 +43,7 @@ def verbosity(function: Function) -> Function:
     return quiet(verbose(function))
 
 
-logs_argument = click.argument(
-    "logs", nargs=-1, required=True, type=click.Path(readable=False), metavar="LOG..."
-)
+logs_argument = click.argument("logs", nargs=-1, required=True, type=click.Path(readable=False), metavar="LOG...")
 """`logs`: strings as given; `logs.find_logs` makes files of them."""
 
 columns_option = click.option(
@@ -67,12 +60,7 @@ overwrite_option = click.option("--overwrite", is_flag=True, help="Replace resul
 """`overwrite`: bool."""
 
 seed_option = click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    metavar="N",
-    help="Seed of everything random.",
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N", help="Seed of everything random."
 )
 """`seed`: int."""
 
@@ -94,14 +82,10 @@ cluster_option = click.option(
 )  # fmt: skip
 """`cluster`: address or None."""
 
-json_option = click.option(
-    "--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else."
-)
+json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
 """`as_json`: bool."""
 
-strict_option = click.option(
-    "--strict", is_flag=True, help="Refuse an unusable run instead of setting it aside."
-)
+strict_option = click.option("--strict", is_flag=True, help="Refuse an unusable run instead of setting it aside.")
 """`strict`: bool."""
 
 model_option = click.option(
@@ -202,9 +186,7 @@ def perform_one(command: "Command[Any, Result]", given: Mapping[str, Any], writt
 
 
 def perform(
-    command: "Command[Any, Result]",
-    given: dict[str, Any],
-    warnings: Callable[[Result], Sequence[str]] | None = None,
+    command: "Command[Any, Result]", given: dict[str, Any], warnings: Callable[[Result], Sequence[str]] | None = None
 ) -> Result:
     """Carry a command out as `given` on the command line, say what it found and where it is; hand that back.
 

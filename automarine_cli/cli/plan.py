@@ -16,10 +16,7 @@ def _print_example(ctx: click.Context, param: click.Parameter, value: bool) -> N
 @click.command("plan", short_help="The next campaign: the fewest runs that tell the most.")
 @click.argument("model", type=options.FILE, metavar="MODEL.json")
 @click.option(
-    "--diagnosis",
-    type=options.FILE,
-    metavar="FILE",
-    help="A diagnosis.json whose rivals are to be told apart.",
+    "--diagnosis", type=options.FILE, metavar="FILE", help="A diagnosis.json whose rivals are to be told apart."
 )
 @click.option("--limits", type=options.FILE, metavar="FILE.toml", help="What the day at the pool allows.")
 @click.option(

@@ -17,9 +17,7 @@ STEPS = ("check", "fit-thrusters", "fit-yaw", "validate", "diagnose", *OF_TRANSL
 @click.argument(
     "campaigns", nargs=-1, metavar="[CAMPAIGN.toml]...", type=click.Path(exists=True, dir_okay=False, path_type=Path)
 )  # fmt: skip
-@click.option(
-    "--until", type=click.Choice(STEPS), metavar="STEP", help=f"Stop after this step: {', '.join(STEPS)}."
-)
+@click.option("--until", type=click.Choice(STEPS), metavar="STEP", help=f"Stop after this step: {', '.join(STEPS)}.")
 @click.option("--force", is_flag=True, help="Run every step, also where nothing has changed.")
 @click.option(
     "--from", "recorded", type=click.Path(exists=True, path_type=Path), metavar="MANIFEST",
@@ -82,11 +80,7 @@ def _again(ctx: click.Context, recorded: Path, inputs: tuple[Path, ...], given: 
         progress=terminal_progress(),
     )  # fmt: skip
     echo_result(
-        again,
-        as_json=given["as_json"],
-        out=given["out"],
-        tables=again.sentences(),
-        warnings=again.made.warnings,
+        again, as_json=given["as_json"], out=given["out"], tables=again.sentences(), warnings=again.made.warnings
     )
     if not again.same:
         ctx.exit(1)

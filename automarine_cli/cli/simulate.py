@@ -8,20 +8,14 @@ from automarine_cli.cli import options
 
 
 @click.command("simulate", short_help="Make a pool campaign with known truth.")
-@click.argument(
-    "specification", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="SPEC.toml"
-)
+@click.argument("specification", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="SPEC.toml")
 @click.option(
     "-o", "--out", type=click.Path(path_type=Path), required=True, metavar="DIR",
     help="Write the logs and the truth into this folder.",
 )  # fmt: skip
 @options.overwrite_option
 @click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=None,
-    metavar="N",
-    help="Instead of the specification's seed.",
+    "--seed", type=click.IntRange(min=0), default=None, metavar="N", help="Instead of the specification's seed."
 )
 @options.jobs_option
 @options.json_option

@@ -40,9 +40,7 @@ def _filled(line: str, width: int, *, labelled: bool) -> str:
     label = LABEL.match(line) if labelled else None
     indent = " " * len(label[0]) if label else "  "
     tied = line.replace(" %", TIED + "%")
-    filled = textwrap.fill(
-        tied, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
-    )
+    filled = textwrap.fill(tied, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
     return filled.replace(TIED, " ")
 
 

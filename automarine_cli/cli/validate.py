@@ -12,9 +12,7 @@ from automarine_cli.cli import options
 @options.thrusters_option
 @options.arm_option
 @options.channels_option
-@click.option(
-    "--figures/--no-figures", default=True, show_default=True, help="Draw a figure of every run into DIR."
-)
+@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw a figure of every run into DIR.")
 @options.ending("strict", "seed", "jobs")
 def validate(**given: object) -> object:
     """Simulate each log with each model of a yaw_model.json, and compare the headings.

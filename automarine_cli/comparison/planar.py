@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.fits.planar_structure import CHANNELS, PLACES, rough_velocities
 from automarine_cli.models.planar import PlanarModel
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
-
-Floats = NDArray[np.float64]
 
 STEP = 0.05
 """Longest step of the simulation [s]."""

@@ -48,10 +48,7 @@ def of_model(data: Mapping[str, Any], models: Sequence[str], dof: Dof) -> Conten
 def of_thrusters(data: Mapping[str, Any], models: Sequence[str]) -> Contents:
     """What a thruster map says."""
     parameters, form = {}, str(data["form"])
-    facts = {
-        "form": form,
-        "error of it [% of full scale]": _short(data["chosen"]["rmse_percent_of_full_scale"]),
-    }
+    facts = {"form": form, "error of it [% of full scale]": _short(data["chosen"]["rmse_percent_of_full_scale"])}
     for side in ("forward", "backward"):
         if data[side]["a"] is not None:
             parameters[f"a {side}, square law"] = Estimate.from_json(data[side]["a"])

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from automarine_cli import effects
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.noise import position_noise, slope
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import segments
@@ -17,7 +18,6 @@ from automarine_cli.runs.velocity_sensor import unbiased_velocity, velocity_nois
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, Trajectory, simulate, step_for
 
-Floats = NDArray[np.float64]
 Item = TypeVar("Item")
 
 SETTLED = 0.01  # of the unit that people see: halving the step must not move a position further than this
@@ -79,12 +79,7 @@ def roll(
 
 
 def _once(
-    model: YawModel,
-    runs: Sequence[Run],
-    position: ArrayLike,
-    rate: ArrayLike,
-    switch_offset: float,
-    step: float,
+    model: YawModel, runs: Sequence[Run], position: ArrayLike, rate: ArrayLike, switch_offset: float, step: float
 ) -> Trajectory:
     batch = make_batch(runs, step, needed_signals(model))
     delay = switch_offset * batch.interval[None] if switch_offset else None

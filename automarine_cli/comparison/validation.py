@@ -23,13 +23,7 @@ from automarine_cli.comparison.scores import (
     resamples,
     score,
 )
-from automarine_cli.comparison.simulated_runs import (
-    FreeRun,
-    Restarts,
-    find_restarts,
-    free_runs,
-    restarted_errors,
-)
+from automarine_cli.comparison.simulated_runs import FreeRun, Restarts, find_restarts, free_runs, restarted_errors
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import make_course
@@ -79,9 +73,7 @@ class Comparison:
     afresh: tuple[str, ...]
 
 
-def compare(
-    stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: Progress = silent
-) -> Comparison:
+def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: Progress = silent) -> Comparison:
     """Simulate and score `runs` under every model. Raises RunError as `make_batch`."""
     restarts = [find_restarts(run) for run in runs]
     drawn = resamples(len(runs), seed)

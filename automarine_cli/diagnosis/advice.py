@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.smooth import learned_term
@@ -21,10 +20,10 @@ from automarine_cli.fits.mixed_model import MixedFit, derivatives
 from automarine_cli.fits.outcome import SMALLEST
 from automarine_cli.fits.run_effects import DISTURBANCE, SWITCHES
 from automarine_cli.models.yaw_model import steady_rate
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.thrusters.propulsion import parts_of
 
-Floats = NDArray[np.float64]
 Command = Callable[[Floats], Floats]
 
 REST, TURN, TAIL, RAMP = 2.0, 8.0, 15.0, 40.0  # seconds of standing, driving, coasting, sweeping
@@ -79,9 +78,7 @@ def separations(study: Study, final: Trial, rival: Trial) -> dict[str, float]:
     if study.driven:
         problem = replace(problem, effects=problem.effects.with_scale(disturbance=1.0))
     b = np.zeros_like(problem.effects.scale)
-    phi, theirs = (
-        one.search(np.append(t.fit.of_model, 0.0)) for one, t in ((problem, final), (other, rival))
-    )
+    phi, theirs = (one.search(np.append(t.fit.of_model, 0.0)) for one, t in ((problem, final), (other, rival)))
     first, by_phi, by_run = derivatives(problem, phi, b)
     second = other.readings(theirs, np.zeros_like(other.effects.scale))
     own = len(study.base.theta)
@@ -120,9 +117,7 @@ def _size(final: Trial, name: str) -> float:
 def extra_runs(study: Study) -> dict[str, Run]:
     """One run of each kind, sampled like the campaign's, with its largest or middle moment."""
     sizes = np.abs(
-        np.concatenate(
-            [run.command[run.command != 0] for run in study.runs if np.any(run.command)] or [[1.0]]
-        )
+        np.concatenate([run.command[run.command != 0] for run in study.runs if np.any(run.command)] or [[1.0]])
     )
     large, middle, small = float(sizes.max()), float(np.median(sizes)), float(sizes.min())
     period = float(np.median([run.sample_period for run in study.runs]))
@@ -141,8 +136,7 @@ def extra_runs(study: Study) -> dict[str, Run]:
         t = np.arange(0.0, length, period)
         psi = np.full(len(t), study.runs[0].position[0] if position is None else position)
         extras = {
-            key: np.full(len(t), float(np.mean([np.mean(r.extras[key]) for r in study.runs])))
-            for key in study.signals
+            key: np.full(len(t), float(np.mean([np.mean(r.extras[key]) for r in study.runs]))) for key in study.signals
         }
         if dof.velocity in (study.channels or ()):
             extras[dof.velocity] = np.zeros(len(t))
@@ -182,9 +176,7 @@ def extra_runs(study: Study) -> dict[str, Run]:
     if "voltage" in study.signals:
         low_run = run("voltage", REST + turn, step(large, turn))
         volts = LOW_VOLTAGE * low_run.extras["voltage"]
-        kinds[f"a repeat of {tag} at {volts[0]:.3g} V"] = replace(
-            low_run, extras={**low_run.extras, "voltage": volts}
-        )
+        kinds[f"a repeat of {tag} at {volts[0]:.3g} V"] = replace(low_run, extras={**low_run.extras, "voltage": volts})
     return kinds
 
 
@@ -214,9 +206,7 @@ def general_advice(study: Study) -> tuple[str, ...]:
     rests = sum(not np.any(run.command) for run in study.runs)
     starts = np.array([run.position[0] for run in study.runs])
     even = float(np.abs(np.exp(1j * starts).mean()))
-    sides = {
-        float(np.sign(run.command[run.command != 0].mean())) for run in study.runs if np.any(run.command)
-    }
+    sides = {float(np.sign(run.command[run.command != 0].mean())) for run in study.runs if np.any(run.command)}
     dof = study.base.dof
     words, advice = dof.words, []
     if coasts < 2:

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.variables import FEWEST_IN_A_BIN, Column, edges
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 STANDS_OUT = 0.05
 MOST_BINS = 12
@@ -78,17 +77,13 @@ def of_samples(
             sums = np.einsum("brn,rn->rb", member, values)
             spread = np.sqrt(np.maximum((sums**2).sum(axis=0), 1e-300))
             t = np.where(enough, sums.sum(axis=0) / spread, 0.0)
-            chance = np.maximum(
-                chance, np.abs((flips @ sums)[:, enough] / spread[enough]).max(axis=1, initial=0)
-            )
+            chance = np.maximum(chance, np.abs((flips @ sums)[:, enough] / spread[enough]).max(axis=1, initial=0))
             total = np.maximum(samples.sum(axis=0), 1.0)
             mean = np.where(enough, sums.sum(axis=0) / total, np.nan)
             around = sums - samples * np.nan_to_num(mean)
             error = np.where(enough, np.sqrt((around**2).sum(axis=0)) / total, np.nan)
             rows.append(Row(kind, directed, unit, mean, error, t, np.ones(count)))
-    middle = np.array(
-        [np.mean(column.values[which == b]) if (which == b).any() else np.nan for b in range(count)]
-    )
+    middle = np.array([np.mean(column.values[which == b]) if (which == b).any() else np.nan for b in range(count)])
     return _tested(column, cut, middle, rows, chance)
 
 
@@ -108,11 +103,7 @@ def of_runs(
     enough = (number >= FEWEST_IN_A_BIN) & (number < count)
     orders = np.argsort(drawn[:, have], axis=1)
     rows, chance = [], np.zeros(len(drawn))
-    looks = (
-        (THRUST, False, "%", gain),
-        (THRUST, True, "%", gain * mirrored),
-        (SIZE, False, "log", size),
-    )
+    looks = ((THRUST, False, "%", gain), (THRUST, True, "%", gain * mirrored), (SIZE, False, "log", size))
     for kind, directed, unit, look in looks:
         centred = look[have] - look[have].mean()
         error = max(float(centred.std(ddof=1)), 1e-12) / np.sqrt(np.maximum(number, 1.0))
@@ -125,9 +116,7 @@ def of_runs(
     return _tested(column, cut, middle, rows, chance)
 
 
-def _tested(
-    column: Column, cut: Floats, middle: Floats, rows: list[Row], chance: Floats
-) -> tuple[Variable, Floats]:
+def _tested(column: Column, cut: Floats, middle: Floats, rows: list[Row], chance: Floats) -> tuple[Variable, Floats]:
     """The variable with p-values from the largest |t| that chance gives over all its bins and rows."""
     found = []
     for row in rows:
@@ -136,15 +125,7 @@ def _tested(
     p_value = min(float(row.p.min()) for row in found)
     nothing = np.zeros(len(middle), dtype=bool)
     variable = Variable(
-        column.name,
-        column.unit,
-        column.of_the_run,
-        cut,
-        middle,
-        tuple(found),
-        p_value,
-        nothing,
-        column.logged,
+        column.name, column.unit, column.of_the_run, cut, middle, tuple(found), p_value, nothing, column.logged
     )
     return variable, chance
 

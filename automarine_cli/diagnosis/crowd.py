@@ -11,7 +11,6 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.pull import Probe
@@ -19,8 +18,7 @@ from automarine_cli.diagnosis.refits import add_effect, go_on, without
 from automarine_cli.diagnosis.scores import law_of, probes
 from automarine_cli.diagnosis.study import ITERATIONS, Study
 from automarine_cli.diagnosis.trials import Compensating, Round, Trial
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 AS_WELL = 10.0
 """Evidence (in deviance) by which several effects have to be better than one."""
@@ -37,9 +35,7 @@ Each = Callable[[Callable[[Any], "Trial | None"], Sequence[Any], str], Sequence[
 Stands = Callable[..., bool]
 
 
-def one_instead(
-    study: Study, current: Trial, first: Round, each: Each, may_stand: Stands
-) -> tuple[Trial, str]:
+def one_instead(study: Study, current: Trial, first: Round, each: Each, may_stand: Stands) -> tuple[Trial, str]:
     """The single effect that does as well as the several of `current`, with a sentence; or `current` and no sentence.
 
     It has to do better than each of them alone. Every law of the effects added, of what they are mistaken for and of
@@ -47,10 +43,7 @@ def one_instead(
     """
     if len(current.added) < 2:
         return current, ""
-    base, known = (
-        first.before,
-        {law_of(t.added[-1], t.model.terms[-1].values): t.evidence for t in first.trials},
-    )
+    base, known = (first.before, {law_of(t.added[-1], t.model.terms[-1].values): t.evidence for t in first.trials})
     own = [law_of(term.name, term.values) for term in current.model.terms[len(base.model.terms) :]]
     lone = min((known[law] for law in own if law in known), default=np.inf)
     asked = dict.fromkeys([*current.added, *(s.effect for s in first.scores.ranked[:6])])
@@ -62,16 +55,11 @@ def one_instead(
         for probe in _one_a_law(study, name)
         if law_of(name, probe.values[-1]) not in known
     ]  # fmt: skip
-    singles = [
-        *first.trials,
-        *_fits(each(partial(add_effect, study, base, iterations=BRIEF), work, "trying laws")),
-    ]
+    singles = [*first.trials, *_fits(each(partial(add_effect, study, base, iterations=BRIEF), work, "trying laws"))]
     near = base.evidence - (1.0 - WITHIN) * (base.evidence - current.evidence)
     close = [t for t in singles if t.evidence < max(near, current.evidence + AS_WELL)]
     unsettled = [t for t in close if not t.fit.converged]
-    settled = each(
-        partial(go_on, study, base, iterations=ITERATIONS), unsettled, "fitting one instead of several"
-    )
+    settled = each(partial(go_on, study, base, iterations=ITERATIONS), unsettled, "fitting one instead of several")
     able = [
         t for t in (*(t for t in close if t.fit.converged), *_fits(settled))
         if t.evidence <= current.evidence + AS_WELL and t.evidence < lone and may_stand(t, base, study.cycle)

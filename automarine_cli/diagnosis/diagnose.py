@@ -63,18 +63,14 @@ class Diagnosis:
         return self.said.found
 
 
-def split_off(
-    runs: Sequence[Run], seed: int, fewest: int = FEWEST_TO_HOLD_OUT
-) -> tuple[list[Run], list[Run]]:
+def split_off(runs: Sequence[Run], seed: int, fewest: int = FEWEST_TO_HOLD_OUT) -> tuple[list[Run], list[Run]]:
     """Runs to fit and a quarter to hold out, spread over the moments: one drawn from every four neighbours in moment.
 
     All are fitted where there are fewer than the `fewest` runs that can spare some.
     """
     if len(runs) < fewest:
         return list(runs), []
-    mean = [
-        float(np.mean(run.command[run.command != 0])) if np.any(run.command != 0) else 0.0 for run in runs
-    ]
+    mean = [float(np.mean(run.command[run.command != 0])) if np.any(run.command != 0) else 0.0 for run in runs]
     order = sorted(range(len(runs)), key=lambda i: (mean[i], runs[i].name))
     random = np.random.default_rng(seed)
     out = {order[i + int(random.integers(4))] for i in range(0, len(order) - 3, 4)}

@@ -22,10 +22,7 @@ def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha2
         i, k = (model.index(dof.parameter(role)) for role in ("inertia", "quadratic"))
         spread = float(np.sqrt(max(covariance[i, i] + covariance[k, k] - 2.0 * covariance[i, k], 0.0)))
         ratio = Estimate.from_log(
-            base[own["inertia"]].value / base[own["quadratic"]].value,
-            spread,
-            len(study.runs) - 1,
-            dof.unit_of("ratio"),
+            base[own["inertia"]].value / base[own["quadratic"]].value, spread, len(study.runs) - 1, dof.unit_of("ratio")
         ).to_json()
     added = [term.name for term in model.terms if not term.own]
     return {

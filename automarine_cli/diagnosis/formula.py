@@ -12,14 +12,12 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
 from automarine_cli.effects.learned import GAIN, basis
 from automarine_cli.fits.estimate import Estimate
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 LEAST_SLACK = 0.02
 """Share of the curve's range by which a formula may leave the band: none is drawn finer."""
@@ -135,11 +133,7 @@ def _fit(curve: LearnedCurve, form: Form, constant: bool, runs: int) -> Formula 
         columns = free @ shapes(curve.knots, values)
         stiff, pull = columns.T @ curve.information @ columns, columns.T @ curve.pull
         scale = np.sqrt(np.maximum(np.diagonal(stiff), 1e-300))
-        best = (
-            np.linalg.pinv(stiff / np.outer(scale, scale), rcond=1e-9, hermitian=True)
-            @ (pull / scale)
-            / scale
-        )
+        best = np.linalg.pinv(stiff / np.outer(scale, scale), rcond=1e-9, hermitian=True) @ (pull / scale) / scale
         return float(best @ stiff @ best - 2.0 * pull @ best), best
 
     def from_shares(shares: Floats) -> Floats:
@@ -168,18 +162,12 @@ def _fit(curve: LearnedCurve, form: Form, constant: bool, runs: int) -> Formula 
         return free @ shapes(curve.knots, theta[len(coefficients) :]) @ theta[: len(coefficients)]
 
     step = 1e-5 * np.maximum(np.abs(theta), 1e-6)
-    slope = np.stack(
-        [(at_knots(theta + h) - at_knots(theta - h)) / (2.0 * h.sum()) for h in np.diag(step)], axis=1
-    )
+    slope = np.stack([(at_knots(theta + h) - at_knots(theta - h)) / (2.0 * h.sum()) for h in np.diag(step)], axis=1)
     scale = np.sqrt(np.maximum(np.diagonal(slope.T @ curve.information @ slope), 1e-300))
-    spread = np.linalg.pinv(
-        slope.T @ curve.information @ slope / np.outer(scale, scale), rcond=1e-12, hermitian=True
-    )
+    spread = np.linalg.pinv(slope.T @ curve.information @ slope / np.outer(scale, scale), rcond=1e-12, hermitian=True)
     error = np.sqrt(np.maximum(np.diagonal(spread), 0.0)) / scale
     freedom = float(max(runs - len(theta), 1))
-    estimates = {
-        n: Estimate.from_stderr(float(v), float(e), freedom, "") for n, v, e in zip(names, theta, error)
-    }
+    estimates = {n: Estimate.from_stderr(float(v), float(e), freedom, "") for n, v, e in zip(names, theta, error)}
     whole = curve.pull @ np.linalg.pinv(curve.information, rcond=1e-10, hermitian=True) @ curve.pull
     nats = 0.5 * (deviance + float(whole)) + 0.5 * len(theta) * np.log(runs) + form.length + constant
     here = basis(curve.x, low, float(curve.x[-1]), closed=bool(curve.knots[-1] < curve.x[-1]))

@@ -12,7 +12,8 @@ FILE = '''"""{title}: {text}, proposed from a learned curve."""
 
 import numpy as np
 
-from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place, State
+from automarine_cli.effects.base import (MIXED, Effect, Parameter, Place, State)
+from automarine_cli.quantities import Floats
 
 
 class {name_of_class}(Effect):

@@ -3,15 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.given import missed, run_effects_given
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.innovations import InnovationsFit
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 
 @dataclass(frozen=True)

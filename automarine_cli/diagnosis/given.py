@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.study import JUDGED, Study
 from automarine_cli.diagnosis.trials import Trial
@@ -11,8 +10,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.mixed_model import Problem, derivatives
 from automarine_cli.models.yaw_model import YawModel
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 
 def missed(study: Study, model: YawModel, fit: InnovationsFit) -> Floats:
@@ -58,9 +56,7 @@ def log_density(study: Study, trial: Trial) -> Floats:
     return linear_mixed.predictive(gram, weighted, np.zeros((len(b), len(phi))))
 
 
-def run_effects_given(
-    problem: Problem, phi: Floats, variances: Floats, rounds: int = 12
-) -> tuple[Floats, Floats]:
+def run_effects_given(problem: Problem, phi: Floats, variances: Floats, rounds: int = 12) -> tuple[Floats, Floats]:
     """Posterior means of the run effects (R, q) of runs that were not fitted, and the headings with them (R, N).
 
     `phi` and `variances` come from other runs. Each round linearises about the last run effects and takes, run by

@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.learned_scores import Curve, all_signals, gains_follow, scored, with_curve
@@ -23,8 +22,7 @@ from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Rival, T
 from automarine_cli.effects.learned import FIRST
 from automarine_cli.errors import FitError
 from automarine_cli.models.yaw_model import YawModel
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 LEADERS, MOST_LEADERS, BEHIND = 4, 6, 0.5
 """So many curves are fitted, or more whose score is this share of the best."""
@@ -152,9 +150,7 @@ def _further(study: Study, base: Trial, trial: Trial) -> Trial | None:
     return trial
 
 
-def _trial(
-    study: Study, base: Trial, model: YawModel, values: Floats, near: Fit, iterations: int
-) -> Trial | None:
+def _trial(study: Study, base: Trial, model: YawModel, values: Floats, near: Fit, iterations: int) -> Trial | None:
     """A fit of a model with a curve, its effective number of parameters counted."""
     try:
         fit = study.fit(model, values, near, iterations)

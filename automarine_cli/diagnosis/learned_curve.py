@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from automarine_cli import effects
@@ -13,8 +12,7 @@ from automarine_cli.diagnosis.smooth import elsewhere, learned_term, places, pri
 from automarine_cli.diagnosis.trials import Found, Trial
 from automarine_cli.diagnosis.verdict import NamedEffect
 from automarine_cli.effects.learned import DRAG, GAIN, MOMENT, PREFIX, Learned, basis, kind_of, scale_of
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 POINTS = 61
 """Places at which a curve is told."""

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from automarine_cli import effects
@@ -19,11 +18,9 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.stepwise import Chance
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.quantities import CLOCK, SINCE
+from automarine_cli.quantities import CLOCK, SINCE, Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import signals_of
-
-Floats = NDArray[np.float64]
 
 TRIED = 0.02
 """Value at which each knot is tried, a share of the largest moment or of the thrust."""
@@ -131,9 +128,7 @@ def ranges(study: Study) -> dict[str, tuple[float, float]]:
     for name in (CLOCK, SINCE, *_columns(study.runs, dof)):
         values = np.concatenate(signals_of(study.runs, name))
         found[name] = (float(values.min()), float(values.max()))
-    return {
-        name: (low, high) for name, (low, high) in found.items() if high - low > 1e-9 * max(abs(high), 1e-9)
-    }
+    return {name: (low, high) for name, (low, high) in found.items() if high - low > 1e-9 * max(abs(high), 1e-9)}
 
 
 def all_signals(study: Study) -> tuple[str, ...]:
@@ -143,11 +138,7 @@ def all_signals(study: Study) -> tuple[str, ...]:
 
 def _columns(runs: Sequence[Run], dof: Dof) -> list[str]:
     """Logged columns with a value in every row of every run, but for those that measure the motion itself."""
-    shared = set.intersection(*(set(run.extras) for run in runs)) - {
-        dof.velocity,
-        dof.command,
-        *dof.thrusters,
-    }
+    shared = set.intersection(*(set(run.extras) for run in runs)) - {dof.velocity, dof.command, *dof.thrusters}
     return sorted(n for n in shared if all(np.isfinite(run.extras[n]).all() for run in runs))
 
 

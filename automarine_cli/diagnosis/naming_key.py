@@ -21,8 +21,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.fits.mixed_problem import SWITCH, MixedFit
 from automarine_cli.fits.run_effects import GAIN
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 CLASSES = {
     (-1.0, "even"): "a {force} of its own size: dead-band, Coulomb drag, tether spring",
@@ -154,9 +153,7 @@ def first_steps(study: Study) -> tuple[NDArray[np.bool_], Floats]:
     return inside, moment
 
 
-def drifts_of(
-    quantity: str, moment: Floats, log: Floats, error: Floats, scatter: float, dof: Dof
-) -> list[Drift]:
+def drifts_of(quantity: str, moment: Floats, log: Floats, error: Floats, scatter: float, dof: Dof) -> list[Drift]:
     """Weighted straight lines of `log` (R,) against every power of |moment|, even and odd in its sign.
 
     `scatter` is the runs' standard deviation of the log gain, which moves k.

@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.study import JUDGED, Study
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.dofs import Dof
 from automarine_cli.filters.prediction import Predicted
 from automarine_cli.fits.innovations import InnovationsFit
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 DECIDING = 5.0
 """Horizons [s] up to this have a veto. Over longer ones the logged command answers disturbances that a prediction does

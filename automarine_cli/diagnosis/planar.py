@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.outlook import Outlook, outlook_of
 from automarine_cli.diagnosis.planar_candidates import Candidate, base_of, candidates
@@ -22,9 +21,8 @@ from automarine_cli.fits.planar_structure import PLACES, Observed
 from automarine_cli.fits.stepwise import Judge, discover
 from automarine_cli.models.planar_store import StoredPlanar
 from automarine_cli.models.tied import Tied
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
-
-Floats = NDArray[np.float64]
 
 HEAD_START = 10.0
 """Deviance beyond the penalty that an effect has to gain."""
@@ -147,9 +145,7 @@ class _Planar(Judge[Estimated, Round]):
         likelihood, other, runs = self.likelihood, self.other, len(self.likelihood.runs)
         promised = _promised(likelihood, model, self.seen)
         tried = [
-            _contender(
-                one, likelihood.estimate(*likelihood.toward(one.model, model, promise), True), model, other
-            )
+            _contender(one, likelihood.estimate(*likelihood.toward(one.model, model, promise), True), model, other)
             for one, promise in sorted(promised, key=lambda each: -each[1].gain)[:FULLY]
             if 2.0 * promise.gain > HEAD_START
         ]
@@ -167,9 +163,7 @@ class _Planar(Judge[Estimated, Round]):
         return [] if look.best is None else [look.best.found]
 
 
-def find_missing(
-    stored: StoredPlanar, runs: Sequence[Run], kept: Sequence[Run], seen: Observed
-) -> PlanarSearch:
+def find_missing(stored: StoredPlanar, runs: Sequence[Run], kept: Sequence[Run], seen: Observed) -> PlanarSearch:
     """Diagnose a model on `runs`, with `kept` ones that are never fitted. Raises RunError for too few of either."""
     if len(runs) < 2 or not kept:
         raise RunError(f"{len(runs) + len(kept)} runs are too few for a diagnosis; give three or more")
@@ -195,9 +189,7 @@ def _begin(stored: StoredPlanar, seen: Observed) -> tuple[Tied, Estimated]:
     return base, Estimated(base, np.zeros((0, 0)), 0.0, 0, random=sizes)
 
 
-def _promised(
-    likelihood: PlanarLikelihood, here: Estimated, seen: Observed
-) -> list[tuple[Candidate, Promise]]:
+def _promised(likelihood: PlanarLikelihood, here: Estimated, seen: Observed) -> list[tuple[Candidate, Promise]]:
     """The candidates with what their scores promise, all of one pass of the filter."""
     largest = float(np.abs(likelihood.course.held[-1]).max()) or 1.0
     every = list(candidates(here.model, seen, largest))
@@ -210,9 +202,7 @@ def _promised(
 def _contender(one: Candidate, found: Estimated, here: Estimated, other: PlanarLikelihood) -> Contender:
     gained = fit_of(found).density - fit_of(here).density
     held_out = _density(other, found) - _density(other, here)
-    return Contender(
-        one, found, 2.0 * float(gained.sum()) - _penalty(one, len(gained)), _steady(gained), held_out
-    )
+    return Contender(one, found, 2.0 * float(gained.sum()) - _penalty(one, len(gained)), _steady(gained), held_out)
 
 
 def _penalty(one: Candidate, runs: int) -> float:

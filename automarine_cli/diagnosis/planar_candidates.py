@@ -39,9 +39,7 @@ def base_of(stored: StoredPlanar, seen: Observed) -> Tied:
         ties[SWAY.parameter("inertia")] = ("surge.m_u", 1.0)
     listed = covariance.get("parameters") if isinstance(covariance, dict) else None
     wanted = listed or [name for name, value in zip(model.parameter_names, model.theta) if value]
-    return Tied(
-        model, tuple(name for name in model.parameter_names if name in wanted and name not in ties), ties
-    )
+    return Tied(model, tuple(name for name in model.parameter_names if name in wanted and name not in ties), ties)
 
 
 def candidates(base: Tied, seen: Observed, largest: float) -> Iterator[Candidate]:
@@ -54,9 +52,7 @@ def candidates(base: Tied, seen: Observed, largest: float) -> Iterator[Candidate
         wider = replace(model, cross=(*model.cross, Term(name, (0.0,))))
         yield Candidate("cross-coupling", (added,), Tied(wider, (*base.free, added), base.ties))
     if SWAY in seen.dofs and "planar.m_vr" not in base.free:
-        yield Candidate(
-            "cross-coupling", ("planar.m_vr",), Tied(model, (*base.free, "planar.m_vr"), base.ties)
-        )
+        yield Candidate("cross-coupling", ("planar.m_vr",), Tied(model, (*base.free, "planar.m_vr"), base.ties))
     for dof in seen.dofs:
         own: tuple[Term, ...] = getattr(model, dof.name)
         for law in [law for law in LAWS[-1] if law not in [term.name for term in own]]:

@@ -20,9 +20,8 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.prediction import Predicted
 from automarine_cli.fits.planar_structure import CHANNELS
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
-
-Floats = NDArray[np.float64]
 
 STRETCH = 10.0
 """Length [s] of a stretch: twice the horizon, and several time constants of usual disturbances."""
@@ -44,9 +43,7 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
     places, states = followed.places, followed.states[:, 0]
     (inertia,) = before.model.inertia_matrix(fit.of_model[None])
     missing = np.einsum("ij,jrk->irk", inertia, states[list(places.pushed)])
-    command = np.stack(
-        [_at_nodes(course, [run.command_of(dof) for run in runs], runs) for dof in PLANAR.dofs]
-    )
+    command = np.stack([_at_nodes(course, [run.command_of(dof) for run in runs], runs) for dof in PLANAR.dofs])
     sign: Floats = np.where(seen, last_side(command[-1]), 0.0)
     gain = 100.0 * followed.states[places.gain, 0, :, -1]
     kinds = {YAW.words.position: (YAW.units.shown, np.asarray(YAW.shown(residual)))}
@@ -65,9 +62,7 @@ def find_planar_where(search: PlanarSearch, seed: int) -> Where | None:
         gain[r],
         floor,
     )
-    looked = look(
-        [replace(one, values=np.where(part, one.values[r], np.nan)) for one in columns], pieces, gap, seed
-    )
+    looked = look([replace(one, values=np.where(part, one.values[r], np.nan)) for one in columns], pieces, gap, seed)
     kept = {one.name: one for one in columns}
     return Where(
         variables=looked.variables,

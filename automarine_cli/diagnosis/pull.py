@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.study import Fit, Study
 from automarine_cli.fits import linear_mixed
@@ -13,8 +12,7 @@ from automarine_cli.fits.innovations_problem import Slopes, innovations_of
 from automarine_cli.fits.mixed_model import MixedFit, derivatives
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.models.yaw_model import YawModel
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 
 @dataclass(frozen=True)
@@ -43,9 +41,7 @@ def pull_of(study: Study, model: YawModel, fit: Fit, names: Sequence[str], every
     return _of_whole(study, model, fit, names, every)
 
 
-def _of_whole(
-    study: Study, model: YawModel, fit: MixedFit, names: Sequence[str], every: Sequence[Probe]
-) -> Pull:
+def _of_whole(study: Study, model: YawModel, fit: MixedFit, names: Sequence[str], every: Sequence[Probe]) -> Pull:
     """Each run's normal equations in the model's parameters and, after them, the sizes of all probes."""
     problem = study.problem(model)
     fitted, by_phi, by_run = derivatives(problem, fit.phi, fit.run_effects)
@@ -89,7 +85,5 @@ def _responses(study: Study, model: YawModel, fit: MixedFit, name: str, every: S
     values = np.concatenate([probe.values for probe in every if probe.effect == name])
     problem = study.problem(model.with_effect(name, values[0]))
     count, own = len(values), fit.effects.carried(fit.run_effects, problem.effects)
-    theta = np.concatenate(
-        [np.tile(fit.of_model, (count, 1)), values, np.full((count, 1), fit.value(SWITCH))], axis=1
-    )
+    theta = np.concatenate([np.tile(fit.of_model, (count, 1)), values, np.full((count, 1), fit.value(SWITCH))], axis=1)
     return problem.response(theta, np.tile(own, (count, 1, 1)))

@@ -1,15 +1,13 @@
 """Models refitted with one effect more or less, as trials of a search."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.study import ITERATIONS, Fit, Study
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.errors import FitError
 from automarine_cli.models.yaw_model import YawModel
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 
 def trial_of(study: Study, model: YawModel, added: tuple[str, ...], fit: Fit) -> Trial:
@@ -34,9 +32,7 @@ def go_on(study: Study, current: Trial, trial: Trial, iterations: int) -> Trial 
     return _fitted(study, current, trial.model, trial.fit.of_model, trial.fit, iterations)
 
 
-def _fitted(
-    study: Study, current: Trial, model: YawModel, values: Floats, near: Fit, iterations: int
-) -> Trial | None:
+def _fitted(study: Study, current: Trial, model: YawModel, values: Floats, near: Fit, iterations: int) -> Trial | None:
     try:
         fit = study.fit(model, values, near, iterations)
     except (FitError, np.linalg.LinAlgError):

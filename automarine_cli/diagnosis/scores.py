@@ -19,8 +19,7 @@ from automarine_cli.diagnosis.study import Fit, Study
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.stepwise import Chance
 from automarine_cli.models.yaw_model import YawModel
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 DRAWS = 2000
 NEAR = 0.5
@@ -135,10 +134,7 @@ def score(study: Study, model: YawModel, fit: Fit, names: Sequence[str], seed: i
         start, unit_size = _start(probe, size[0]), _unit_size(probe, block)
         cost = penalty(fitted_parameters(probe.effect, start), runs)
         null = np.maximum(null, _drop(block, draws[:, here], probe.one_sided)[0] - cost)
-        keep(
-            law_of(probe.effect, start),
-            Score(probe.effect, float(drop[0]), float(drop[0]) - cost, start, unit_size),
-        )
+        keep(law_of(probe.effect, start), Score(probe.effect, float(drop[0]), float(drop[0]) - cost, start, unit_size))
         if effects.get(probe.effect).per_run and _period(probe) <= study.slowest:
             columns = slice(len(fit.phi) + here.start, len(fit.phi) + here.stop)
             rise, chance = _varying(weighted, columns, random)
@@ -190,10 +186,7 @@ def _period(probe: Probe) -> float:
 def _varying_start(probe: Probe) -> Floats:
     """Where a fit starts in which each run has coefficients of its own: no common ones, the probe's shape."""
     own = effects.get(probe.effect).parameters
-    start = [
-        0.0 if i in probe.sized else 1.0 if p.choices else v
-        for i, (p, v) in enumerate(zip(own, probe.values[0]))
-    ]
+    start = [0.0 if i in probe.sized else 1.0 if p.choices else v for i, (p, v) in enumerate(zip(own, probe.values[0]))]
     return np.array(start)
 
 
@@ -215,9 +208,7 @@ def _project(hessian: Floats, gradient: Floats, free: NDArray[np.int64], own: in
 
 def _draw(information: Floats, random: np.random.Generator) -> Floats:
     """Scores of null campaigns: Gaussian with the information as covariance, (DRAWS, m)."""
-    deviation = np.sqrt(
-        np.diagonal(information)
-    )  # taken out first: large columns would lend small ones their rounding
+    deviation = np.sqrt(np.diagonal(information))  # taken out first: large columns would lend small ones their rounding
     unit = np.where(deviation > 0, deviation, 1.0)
     values, vectors = np.linalg.eigh(information / np.outer(unit, unit))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -227,9 +218,7 @@ def _draw(information: Floats, random: np.random.Generator) -> Floats:
 def _drop(block: Floats, pull: Floats, one_sided: bool) -> tuple[Floats, Floats]:
     """Drop in deviance (n,) and size in units of the probe (n, m) for scores `pull` (n, m)."""
     scale = np.sqrt(np.maximum(np.diagonal(block), 1e-24))
-    inverse = np.linalg.pinv(block / np.outer(scale, scale), rcond=1e-8, hermitian=True) / np.outer(
-        scale, scale
-    )
+    inverse = np.linalg.pinv(block / np.outer(scale, scale), rcond=1e-8, hermitian=True) / np.outer(scale, scale)
     size = pull @ inverse
     drop = np.einsum("nm,nm->n", pull, size)
     return (np.where(size[:, 0] > 0, drop, 0.0) if one_sided else drop), size

@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.crowd import compensating, one_instead
@@ -21,22 +20,11 @@ from automarine_cli.diagnosis.physical import drag_drives
 from automarine_cli.diagnosis.refits import add_effect, go_on, trial_of, without
 from automarine_cli.diagnosis.scores import candidates, law_of, score
 from automarine_cli.diagnosis.study import ITERATIONS, Study
-from automarine_cli.diagnosis.trials import (
-    CLEAR,
-    LEVEL,
-    MOST_EFFECTS,
-    WEAK,
-    Found,
-    Rival,
-    Round,
-    Trial,
-    clear,
-)
+from automarine_cli.diagnosis.trials import CLEAR, LEVEL, MOST_EFFECTS, WEAK, Found, Rival, Round, Trial, clear
 from automarine_cli.errors import FitError
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.stepwise import Judge, discover
 
-Floats = NDArray[np.float64]
 Map = Callable[[Callable[[Any], "Trial | None"], Sequence[Any], str], Sequence["Trial | None"]]
 
 TIE = 10.0
@@ -182,9 +170,7 @@ def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> R
         leader = min(done.values(), key=lambda trial: trial.evidence, default=current)
         if current.evidence - leader.evidence <= chance:
             break
-        alike = effects.look_alikes(
-            leader.added[-1]
-        )  # scores miss what begins with a threshold; a tie must be seen
+        alike = effects.look_alikes(leader.added[-1])  # scores miss what begins with a threshold; a tie must be seen
         ranked = [s for s in scores.ranked if s.effect in alike - tried]
     for share, iterations in RUNNING:
         best = min((trial.evidence for trial in done.values()), default=0.0)

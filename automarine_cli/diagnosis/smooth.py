@@ -14,25 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli import effects
-from automarine_cli.effects.learned import (
-    DRAG,
-    FIRST,
-    GAIN,
-    KNOTS,
-    MOMENT,
-    PREFIX,
-    Learned,
-    kind_of,
-    roughness,
-)
+from automarine_cli.effects.learned import DRAG, FIRST, GAIN, KNOTS, MOMENT, PREFIX, Learned, kind_of, roughness
 from automarine_cli.fits.gram import Gram, Grams
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.innovations_problem import DrivenProblem
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
 from automarine_cli.fits.run_effects import RunEffects
 from automarine_cli.models.yaw_model import Term, YawModel
+from automarine_cli.quantities import Floats
 
-Floats = NDArray[np.float64]
 Fit = MixedFit | InnovationsFit
 
 SPREADS = np.geomspace(3e-4, 1.0, 15)
@@ -91,12 +81,7 @@ def elsewhere(model: YawModel, term: Term) -> Floats:
 
 
 def fit_smooth(
-    model: YawModel,
-    floor: float,
-    problem: Problem,
-    theta: Floats,
-    run_effects: Floats | None = None,
-    **settings: Any,
+    model: YawModel, floor: float, problem: Problem, theta: Floats, run_effects: Floats | None = None, **settings: Any
 ) -> MixedFit:
     """`fit_mixed` of `problem`, that of a `model` with a learned curve, under the curve's prior, where noise of `floor`
     is expected; the likelihood that it tells is that of the readings alone."""

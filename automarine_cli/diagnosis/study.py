@@ -24,12 +24,11 @@ from automarine_cli.fits.run_effects import DISTURBANCE, GAIN, SWITCHES
 from automarine_cli.fits.step_response import MOST_OFFSET
 from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import Batch, make_batch
 from automarine_cli.simulation.rollout import step_for
-
-Floats = NDArray[np.float64]
 
 ITERATIONS = 25
 SETTLED = 0.02
@@ -177,7 +176,7 @@ class Study:
             own = i < len(self.base.terms)
             effect = effects.get(term.name)
             for parameter, value, fixed in zip(effect.parameters, term.values, effect.held(term.values)):
-                logger = self.logger_delay if effect.delays and not own else -np.inf
+                logger = self.logger_delay if effect.shifts(term.values) and not own else -np.inf
                 lower = max(parameter.lower, logger)
                 slow = self.slowest if parameter.scan and effect.varies(term.values) else np.inf
                 bounds.append((value, value) if fixed else (lower, min(parameter.upper, slow)))
@@ -190,11 +189,7 @@ class Study:
         )
 
     def fit(
-        self,
-        model: YawModel,
-        values: Floats | None = None,
-        near: Fit | None = None,
-        iterations: int = ITERATIONS,
+        self, model: YawModel, values: Floats | None = None, near: Fit | None = None, iterations: int = ITERATIONS
     ) -> Fit:
         """Joint maximum likelihood of the model on all runs, from `values` of its parameters or its own.
 
@@ -207,9 +202,7 @@ class Study:
                 return fit_innovations(
                     driven, starts_near(driven, [values], near.of_chance), iterations, iterations < ITERATIONS
                 )
-            return fit_innovations(
-                driven, np.concatenate([base_starts(driven), starts_near(driven, [values], {})])
-            )
+            return fit_innovations(driven, np.concatenate([base_starts(driven), starts_near(driven, [values], {})]))
         problem = self.problem(model)
         switch = near.value(SWITCH) if isinstance(near, MixedFit) else 0.0
         start = np.append(values, switch)
@@ -271,9 +264,7 @@ class Study:
         for name in varying_terms(model):
             size = 1.0 if self.driven else self.largest
             amplitude = float(np.sqrt(2.0) * fit.factor(name) * size)
-            terms = tuple(
-                replace(t, values=(amplitude, *t.values[1:])) if t.name == name else t for t in model.terms
-            )
+            terms = tuple(replace(t, values=(amplitude, *t.values[1:])) if t.name == name else t for t in model.terms)
             model = replace(model, terms=terms)
         return model
 
@@ -285,10 +276,7 @@ def without_scatter(fit: MixedFit) -> Floats:
 
 
 def study_of(
-    runs: Sequence[Run],
-    base: YawModel,
-    driven: bool | None = None,
-    channels: tuple[str, ...] | None = None,
+    runs: Sequence[Run], base: YawModel, driven: bool | None = None, channels: tuple[str, ...] | None = None
 ) -> Study:
     """A study of `runs`; whether they are driven, the evidence says unless asked otherwise."""
     if driven is None:

@@ -3,13 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.scores import Scores
 from automarine_cli.diagnosis.study import Fit, Study
 from automarine_cli.models.yaw_model import YawModel
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 LEVEL = 0.005
 """Share of campaigns with nothing missing in which something may still be claimed."""

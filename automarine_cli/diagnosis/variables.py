@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.effects.thruster_imbalance import PARTS
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ASKED
-
-Floats = NDArray[np.float64]
 
 FEWEST_IN_A_BIN = 2
 """Runs that a bin needs: one run alone says nothing about chance."""

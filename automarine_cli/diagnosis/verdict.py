@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from automarine_cli import effects
@@ -20,8 +19,7 @@ from automarine_cli.diagnosis.where import Region, Where
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.stepwise import NamedRival
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
 
@@ -97,9 +95,7 @@ class Verdict:
         return self.found.final if self.word == NAMED else self.found.base
 
 
-def verdict_of(
-    study: Study, found: Found, where: Where, held_out: Study | None, ahead: Outlook | None
-) -> Verdict:
+def verdict_of(study: Study, found: Found, where: Where, held_out: Study | None, ahead: Outlook | None) -> Verdict:
     """The verdict on a search over the runs of `study`, whose base model has its gap at `where`.
 
     A name needs more evidence than chance gives, and runs that are predicted better than without it by more than
@@ -129,9 +125,7 @@ def _beyond_chance(doubtful: Found) -> str:
     return f"Chance would gain as much in {100 * p_value:.1f} of 100 campaigns laid out like this one."
 
 
-def _borne_out(
-    study: Study, found: Found, held_out: Study | None, kept: Gap | None, ahead: Outlook | None
-) -> str:
+def _borne_out(study: Study, found: Found, held_out: Study | None, kept: Gap | None, ahead: Outlook | None) -> str:
     """Why effects have not earned their names: they undo each other, or runs that were not fitted do not bear them out;
     empty where nothing speaks against them."""
     if found.compensating:
@@ -151,11 +145,7 @@ def _borne_out(
             f"Runs that were left out of the fit are not predicted better beyond chance: {(gained > 0).sum()} of "
             f"{len(gained)} are more likely with it, and chance gains as much in more than {100 * WEAK:.0f} of 100."
         )
-    if (
-        kept is not None
-        and _something_left(kept)
-        and kept.above(kept.after) > MOST_LEFT * kept.above(kept.before)
-    ):
+    if kept is not None and _something_left(kept) and kept.above(kept.after) > MOST_LEFT * kept.above(kept.before):
         return f"Most of the gap stays on the runs that were held out: it is {kept.in_noises}."
     return ""
 
@@ -194,9 +184,7 @@ def _unexplained(study: Study, found: Found, where: Where, kept: Gap | None) -> 
     scatter = [trial.fit.factor(GAIN) ** 2 for trial in (found.base, final)]
     unnamed = not final.added or scatter[1] > LEFT_OVER * scatter[0]
     if unnamed and gains_wander(study, final):
-        return (
-            f"The runs' own thrust wanders with the campaign's clock more than chance allows{_beside(where)}."
-        )
+        return f"The runs' own thrust wanders with the campaign's clock more than chance allows{_beside(where)}."
     if found.more or (len(final.added) == MOST_EFFECTS and excess[0] < MANY):
         more = " or more" if found.more else ""
         return f"The runs would take {MOST_EFFECTS} effects{more}, which is more than they can vouch for."

@@ -24,8 +24,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.fits.run_effects import DISTURBANCE, GAIN
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 PERMUTATIONS = 2000
 ODD_RUN = 2.0
@@ -123,9 +122,7 @@ def look(of: Sequence[Column], kinds: Mapping[str, tuple[str, Floats]], gap: Gap
     judged = over_variables(found)
     regions = [region for column, variable in judged for region in _regions(column, variable, gap)]
     regions.sort(key=lambda region: (region.p_value, -region.share))
-    return Looked(
-        tuple(variable for _, variable in judged), tuple(column for column, _ in judged), tuple(regions)
-    )
+    return Looked(tuple(variable for _, variable in judged), tuple(column for column, _ in judged), tuple(regions))
 
 
 def find_where(study: Study, base: Trial, seed: int) -> Where:
@@ -181,9 +178,7 @@ def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
     b = linear_mixed.posterior_mean(gram, problem.effects, variances, np.zeros(len(trial.fit.phi)))
     window = np.take_along_axis(batch.window, np.minimum(batch.node, batch.window.shape[1] - 1), axis=1)
     inertia = trial.model.index(trial.model.dof.parameter("inertia"))
-    held = np.take_along_axis(
-        trial.fit.effects.of(b, DISTURBANCE), np.minimum(window, batch.windows - 1), axis=1
-    )
+    held = np.take_along_axis(trial.fit.effects.of(b, DISTURBANCE), np.minimum(window, batch.windows - 1), axis=1)
     return residual, np.where(batch.seen, trial.fit.theta[inertia] * held, 0.0)
 
 
@@ -220,12 +215,7 @@ def _regions(column: Column, variable: Variable, gap: Gap) -> list[Region]:
 
 
 def _region(
-    column: Column,
-    variable: Variable,
-    gap: Gap,
-    ends: tuple[float, float],
-    kind: str,
-    inside: NDArray[np.bool_],
+    column: Column, variable: Variable, gap: Gap, ends: tuple[float, float], kind: str, inside: NDArray[np.bool_]
 ) -> Region:
     """One region: its gap, the runs that show it, and its share of the whole gap above the noise."""
     residual = gap.raw if kind == THRUST else gap.residual

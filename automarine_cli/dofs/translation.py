@@ -4,9 +4,7 @@ from math import inf
 
 from automarine_cli.dofs.dof import Limits, Symbols, Units, Words
 
-METRES = Units(
-    base="m", log="m", per_base=1.0, shown="cm", shown_per_base=100.0, mark=" cm", forces=("nu", "N")
-)
+METRES = Units(base="m", log="m", per_base=1.0, shown="cm", shown_per_base=100.0, mark=" cm", forces=("nu", "N"))
 
 LIMITS = Limits(
     trim=inf,

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
+from automarine_cli.effects.base import Commands, Effect, Parameter, Place
+from automarine_cli.quantities import Floats
 
 
 class Backlash(Effect):
@@ -15,12 +16,8 @@ class Backlash(Effect):
     says = "The thrusters follow a command only once it has moved by a play."
     reveals = "the same {force} reached from above and from below, and {forces} that return to zero"
     mistaken_for = ("dead-band", "coulomb-drag")
-    separated_by = (
-        "a {force} reached from above as well as from below: a dead-band never leaves anything behind"
-    )
-    source = (
-        "Nordin and Gutman (2002), Controlling mechanical systems with backlash: a survey, Automatica 38:1633"
-    )
+    separated_by = "a {force} reached from above as well as from below: a dead-band never leaves anything behind"
+    source = "Nordin and Gutman (2002), Controlling mechanical systems with backlash: a survey, Automatica 38:1633"
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         (width,) = values

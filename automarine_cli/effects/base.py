@@ -28,9 +28,6 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.effects.inputs import Commands, State
 
@@ -38,9 +35,7 @@ __all__ = [
     "EVEN", "MIXED", "ODD", "Card", "Commands", "Effect", "Floats", "Law", "Parameter", "ParameterCard", "Place",
     "State",
 ]  # fmt: skip
-
-Floats = NDArray[np.float64]
-
+from automarine_cli.quantities import Floats
 
 EVEN = "even"
 """A mirrored campaign (heading and command negated) has the same parameters."""
@@ -188,11 +183,15 @@ class Effect:
     """Whether what its sensor shows depends on the moment delivered, which `read` then gets after the values."""
 
     delays: ClassVar[bool] = False
-    """Whether it makes every command late by the same time."""
+    """Whether it makes commands late."""
 
     def acts_in(self, dof: Dof) -> bool:
         """Whether it may act in a motion."""
         return True
+
+    def shifts(self, values: Sequence[float]) -> bool:
+        """Whether it makes every command late by the same time, as a logger's convention does."""
+        return self.delays
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -208,8 +207,7 @@ class Effect:
         """Its texts in a motion; without a unit of force that is called the force's unit."""
         unit = force_unit or f"{dof.words.force} unit"
         parameters = tuple(
-            ParameterCard(p.name_in(dof), dof.fill(p.meaning), dof.unit_in(p.unit, unit))
-            for p in self.parameters
+            ParameterCard(p.name_in(dof), dof.fill(p.meaning), dof.unit_in(p.unit, unit)) for p in self.parameters
         )
         return Card(
             name=self.name,
@@ -242,11 +240,7 @@ class Effect:
     def law_at(self, values: Sequence[float]) -> Law:
         """The law that holds at these values, the first one with the effect's own equation and source."""
         law = self.law(values)
-        return (
-            self.laws[law - 1]
-            if 0 < law <= len(self.laws)
-            else Law(self.equation, self.source, self.mistaken_for)
-        )
+        return self.laws[law - 1] if 0 < law <= len(self.laws) else Law(self.equation, self.source, self.mistaken_for)
 
     def counts(self, parameter: Parameter, values: Sequence[float]) -> bool:
         """Whether a parameter means anything under the law that holds at these values."""
@@ -282,9 +276,7 @@ class Effect:
         """Rate at which the water turns [rad/s], (P, R); water effects only."""
         return 0.0
 
-    def derivatives(
-        self, state: State, states: tuple[Floats, ...], values: tuple[Floats, ...]
-    ) -> tuple[Floats, ...]:
+    def derivatives(self, state: State, states: tuple[Floats, ...], values: tuple[Floats, ...]) -> tuple[Floats, ...]:
         """Time derivative of each of `states`, (P, R)."""
         return ()
 

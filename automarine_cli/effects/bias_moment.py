@@ -1,7 +1,8 @@
 """A constant moment that is not in the log: tether twist, reaction torque of a vertical thruster, steady
 current."""
 
-from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, Place, State
+from automarine_cli.effects.base import ODD, Effect, Parameter, Place, State
+from automarine_cli.quantities import Floats
 
 
 class BiasMoment(Effect):
@@ -14,9 +15,7 @@ class BiasMoment(Effect):
     says = "A constant {force} acts on the vehicle in one direction, commanded or not."
     reveals = "a rest record (the vehicle drifts), and equal {forces} {both_ways} (one {way} {moves} faster)"
     mistaken_for = ("gyro-drift", "thrust-asymmetry", "drag-asymmetry")
-    separated_by = (
-        "a rest record with a second {position} sensor, and pairs of small and large {forces} {both_ways}"
-    )
+    separated_by = "a rest record with a second {position} sensor, and pairs of small and large {forces} {both_ways}"
     source = "Stipanov, Miskovic, Vukic and Barisic (2007), Table 1 read with a constant"
     parity = ODD
     role = "constant"

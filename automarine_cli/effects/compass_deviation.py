@@ -3,7 +3,8 @@
 import numpy as np
 
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import MIXED, Effect, Floats, Law, Parameter, Place
+from automarine_cli.effects.base import MIXED, Effect, Law, Parameter, Place
+from automarine_cli.quantities import Floats
 
 
 class CompassDeviation(Effect):
@@ -17,9 +18,7 @@ class CompassDeviation(Effect):
         Parameter("C", "hard iron, cosine", "{x}", -0.5, 0.5, 0.0),
         Parameter("D", "soft iron, sine", "{x}", -0.3, 0.3, 0.0),
         Parameter("E", "soft iron, cosine", "{x}", -0.3, 0.3, 0.0),
-        Parameter(
-            "law", "what iron", "1", 0.0, 2.0, 0.0, choices=("hard and soft", "hard alone", "soft alone")
-        ),
+        Parameter("law", "what iron", "1", 0.0, 2.0, 0.0, choices=("hard and soft", "hard alone", "soft alone")),
     )
     equation = "psi_m = psi + B sin psi + C cos psi + D sin 2 psi + E cos 2 psi"
     says = "The compass deviates with the heading, the same in both directions and at all moments."

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Law, Parameter, Place, State
+from automarine_cli.effects.base import Effect, Law, Parameter, Place, State
+from automarine_cli.quantities import Floats
 
 CREEP = 0.02  # rad/s within which the sign is smoothed, far below any rate that a step reaches
 
@@ -15,9 +16,7 @@ class CoulombDrag(Effect):
     parameters = (
         Parameter("c", "dry friction {force}", "{force}", 0.0, float("inf"), 0.03),
         Parameter("law", "whether it grows near rest", "1", 0.0, 1.0, 0.0, choices=("the same", "Stribeck")),
-        Parameter(
-            "c_s", "what is more of it at rest", "{force}", 0.0, float("inf"), 0.03, off=0.0, laws=(1,)
-        ),
+        Parameter("c_s", "what is more of it at rest", "{force}", 0.0, float("inf"), 0.03, off=0.0, laws=(1,)),
         Parameter(
             "v_s",
             "{speed} at which that has faded to 1/e",
@@ -32,10 +31,7 @@ class CoulombDrag(Effect):
     )
     equation = "-c sgn({v})"
     says = "A friction {force} of constant size opposes every motion."
-    reveals = (
-        "the ends of coast-downs, which stop in finite time, and small {forces}, which do not start the "
-        "vehicle"
-    )
+    reveals = "the ends of coast-downs, which stop in finite time, and small {forces}, which do not start the vehicle"
     mistaken_for = ("dead-band", "linear-drag")
     separated_by = "a coast-down: Coulomb drag stops it in finite time, a dead-band leaves it alone"
     source = "Olsson et al. (1998), Friction models and friction compensation, European J. Control 4:176"

@@ -1,7 +1,8 @@
 """Surge that turns the vehicle: unequal added masses ahead and abeam (Munk moment)."""
 
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
+from automarine_cli.effects.base import Effect, Parameter, Place, State
+from automarine_cli.quantities import Floats
 
 
 class CrossCoupling(Effect):
@@ -9,9 +10,7 @@ class CrossCoupling(Effect):
 
     name = "cross-coupling"
     place = Place.MOMENT
-    parameters = (
-        Parameter("c", "coupling of surge and yaw rate", "{force} s²/m", -float("inf"), float("inf"), 0.05),
-    )
+    parameters = (Parameter("c", "coupling of surge and yaw rate", "{force} s²/m", -float("inf"), float("inf"), 0.05),)
     equation = "c u r"
     says = "Surge speed couples into yaw."
     reveals = "runs with and without way on, and a track of the position"

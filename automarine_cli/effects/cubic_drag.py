@@ -1,7 +1,8 @@
 """Cubic drag: drag that grows faster than the square, as quadratic coefficients rise with Reynolds number
 or tilt."""
 
-from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
+from automarine_cli.effects.base import Effect, Parameter, Place, State
+from automarine_cli.quantities import Floats
 
 
 class CubicDrag(Effect):

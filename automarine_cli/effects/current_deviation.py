@@ -3,7 +3,8 @@
 import numpy as np
 
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place
+from automarine_cli.effects.base import MIXED, Effect, Parameter, Place
+from automarine_cli.quantities import Floats
 
 
 class CurrentDeviation(Effect):
@@ -14,9 +15,7 @@ class CurrentDeviation(Effect):
     parameters = (
         Parameter("d", "deviation at tau_ref that changes its sign with the {force}", "{x}", -0.5, 0.5, 0.05),
         Parameter("e", "deviation at tau_ref that does not", "{x}", -0.5, 0.5, 0.0),
-        Parameter(
-            "tau_ref", "{force} at which both are told", "{force}", 0.0, float("inf"), 1.0, reference="moment"
-        ),
+        Parameter("tau_ref", "{force} at which both are told", "{force}", 0.0, float("inf"), 1.0, reference="moment"),
     )
     equation = "psi_m = psi + (d tau + e |tau|)/tau_ref"
     says = "The compass is pulled by the thrusters' current."

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place
+from automarine_cli.effects.base import Commands, Effect, Law, Parameter, Place
 from automarine_cli.effects.laws import deliver_by_law
+from automarine_cli.quantities import Floats
 
 EDGE = 0.1
 CUTS = tuple(0.02 * 1.3**i for i in range(14))
@@ -30,16 +31,7 @@ class DeadBand(Effect):
             0.0,
             choices=("the rest", "all", "all, until it stalls"),
         ),
-        Parameter(
-            "stall",
-            "share of the width at which it stalls",
-            "1",
-            0.0,
-            1.0,
-            0.5,
-            scan=(0.3, 0.6),
-            laws=(2,),
-        ),
+        Parameter("stall", "share of the width at which it stalls", "1", 0.0, 1.0, 0.5, scan=(0.3, 0.6), laws=(2,)),
     )
     equation = "{f}_delivered = sgn({f}) max(|{f}| - width, 0)"
     says = "The thrusters give nothing below a smallest {force}."
@@ -87,10 +79,7 @@ def _until_stall(commands: Commands, values: tuple[Floats, ...]) -> Floats:
     starts, goes_on = np.broadcast_arrays(_share(size, width), _share(size, values[2] * width))
     side = np.broadcast_to(np.sign(commands.force), starts.shape)
     passed, before = np.empty(starts.shape), np.broadcast_to(np.sign(commands.before), (*starts.shape[:2], 1))
-    share, last = (
-        np.broadcast_to(_share(np.abs(commands.before), width), before.shape)[..., 0],
-        before[..., 0],
-    )
+    share, last = (np.broadcast_to(_share(np.abs(commands.before), width), before.shape)[..., 0], before[..., 0])
     for m in range(starts.shape[2]):
         share = np.where(side[..., m] == last, np.minimum(goes_on[..., m], share), 0.0)
         passed[..., m] = share = np.maximum(starts[..., m], share)

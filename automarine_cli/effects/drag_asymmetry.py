@@ -1,6 +1,7 @@
 """A hull that drags more turning one way than the other."""
 
-from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, Place, State
+from automarine_cli.effects.base import ODD, Effect, Parameter, Place, State
+from automarine_cli.quantities import Floats
 
 
 class DragAsymmetry(Effect):

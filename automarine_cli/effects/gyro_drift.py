@@ -1,6 +1,7 @@
 """A heading integrated from a gyro with a bias."""
 
-from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, Place
+from automarine_cli.effects.base import ODD, Effect, Parameter, Place
+from automarine_cli.quantities import Floats
 
 
 class GyroDrift(Effect):
@@ -14,8 +15,7 @@ class GyroDrift(Effect):
     reveals = "a rest record: the {position} creeps while the vehicle stands"
     mistaken_for = ("bias-moment", "thrust-asymmetry")
     separated_by = (
-        "a rest record beside a {sensor}: a {rate_sensor} creeps at rest at once, a bias {force} {moves} the "
-        "vehicle"
+        "a rest record beside a {sensor}: a {rate_sensor} creeps at rest at once, a bias {force} {moves} the vehicle"
     )
     source = "Titterton and Weston (2004), Strapdown Inertial Navigation Technology"
     parity = ODD

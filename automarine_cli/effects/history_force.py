@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Law, Parameter, Place, State
+from automarine_cli.effects.base import Effect, Law, Parameter, Place, State
 from automarine_cli.effects.laws import choose
+from automarine_cli.quantities import Floats
 
 TIMES, SHARES = (0.327, 2.62, 39.3), (2.0, 0.752, 0.379)
 """Time constants [s] and sizes of the exponentials whose sum is sqrt(1 s/t) to 4 % from 0.2 to 30 s."""
@@ -20,9 +21,7 @@ class HistoryForce(Effect):
     place = Place.MOMENT
     parameters = (
         Parameter("h", "{force} by change of {speed}", "{force} s{/x}", 0.0, float("inf"), 0.1),
-        Parameter(
-            "T", "time in which it fades", "s", 0.1, 30.0, 2.0, off=2.0, scan=(0.7, 3.0, 12.0), log=True
-        ),
+        Parameter("T", "time in which it fades", "s", 0.1, 30.0, 2.0, off=2.0, scan=(0.7, 3.0, 12.0), log=True),
         Parameter("law", "how it fades", "1", 0.0, 1.0, 0.0, choices=("exponentially", "as 1/sqrt(t)")),
     )
     equation = "-h ({v} - past), T past' = {v} - past"
@@ -57,9 +56,7 @@ class HistoryForce(Effect):
 
         return -h * choose(law, lambda: state.relative - past[0], basset)
 
-    def derivatives(
-        self, state: State, states: tuple[Floats, ...], values: tuple[Floats, ...]
-    ) -> tuple[Floats, ...]:
+    def derivatives(self, state: State, states: tuple[Floats, ...], values: tuple[Floats, ...]) -> tuple[Floats, ...]:
         _, fades, law = values
         behind = [state.relative - past for past in states]
         first = np.where(law > 0, TIMES[0], fades)

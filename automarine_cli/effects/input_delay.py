@@ -1,11 +1,13 @@
 """Commands that act late: serial and CAN links, video, software."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place
+from automarine_cli.effects.base import Commands, Effect, Law, Parameter, Place
 from automarine_cli.effects.laws import deliver_by_law
+from automarine_cli.quantities import Floats
 
 FAR = 10.0  # seconds before the log over which its first command is taken to have held
 
@@ -35,6 +37,10 @@ class InputDelay(Effect):
         ),
     )
     delays = True
+
+    def shifts(self, values: Sequence[float]) -> bool:
+        """Where rises and falls are late apart, either may be on time."""
+        return values[1] == 0.0
 
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         """Mean of the delayed command over each step: the delayed impulse is exact for any delay."""
@@ -69,10 +75,7 @@ def _on_and_off(commands: Commands, values: tuple[Floats, ...]) -> Floats:
     for side in (1.0, -1.0):
         first = np.maximum(side * before, 0.0)
         change = np.diff(np.maximum(side * commands.force, 0.0), axis=2, prepend=first)
-        for late, part, base in (
-            (on, np.maximum(change, 0.0), first),
-            (off, np.minimum(change, 0.0), 0.0 * first),
-        ):
+        for late, part, base in ((on, np.maximum(change, 0.0), first), (off, np.minimum(change, 0.0), 0.0 * first)):
             held = replace(commands, force=base + np.cumsum(part, axis=2), before=base)
             delivered = delivered + side * _late(held, (late,))
     return delivered

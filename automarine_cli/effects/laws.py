@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Floats
+from automarine_cli.effects.base import Commands
+from automarine_cli.quantities import Floats
 
 Deliver = Callable[[Commands, tuple[Floats, ...]], Floats]
 
@@ -20,9 +21,7 @@ def choose(law: Floats, *options: Callable[[], Floats]) -> Floats:
     return found
 
 
-def deliver_by_law(
-    options: Sequence[Deliver], commands: Commands, values: tuple[Floats, ...], law: Floats
-) -> Floats:
+def deliver_by_law(options: Sequence[Deliver], commands: Commands, values: tuple[Floats, ...], law: Floats) -> Floats:
     """What each parameter set's own law delivers, (P, R, M): every law sees the sets that ask for it, and no others."""
     asked = np.unique(law)
     if len(asked) == 1:
@@ -35,8 +34,6 @@ def deliver_by_law(
         def own(x: Floats, here: Floats = here) -> Floats:
             return x[here] if len(x) == len(here) else x
 
-        part = replace(
-            commands, force=own(commands.force), start=own(commands.start), length=own(commands.length)
-        )
+        part = replace(commands, force=own(commands.force), start=own(commands.start), length=own(commands.length))
         delivered[here] = options[round(float(one))](part, tuple(own(value) for value in values))
     return delivered

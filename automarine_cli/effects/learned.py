@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.dofs import DOFS, Dof
-from automarine_cli.effects.base import MIXED, Effect, Floats, Parameter, Place, State
+from automarine_cli.effects.base import MIXED, Effect, Parameter, Place, State
 from automarine_cli.errors import ModelError
-from automarine_cli.quantities import CLOCK, SINCE
+from automarine_cli.quantities import CLOCK, SINCE, Floats
 
 PREFIX = "learned:"
 KNOTS = 10
@@ -68,9 +68,7 @@ def _own(name: str) -> Variable | None:
     if name == TIME:
         return Variable(name, "s", lambda state: state.time, code="state.time")
     if name == CLOCK:
-        return Variable(
-            name, "s", lambda state: state.signals[name], needs=(name,), code=f"state.signals[{name!r}]"
-        )
+        return Variable(name, "s", lambda state: state.signals[name], needs=(name,), code=f"state.signals[{name!r}]")
     if name == SINCE:
         return Variable(
             name, "s", lambda state: state.signals[name], kinds=(GAIN,), needs=(name,),
@@ -88,13 +86,7 @@ def _own(name: str) -> Variable | None:
         )  # fmt: skip
     if moving := those(lambda dof: dof.words.force):
         return Variable(
-            name,
-            "{force}",
-            lambda state: state.delivered,
-            (GAIN,),
-            sized=True,
-            motions=moving,
-            code="state.delivered",
+            name, "{force}", lambda state: state.delivered, (GAIN,), sized=True, motions=moving, code="state.delivered"
         )
     if moving := those(lambda dof: dof.words.travelled):
         return Variable(
@@ -206,8 +198,7 @@ def learned(name: str) -> Effect:
     variable = variable_of(own)
     text = own.replace("{", "{{").replace("}", "}}")
     knots = tuple(
-        Parameter(f"y{k}", f"the curve at knot {k} of {KNOTS}", "1", -np.inf, np.inf, 0.0)
-        for k in range(1, KNOTS + 1)
+        Parameter(f"y{k}", f"the curve at knot {k} of {KNOTS}", "1", -np.inf, np.inf, 0.0) for k in range(1, KNOTS + 1)
     )
     members = {
         "name": name,

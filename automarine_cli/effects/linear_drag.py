@@ -1,6 +1,7 @@
 """Linear drag: laminar friction, dominant at low rates."""
 
-from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
+from automarine_cli.effects.base import Effect, Parameter, Place, State
+from automarine_cli.quantities import Floats
 
 
 class LinearDrag(Effect):

@@ -3,7 +3,8 @@
 import numpy as np
 
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import ODD, Effect, Floats, Parameter, Place, State
+from automarine_cli.effects.base import ODD, Effect, Parameter, Place, State
+from automarine_cli.quantities import Floats
 
 
 class LinearDragAsymmetry(Effect):

@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from automarine_cli.dofs import DOFS
-from automarine_cli.effects.base import Commands, Effect, Floats, Place, State
+from automarine_cli.effects.base import Commands, Effect, Place, State
 from automarine_cli.errors import ModelError
+from automarine_cli.quantities import Floats
 
 VARIABLE = "AUTOMARINE_EFFECTS"
 SETS, RUNS, STEPS = 3, 4, 5
@@ -133,9 +134,7 @@ def _tried(effect: Effect, values: tuple[Floats, ...]) -> dict[str, tuple[Floats
         draw = [random.normal(size=shape) for _ in range(5)]
         flow = [draw[3]] * len(DOFS)
         stored = tuple(np.zeros(shape) for _ in effect.states)
-        state = State(
-            draw[0], draw[1], draw[2], draw[3], draw[4], np.full((RUNS,), 2.0), columns, flow, stored
-        )
+        state = State(draw[0], draw[1], draw[2], draw[3], draw[4], np.full((RUNS,), 2.0), columns, flow, stored)
         moment = effect.moment(state, (*values, *own)) + effect.water_rate(stored, values)
         return {"moment": (np.zeros(shape), np.asarray(moment))}
     spread = tuple(value[..., None] for value in values)

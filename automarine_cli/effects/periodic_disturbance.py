@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import MIXED, Effect, Floats, Law, Parameter, Place, State
+from automarine_cli.effects.base import MIXED, Effect, Law, Parameter, Place, State
+from automarine_cli.quantities import Floats
 
 
 class PeriodicDisturbance(Effect):
@@ -18,15 +19,7 @@ class PeriodicDisturbance(Effect):
         Parameter("A", "amplitude of the sine", "{force}", -float("inf"), float("inf"), 0.03),
         Parameter("B", "amplitude of the cosine", "{force}", -float("inf"), float("inf"), 0.0),
         Parameter("T", "period", "s", 0.3, 20.0, 3.0, scan=tuple(1.0 * 1.04**i for i in range(70)), log=True),
-        Parameter(
-            "phase",
-            "phase at the start of a run",
-            "1",
-            0.0,
-            1.0,
-            0.0,
-            choices=("the same", "its own in each"),
-        ),
+        Parameter("phase", "phase at the start of a run", "1", 0.0, 1.0, 0.0, choices=("the same", "its own in each")),
     )
     equation = "A sin(2 pi t/T) + B cos(2 pi t/T)"
     says = "A {force} comes and goes with a fixed period, as waves or a sloshing pool would make it."
@@ -54,9 +47,6 @@ class PeriodicDisturbance(Effect):
     def moment(self, state: State, values: tuple[Floats, ...]) -> Floats:
         sine, cosine, period, own_phase, own_sine, own_cosine = values
         if own_phase.any():
-            sine, cosine = (
-                np.where(own_phase > 0, own_sine, sine),
-                np.where(own_phase > 0, own_cosine, cosine),
-            )
+            sine, cosine = (np.where(own_phase > 0, own_sine, sine), np.where(own_phase > 0, own_cosine, cosine))
         phase = 2.0 * np.pi * state.time / period
         return sine * np.sin(phase) + cosine * np.cos(phase)

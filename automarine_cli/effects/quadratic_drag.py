@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Parameter, Place, State
+from automarine_cli.effects.base import Effect, Parameter, Place, State
+from automarine_cli.quantities import Floats
 
 
 class QuadraticDrag(Effect):
@@ -10,9 +11,7 @@ class QuadraticDrag(Effect):
 
     name = "quadratic-drag"
     place = Place.MOMENT
-    parameters = (
-        Parameter("{quadratic}", "quadratic {motion} drag", "{force} s²{/x2}", 0.0, float("inf"), 1.0),
-    )
+    parameters = (Parameter("{quadratic}", "quadratic {motion} drag", "{force} s²{/x2}", 0.0, float("inf"), 1.0),)
     equation = "-{quadratic} |{v}| {v}"
     says = "Part of the drag grows with the square of the {rate}."
     reveals = "high {forces}, and the first seconds of coast-downs"

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Floats, Law, Parameter, Place
+from automarine_cli.effects.base import Commands, Effect, Law, Parameter, Place
 from automarine_cli.effects.laws import choose
+from automarine_cli.quantities import Floats
 
 SOFT = (0.9, 1.4, 2.2)
 """Limits at which a soft one is tried, as shares of the largest moment: it bends moments far below it."""
@@ -16,14 +17,7 @@ class Saturation(Effect):
     place = Place.ACTUATOR
     parameters = (
         Parameter(
-            "tau_max",
-            "largest {force}",
-            "{force}",
-            0.0,
-            float("inf"),
-            1.0,
-            off=float("inf"),
-            scan=(0.6, 0.75, 0.9),
+            "tau_max", "largest {force}", "{force}", 0.0, float("inf"), 1.0, off=float("inf"), scan=(0.6, 0.75, 0.9)
         ),
         Parameter("law", "how the limit comes on", "1", 0.0, 1.0, 0.0, choices=("hard", "soft")),
     )

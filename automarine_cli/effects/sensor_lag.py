@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Parameter, Place
+from automarine_cli.effects.base import Effect, Parameter, Place
+from automarine_cli.quantities import Floats
 
 
 class SensorLag(Effect):
@@ -29,9 +30,7 @@ class SensorLag(Effect):
         out = np.empty(shape)
         out[..., 0] = heading[..., 0]
         for m in range(shape[2] - 1):
-            out[..., m + 1] = self.remember(
-                out[..., m], heading[..., m], heading[..., m + 1], step[..., m], (lag,)
-            )
+            out[..., m + 1] = self.remember(out[..., m], heading[..., m], heading[..., m + 1], step[..., m], (lag,))
         return np.where(np.concatenate([np.ones((*shape[:2], 1)), step], axis=2) > 0, out, heading)
 
     def remember(

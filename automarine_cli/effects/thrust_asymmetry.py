@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import ODD, Commands, Effect, Floats, Parameter, Place
+from automarine_cli.effects.base import ODD, Commands, Effect, Parameter, Place
+from automarine_cli.quantities import Floats
 
 
 class ThrustAsymmetry(Effect):
@@ -11,9 +12,7 @@ class ThrustAsymmetry(Effect):
     name = "thrust-asymmetry"
     place = Place.ACTUATOR
     parameters = (
-        Parameter(
-            "a", "half the relative difference of {positive} and {negative} {moves}", "1", -0.9, 0.9, 0.05
-        ),
+        Parameter("a", "half the relative difference of {positive} and {negative} {moves}", "1", -0.9, 0.9, 0.05),
     )
     equation = "{f}_delivered = (1 + a sgn({f})) {f}"
     says = "The same commanded {force} gives more {one_way} than {the_other}."

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Law, Parameter, Place, State
+from automarine_cli.effects.base import Effect, Law, Parameter, Place, State
+from automarine_cli.quantities import Floats
 
 
 class ThrustLoss(Effect):
@@ -13,20 +14,14 @@ class ThrustLoss(Effect):
     place = Place.MOMENT
     parameters = (
         Parameter(
-            "b",
-            "loss of {force} by {speed} and root of {force}",
-            "({force})^1/2 s{/x}",
-            0.0,
-            float("inf"),
-            0.05,
+            "b", "loss of {force} by {speed} and root of {force}", "({force})^1/2 s{/x}", 0.0, float("inf"), 0.05
         ),
         Parameter("law", "when thrust is lost", "1", 0.0, 1.0, 0.0, choices=("both ways", "in advance only")),
     )
     equation = "-b sqrt|{f}| {v}"
     says = "Thrust falls as the {move} feeds the propellers with moving water."
     reveals = (
-        "reversals at speed and coast-downs; nothing at all in steps from rest, where it hides in drag and "
-        "{inertia}"
+        "reversals at speed and coast-downs; nothing at all in steps from rest, where it hides in drag and {inertia}"
     )
     mistaken_for = ("quadratic-drag", "linear-drag")
     separated_by = "coast-downs (no propeller turns) beside steps"

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Floats, Parameter
+from automarine_cli.effects.base import Commands, Parameter
 from automarine_cli.effects.thruster_imbalance import SingleThrusterEffect, each
+from automarine_cli.quantities import Floats
 
 
 class ThrusterDeadBand(SingleThrusterEffect):

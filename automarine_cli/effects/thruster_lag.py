@@ -5,8 +5,9 @@ from functools import partial
 
 import numpy as np
 
-from automarine_cli.effects.base import SLOWLY, Commands, Effect, Floats, Law, Parameter, Place
+from automarine_cli.effects.base import SLOWLY, Commands, Effect, Law, Parameter, Place
 from automarine_cli.effects.laws import deliver_by_law
+from automarine_cli.quantities import Floats
 
 SHORTEST = 1e-6  # s
 Advance = Callable[[Floats, Floats, Floats, tuple[Floats, ...]], tuple[Floats, Floats]]
@@ -22,9 +23,7 @@ class ThrusterLag(Effect):
     place = Place.ACTUATOR
     stage = SLOWLY
     parameters = (
-        Parameter(
-            "T", "time constant; of a slew limit the time to the speed at tau_ref", "s", 0.0, 3.0, 0.15
-        ),
+        Parameter("T", "time constant; of a slew limit the time to the speed at tau_ref", "s", 0.0, 3.0, 0.15),
         Parameter(
             "law",
             "what is slow",
@@ -32,13 +31,7 @@ class ThrusterLag(Effect):
             0.0,
             4.0,
             0.0,
-            choices=(
-                "propeller speed",
-                "thrust",
-                "propeller, faster at speed",
-                "slew limit",
-                "own time as it falls",
-            ),
+            choices=("propeller speed", "thrust", "propeller, faster at speed", "slew limit", "own time as it falls"),
         ),
         Parameter(
             "tau_ref",
@@ -127,9 +120,7 @@ def _own_time_as_it_falls(
     return _relaxed(target, speed, step, np.where(falls, fall * lag, lag), lag)
 
 
-def _relaxed(
-    target: Floats, speed: Floats, step: Floats, lag: Floats, beyond: Floats
-) -> tuple[Floats, Floats]:
+def _relaxed(target: Floats, speed: Floats, step: Floats, lag: Floats, beyond: Floats) -> tuple[Floats, Floats]:
     """First order with the time constant `lag`, and `beyond` after a change of sign."""
     gap = speed - target
     crosses = speed * target < 0
@@ -157,9 +148,7 @@ def _in_thrust(target: Floats, speed: Floats, step: Floats, own: tuple[Floats, .
     return wanted * step - gap * lag * np.expm1(-step / lag), np.sign(after) * np.sqrt(np.abs(after))
 
 
-def _faster_at_speed(
-    target: Floats, speed: Floats, step: Floats, own: tuple[Floats, ...]
-) -> tuple[Floats, Floats]:
+def _faster_at_speed(target: Floats, speed: Floats, step: Floats, own: tuple[Floats, ...]) -> tuple[Floats, Floats]:
     """2 T n_ref n' = n_c |n_c| - n |n|: about a speed n the time constant is T n_ref / n; solved by tan and tanh."""
     pace = 1.0 / (2.0 * own[0] * own[1])
     sign = np.where(target != 0, np.sign(target), np.where(speed < 0, -1.0, 1.0))

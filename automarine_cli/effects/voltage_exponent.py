@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Commands, Effect, Floats, Parameter, Place
+from automarine_cli.effects.base import Commands, Effect, Parameter, Place
+from automarine_cli.quantities import Floats
 
 DEAD = 1e-9  # share of V_ref below which a supply is dead: a power of nothing has no derivative
 
@@ -14,15 +15,7 @@ class VoltageExponent(Effect):
     place = Place.ACTUATOR
     parameters = (
         Parameter("p", "exponent of thrust against voltage", "1", 0.0, 4.0, 1.2),
-        Parameter(
-            "V_ref",
-            "voltage at which the {force} is as commanded",
-            "V",
-            0.0,
-            1000.0,
-            12.0,
-            reference="voltage",
-        ),
+        Parameter("V_ref", "voltage at which the {force} is as commanded", "V", 0.0, 1000.0, 12.0, reference="voltage"),
     )
     equation = "{f}_delivered = {f} (V / V_ref)^p"
     says = "Thrust follows the supply voltage."

@@ -3,8 +3,9 @@
 import numpy as np
 
 from automarine_cli.dofs import Dof
-from automarine_cli.effects.base import MIXED, Effect, Floats, Law, Parameter, Place, State
+from automarine_cli.effects.base import MIXED, Effect, Law, Parameter, Place, State
 from automarine_cli.effects.laws import choose
+from automarine_cli.quantities import Floats
 
 
 class Wall(Effect):

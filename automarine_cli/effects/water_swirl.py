@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from automarine_cli.effects.base import Effect, Floats, Law, Parameter, Place, State
+from automarine_cli.effects.base import Effect, Law, Parameter, Place, State
 from automarine_cli.effects.laws import choose
+from automarine_cli.quantities import Floats
 
 
 class WaterSwirl(Effect):
@@ -19,9 +20,7 @@ class WaterSwirl(Effect):
     place = Place.WATER
     parameters = (
         Parameter("chi", "share of the {rate} that the water reaches", "1", 0.0, 0.9, 0.15),
-        Parameter(
-            "T_w", "time constant of the water", "s", 0.5, 200.0, 10.0, scan=(2.5, 10.0, 40.0), log=True
-        ),
+        Parameter("T_w", "time constant of the water", "s", 0.5, 200.0, 10.0, scan=(2.5, 10.0, 40.0), log=True),
         Parameter(
             "law",
             "what stirs the water, and how it calms",
@@ -49,15 +48,7 @@ class WaterSwirl(Effect):
             laws=(3,),
         ),
         Parameter(
-            "calm",
-            "time to calm, as a multiple of T_w",
-            "1",
-            0.05,
-            20.0,
-            1.0,
-            scan=(0.4, 2.5),
-            log=True,
-            laws=(5,),
+            "calm", "time to calm, as a multiple of T_w", "1", 0.05, 20.0, 1.0, scan=(0.4, 2.5), log=True, laws=(5,)
         ),
     )
     equation = "drag on s = {v} - {water}, T_w {water}' = chi s - (1 - chi) {water}"
@@ -102,9 +93,7 @@ class WaterSwirl(Effect):
     def water_rate(self, states: tuple[Floats, ...], values: tuple[Floats, ...]) -> Floats:
         return states[0]
 
-    def derivatives(
-        self, state: State, states: tuple[Floats, ...], values: tuple[Floats, ...]
-    ) -> tuple[Floats, ...]:
+    def derivatives(self, state: State, states: tuple[Floats, ...], values: tuple[Floats, ...]) -> tuple[Floats, ...]:
         chi, lag, law, largest, calm = values
         slip, (water,) = state.relative, states
         kept = (1.0 - chi) * water

@@ -19,10 +19,7 @@ from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.thrusters.map import ThrusterMap
 
-FRAMES = {
-    "NED": "NED world, body x ahead, y starboard, z down",
-    "ENU": "ENU world, body x ahead, y port, z up",
-}
+FRAMES = {"NED": "NED world, body x ahead, y starboard, z down", "ENU": "ENU world, body x ahead, y port, z up"}
 TURNS = {
     "NED": "from north, positive clockwise seen from above",
     "ENU": "from east, positive anticlockwise seen from above",

@@ -56,9 +56,7 @@ def _signs(subject: YawSubject) -> str:
     )
 
 
-def _rows(
-    subject: YawSubject, entry: Mapping[str, Any], data: Mapping[str, Any]
-) -> Iterator[tuple[str, ...]]:
+def _rows(subject: YawSubject, entry: Mapping[str, Any], data: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     """One row a parameter; uncertainties turn with the frame and the unit as the values do."""
     factor, dof = subject.settings.newton_metres_per_nu or 1.0, subject.dof
     inertia = [x * factor for x in _told(entry.get(dof.symbols.inertia))]
@@ -79,9 +77,7 @@ def _rows(
             value = term.values[i]
             spread, ends = abs(told[1][i]), sorted((told[2][i], told[3][i]))
             law = f": {p.choices[int(value)]}" if p.choices else ""
-            yield _row(
-                f"{term.name} {told_of.name}", told_of.meaning + law, [value, spread, *ends], told_of.unit
-            )
+            yield _row(f"{term.name} {told_of.name}", told_of.meaning + law, [value, spread, *ends], told_of.unit)
 
 
 def _turned(subject: YawSubject, term: Term, column: list[float]) -> tuple[float, ...]:
@@ -153,9 +149,7 @@ def _effects(subject: YawSubject) -> str:
 def _logs(subject: YawSubject, data: Mapping[str, Any]) -> str:
     """Hashes of the logs, and of the model that this one grew from."""
     parent = _mapping(data.get("parent"))
-    grew = (
-        f"Grew from {_code(parent.get('file'))}, SHA-256 {_code(parent.get('sha256'))}.\n\n" if parent else ""
-    )
+    grew = f"Grew from {_code(parent.get('file'))}, SHA-256 {_code(parent.get('sha256'))}.\n\n" if parent else ""
     if subject.logs is None:
         return f"{grew}{NO_LOGS}\n"
     return grew + Table("", ("log", "SHA-256"), subject.logs).to_markdown()

@@ -46,9 +46,7 @@ def write(subject: YawSubject) -> Written:
         dot: -added if subject.form == DERIVATIVE else 0.0,
     }
     shown = "".join(
-        f"      <{tag}>{number(value)}</{tag}>\n"
-        for i, (tag, value) in enumerate(tags.items())
-        if value or i < 2
+        f"      <{tag}>{number(value)}</{tag}>\n" for i, (tag, value) in enumerate(tags.items()) if value or i < 2
     )
     fluid = f"        <fluid_added_mass>\n          <{entry}>{number(added)}</{entry}>\n        </fluid_added_mass>\n"
     notes = (
@@ -96,9 +94,7 @@ def write_planar(subject: PlanarSubject) -> Written:
         )
     rigid = rigid_of(subject)
     added = subject.inertia - rigid.matrix
-    fluid = "".join(
-        f"          <{tag}>{number(added[i, j])}</{tag}>\n" for tag, i, j in ENTRIES if added[i, j]
-    )
+    fluid = "".join(f"          <{tag}>{number(added[i, j])}</{tag}>\n" for tag, i, j in ENTRIES if added[i, j])
     tags = []
     for _, places, value in subject.drags():
         letters = [VELOCITIES[one].upper() for one in places[1:]]

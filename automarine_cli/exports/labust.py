@@ -4,16 +4,7 @@ The uncoupled model steps (Io + Ma) r' = tau - (linear_damping + quadratic_dampi
 labust_sim/config/model_example.yaml and labust_sim/src/labust_sim/RBModel.cpp of that package.
 """
 
-from automarine_cli.exports.base import (
-    Target,
-    Written,
-    YawSubject,
-    at_place,
-    commented,
-    head,
-    number,
-    row,
-)
+from automarine_cli.exports.base import Target, Written, YawSubject, at_place, commented, head, number, row
 
 
 def write(subject: YawSubject) -> Written:
@@ -23,9 +14,7 @@ def write(subject: YawSubject) -> Written:
     rigid, added = subject.inertias
     linear, quadratic = subject.value("linear-drag"), subject.value("quadratic-drag")
     own = "inertia_matrix" if turns else "mass"
-    equation = (
-        f"({own} + added_mass) {r}' = {subject.force} - linear_damping {r} - quadratic_damping |{r}| {r}"
-    )
+    equation = f"({own} + added_mass) {r}' = {subject.force} - linear_damping {r} - quadratic_damping |{r}| {r}"
     first = f"inertia_matrix: [{row([1.0, 1.0, rigid], ', ')}]" if turns else f"mass: {number(rigid)}"
     text = f"""{first}
 added_mass: [{row(at_place(added, index), ", ")}]

@@ -12,17 +12,7 @@ Control, section 6.5; MSS, CRAFT/USV/models/otter.m.
 """
 
 from automarine_cli import effects
-from automarine_cli.exports.base import (
-    DRAG,
-    Planar,
-    Target,
-    Written,
-    YawSubject,
-    commented,
-    head,
-    number,
-    plain,
-)
+from automarine_cli.exports.base import DRAG, Planar, Target, Written, YawSubject, commented, head, number, plain
 from automarine_cli.exports.planar import PlanarSubject
 from automarine_cli.models.planar import VELOCITIES
 
@@ -55,9 +45,7 @@ def write(subject: YawSubject) -> Written:
     signs = f"Signs: derivatives of the hydrodynamic {words.force}; damping and added {words.inertia} are negative."
     notes = (signs, subject.about_inertia())
     sign, end = ("%", ";") if subject.form == "matlab" else ("#", "")
-    lines = "".join(
-        f"{name} = {number(value)}{end}  {sign} {unit}, {told}\n" for name, value, unit, told in rows
-    )
+    lines = "".join(f"{name} = {number(value)}{end}  {sign} {unit}, {told}\n" for name, value, unit, told in rows)
     return Written(commented(head(subject, equation, notes), sign) + lines, notes)
 
 

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli import __version__
 from automarine_cli.dofs.motion import PLANAR
@@ -16,8 +15,7 @@ from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import FRAMES, LeftOut, Origin, Settings, number
 from automarine_cli.models.planar import FORCES, VELOCITIES, Inertia, PlanarModel
 from automarine_cli.models.yaw_model import Term
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 LINEAR, QUADRATIC, CONSTANT = "linear-drag", "quadratic-drag", "bias-moment"
 CARRIED = frozenset({LINEAR, QUADRATIC, CONSTANT})
@@ -70,9 +68,7 @@ class PlanarSubject:
         if self.water is None:
             return ()
         north, east = (number(one) for one in self.water)
-        return (
-            f"The runs had a current of {north} m/s north and {east} m/s east; it is no part of the vehicle.",
-        )
+        return (f"The runs had a current of {north} m/s north and {east} m/s east; it is no part of the vehicle.",)
 
 
 def planar_subject(
@@ -127,10 +123,7 @@ def rigid_of(subject: PlanarSubject) -> Inertia:
             "weigh on the vehicle: give the vehicle's with --rigid-mass and --rigid-inertia"
         )
     (m_u, m_v, inertia) = np.diag(subject.inertia)
-    for option, found, most in (
-        ("--rigid-mass", mass, min(m_u, m_v)),
-        ("--rigid-inertia", turning, inertia),
-    ):
+    for option, found, most in (("--rigid-mass", mass, min(m_u, m_v)), ("--rigid-inertia", turning, inertia)):
         if not 0 < found <= most:
             raise SettingError(
                 f"{option}: found {found:g}, expected more than 0 and no more than {most:.6g}, the total of rigid and "

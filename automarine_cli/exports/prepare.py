@@ -57,9 +57,7 @@ def motion_by_schema(data: Mapping[str, Any]) -> Dof:
     return next((one for name, one in DOFS.items() if schema.startswith(f"automarine/{name}-model/")), YAW)
 
 
-def split(
-    target: Target, model: YawModel, settings: Settings
-) -> tuple[tuple[Term, ...], tuple[LeftOut, ...]]:
+def split(target: Target, model: YawModel, settings: Settings) -> tuple[tuple[Term, ...], tuple[LeftOut, ...]]:
     """Terms that the target carries, and the others; an effect that is switched off is nobody's loss."""
     dof = model.dof
     live = sorted(filter(_matters, _merged(model.terms)), key=lambda term: effects.get(term.name).stage)
@@ -78,20 +76,14 @@ def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
         return ""
     if term.name in carried:
         law = effect.law(term.values)
-        known = (
-            not law or target.laws is None or (term.name, law) in target.laws or effect.varies(term.values)
-        )
+        known = not law or target.laws is None or (term.name, law) in target.laws or effect.varies(term.values)
         return "" if known else f"its law {_law_name(term)!r} remembers earlier commands"
     named = WHY_NAMED | dict(target.why)
     if dof.has_constant and term.name == "bias-moment":
         return WHY_CONSTANT
     if term.name in named:
         return named[term.name]
-    return (
-        f"it needs the logged {listed(effect.columns)}"
-        if effect.columns
-        else dof.fill(WHY[effect.place.value])
-    )
+    return f"it needs the logged {listed(effect.columns)}" if effect.columns else dof.fill(WHY[effect.place.value])
 
 
 def _law_name(term: Term) -> str:
@@ -161,6 +153,4 @@ def refuse_unused(target: Target, settings: Settings) -> None:
         if name not in target.uses and name != "allow_partial":
             users = [one for one in targets.names() if name in targets.get(one).uses]
             option = f"--{name.replace('_', '-')}"
-            raise SettingError(
-                f"{option} means nothing to {target.name}; it is for {listed(users)}, so leave it out"
-            )
+            raise SettingError(f"{option} means nothing to {target.name}; it is for {listed(users)}, so leave it out")

@@ -101,11 +101,7 @@ def total(subject: YawSubject, moments: list[str]) -> list[str]:
     """The sum of moments, in one line or one line a term."""
     force, word = subject.force, subject.dof.words.force
     line = " ".join([f"{word} = {force}", *moments])
-    return (
-        [line]
-        if len(line) < WIDE
-        else [f"{word} = (", f"    {force}", *(f"    {one}" for one in moments), ")"]
-    )
+    return [line] if len(line) < WIDE else [f"{word} = (", f"    {force}", *(f"    {one}" for one in moments), ")"]
 
 
 def equation(subject: YawSubject) -> str:
@@ -153,9 +149,7 @@ def constants(subject: YawSubject, term: Term) -> str:
     effect = effects.get(term.name)
     if isinstance(effect, Learned):
         return curve_constants(term.values, effect.variable)
-    lines = zip(
-        effect.parameters, effect.card(subject.dof, subject.model.moment_unit).parameters, term.values
-    )
+    lines = zip(effect.parameters, effect.card(subject.dof, subject.model.moment_unit).parameters, term.values)
     return "".join(
         f"{constant(subject, term, p)} = {number(value)}  # {plain(told.unit)}: {plain(told.meaning)}\n"
         for p, told, value in lines

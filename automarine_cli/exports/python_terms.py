@@ -50,8 +50,7 @@ LINES: Mapping[str, Lines] = {
     "heading-moment": Lines(moment="+ {b} * np.sin({x}) + {c} * np.cos({x})"),
     "thrust-loss": Lines(moment="- {b} * abs({F}) ** 0.5 * {v}"),
     "periodic-disturbance": Lines(
-        command=("phase = 2 * np.pi * (t - time[0]) / {T}",),
-        moment="+ {A} * np.sin(phase) + {B} * np.cos(phase)",
+        command=("phase = 2 * np.pi * (t - time[0]) / {T}",), moment="+ {A} * np.sin(phase) + {B} * np.cos(phase)"
     ),
     "wall": Lines(moment="- ({p} * np.cos(2 * {x}) + {q} * np.sin(2 * {x})) * abs(s) * s"),
     "history-force": Lines(moment="- {h} * (s - past)", state=("past_dot = (s - past) / {T}",)),
@@ -92,11 +91,7 @@ SETTLE = 0.02  # s in which a speed under a slew limit settles on the one that i
 
 LAWS: Mapping[tuple[str, int], Lines] = {
     ("battery-sag", 1): Lines(
-        command=(
-            FRESH,
-            "load_dot = (abs({F}) / {tau_ref} - load) / {T_V}",
-            "{F} = {F} * fresh * (1.0 - {load} * load)",
-        )
+        command=(FRESH, "load_dot = (abs({F}) / {tau_ref} - load) / {T_V}", "{F} = {F} * fresh * (1.0 - {load} * load)")
     ),
     ("battery-sag", 2): Lines(
         command=(
@@ -111,9 +106,7 @@ LAWS: Mapping[tuple[str, int], Lines] = {
         moment=f"- ({{c}} + {{c_s}} * np.exp(-(({{v}} / {{v_s}}) ** 2))) * np.tanh({{v}} / {CREEP})"
     ),
     ("dead-band", 1): Lines(
-        command=(
-            f"{{F}} = {{F}} * min(max((abs({{F}}) - {{width}}) / ({2 * EDGE:g} * {{width}}) + 0.5, 0.0), 1.0)",
-        )
+        command=(f"{{F}} = {{F}} * min(max((abs({{F}}) - {{width}}) / ({2 * EDGE:g} * {{width}}) + 0.5, 0.0), 1.0)",)
     ),
     ("history-force", 1): Lines(
         moment="- {h} * (" + " + ".join(f"{share:.6g} * (s - {past})" for past, _, share in BASSET) + ")",
@@ -146,12 +139,8 @@ LAWS: Mapping[tuple[str, int], Lines] = {
     ("wall", 1): Lines(moment="- ({p_f} * np.cos(2 * {x}) + {q_f} * np.sin(2 * {x})) * {F}"),
     ("water-swirl", 1): Lines(state=("water_dot = ({chi} * abs(s) * s - (1.0 - {chi}) * water) / {T_w}",)),
     ("water-swirl", 2): Lines(state=("water_dot = ({chi} * abs({v}) * s - (1.0 - {chi}) * water) / {T_w}",)),
-    ("water-swirl", 3): Lines(
-        state=("water_dot = ({chi} * {F} / {tau_ref} - (1.0 - {chi}) * water) / {T_w}",)
-    ),
-    ("water-swirl", 4): Lines(
-        state=("water_dot = ({chi} * abs(s) * s - (1.0 - {chi}) * abs(water) * water) / {T_w}",)
-    ),
+    ("water-swirl", 3): Lines(state=("water_dot = ({chi} * {F} / {tau_ref} - (1.0 - {chi}) * water) / {T_w}",)),
+    ("water-swirl", 4): Lines(state=("water_dot = ({chi} * abs(s) * s - (1.0 - {chi}) * abs(water) * water) / {T_w}",)),
     ("water-swirl", 5): Lines(
         state=(
             "pull = {chi} * s - (1.0 - {chi}) * water",

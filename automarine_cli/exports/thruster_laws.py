@@ -8,9 +8,9 @@ import numpy as np
 
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import MapSubject, number
+from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.forms import Curve, thrust_both_ways
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.points import Floats
 
 GRID = 2001  # control signals at which a law is compared with the map
 CLOSE = 1e-3  # of the full scale: nearer than any bollard test tells
@@ -43,9 +43,7 @@ def largest_signal(subject: MapSubject) -> float:
         limits = [curve.n_sat for curve in curves if curve.n_sat is not None]
         if limits:
             return max(limits)
-        raise SettingError(
-            f"{subject.origin.file} does not tell how far the thruster was driven; give --n-max"
-        )
+        raise SettingError(f"{subject.origin.file} does not tell how far the thruster was driven; give --n-max")
     return min(_signal(curve, subject.full_scale) for curve in curves)
 
 
@@ -68,9 +66,7 @@ def square_side(curve: Curve | None, n_max: float, *, with_dead_band: bool) -> S
 
 def both_sides(subject: MapSubject, n_max: float) -> Side:
     """One law for both directions, by least squares on the thrust of both."""
-    sides = [
-        square_side(c, n_max, with_dead_band=False) for c in (subject.map.forward, subject.map.backward) if c
-    ]
+    sides = [square_side(c, n_max, with_dead_band=False) for c in (subject.map.forward, subject.map.backward) if c]
     return Side(float(np.mean([side.k for side in sides])), 0.0, n_max)
 
 

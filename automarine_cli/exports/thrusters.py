@@ -38,7 +38,7 @@ from automarine_cli.exports.thruster_laws import (
     top,
     worst,
 )
-from automarine_cli.thrusters.points import Floats
+from automarine_cli.quantities import Floats
 
 TABLES = {
     "constants": "stonefish-table or uuv-table",
@@ -74,12 +74,9 @@ def write(subject: MapSubject) -> Written:
         return _gz(subject, notes, n_max)
     bands = subject.form != "constants"
     ahead, astern = (
-        square_side(curve, n_max, with_dead_band=bands)
-        for curve in (subject.map.forward, subject.map.backward)
+        square_side(curve, n_max, with_dead_band=bands) for curve in (subject.map.forward, subject.map.backward)
     )
-    notes += _error(
-        subject, lambda n: ahead.thrust(np.maximum(n, 0)) - astern.thrust(np.maximum(-n, 0)), n_max
-    )
+    notes += _error(subject, lambda n: ahead.thrust(np.maximum(n, 0)) - astern.thrust(np.maximum(-n, 0)), n_max)
     values = {
         "k_pos": number(ahead.k), "k_neg": number(astern.k), "upper": number(ahead.d), "lower": number(-astern.d),
         "n_pos": number(ahead.limit), "n_neg": number(-astern.limit),
@@ -112,9 +109,7 @@ def _error(subject: MapSubject, law: Callable[[Floats], Floats], n_max: float) -
 def _gz(subject: MapSubject, notes: list[str], n_max: float) -> Written:
     """Gazebo's law has one coefficient; with two it would need another plugin."""
     if subject.settings.lag is not None:
-        raise SettingError(
-            "--lag means nothing to gz-thruster, whose thrust follows the command at once; leave it out"
-        )
+        raise SettingError("--lag means nothing to gz-thruster, whose thrust follows the command at once; leave it out")
     side = both_sides(subject, n_max)
     law: Callable[[Floats], Floats] = lambda n: np.sign(n) * side.thrust(np.abs(n))  # noqa: E731
     off, full = worst(subject.map, law, n_max), top(subject.map, n_max)
@@ -239,9 +234,7 @@ TARGET = Target(
     name="thrusters",
     says="a thruster map: constants, Stonefish, uuv_simulator or Gazebo",
     source="see each form's own: stonefish.readthedocs.io, gazebosim.org/api/sim/9, uuv_gazebo_plugins",
-    forms={
-        form: ".py" if form == "constants" else ".sdf" if form == "gz-thruster" else ".xml" for form in BODIES
-    },
+    forms={form: ".py" if form == "constants" else ".sdf" if form == "gz-thruster" else ".xml" for form in BODIES},
     carries=frozenset(),
     si=False,
     uses=frozenset({"symmetrise", "n_max", "lag"}),

@@ -6,17 +6,7 @@ gazebo::HMFossen; uuv_gazebo_plugins/src/HydrodynamicModel.cc. Controllers: (izz
 quad_damping |r| r (uuv_control_interfaces/vehicle.py, which turns Gazebo's rates into SNAME's; odd drag is the same).
 """
 
-from automarine_cli.exports.base import (
-    Target,
-    Written,
-    YawSubject,
-    at_place,
-    commented,
-    head,
-    number,
-    row,
-    xml_comment,
-)
+from automarine_cli.exports.base import Target, Written, YawSubject, at_place, commented, head, number, row, xml_comment
 
 
 def write(subject: YawSubject) -> Written:

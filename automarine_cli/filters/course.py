@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Commands
 from automarine_cli.filters.nodes import nodes_of, readings_of, step_of
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
-
-Floats = NDArray[np.float64]
 
 FINEST = 0.05
 """Shortest time [s] over which a command is held as it is; those of faster logs are averaged over that."""
@@ -251,7 +250,5 @@ def _fastest(runs: Sequence[Run], position: str) -> float:
         if have.sum() < 2:
             continue
         grid = np.arange(run.time[0], run.time[-1], 1.0)
-        found = max(
-            found, float(np.abs(np.diff(np.interp(grid, run.time[have], read[have]))).max(initial=0.0))
-        )
+        found = max(found, float(np.abs(np.diff(np.interp(grid, run.time[have], read[have]))).max(initial=0.0)))
     return found

@@ -16,13 +16,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.states import States, Step
 from automarine_cli.models.vehicle import Vehicle
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 FAR = 5.0
 """Standard deviations beyond which an innovation counts linearly, and its reading as noisier than the others."""
@@ -64,9 +62,9 @@ class Followed:
         read = self.variance > 0
         z = np.abs(self.innovation) / np.sqrt(np.where(read, self.variance, 1.0))
         square = np.where(z <= FAR, np.minimum(z, FAR) ** 2, FAR * (2.0 * z - FAR))
-        return -0.5 * np.where(
-            read, square + np.log(2 * np.pi * np.where(read, self.variance, 1.0)), 0.0
-        ).sum(axis=(0, 3))
+        return -0.5 * np.where(read, square + np.log(2 * np.pi * np.where(read, self.variance, 1.0)), 0.0).sum(
+            axis=(0, 3)
+        )
 
 
 def follow(model: Vehicle, course: Course, theta: Floats, noises: Noises, keep: bool = False) -> Followed:

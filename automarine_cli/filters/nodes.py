@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs.motion import Motion
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
-
-Floats = NDArray[np.float64]
 
 STEP, LEAST_STEP = 0.25, 0.1
 """Longest step of the filter [s] where readings hang together; and the shortest, where each tells something new: a
@@ -59,9 +58,7 @@ def nodes_of(run: Run, step: float, quantities: Sequence[str]) -> Floats:
     return np.append(run.time[kept][which] + order * (gaps / count)[which], run.time[-1])
 
 
-def readings_of(
-    time: Floats, read: Floats, node: Floats, floor: float
-) -> tuple[NDArray[np.int64], Floats, float]:
+def readings_of(time: Floats, read: Floats, node: Floats, floor: float) -> tuple[NDArray[np.int64], Floats, float]:
     """Which nodes have a reading, the readings, and their noise, of which less than `floor` is a filter's."""
     fresh = _fresh(read)
     noise = position_noise(time[fresh], read[fresh])

@@ -15,9 +15,8 @@ from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Noises, follow
 from automarine_cli.filters.states import Step
 from automarine_cli.models.vehicle import Vehicle
+from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
-
-Floats = NDArray[np.float64]
 
 HORIZONS = (2.0, 5.0, 15.0)
 """Seconds ahead."""

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from automarine_cli.effects import Place
 from automarine_cli.filters.course import Course
 from automarine_cli.models.vehicle import Bound, Vehicle, actuators
+from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 from automarine_cli.simulation.plane import in_body_axes
 from automarine_cli.simulation.rollout import right_hand_side
-
-Floats = NDArray[np.float64]
 
 SMALL = 1e-3
 """Least difference [rad, m, per s] by which a state is moved to see what depends on it."""
@@ -105,9 +104,7 @@ class Step:
         self._model, self._theta = model, theta
         count = len(self.columns)
         self._ahead, self._behind = 1 + np.arange(count), 1 + count + np.arange(count)
-        self._least = (
-            np.array([SHARE if c == places.gain else SMALL for c in self.columns])[:, None, None] ** 2
-        )
+        self._least = np.array([SHARE if c == places.gain else SMALL for c in self.columns])[:, None, None] ** 2
         self._build(model, theta, 1 + 2 * count, self.origin)
 
     def _bound(self, term: Bound) -> Bound:
@@ -122,9 +119,7 @@ class Step:
         own = copy(self)
         own.course, own.runs = cut, len(run)
         own.delivered, own.tilt = (x[:, :, run[:, None], at] for x in (self.delivered, self.tilt))
-        own.clock = begin[:, None] + np.concatenate(
-            [0.0 * begin[:, None], np.cumsum(cut.length, axis=1)], axis=1
-        )
+        own.clock = begin[:, None] + np.concatenate([0.0 * begin[:, None], np.cumsum(cut.length, axis=1)], axis=1)
         own.signals = {name: column[run[:, None], at] for name, column in self.signals.items()}
         own._build(self._model, self._theta, 1, self.origin[:, run])
         return own
@@ -133,9 +128,7 @@ class Step:
         """The right-hand side for so many copies of every run."""
         wide = np.tile(theta, (copies, 1))
         self._copies = copies
-        self._own = {
-            name: np.zeros((len(group), len(wide), self.runs)) for name, group in self.places.own.items()
-        }
+        self._own = {name: np.zeros((len(group), len(wide), self.runs)) for name, group in self.places.own.items()}
         terms = model.forces(wide)
         movers = [self._bound(term) for term in terms if term.effect.place in (Place.MOMENT, Place.WATER)]
         self._slow = [t for t in terms if t.effect.place is Place.SENSOR and t.effect.remembers]

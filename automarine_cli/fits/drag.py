@@ -16,15 +16,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.models.yaw_model import base_roles, main_drag
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 WITH_CONSTANT, C = "3+c", "c"
 """The reading of Table 1 with a constant moment, and what it is called there."""
@@ -62,9 +60,7 @@ class DragFit:
         goes."""
         return self.acting_with(moment, [e.value for e in self.estimates.values()])
 
-    def acting_with(
-        self, moment: Floats, values: Iterable[float]
-    ) -> tuple[Floats, Floats | float, Floats | float]:
+    def acting_with(self, moment: Floats, values: Iterable[float]) -> tuple[Floats, Floats | float, Floats | float]:
         """The same with other values, in the order of the estimates."""
         own, symbols = dict(zip(self.estimates, values)), self.dof.symbols
         linear, quadratic = own.get(symbols.linear, 0.0), own.get(symbols.quadratic, 0.0)
@@ -116,12 +112,7 @@ def columns_of(model: str, dof: Dof, sided: bool = False) -> tuple[str, ...]:
 
 def regressors(rate: Floats, model: str, columns: Sequence[str]) -> Floats:
     """Regressor columns (R, p) of a drag model for steady rates (R,) [rad/s]."""
-    known = {
-        "quadratic": np.abs(rate) * rate,
-        "linear": rate,
-        C: np.ones_like(rate),
-        "constant": -np.ones_like(rate),
-    }
+    known = {"quadratic": np.abs(rate) * rate, "linear": rate, C: np.ones_like(rate), "constant": -np.ones_like(rate)}
     known["difference"] = np.abs(rate) if model == "1" else rate**2
     return np.stack([known[name] for name in columns], axis=1)
 
@@ -173,9 +164,7 @@ def fit_drag_by_way(
     except FitError:
         return fit_drag(moment, rate, model, moment_unit, dof, variance=variance)
     low, high = apart.estimates[dof.symbols.difference].ci95
-    return (
-        apart if low > 0 or high < 0 else fit_drag(moment, rate, model, moment_unit, dof, variance=variance)
-    )
+    return apart if low > 0 or high < 0 else fit_drag(moment, rate, model, moment_unit, dof, variance=variance)
 
 
 def fit_drag(
@@ -201,9 +190,7 @@ def fit_drag(
             f"has drag terms ({count}); there are {points} at {sizes}: run more {dof.words.force}s"
         )
     plain = sums(moment, rate, 0.0, model, columns)
-    variance = np.broadcast_to(variance, rate.shape) * _credible(
-        plain, moment, rate, variance, model, columns
-    )
+    variance = np.broadcast_to(variance, rate.shape) * _credible(plain, moment, rate, variance, model, columns)
     kept = sums(moment, rate, variance, model, columns)
     values, inverse = kept.solve()
     without = plain.solve()[0]

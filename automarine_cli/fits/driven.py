@@ -13,10 +13,9 @@ from automarine_cli.filters.course import Course, make_course
 from automarine_cli.fits.innovations import fit_innovations
 from automarine_cli.fits.innovations_problem import DrivenProblem, randomness
 from automarine_cli.models.yaw_model import YawModel, base_roles
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import segments
-
-Floats = NDArray[np.float64]
 
 INERTIAS, DRAGS = (0.3, 1.0, 3.0), (0.3, 1.0, 3.0)
 """Shares of rough values from which fits of a base model start."""
@@ -44,7 +43,7 @@ def driven_problem(
     for term in model.terms:
         effect = effects.get(term.name)
         for parameter, value, held in zip(effect.parameters, term.values, effect.held(term.values)):
-            lower = max(parameter.lower, least_delay if effect.delays and not term.own else -np.inf)
+            lower = max(parameter.lower, least_delay if effect.shifts(term.values) and not term.own else -np.inf)
             slow = slowest if parameter.scan and effect.varies(term.values) else np.inf
             bounds.append((value, value) if held else (lower, min(parameter.upper, slow)))
             positive.append(parameter.log)
@@ -73,9 +72,7 @@ def wanted_effects(names: Sequence[str], dof: Dof) -> tuple[str, ...]:
     ]  # fmt: skip
     for name in names:
         if name not in may:
-            raise SettingError(
-                f"with is {name!r}; expected effects such as {', '.join(may)}, with commas between"
-            )
+            raise SettingError(f"with is {name!r}; expected effects such as {', '.join(may)}, with commas between")
     return tuple(dict.fromkeys(names))
 
 
@@ -96,9 +93,7 @@ def base_starts(problem: DrivenProblem) -> Floats:
 def starts_near(problem: DrivenProblem, thetas: Sequence[Floats], random: dict[str, float]) -> Floats:
     """Starts (S, p) from values of the model's parameters and what is known of the random ones."""
     rest = [random.get(one.name, one.median) for one in problem.random]
-    return np.clip(
-        np.array([[*theta, *rest] for theta in thetas]), problem.bounds[:, 0], problem.bounds[:, 1]
-    )
+    return np.clip(np.array([[*theta, *rest] for theta in thetas]), problem.bounds[:, 0], problem.bounds[:, 1])
 
 
 def stepped(run: Run) -> bool:

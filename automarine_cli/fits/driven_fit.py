@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
@@ -17,8 +16,7 @@ from automarine_cli.fits.innovations import InnovationsFit, fit_innovations
 from automarine_cli.fits.innovations_problem import DrivenProblem
 from automarine_cli.fits.output_error import OutputErrorFit, estimate_of, run_covariance, run_dof
 from automarine_cli.models.yaw_model import YawModel, base_names, base_roles, main_drag
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 SLOWEST, QUICKEST = 600.0, 1e-3
 """Seconds in which no vehicle answers its thrusters, or has answered them: inertia over the drag at the largest
@@ -66,11 +64,7 @@ class Worth:
 
 
 def fit_driven(
-    course: Course,
-    rough: YawModel,
-    number: str,
-    sided: bool = False,
-    with_effects: Sequence[str] = (),
+    course: Course, rough: YawModel, number: str, sided: bool = False, with_effects: Sequence[str] = ()
 ) -> OutputErrorFit:
     """Fit one model to driven runs, from `rough` values; `with_effects` names what it has beside its drag.
 
@@ -149,9 +143,7 @@ def _outcome(problem: DrivenProblem, found: InnovationsFit, number: str, sided: 
     )
 
 
-def _ratio(
-    found: InnovationsFit, covariance: Floats, i: int, k: int, alone: float | None, dof: Dof
-) -> Estimate:
+def _ratio(found: InnovationsFit, covariance: Floats, i: int, k: int, alone: float | None, dof: Dof) -> Estimate:
     """Inertia over quadratic drag; the inertia is searched on its logarithm, the drag is not."""
     direction = np.eye(len(found.theta))[i] - np.eye(len(found.theta))[k] / found.theta[k]
     stderr = float(np.sqrt(max(direction @ covariance @ direction, 0.0)))

@@ -26,10 +26,7 @@ STEPS = (0.1, 0.025)
 
 
 def is_driven(
-    runs: Sequence[Run],
-    at_rest: NDArray[np.bool_],
-    channels: tuple[str, ...] | None,
-    with_effects: Sequence[str],
+    runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None, with_effects: Sequence[str]
 ) -> bool:
     """Whether whole runs are fitted by innovations: where the evidence asks, or effects beside drag are wanted."""
     if with_effects:

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
@@ -14,8 +13,7 @@ from automarine_cli.fits.driven import driven_problem
 from automarine_cli.fits.driven_fit import Worth, left_out_predictions, proposals, worth_of
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.output_error import OutputErrorFit, Preference
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 JUDGED, PREFERRED = 5.0, 2.0
 """Seconds ahead over which a model has to be of use, and over which one is preferred to another."""
@@ -111,13 +109,10 @@ def prefer_driven(
         if parameters[number] < parameters[chosen] and worse.mean() <= 2.0 * error:
             chosen = number
     told = [f"{dof.shown(sizes[chosen]):.3g} {dof.units.shown}"]
-    told += [
-        f"model {number} {dof.shown(size):.3g}" for number, size in sorted(sizes.items()) if number != chosen
-    ]
+    told += [f"model {number} {dof.shown(size):.3g}" for number, size in sorted(sizes.items()) if number != chosen]
     how = "best" if chosen == best else "as well as any with more parameters"
     return Preference(
-        chosen,
-        f"Model {chosen} predicts runs left out of the fit {how} {PREFERRED:g} s ahead, to {', '.join(told)}.",
+        chosen, f"Model {chosen} predicts runs left out of the fit {how} {PREFERRED:g} s ahead, to {', '.join(told)}."
     )
 
 

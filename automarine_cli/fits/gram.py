@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,5 @@ class Grams:
 
         log_scale = np.sum([b * channel.count for b, channel in zip(behind, self.channels)], axis=0)
         products = zip(*((c.jj, c.jv, c.vv, c.jw, c.vw, c.ww) for c in self.channels))
-        jj, jv, vv, jw, vw, ww = (
-            np.asarray(sum(w * one for w, one in zip(share, part))) for part in products
-        )
+        jj, jv, vv, jw, vw, ww = (np.asarray(sum(w * one for w, one in zip(share, part))) for part in products)
         return Gram(jj, jv, vv, jw, vw, ww, first.present, self.count, log_scale)

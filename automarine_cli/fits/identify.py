@@ -87,9 +87,7 @@ def identify_turns(
             f"{steps} serve, and at least {FEWEST_STEPS} at 2 are needed; "
             f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         )
-    if not with_effects and (
-        fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)
-    ):
+    if not with_effects and (fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)):
         return _fit_steps(turns, set_aside, known, each, channels, tail)
     if tail is not None:
         raise RunError(
@@ -105,9 +103,7 @@ def _counted(number: int, noun: str) -> str:
 
 def _reasons(set_aside: Sequence[SetAside]) -> str:
     return (
-        f"the first set aside: {set_aside[0].file}, run {set_aside[0].run}: {set_aside[0].why}; "
-        if set_aside
-        else ""
+        f"the first set aside: {set_aside[0].file}, run {set_aside[0].run}: {set_aside[0].why}; " if set_aside else ""
     )
 
 
@@ -147,9 +143,7 @@ def _fit_steps(
         *fit_warnings(fits, preference, data.names, noise),
         *told(cautions, preference),
     )
-    return YawFit(
-        unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, cautions, dof, chosen
-    )
+    return YawFit(unit, turns, data, (), fits, seed, "", preference, set_aside, warnings, cautions, dof, chosen)
 
 
 def _inertia_to_begin_with(rough: VelocityErrorFit) -> float:
@@ -180,21 +174,14 @@ def _fit_model(
 
 
 def _fit_whole(
-    runs: tuple[Run, ...],
-    turns: Sequence[HalfTurn],
-    fit_to: str,
-    each: Map,
-    channels: str,
-    with_effects: Sequence[str],
+    runs: tuple[Run, ...], turns: Sequence[HalfTurn], fit_to: str, each: Map, channels: str, with_effects: Sequence[str]
 ) -> YawFit:
     steered, undriven = without_undriven(runs)
     serves = [bool(np.any(run.command != 0)) and len(run) >= FEWEST_SAMPLES for run in steered]
     kept, stuck = without_stuck([run for run, good in zip(steered, serves) if good])
     chosen = choose_channels(kept, kept[0].dof, channels) if kept else NOTHING_TO_CHOOSE
     moving = tuple(chosen.cleaned(run) for run in kept)
-    short = tuple(
-        SetAside(run.source, run.name, _too_little(run)) for run, good in zip(steered, serves) if not good
-    )
+    short = tuple(SetAside(run.source, run.name, _too_little(run)) for run, good in zip(steered, serves) if not good)
     short += undriven + stuck
     if not moving:
         raise RunError(
@@ -228,9 +215,7 @@ def _fit_whole(
     use = use_of(course, fits[number], ahead[number]) if driven else None
     if use is not None:
         warnings = (*use.warnings(dof), *warnings)
-    return YawFit(
-        unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, dof, chosen, use
-    )
+    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, dof, chosen, use)
 
 
 def _too_little(run: Run) -> str:

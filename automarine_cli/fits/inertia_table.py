@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.drag import DragFit, columns_of, regressors, sums
@@ -12,8 +11,7 @@ from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.linear_mixed import solve_scaled
 from automarine_cli.fits.tails import TailLines
 from automarine_cli.models.closed_form import inertia_from_velocity_error
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 
 @dataclass(frozen=True)
@@ -34,9 +32,7 @@ class InertiaTable:
         return replace(self, overall=overall, influence=total)
 
 
-def inertia_table(
-    moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str, dof: Dof
-) -> InertiaTable | None:
+def inertia_table(moment: Floats, tails: TailLines, drag: DragFit, moment_unit: str, dof: Dof) -> InertiaTable | None:
     """Inertia of each run, mean at each moment and over all; standard error by the jackknife over runs, drag
     refitted.
 
@@ -52,9 +48,7 @@ def inertia_table(
     count = len(moment)
     influence = np.sqrt((count - 1) / count) * (left_out.mean() - left_out)
     stderr = float(np.sqrt(influence @ influence))
-    overall = Estimate.from_stderr(
-        float(per_run.mean()), stderr, count - 1, dof.unit_of("inertia", moment_unit)
-    )
+    overall = Estimate.from_stderr(float(per_run.mean()), stderr, count - 1, dof.unit_of("inertia", moment_unit))
     return InertiaTable(per_run, per_moment, overall, influence)
 
 
@@ -70,9 +64,7 @@ def _refitted(moment: Floats, rate: Floats, drag: DragFit) -> Floats:
 def _without_each(moment: Floats, error: Floats, drag: DragFit, refitted: Floats) -> Floats:
     """Mean inertia (R,) without each run in turn, by the drag refitted without it, (R, p)."""
     columns = columns_of(drag.model, drag.dof, drag.sided)
-    if (
-        len(columns) == 1
-    ):  # equations 7 and 9: inertia goes with the square of linear drag, or with quadratic drag
+    if len(columns) == 1:  # equations 7 and 9: inertia goes with the square of linear drag, or with quadratic drag
         one, power = ((1.0, 0.0), 2) if columns == ("linear",) else ((0.0, 1.0), 1)
         each = inertia_from_velocity_error(error, moment, *one)
         return np.asarray((each.sum() - each) / (len(each) - 1) * refitted[:, 0] ** power)

@@ -18,8 +18,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.gram import Grams
 from automarine_cli.fits.mixed_model import MixedFit, Problem, derivatives
 from automarine_cli.fits.outcome import Outcome
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 STEP = 0.1
 """Of the differences, in standard errors of a parameter or posterior standard deviations of a run effect."""

@@ -10,7 +10,6 @@ Fisher scoring on innovations and their variances (Ljung 1999, System Identifica
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from automarine_cli.dofs import Dof
@@ -21,8 +20,7 @@ from automarine_cli.fits.innovations_problem import DrivenProblem, Slopes
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.outcome import Outcome
 from automarine_cli.fits.run_effects import GAIN
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 SETTLED = 0.02
 """Gain in log likelihood still to be expected below which a fit has converged."""
@@ -102,9 +100,7 @@ def fit_innovations(
         values = problem.value(phis)
         if not np.isfinite(values).any():
             raise FitError(NO_START)
-        firsts = dict.fromkeys(
-            phis[np.argsort(-values, kind="stable"), 0]
-        )  # distinct inertias, the best one first
+        firsts = dict.fromkeys(phis[np.argsort(-values, kind="stable"), 0])  # distinct inertias, the best one first
         best = [int(np.argmax(np.where(phis[:, 0] == first, values, -np.inf))) for first in firsts]
         tried = [_climb(problem, phis[k], LOOK) for k in best[:WAYS] if np.isfinite(values[k])]
         phis = max(tried, key=lambda climb: climb.value).phi[None]
@@ -219,12 +215,7 @@ def _finite(density: Floats) -> Floats:
 def random_estimates(found: InnovationsFit, covariance: Floats, dof: Dof) -> dict[str, dict[str, object]]:
     """What is random in a fit, for a result file: sizes with their intervals, in the units of the arithmetic."""
     base = dof.units.base
-    units = {
-        "disturbance": f"{base}/s²",
-        "disturbance-time": "s",
-        "thrust-noise": "s^1/2",
-        "gain-scatter": "1",
-    }
+    units = {"disturbance": f"{base}/s²", "disturbance-time": "s", "thrust-noise": "s^1/2", "gain-scatter": "1"}
     stored: dict[str, dict[str, object]] = {}
     for i, name in enumerate(found.names[found.parameters :], found.parameters):
         kind = name.rpartition(".")[2]

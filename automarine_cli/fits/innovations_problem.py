@@ -12,8 +12,7 @@ from automarine_cli.filters.kalman import FAR, Followed, Noises, follow
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.outcome import natural_of, search_of
 from automarine_cli.models.vehicle import Vehicle
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 DIFFERENCE = 1e-5
 """Share of a parameter by which it is moved for its derivative."""
@@ -94,10 +93,7 @@ class DrivenProblem:
         rest = list(theta[:, len(self.names) - len(self.random) :].T)
         size, time, thrust = (np.array([rest[3 * d + i] for d in range(dofs)]) for i in range(3))
         gain, late, at = rest[3 * dofs], rest[3 * dofs + 1], 3 * dofs + 2
-        own = {
-            one.name.partition(".")[0]: rest[i]
-            for i, one in enumerate(self.random[at + channels :], at + channels)
-        }
+        own = {one.name.partition(".")[0]: rest[i] for i, one in enumerate(self.random[at + channels :], at + channels)}
         return Noises(size, time, thrust, gain, late, np.array(rest[at : at + channels]), own)
 
     def follow(self, phi: Floats, keep: bool = False) -> Followed:
@@ -147,9 +143,7 @@ class Innovations:
     density: Floats
 
 
-def innovations_of(
-    found: Followed, part: slice, steps: Floats | float, base: Innovations | None = None
-) -> Innovations:
+def innovations_of(found: Followed, part: slice, steps: Floats | float, base: Innovations | None = None) -> Innovations:
     """Innovations at a point, and how they change per step from there to the parameter sets `part` of what was
     filtered. The point is that of `base` if it is given, else the first of them."""
     error, variance, density = found.innovation[:, part], found.variance[:, part], found.log_density[part]

@@ -16,19 +16,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.fits.gram import Gram, Grams
 from automarine_cli.fits.run_effects import RunEffects
+from automarine_cli.quantities import Floats
 
-Floats = NDArray[np.float64]
-
-NO_MOTION = (
-    "the runs show no motion that a model could be fitted to; look at the logs with `automarine check`"
-)
+NO_MOTION = "the runs show no motion that a model could be fitted to; look at the logs with `automarine check`"
 SMALLEST_FACTOR = 1e-5
 FEW = 4
 """Run effects up to which equations are solved row by row, all runs at once."""

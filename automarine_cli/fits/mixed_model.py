@@ -28,8 +28,7 @@ from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.mixed_problem import MixedFit, Problem, with_held, without_held
 
 __all__ = ["MixedFit", "Problem", "derivatives", "fit_mixed"]
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 PHI_STEP = 1e-6
 """Step of the one-sided differences by phi, as a share of it or of a tenth: truncation and rounding are then both some
@@ -77,9 +76,7 @@ def fit_mixed(
         )  # fmt: skip
         return with_held(free, problem, held)
     if problem.count.sum() <= len(theta) + 1:
-        raise FitError(
-            f"{problem.count.sum()} samples cannot carry {len(theta)} parameters; give more or longer runs"
-        )
+        raise FitError(f"{problem.count.sum()} samples cannot carry {len(theta)} parameters; give more or longer runs")
     bounds = np.stack([problem.search(problem.bounds[:, 0]), problem.search(problem.bounds[:, 1])], axis=1)
     phi = np.clip(problem.search(theta), bounds[:, 0], bounds[:, 1])
     b = np.zeros_like(problem.effects.scale) if run_effects is None else run_effects
@@ -101,10 +98,7 @@ def fit_mixed(
         share = share / 2.0 if change @ (last / precision**2) < 0 else min(1.0, 2.0 * share)
         last = share * change
         new_phi = np.clip(point.phi + last, bounds[:, 0], bounds[:, 1])
-        old, point = (
-            point,
-            _line_search(problem, variances, point, new_phi, point.b + share * (new_b - point.b)),
-        )
+        old, point = (point, _line_search(problem, variances, point, new_phi, point.b + share * (new_b - point.b)))
         stuck = point is old or _stands(problem, variances, old, point, new_phi)
     return _report(problem, point, variances, bounds, step, converged)
 
@@ -134,9 +128,7 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
     sets[np.arange(1, 1 + p), np.arange(p)] += step
     effects[np.arange(1 + p, 1 + p + q), :, free] += RUN_STEP
     by_run = np.zeros((b.shape[1], *b.shape[:1], problem.seen.shape[1]))
-    with np.errstate(
-        over="ignore", invalid="ignore"
-    ):  # parameters that no vehicle has: `weigh` sees the infinity
+    with np.errstate(over="ignore", invalid="ignore"):  # parameters that no vehicle has: `weigh` sees the infinity
         out = np.where(problem.seen, problem.response(problem.natural(sets), effects), 0.0)
         by_run[free] = (out[1 + p :] - out[0]) / RUN_STEP
         by_phi = (out[1 : 1 + p] - out[0]) / step[:, None, None]
@@ -218,12 +210,7 @@ def _at_bound(phi: Floats, bounds: Floats) -> NDArray[np.bool_]:
 
 
 def _report(
-    problem: Problem,
-    point: _Point,
-    variances: Floats,
-    bounds: Floats,
-    iterations: int,
-    converged: bool,
+    problem: Problem, point: _Point, variances: Floats, bounds: Floats, iterations: int, converged: bool
 ) -> MixedFit:
     phi, gram = point.phi, point.gram
     weighted = linear_mixed.weigh(gram, problem.effects, variances)

@@ -14,9 +14,8 @@ from automarine_cli.fits.gram import Gram, Grams
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.outcome import Outcome, natural_of, search_of
 from automarine_cli.fits.run_effects import RunEffects
+from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
-
-Floats = NDArray[np.float64]
 
 Response = Callable[[Floats, Floats], Floats]
 """Readings (P, R, N) of all channels one after the other, for theta (P, p) and run effects (P, R, q)."""
@@ -233,11 +232,7 @@ def without_held(problem: Problem, held: NDArray[np.bool_]) -> Problem:
 
     names = tuple(name for name, h in zip(problem.names, held) if not h)
     return replace(
-        problem,
-        response=response,
-        bounds=problem.bounds[~held],
-        positive=problem.positive[~held],
-        names=names,
+        problem, response=response, bounds=problem.bounds[~held], positive=problem.positive[~held], names=names
     )
 
 

@@ -17,7 +17,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 COUNTS = (16, 24, 36, 54)
 """Numbers of nodes that are tried in turn."""
@@ -51,9 +51,7 @@ class Nodes:
         return bool(np.all(np.where(self.highest, fitted**2, 0.0).max(axis=1) <= CLOSE_ENOUGH**2 * samples))
 
 
-def nodes_of(
-    time: Floats, heading: Floats, seen: NDArray[np.bool_], interval: Floats, count: int
-) -> Nodes | None:
+def nodes_of(time: Floats, heading: Floats, seen: NDArray[np.bool_], interval: Floats, count: int) -> Nodes | None:
     """Reduce runs (R, N) to `count` nodes each after the switch; times are since the middle of its `interval` (R,).
 
     None where that spares little.
@@ -73,12 +71,7 @@ def nodes_of(
     )
     for i, (at, carry, reduced, _, long) in enumerate(parts):
         w = len(at)
-        nodes.time[i, :w], nodes.carry[i, :w, :w], nodes.heading[i, :w], nodes.seen[i, :w] = (
-            at,
-            carry,
-            reduced,
-            True,
-        )
+        nodes.time[i, :w], nodes.carry[i, :w, :w], nodes.heading[i, :w], nodes.seen[i, :w] = (at, carry, reduced, True)
         nodes.highest[i, w - 2 : w] = long
     return nodes
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 SMALLEST = 1e-9
 """What a positive parameter may fall to: nothing, for all that a log can show."""

@@ -20,9 +20,8 @@ from automarine_cli.fits.step_response import Known, StepData, instant, step_pro
 from automarine_cli.fits.ways import Ways
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem, without_gain
 from automarine_cli.models.yaw_model import YawModel, base_names, base_roles, main_drag
+from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch
-
-Floats = NDArray[np.float64]
 
 ENOUGH_RUNS = 8
 """From this many runs on, standard errors are the jackknife's alone; with fewer the larger of it and the
@@ -85,9 +84,7 @@ def fit_half_turns(
     return _outcome(number, problem, mixed, begin, moment_unit, data.dof, sided, of_half_turns=True)
 
 
-def _fit_at_nodes(
-    data: StepData, number: str, known: Known, begin: Floats, sided: bool
-) -> tuple[Problem, MixedFit]:
+def _fit_at_nodes(data: StepData, number: str, known: Known, begin: Floats, sided: bool) -> tuple[Problem, MixedFit]:
     """The fit to all samples, by as few nodes a run as show its answer exactly, or by the samples where none do.
 
     That of very many runs begins where that of some of them ended.
@@ -115,9 +112,7 @@ def _fit_at_nodes(
     return whole, fit_mixed(whole, theta, **start)
 
 
-def fit_whole_runs(
-    batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False
-) -> OutputErrorFit:
+def fit_whole_runs(batch: Batch, number: str, at_rest: NDArray[np.bool_], sided: bool = False) -> OutputErrorFit:
     """Fit one model to whole runs by simulation: first without a random gain, then with it from there.
 
     One run alone cannot tell its gain from the vehicle's, so none is taken to scatter. Raises FitError where no start
@@ -138,9 +133,7 @@ def fit_whole_runs(
         problem,
         first.theta,
         noise=first.noises,
-        factors=np.array(
-            [0.02 if name == GAIN else first.factor(name) for name in first.effects.factor_names]
-        ),
+        factors=np.array([0.02 if name == GAIN else first.factor(name) for name in first.effects.factor_names]),
         run_effects=first.run_effects,
     )
     return _outcome(number, problem, best, begin, batch.moment_unit, dof, sided, of_half_turns=False)
@@ -216,16 +209,7 @@ def _outcome(
         offset = _in_interval(offset)
     model = YawModel.base(number, mixed.theta[0], mixed.of_model[1:], moment_unit, dof)
     return OutputErrorFit(
-        number,
-        model,
-        estimates,
-        turn,
-        offset,
-        scatter,
-        mixed.noise_of.get(dof.position),
-        mixed,
-        covariance,
-        start,
+        number, model, estimates, turn, offset, scatter, mixed.noise_of.get(dof.position), mixed, covariance, start
     )
 
 
@@ -258,9 +242,7 @@ def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:
         if number == chosen:
             continue
         if gap < 0:
-            parts.append(
-                f"model {number} leads by {-gap:.1f} ± {error:.1f}, not enough to justify another parameter"
-            )
+            parts.append(f"model {number} leads by {-gap:.1f} ± {error:.1f}, not enough to justify another parameter")
         elif gap <= 2.0 * error:
             more = ", which has more parameters" if parameters[number] > parameters[chosen] else ""
             parts.append(f"it is level with model {number}{more} ({gap:.1f} ± {error:.1f})")
@@ -275,13 +257,10 @@ def _prefer_in_one_run(fits: Mapping[str, OutputErrorFit], parameters: Mapping[s
     cost = {number: 2.0 * (parameters[number] - fit.mixed.log_likelihood) for number, fit in fits.items()}
     best = min(sorted(fits), key=lambda number: cost[number])
     others = [
-        f"model {number}'s is higher by {cost[number] - cost[best]:.1f}"
-        for number in sorted(fits)
-        if number != best
+        f"model {number}'s is higher by {cost[number] - cost[best]:.1f}" for number in sorted(fits) if number != best
     ]
     return Preference(
-        best,
-        f"One run leaves none to predict; by Akaike's criterion model {best} is best, {' and '.join(others)}.",
+        best, f"One run leaves none to predict; by Akaike's criterion model {best} is best, {' and '.join(others)}."
     )
 
 

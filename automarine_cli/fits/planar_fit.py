@@ -6,18 +6,11 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.innovations import InnovationsFit
-from automarine_cli.fits.planar_structure import (
-    Assumption,
-    Observed,
-    Structure,
-    rough_sizes,
-    rough_velocities,
-)
+from automarine_cli.fits.planar_structure import Assumption, Observed, Structure, rough_sizes, rough_velocities
 from automarine_cli.fits.planar_use import PlanarUse
 from automarine_cli.models.planar import PlanarModel
 from automarine_cli.models.planar_store import planar_json, units
@@ -25,9 +18,8 @@ from automarine_cli.models.tied import Tied
 from automarine_cli.pipeline.outputs import json_document
 from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run, SetAside, readings
-
-Floats = NDArray[np.float64]
 
 FULLY = 3
 """Neighbours of a structure that are fitted, at most."""
@@ -103,8 +95,7 @@ def search(runs: Sequence[Run], seen: Observed, estimator: Estimator) -> tuple[T
     while True:
         new = [one for one in best.structure.neighbours() if str(one) not in tried]
         chosen = [
-            Tried(one, estimator.estimate(model, best.found))
-            for one, model in _promising(best, new, rough, estimator)
+            Tried(one, estimator.estimate(model, best.found)) for one, model in _promising(best, new, rough, estimator)
         ]
         tried |= {str(one.structure): one for one in chosen}
         better = min(chosen, key=lambda one: one.criterion, default=best)
@@ -239,9 +230,7 @@ class PlanarFit(Shown):
         """What a user must not miss."""
         found = [] if self.use is None or self.use.of_use else [self.use.sentences[0]]
         if not self.found.converged:
-            found.append(
-                "The search for the best parameters ended before it settled; give more or longer runs."
-            )
+            found.append("The search for the best parameters ended before it settled; give more or longer runs.")
         loose = [
             name
             for name, one in self.estimates.items()

@@ -6,7 +6,6 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.dofs import YAW
@@ -20,9 +19,8 @@ from automarine_cli.fits.planar_structure import Observed, rough_sizes
 from automarine_cli.fits.planar_use import PlanarUse, planar_use
 from automarine_cli.models.planar import FORCES, VELOCITIES
 from automarine_cli.models.tied import Tied
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
-
-Floats = NDArray[np.float64]
 
 INERTIAS = (0.5, 1.0, 2.0)
 """Shares of rough inertias from which a first fit starts."""
@@ -195,9 +193,7 @@ def _speed(rough: Mapping[str, float], letter: str) -> float:
     return linear / quadratic
 
 
-def _searched(
-    name: str, rough: Mapping[str, float], course: Course
-) -> tuple[tuple[float, float], bool, float]:
+def _searched(name: str, rough: Mapping[str, float], course: Course) -> tuple[tuple[float, float], bool, float]:
     """Bounds of a parameter by its qualified name, whether it is searched on a logarithmic scale, a small step."""
     where, _, own = name.partition(".")
     if where == "current":

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
@@ -16,9 +15,8 @@ from automarine_cli.errors import FitError
 from automarine_cli.models.planar import FORCES, Inertia, PlanarModel
 from automarine_cli.models.tied import Tied
 from automarine_cli.models.yaw_model import Term
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
-
-Floats = NDArray[np.float64]
 
 CHANNELS = ("heading", "yaw_rate", "surge", "sway", "north", "east")
 PLACES = ("north", "east")
@@ -104,9 +102,7 @@ class Structure:
         couplings = tuple(name for name in COUPLINGS if SWAY in self.observed.dofs or name == "N_ur")
         sideways = SWAY in self.observed.dofs
         laws = dict.fromkeys(self.laws, LAWS[-1])
-        return replace(
-            self, laws=laws, couplings=couplings, skewed=sideways, current=self.observed.over_ground
-        )
+        return replace(self, laws=laws, couplings=couplings, skewed=sideways, current=self.observed.over_ground)
 
     def neighbours(self) -> Iterator["Structure"]:
         """Structures one step away: another law of one drag, one more coupling, a shared inertia, a current."""
@@ -124,8 +120,7 @@ class Structure:
 
     def __str__(self) -> str:
         drags = (
-            f"{name} drag {' and '.join(one.removesuffix('-drag') for one in law)}"
-            for name, law in self.laws.items()
+            f"{name} drag {' and '.join(one.removesuffix('-drag') for one in law)}" for name, law in self.laws.items()
         )
         more = [*self.couplings, *["m_vr"] * self.skewed, *["current"] * self.current]
         return ", ".join([*drags, *more])
@@ -141,16 +136,10 @@ class Structure:
             mass, its = dof.parameter("inertia"), other.parameter("inertia")
             found.append(Assumption(mass, its, why))
             rule = f"{its} / {SETTLES:g} s"
-            found.append(
-                Assumption(dof.parameter("linear"), rule, f"{dof.name} is taken to die out in {SETTLES:g} s")
-            )
+            found.append(Assumption(dof.parameter("linear"), rule, f"{dof.name} is taken to die out in {SETTLES:g} s"))
         if not self.skewed:
-            found.append(
-                Assumption("planar.m_vr", "0", "sway and yaw are taken about the centre of both masses")
-            )
-        found.append(
-            Assumption("planar.m_ur, planar.m_uv", "0", "the vehicle is taken to be alike on both sides")
-        )
+            found.append(Assumption("planar.m_vr", "0", "sway and yaw are taken about the centre of both masses"))
+        found.append(Assumption("planar.m_ur, planar.m_uv", "0", "the vehicle is taken to be alike on both sides"))
         return tuple(found)
 
     def model(self, sizes: Mapping[str, float]) -> Tied:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError
@@ -18,10 +17,9 @@ from automarine_cli.fits.innovations_problem import DrivenProblem
 from automarine_cli.fits.output_error import OutputErrorFit, prefer
 from automarine_cli.fits.planar_structure import PLACES
 from automarine_cli.fits.whole_runs import rough_model
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
-
-Floats = NDArray[np.float64]
 
 STEP = 0.25
 """Step [s] of the balance from which the yaw model starts."""
@@ -78,9 +76,7 @@ class PlanarUse:
             "left_out_runs": [
                 {
                     **one.to_json(YAW),
-                    "yaw_only_rmse_deg": float(YAW.shown(alone[one.horizon]))
-                    if one.horizon in alone
-                    else None,
+                    "yaw_only_rmse_deg": float(YAW.shown(alone[one.horizon])) if one.horizon in alone else None,
                     **(_place_json(place[one.horizon]) if one.horizon in place else {}),
                 }
                 for one in self.heading
@@ -96,11 +92,7 @@ def _judged(worth: Sequence[Worth]) -> Worth | None:
 
 
 def _place_json(one: Worth) -> dict[str, float]:
-    return {
-        "place_rmse_m": one.error,
-        "constant_rate_place_m": one.constant_rate,
-        "constant_place_m": one.constant,
-    }
+    return {"place_rmse_m": one.error, "constant_rate_place_m": one.constant_rate, "constant_place_m": one.constant}
 
 
 def planar_use(runs: Sequence[Run], problem: DrivenProblem, found: InnovationsFit) -> PlanarUse:

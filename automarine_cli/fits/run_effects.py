@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 START_POSITION, START_VELOCITY, GAIN = "start-position", "start-velocity", "gain"
 SWITCHES, DISTURBANCE = "switch-instants", "disturbance"
@@ -53,9 +53,7 @@ class RunEffects:
     def _factor(self) -> NDArray[np.int64]:
         """Index of the factor that multiplies each effect, -1 for none."""
         of = {name: i for i, name in enumerate(self.factor_names)}
-        return np.array(
-            [of.get(block.name, -1) for block in self.blocks for _ in range(block.scale.shape[1])]
-        )
+        return np.array([of.get(block.name, -1) for block in self.blocks for _ in range(block.scale.shape[1])])
 
     @cached_property
     def _columns(self) -> dict[str, slice]:
@@ -96,9 +94,7 @@ class RunEffects:
         new = {name.replace("_", "-"): value for name, value in scales.items()}
         return RunEffects(
             tuple(
-                replace(block, scale=np.zeros_like(block.scale) + new[block.name])
-                if block.name in new
-                else block
+                replace(block, scale=np.zeros_like(block.scale) + new[block.name]) if block.name in new else block
                 for block in self.blocks
             )
         )

@@ -14,10 +14,9 @@ from automarine_cli.fits.nodes import Nodes, nodes_of
 from automarine_cli.fits.run_effects import GAIN, START_POSITION, SWITCHES, Block, RunEffects, bias_of
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import base_roles, main_drag
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import MOST_REST, HalfTurn
 from automarine_cli.simulation.batch import Channel
-
-Floats = NDArray[np.float64]
 
 MOST_OFFSET = 2.5
 """Bound of the common z of the switch instants: `instant` then lies within 0.6 % of the end of the interval."""
@@ -68,9 +67,7 @@ class StepData:
             self._nodes[count] = tuple(whole) if len(whole) == len(made) else None
         return self._nodes[count]
 
-    def rated(
-        self, velocities: Sequence[Floats], position_counts: NDArray[np.bool_] | None = None
-    ) -> "StepData":
+    def rated(self, velocities: Sequence[Floats], position_counts: NDArray[np.bool_] | None = None) -> "StepData":
         """The same with what a velocity sensor read in each run, NaN where it did not."""
         read = np.full(self.seen.shape, np.nan)
         read[self.seen] = np.concatenate(velocities)
@@ -156,22 +153,12 @@ def step_data(
     for i, (t, psi) in enumerate(zip(times, headings)):
         time[i, : len(t)], heading[i, : len(t)], seen[i, : len(t)] = t, psi, True
     return StepData(
-        tuple(names),
-        time,
-        heading,
-        seen,
-        np.array(moments, dtype=float),
-        np.array(intervals, dtype=float),
-        dof,
+        tuple(names), time, heading, seen, np.array(moments, dtype=float), np.array(intervals, dtype=float), dof
     )
 
 
 def step_problem(
-    data: StepData,
-    model: str,
-    known: Known = Known(),
-    nodes: tuple[Nodes, ...] | None = None,
-    sided: bool = False,
+    data: StepData, model: str, known: Known = Known(), nodes: tuple[Nodes, ...] | None = None, sided: bool = False
 ) -> Problem:
     """Likelihood of the half-turns under model "1", "2" or "3", by their samples or by the `nodes` made of them;
     `sided` with a drag that differs between the ways.
@@ -217,9 +204,7 @@ def step_problem(
     positive = np.array([True, *np.logical_not(signed), False])
     slots = slots_of(channels)
     if nodes is None:
-        measured, seen = (
-            np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in channels))
-        )
+        measured, seen = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in channels)))
         return Problem(readings, measured, seen, blocks, bounds, positive, names, slots)
     at = np.cumsum([0, *(one.time.shape[1] for one in nodes)]).tolist()
     slots = tuple(replace(slot, part=slice(i, j)) for slot, i, j in zip(slots, at, at[1:]))

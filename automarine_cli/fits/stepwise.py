@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.errors import FitError
+from automarine_cli.quantities import Floats
 
-Floats = NDArray[np.float64]
 Model = TypeVar("Model")
 Seen = TypeVar("Seen", covariant=True)
 

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
@@ -17,8 +16,7 @@ from automarine_cli.fits.step_response import StepData
 from automarine_cli.fits.tails import TailLines, first_past, lines_to_the_end, tail_lines
 from automarine_cli.models.closed_form import inertia_from_velocity_error, response, velocity_error
 from automarine_cli.models.yaw_model import steady_rate
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 SHARES = np.arange(30.0, 166.0, 5.0) / 180.0
 """Of half a turn, or of the way of the run that went least: where a tail may start."""
@@ -96,17 +94,11 @@ class Reference:
         lines = tail_lines(time, self.answer(time), np.zeros(len(time)), tails.used, self.fit.dof)
         rate = tails.rate * steady_rate(*self.acting) / lines.rate
         moment, *drag = self.acting
-        return TailLines(
-            rate, tails.error + velocity_error(moment, self.inertia, *drag) - lines.error, tails.used
-        )
+        return TailLines(rate, tails.error + velocity_error(moment, self.inertia, *drag) - lines.error, tails.used)
 
 
 def reference(
-    moment: Floats,
-    tails: TailLines,
-    variance: Floats | float,
-    dof: Dof,
-    models: Sequence[str] = ("1", "2", "3"),
+    moment: Floats, tails: TailLines, variance: Floats | float, dof: Dof, models: Sequence[str] = ("1", "2", "3")
 ) -> Reference:
     """That of the models of Table 1 that explains both rates and velocity errors best for its number of terms.
 
@@ -168,11 +160,7 @@ class Expected:
             f"{100 * error:.2g} % in {name} (noise {100 * noise:.2g} %, bias {own:+.2g} %)"
             for name, error, noise, own in zip((dof.symbols.inertia, "drag"), self.error, self.noise, bias)
         ]
-        why = (
-            "as asked; errors to be expected there"
-            if given
-            else "where the errors to be expected are smallest"
-        )
+        why = "as asked; errors to be expected there" if given else "where the errors to be expected are smallest"
         return (
             f"Tails start at {dof.shown(float(self.start)):.0f} {dof.units.shown}, {why}: {parts[1]}, {parts[0]}. "
             "The bias, of what is not steady yet and of noise that dilutes Table 1, is known and was taken off; a "
@@ -183,9 +171,7 @@ class Expected:
         """For the result file, of one place; shares of the value."""
         return {
             name: {"error": float(error), "noise": float(noise), "bias": float(own)}
-            for name, error, noise, own in zip(
-                (dof.symbols.inertia, "drag"), self.error, self.noise, self.bias
-            )
+            for name, error, noise, own in zip((dof.symbols.inertia, "drag"), self.error, self.noise, self.bias)
         } | {"dilution": float(self.dilution)}
 
     def at(self, i: int) -> "Expected":
@@ -199,9 +185,7 @@ def starts(data: StepData) -> Floats:
     return np.asarray(SHARES * (data.dof.limits.trim if np.isfinite(data.dof.limits.trim) else ways.min()))
 
 
-def expected(
-    time: Floats, data: StepData, model: Reference, noise: float, thrust: float, start: Floats
-) -> Expected:
+def expected(time: Floats, data: StepData, model: Reference, noise: float, thrust: float, start: Floats) -> Expected:
     """Bias and noise of tails that start at `start` (A,); `noise` [rad] of the heading, relative scatter of `thrust`.
 
     Drag is the factor of the reference's drag, by least squares of the moment on it; inertia the mean over the runs.

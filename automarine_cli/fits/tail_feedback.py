@@ -7,15 +7,13 @@ correction. A run's influence on the model goes round that loop, and from the mo
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.fits.drag import DragFit, columns_of, sums
 from automarine_cli.fits.inertia_table import InertiaTable
 from automarine_cli.fits.tail_choice import Reference
 from automarine_cli.fits.tails import TailLines
 from automarine_cli.models.closed_form import inertia_from_velocity_error
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 STEP = 1e-3
 """Relative change of the model's inertia and drag by which the loop is felt."""
@@ -49,9 +47,7 @@ class Feedback:
 
     @staticmethod
     def _values(moment: Floats, fit: DragFit, tails: TailLines) -> Floats:
-        return sums(
-            moment, tails.rate, fit.variance, fit.model, columns_of(fit.model, fit.dof, fit.sided)
-        ).solve()[0]
+        return sums(moment, tails.rate, fit.variance, fit.model, columns_of(fit.model, fit.dof, fit.sided)).solve()[0]
 
 
 def feedback(model: Reference, raw: TailLines, time: Floats) -> Feedback:

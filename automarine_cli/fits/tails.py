@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, SettingError
+from automarine_cli.quantities import Floats
 
-Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FEWEST_TAIL_SAMPLES = 3

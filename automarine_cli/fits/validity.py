@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.models.yaw_model import YawModel, steady_rate
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 
 def covariance_json(

@@ -13,33 +13,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.fits.drag import DragFit, fit_drag_by_way
 from automarine_cli.fits.inertia_table import InertiaTable, inertia_table
 from automarine_cli.fits.step_response import StepData
-from automarine_cli.fits.tail_choice import (
-    BIAS_LIMIT,
-    Expected,
-    Reference,
-    expected,
-    rate_variance,
-    reference,
-    starts,
-)
+from automarine_cli.fits.tail_choice import BIAS_LIMIT, Expected, Reference, expected, rate_variance, reference, starts
 from automarine_cli.fits.tail_feedback import feedback
-from automarine_cli.fits.tails import (
-    TailLines,
-    checked_tail,
-    first_past,
-    last_share,
-    noise_about_lines,
-    tail_lines,
-)
-
-Floats = NDArray[np.float64]
+from automarine_cli.fits.tails import TailLines, checked_tail, first_past, last_share, noise_about_lines, tail_lines
+from automarine_cli.quantities import Floats
 
 MODELS: tuple[str, ...] = ("1", "2", "3")
 

@@ -22,18 +22,15 @@ from automarine_cli.fits.run_effects import (
 )
 from automarine_cli.fits.step_response import MOST_OFFSET, instant
 from automarine_cli.models.yaw_model import BASE_TERMS, YawModel
+from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch
 from automarine_cli.simulation.rollout import Start, simulate
-
-Floats = NDArray[np.float64]
 
 AGAINST = 0.2
 """Share of the impulses that a balance with everything negative must explain to show that a sign is wrong."""
 
 
-def whole_run_problem(
-    model: YawModel, batch: Batch, at_rest: NDArray[np.bool_], within: bool = False
-) -> Problem:
+def whole_run_problem(model: YawModel, batch: Batch, at_rest: NDArray[np.bool_], within: bool = False) -> Problem:
     """Likelihood of whole runs by simulation, of all channels of the batch.
 
     theta is (the model's parameters, SWITCH): all changes of command act that many sample intervals from the middle
@@ -90,9 +87,7 @@ def whole_run_problem(
     )
 
 
-def _blocks(
-    batch: Batch, at_rest: NDArray[np.bool_], within: bool, varying: Sequence[str]
-) -> tuple[Block, ...]:
+def _blocks(batch: Batch, at_rest: NDArray[np.bool_], within: bool, varying: Sequence[str]) -> tuple[Block, ...]:
     """What differs from run to run, before the data."""
     runs, limits = len(at_rest), batch.dof.limits
     ones = np.ones((runs, 1))

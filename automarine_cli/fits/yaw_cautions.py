@@ -134,9 +134,7 @@ def _combination(pair: tuple[str, str], share: float, dof: Dof) -> str:
     """What of a correlated pair is known, and what would part them."""
     force, speed = dof.words.force, dof.words.speed
     if set(pair) == set(DRAG):
-        return (
-            f"these runs show little but their joint drag: add runs at much smaller and much larger {force}s."
-        )
+        return f"these runs show little but their joint drag: add runs at much smaller and much larger {force}s."
     if share > 0:
         return (
             "only their ratio is well determined, as where the thrust scatters from run to run: add runs, "

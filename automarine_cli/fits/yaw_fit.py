@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
@@ -27,7 +26,6 @@ from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice
 from automarine_cli.runs.half_turn import HalfTurn
 from automarine_cli.runs.run import Run, SetAside, readings
 
-Floats = NDArray[np.float64]
 GRAVITY = 9.81  # m/s²; within 0.3 % of what it is anywhere
 
 
@@ -113,9 +111,7 @@ class YawFit(Shown):
     @property
     def buoyancy(self) -> "Buoyancy | None":
         """The constant force of the preferred model; None for motions without one."""
-        return (
-            Buoyancy(self.preferred.estimates[self.dof.symbols.constant]) if self.dof.has_constant else None
-        )
+        return Buoyancy(self.preferred.estimates[self.dof.symbols.constant]) if self.dof.has_constant else None
 
     def _driven_json(self) -> dict[str, object]:
         """What only driven runs have: what is random, and what the model predicts of runs left out."""
@@ -136,21 +132,15 @@ class YawFit(Shown):
         fit, dof = self.output_error[number], self.dof
         estimates = {name: e.to_json() for name, e in _drag_first(fit.estimates, dof).items()}
         content: dict[str, object] = dict(estimates)
-        content[dof.ratio_key] = (
-            None if fit.inertial_turn_angle is None else fit.inertial_turn_angle.to_json()
-        )
+        content[dof.ratio_key] = None if fit.inertial_turn_angle is None else fit.inertial_turn_angle.to_json()
         content["output_error"] = {
             **estimates,
             "log_likelihood": fit.mixed.log_likelihood,
             "log_density_of_left_out_runs": float(fit.mixed.predictive.sum()),
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
-            f"{dof.words.position}_noise_{dof.units.key}": None
-            if fit.noise is None
-            else float(dof.shown(fit.noise)),
-            "covariance": covariance_json(
-                list(fit.estimates), fit.mixed.theta, fit.mixed.positive, fit.covariance
-            ),
+            f"{dof.words.position}_noise_{dof.units.key}": None if fit.noise is None else float(dof.shown(fit.noise)),
+            "covariance": covariance_json(list(fit.estimates), fit.mixed.theta, fit.mixed.positive, fit.covariance),
             "converged": fit.mixed.converged,
         }
         if own := _effects_json(fit):
@@ -197,9 +187,7 @@ def _effects_json(fit: OutputErrorFit) -> list[dict[str, object]]:
         names = effects.get(term.name).names_in(model.dof)
         card = effects.get(term.name).card(model.dof, model.moment_unit)
         own = {
-            name: estimate_of(
-                fit.mixed, fit.covariance, model.index(f"{term.name}.{name}"), parameter.unit
-            ).to_json()
+            name: estimate_of(fit.mixed, fit.covariance, model.index(f"{term.name}.{name}"), parameter.unit).to_json()
             for name, parameter in zip(names, card.parameters)
         }
         found.append({"name": term.name, "parameters": own})
@@ -237,9 +225,7 @@ class Buoyancy:
             return f"Buoyancy: none shown; a constant force of {low:.2g} to {high:.2g} {self.force.unit} down may act."
         up = self.force.value < 0
         sure = sorted((abs(low), abs(high)))
-        text = (
-            f"Buoyancy: a constant force of {force} [{sure[0]:.3g}, {sure[1]:.3g}] {'up' if up else 'down'}"
-        )
+        text = f"Buoyancy: a constant force of {force} [{sure[0]:.3g}, {sure[1]:.3g}] {'up' if up else 'down'}"
         if self.ballast is None:
             return f"{text}, in the unit of the command."
         mass, ends = abs(self.ballast.value), [one / GRAVITY for one in sure]

@@ -48,12 +48,8 @@ def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, dof: Dof) -
         )
     unsteady = [turn.name for turn in turns if not turn.steady]
     if unsteady:
-        found.append(
-            f"{len(unsteady)} {words.step}s end before the {words.speed} is steady, {unsteady[0]} first."
-        )
-    pooled = (
-        len(seed.drag["3"].estimates) == 1 if "3" in seed.drag else False
-    )  # no constant force, no two ways
+        found.append(f"{len(unsteady)} {words.step}s end before the {words.speed} is steady, {unsteady[0]} first.")
+    pooled = len(seed.drag["3"].estimates) == 1 if "3" in seed.drag else False  # no constant force, no two ways
     if pooled and "2" in seed.drag and len(seed.drag["2"].estimates) == 2:
         rate, two = seed.tails.rate, seed.drag["2"].drag
         gap = identity_gap(rate, seed.drag["3"].drag[1], two[1], two[0], seed.drag["2"].variance)

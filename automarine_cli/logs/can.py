@@ -21,9 +21,9 @@ from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
 from automarine_cli.logs.slcan import read_slcan
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock
-from automarine_cli.logs.table import Floats
 from automarine_cli.logs.vehicles import named, needed, unsound_is_refused
 from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.quantities import Floats
 
 OBJECT, OBJECT_HEAD = b"LOBJ", 16  # how an object in a BLF file begins, and bytes of its shortest header
 Bits = NDArray[np.uint8]
@@ -37,9 +37,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     return decoded(path, name, columns, _slcan if path.suffix.lower() == ".slcan" else _vector)
 
 
-FORMAT = Format(
-    "CAN capture", (".asc", ".blf", ".slcan"), read, begins=(b"LOGG", b"date", b"Date", b"t", b"T", b"(")
-)
+FORMAT = Format("CAN capture", (".asc", ".blf", ".slcan"), read, begins=(b"LOGG", b"date", b"Date", b"t", b"T", b"("))
 
 
 def decoded(path: Path, name: str, columns: ColumnMap, reader: Reader) -> RawLog:
@@ -49,9 +47,7 @@ def decoded(path: Path, name: str, columns: ColumnMap, reader: Reader) -> RawLog
     with unsound_is_refused(name, "CAN"):
         captured, notes = reader(path, name)
     if not captured:
-        raise LogError(
-            f"{name}: found no CAN frames, expected some by the name; copy the file again, or rename it"
-        )
+        raise LogError(f"{name}: found no CAN frames, expected some by the name; copy the file again, or rename it")
     unknown = tuple(f"0x{number:x} ({len(frames)})" for (number, _), (_, frames) in sorted(captured.items()))
     if columns.database is None:
         raise LogError(
@@ -64,14 +60,8 @@ def decoded(path: Path, name: str, columns: ColumnMap, reader: Reader) -> RawLog
     for key, (time, frames) in captured.items():
         if key in messages:
             streams += _streams(messages[key], time, frames, columns)
-    known = [
-        f"{messages[key].name} ({len(frames)})" for key, (_, frames) in captured.items() if key in messages
-    ]
-    rest = [
-        f"0x{key[0]:x} ({len(frames)})"
-        for key, (_, frames) in sorted(captured.items())
-        if key not in messages
-    ]
+    known = [f"{messages[key].name} ({len(frames)})" for key, (_, frames) in captured.items() if key in messages]
+    rest = [f"0x{key[0]:x} ({len(frames)})" for key, (_, frames) in sorted(captured.items()) if key not in messages]
     return on_one_clock(Recording(streams, "CAN messages", (*known, *rest), notes), columns, name)
 
 

@@ -19,15 +19,8 @@ TIMESTAMP = "timestamp"  # the unit of a column of calendar times
 
 FORCES = {"N": 1.0, "kgf": STANDARD_GRAVITY, "gf": STANDARD_GRAVITY / 1000, "lbf": POUND_FORCE}
 TORQUES = {"N m": 1.0, "Nm": 1.0}
-BEARINGS, ANGLES, ANGULAR_RATES = (
-    {"deg": DEGREE},
-    {"deg": DEGREE, "rad": 1.0},
-    {"deg/s": DEGREE, "rad/s": 1.0},
-)
-LENGTHS, SPEEDS = (
-    {"m": 1.0, "cm": 0.01, "mm": 1e-3, "ft": 0.3048},
-    {"m/s": 1.0, "cm/s": 0.01, "kn": 1852 / 3600},
-)
+BEARINGS, ANGLES, ANGULAR_RATES = ({"deg": DEGREE}, {"deg": DEGREE, "rad": 1.0}, {"deg/s": DEGREE, "rad/s": 1.0})
+LENGTHS, SPEEDS = ({"m": 1.0, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}, {"m/s": 1.0, "cm/s": 0.01, "kn": 1852 / 3600})
 VELOCITIES = ("surge", "sway", "heave")  # of the vehicle's body, which tests of every motion may log
 PLACES = ("north", "east", "lat", "lon")  # on the water, which logs of motion in the plane may hold
 ROTATIONS = tuple(dof for dof in DOFS.values() if dof.wraps)
@@ -128,9 +121,7 @@ def motions_in(held: Set[str]) -> list[Dof]:
 
     Motions that share a position are told apart by their commands: who has his own comes before who has thrusters.
     """
-    whole = [
-        dof for dof in DOFS.values() if dof.position in held and (dof.command in held or driven(dof, held))
-    ]
+    whole = [dof for dof in DOFS.values() if dof.position in held and (dof.command in held or driven(dof, held))]
     places = {dof.position: i for i, dof in reversed(list(enumerate(whole)))}
     return sorted(whole, key=lambda dof: (places[dof.position], dof.command not in held))
 

@@ -72,9 +72,7 @@ def read_column_map(path: str | Path) -> ColumnMap:
             )
     columns, defaults, can = (_table(data.get(key, {}), key, name) for key in ("columns", "defaults", "can"))
     if not columns and not defaults and not can:
-        raise LogError(
-            f'{name}: the column map is empty; write lines such as heading_deg = "yaw" under [columns]'
-        )
+        raise LogError(f'{name}: the column map is empty; write lines such as heading_deg = "yaw" under [columns]')
     return ColumnMap(
         columns=column_rules(columns, name),
         defaults={key: _default(name, key, value) for key, value in defaults.items()},
@@ -111,9 +109,7 @@ def _table(table: object, key: str, name: str) -> dict[str, object]:
 def _rule(name: str, key: str, value: object) -> ColumnRule:
     where = f"{name}: columns.{printable(key)}"
     if key not in CANONICAL and key not in LABELS:
-        raise LogError(
-            f"{where} is no column that automarine knows; known are {', '.join([*CANONICAL, *LABELS])}"
-        )
+        raise LogError(f"{where} is no column that automarine knows; known are {', '.join([*CANONICAL, *LABELS])}")
     if isinstance(value, str):
         value = {"from": value}
     if not isinstance(value, dict):
@@ -123,9 +119,7 @@ def _rule(name: str, key: str, value: object) -> ColumnRule:
         )
     for inner in value:
         if inner not in ("from", "unit", "sign", "scale", "offset"):
-            raise LogError(
-                f"{where}.{printable(inner)} is not known; a column takes from, unit, sign, scale, offset"
-            )
+            raise LogError(f"{where}.{printable(inner)} is not known; a column takes from, unit, sign, scale, offset")
     source = value.get("from")
     if not isinstance(source, str) or not source.strip():
         found = "missing" if source is None else _kind(source)
@@ -150,9 +144,7 @@ def _unit(where: str, key: str, unit: object) -> str | None:
         return None
     known = CANONICAL[key].units()
     if not isinstance(unit, str) or (known and unit not in known):
-        raise LogError(
-            f"{where}.unit is {_kind(unit)}; expected {' or '.join(known) if known else 'a word in quotes'}"
-        )
+        raise LogError(f"{where}.unit is {_kind(unit)}; expected {' or '.join(known) if known else 'a word in quotes'}")
     return unit
 
 
@@ -168,9 +160,7 @@ def _default(name: str, key: str, value: object) -> float:
     where = f"{name}: defaults.{printable(key)}"
     if key not in KNOWN_DEFAULTS:
         raise LogError(f"{where} is not known; [defaults] takes {listed(KNOWN_DEFAULTS)}")
-    good = (
-        isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) and value > 0
-    )
+    good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) and value > 0
     if not good:
         raise LogError(f"{where} is {_kind(value)}; expected a number above 0")
     return value  # type: ignore[return-value]

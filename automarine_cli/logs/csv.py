@@ -71,15 +71,12 @@ def _content(path: Path, name: str) -> bytes:
         with path.open("rb") as packed:
             if packed.read(2) != b"\x1f\x8b":
                 raise LogError(
-                    f"{name}: found no gzip data, expected some by the name; drop .gz from the name if it is "
-                    "plain text"
+                    f"{name}: found no gzip data, expected some by the name; drop .gz from the name if it is plain text"
                 )
         with gzip.open(path) as file:
             data = file.read(limit + 1)
     except EOFError:
-        raise LogError(
-            f"{name}: the gzip data ends too early; the file was cut short, copy it again"
-        ) from None
+        raise LogError(f"{name}: the gzip data ends too early; the file was cut short, copy it again") from None
     except (gzip.BadGzipFile, zlib.error):
         raise LogError(f"{name}: the gzip data is damaged inside; copy the file again") from None
     if len(data) > limit:

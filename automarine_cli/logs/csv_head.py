@@ -73,9 +73,7 @@ def read_head(data: bytes, name: str, text: frozenset[str] = frozenset()) -> Hea
         min(end + 1, len(data)),
         delimiter,
         decimal,
-        tuple(
-            flag and column not in text for flag, column in zip(_numeric(rows, len(names), decimal), names)
-        ),
+        tuple(flag and column not in text for flag, column in zip(_numeric(rows, len(names), decimal), names)),
         max(len(line_text) for line_text in (header, *sample)),
         text,
     )

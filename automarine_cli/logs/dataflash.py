@@ -16,8 +16,8 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
-from automarine_cli.logs.table import Floats
 from automarine_cli.logs.vehicles import arming, mode_names, needed, unsound_is_refused
+from automarine_cli.quantities import Floats
 
 HEAD = b"\xa3\x95"
 FMT, FMT_LENGTH = 0x80, 89
@@ -26,11 +26,7 @@ LAYOUT = np.dtype(
 )
 SECONDS = {"TimeUS": 1e6, "TimeMS": 1e3}  # counts a second
 ARMING, DISARMED = (10, 11, 15), 11  # events
-INSTANCE = (
-    "I",
-    "Instance",
-    "Inst",
-)  # the byte that tells several sensors of one kind apart (a PID's I is none)
+INSTANCE = ("I", "Instance", "Inst")  # the byte that tells several sensors of one kind apart (a PID's I is none)
 TAKEN = {"ATT": {"Yaw": "heading_deg"}, "RATE": {"Y": "yaw_rate_deg_s"}, "BAT": {"Volt": "voltage_V"}}
 INSTEAD = {"RATE": ("IMU", {"GyrZ": "yaw_rate_rad_s"}), "BAT": ("CURR", {"Volt": "voltage_V"})}
 """Messages of which fields are taken under canonical names, and what serves where they are not."""
@@ -55,9 +51,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
 FORMAT = Format("ArduPilot dataflash", (".bin",), read, begins=(HEAD,))
 
 
-def _messages(
-    data: bytes, characters: Mapping[str, tuple[str, float | None, type]]
-) -> tuple[dict[str, Message], int]:
+def _messages(data: bytes, characters: Mapping[str, tuple[str, float | None, type]]) -> tuple[dict[str, Message], int]:
     """Fields of every message with a clock, by name, in file order; and how many bytes are no messages.
 
     Several sensors of one kind become messages of their own: BAT, then BAT[1].
@@ -125,11 +119,7 @@ def _layout(
         for key, kind in zip(keys, kinds)
     ]
     layout = np.dtype(parts)
-    return (
-        (name, layout, {k: kind[1] for k, kind in zip(keys, kinds)})
-        if layout.itemsize == new["length"]
-        else None
-    )
+    return (name, layout, {k: kind[1] for k, kind in zip(keys, kinds)}) if layout.itemsize == new["length"] else None
 
 
 def _field(values: NDArray[Any], factor: float | None) -> NDArray[Any]:

@@ -69,9 +69,7 @@ def _meant_by(argument: str) -> list[LogFile]:
         return [LogFile(path, printable(path.name), named=True)]
     if glob.has_magic(argument):
         return _matching(argument, endings)
-    raise LogError(
-        f"{quoted(argument)}: no such file or directory; check the spelling and the folder you are in"
-    )
+    raise LogError(f"{quoted(argument)}: no such file or directory; check the spelling and the folder you are in")
 
 
 def _inside(folder: Path, prefix: str | None = None) -> Iterator[LogFile]:

@@ -4,25 +4,14 @@ from collections.abc import Sequence
 
 from automarine_cli.dofs import DOFS
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import (
-    CANONICAL,
-    driven,
-    likely_canonical,
-    likely_column,
-    motions_in,
-    names_of,
-)
+from automarine_cli.logs.canonical import CANONICAL, driven, likely_canonical, likely_column, motions_in, names_of
 from automarine_cli.logs.table import LogTable
 from automarine_cli.pipeline.words import listed, printable, quoted
 
 _WORDS = {
     "n": "control signal",
     **{dof.command: dof.words.full_force for dof in DOFS.values()},
-    **{
-        name: f"{mount} thruster command"
-        for dof in DOFS.values()
-        for name, mount in zip(dof.thrusters, dof.mounts)
-    },
+    **{name: f"{mount} thruster command" for dof in DOFS.values() for name, mount in zip(dof.thrusters, dof.mounts)},
 }
 
 
@@ -69,9 +58,7 @@ def is_thruster_test(table: LogTable) -> bool:
     position = table.dof.position
     if position in table.columns or (is_velocity_only(table) and is_commanded(table)):
         return False
-    return "force" in table.columns or (
-        _guess(table, "force") is not None and _guess(table, position) is None
-    )
+    return "force" in table.columns or (_guess(table, "force") is not None and _guess(table, position) is None)
 
 
 def _sentence(table: LogTable, lacking: Sequence[str]) -> str:
@@ -89,10 +76,7 @@ def _sentence(table: LogTable, lacking: Sequence[str]) -> str:
     return (
         f"{table.source}: no {what}; found the columns {listed(table.names)}{_held(table)}; expected {expected}. "
         + "".join(f"{note[0].upper()}{note[1:]}. " for note in unmet)
-        + (
-            _meant_for(table, lacking)
-            or f"{hint} under [columns] in a file and give it with --columns FILE.toml"
-        )
+        + (_meant_for(table, lacking) or f"{hint} under [columns] in a file and give it with --columns FILE.toml")
     )
 
 

@@ -10,14 +10,7 @@ import pyarrow.parquet as pq
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
-from automarine_cli.logs.formats import (
-    MOST_COLUMNS,
-    Format,
-    RawLog,
-    most_unpacked,
-    too_many_columns,
-    too_well_packed,
-)
+from automarine_cli.logs.formats import MOST_COLUMNS, Format, RawLog, most_unpacked, too_many_columns, too_well_packed
 
 _INDEX = "__index_level_"  # what pandas writes beside the columns
 _MAGIC = b"PAR1"
@@ -43,9 +36,7 @@ def _refuse_foreign(path: Path, name: str) -> None:
         file.seek(max(0, path.stat().st_size - 4))
         ends = file.read(4) == _MAGIC
     if not begins:
-        raise LogError(
-            f"{name}: found no Parquet data, expected some by the name; if it is text, name it .csv or .tsv"
-        )
+        raise LogError(f"{name}: found no Parquet data, expected some by the name; if it is text, name it .csv or .tsv")
     if not ends or path.stat().st_size < 12:
         raise LogError(f"{name}: the Parquet data ends too early; the file was cut short, copy it again")
 

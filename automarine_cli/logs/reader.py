@@ -14,9 +14,10 @@ from automarine_cli.logs.columns import ColumnMap, ColumnRule
 from automarine_cli.logs.find import LogFile
 from automarine_cli.logs.formats import RawLog, format_of, suffixes
 from automarine_cli.logs.labels import run_names, states
-from automarine_cli.logs.table import Floats, LogTable
+from automarine_cli.logs.table import LogTable
 from automarine_cli.logs.text import first_not_a_number, first_not_a_timestamp, seconds_of_timestamps
 from automarine_cli.pipeline.words import listed, printable, quoted
+from automarine_cli.quantities import Floats
 
 
 @dataclass(frozen=True)
@@ -72,9 +73,7 @@ def _read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
     name, path = file.name, file.path
     form = format_of(path.name)
     if form is None:
-        raise LogError(
-            f"{name}: not a log by its name; give one that ends in {', '.join(sorted(suffixes()))}"
-        )
+        raise LogError(f"{name}: not a log by its name; give one that ends in {', '.join(sorted(suffixes()))}")
     try:
         if path.is_symlink() and not path.exists():
             raise LogError(
@@ -117,9 +116,7 @@ def _check_names(raw: RawLog, source: str) -> None:
         )
 
 
-def _assigned(
-    raw: RawLog, columns: ColumnMap, source: str, others: frozenset[str]
-) -> tuple[list[_Use], list[str]]:
+def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[str]) -> tuple[list[_Use], list[str]]:
     """Which column serves which quantity; rules of the map come before names of the file. By those names `others` are
     not read."""
     own = {name: i for i, name in enumerate(raw.names) if name}
@@ -133,9 +130,7 @@ def _assigned(
         if rule.source in places:
             mapped.setdefault(canonical.quantity, []).append(_Use(canonical, places[rule.source], rule))
         else:
-            notes.append(
-                f"the column map names {quoted(rule.source)} for {name}; the file has no such column"
-            )
+            notes.append(f"the column map names {quoted(rule.source)} for {name}; the file has no such column")
     named: dict[str, list[_Use]] = {}
     for name, canonical in CANONICAL.items():
         # a column `time` of plain numbers has no unit: it is not taken as the clock
@@ -175,9 +170,7 @@ def _values(raw: RawLog, use: _Use, source: str) -> Floats:
         values = array.to_numpy()
         factor = use.canonical.factor(unit)
     else:
-        row, found = (
-            first_not_a_number(array, raw.decimal) if not pa.types.is_timestamp(array.type) else (0, "a time")
-        )
+        row, found = first_not_a_number(array, raw.decimal) if not pa.types.is_timestamp(array.type) else (0, "a time")
         raise LogError(
             f"{source}, row {raw.rows[row]}, column {printable(column)}: found {quoted(found)}, "
             "expected a number. Correct the cell, or leave it empty if the value is missing"
@@ -211,8 +204,6 @@ def _no_timestamps(raw: RawLog, use: _Use, source: str) -> str:
 def _finite_or_nan(values: Floats, name: str, notes: list[str]) -> Floats:
     infinite = np.isinf(values)
     if infinite.any():
-        notes.append(
-            f"column {printable(name)}: {int(infinite.sum())} infinite values are treated as missing"
-        )
+        notes.append(f"column {printable(name)}: {int(infinite.sum())} infinite values are treated as missing")
         return np.where(infinite, np.nan, values)
     return values

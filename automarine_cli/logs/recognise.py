@@ -11,16 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.dofs import DOFS
-from automarine_cli.logs.canonical import (
-    CANONICAL,
-    NORMALISED,
-    ROTATIONS,
-    TIMESTAMP,
-    UNITS,
-    likely_column,
-    names_of,
-)
-from automarine_cli.logs.table import Floats, LogTable
+from automarine_cli.logs.canonical import CANONICAL, NORMALISED, ROTATIONS, TIMESTAMP, UNITS, likely_column, names_of
+from automarine_cli.logs.table import LogTable
+from automarine_cli.quantities import Floats
 
 SLOWEST, FASTEST = 2.0, 2e-3  # s between the samples of an ordinary logger
 SLOWEST_OF_ALL, FASTEST_OF_ALL = 5.0, 2e-4
@@ -103,9 +96,7 @@ def _raw(table: LogTable) -> dict[str, Floats]:
     own = {
         name: table.columns[CANONICAL[name].quantity] / CANONICAL[name].factor()
         for name in table.names
-        if name in CANONICAL
-        and CANONICAL[name].unit != TIMESTAMP
-        and CANONICAL[name].quantity in table.columns
+        if name in CANONICAL and CANONICAL[name].unit != TIMESTAMP and CANONICAL[name].quantity in table.columns
     }
     return {**table.extras, **own}
 
@@ -131,9 +122,7 @@ def recognise(quantity: str, names: Sequence[str], seen: Mapping[str, Span]) -> 
 
 
 def _in_words(quantity: str) -> str:
-    mounts = {
-        name: f"{mount} command" for dof in DOFS.values() for name, mount in zip(dof.thrusters, dof.mounts)
-    }
+    mounts = {name: f"{mount} command" for dof in DOFS.values() for name, mount in zip(dof.thrusters, dof.mounts)}
     return {"n": "control signal", **mounts}.get(quantity, quantity.replace("_", " "))
 
 
@@ -159,9 +148,7 @@ def _time(quantity: str, source: str, span: Span) -> Recognised:
     """The unit in which the samples are a sensible time apart."""
     step, seen = span.median_step, f"{_range(span)}, {span.median_step:.4g} from sample to sample"
     fits = [u for u in ("s", "ms", "us") if FASTEST <= step * UNITS["time"][u] <= SLOWEST]
-    fits = fits or [
-        u for u in ("s", "ms", "us") if FASTEST_OF_ALL <= step * UNITS["time"][u] <= SLOWEST_OF_ALL
-    ]
+    fits = fits or [u for u in ("s", "ms", "us") if FASTEST_OF_ALL <= step * UNITS["time"][u] <= SLOWEST_OF_ALL]
     told = _told(source, {"s": "s", "sec": "s", "seconds": "s", "ms": "ms", "millis": "ms", "us": "us"})
     unit = told if told in fits or not fits else fits[0]
     key = f"time_{unit or 's'}"
@@ -188,9 +175,7 @@ def _angle(quantity: str, source: str, span: Span) -> Recognised:
         certain = "rad"
     elif width <= 1.001 * DEGREES and largest > FAR:
         certain = "deg"
-    seen = f"{_range(span)}" + (
-        f", wraps at {'360' if certain == 'deg' else '2 pi'}" if certain and smooth else ""
-    )
+    seen = f"{_range(span)}" + (f", wraps at {'360' if certain == 'deg' else '2 pi'}" if certain and smooth else "")
     if told is not None and certain is not None and told != certain:
         why = f"the name says {told}, the range says {certain}"
         return Recognised(_name(quantity, told), source, seen, certain, why, unit_open=True)
@@ -229,9 +214,7 @@ def _voltage(quantity: str, source: str, span: Span) -> Recognised:
     if span.low > 1000:
         return Recognised("voltage_V", source, _range(span), "mV")
     sure = source in CANONICAL or _named_exactly(quantity, source)
-    return Recognised(
-        "voltage_V", source, _range(span), open="" if sure and span.high < 1000 else "is this in volts?"
-    )
+    return Recognised("voltage_V", source, _range(span), open="" if sure and span.high < 1000 else "is this in volts?")
 
 
 def _plain(quantity: str, source: str, span: Span) -> Recognised:
@@ -248,9 +231,7 @@ def _told(source: str, words: Mapping[str, str]) -> str | None:
     if source in CANONICAL and CANONICAL[source].unit != TIMESTAMP:
         return CANONICAL[source].unit
     found = words_of(source)
-    return next(
-        (words[word] for word in reversed(found) if word in words and (len(found) > 1 or len(word) > 3)), None
-    )
+    return next((words[word] for word in reversed(found) if word in words and (len(found) > 1 or len(word) > 3)), None)
 
 
 UNITS_OF_KEYS = {name: one.unit for name, one in CANONICAL.items()}

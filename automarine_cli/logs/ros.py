@@ -19,9 +19,9 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
-from automarine_cli.logs.table import Floats
 from automarine_cli.logs.vehicles import arming, needed, unsound_is_refused, yaw_of
 from automarine_cli.pipeline.words import listed, quoted
+from automarine_cli.quantities import Floats
 
 MCAP = b"\x89MCAP0\r\n"
 STANDARD = "std_msgs/msg/"
@@ -65,9 +65,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
         asked = {rule.source for rule in columns.columns.values()}
         wanted = [link for link in bag.connections if link.msgcount and _wanted(link, asked)]
         topics = list(_topics(bag, wanted, one, asked))
-        holds = {
-            link.topic: f"{link.topic} ({link.msgtype.replace('/msg/', '/')})" for link in bag.connections
-        }
+        holds = {link.topic: f"{link.topic} ({link.msgtype.replace('/msg/', '/')})" for link in bag.connections}
     return on_one_clock(_recording(topics, tuple(holds.values()), columns), columns, name)
 
 
@@ -103,11 +101,7 @@ def _topics(bag: Any, wanted: list[Any], one: bool, asked: set[str]) -> Iterable
             wanted.remove(link)  # older bags do not say what types of one's own hold
         elif link.msgtype not in store.fielddefs:
             idl = link.msgdef.format.name == "IDL"
-            types = (
-                get_types_from_idl(link.msgdef.data)
-                if idl
-                else get_types_from_msg(link.msgdef.data, link.msgtype)
-            )
+            types = get_types_from_idl(link.msgdef.data) if idl else get_types_from_msg(link.msgdef.data, link.msgtype)
             store.register({key: value for key, value in types.items() if key not in store.fielddefs})
     read_one = store.deserialize_ros1 if one else store.deserialize_cdr
     found: dict[str, tuple[str, list[int], list[Any]]] = {}
@@ -121,9 +115,7 @@ def _topics(bag: Any, wanted: list[Any], one: bool, asked: set[str]) -> Iterable
         fields = _columns(getters(store.fielddefs, kind, messages[0], serves), messages)
         seconds, rest = fields.pop("header.stamp.sec", None), fields.pop("header.stamp.nanosec", None)
         none = np.full(len(stamps), np.nan)
-        stamped = (
-            none if seconds is None or rest is None else np.where(seconds > 0, seconds + rest / 1e9, np.nan)
-        )
+        stamped = none if seconds is None or rest is None else np.where(seconds > 0, seconds + rest / 1e9, np.nan)
         yield Topic(topic, kind, fields, np.array(stamps, dtype=np.float64) / 1e9, stamped)
 
 
@@ -151,9 +143,7 @@ def _recording(topics: list[Topic], holds: tuple[str, ...], columns: ColumnMap) 
     given: set[str] = set()
     for topic in [*turning, *(one for one in topics if one not in turning)]:
         time = np.where(np.isnan(topic.stamped), topic.recorded + shift, topic.stamped)
-        own = {
-            key: name for key, name in OWN.items() if key in motions.get(topic.name, {}) and key not in given
-        }
+        own = {key: name for key, name in OWN.items() if key in motions.get(topic.name, {}) and key not in given}
         given |= set(own)
         if topic.kind == BATTERY and "voltage" not in given:
             own["voltage"] = "voltage_V"
@@ -202,16 +192,12 @@ def _clocks(turning: list[Topic]) -> tuple[float, list[str]]:
     return shift, [f"the stamps are {shift:+.3f} s from the recorder's clock; its times are moved by that"]
 
 
-def getters(
-    types: Mapping[str, Any], kind: str, first: Any, wanted: Callable[[str], bool]
-) -> dict[str, Getter]:
+def getters(types: Mapping[str, Any], kind: str, first: Any, wanted: Callable[[str], bool]) -> dict[str, Getter]:
     """Path -> getter, for every wanted number and word of a message type; `first` shows how long its arrays are."""
     return {path: get for path, get in _inside(types, kind, "", first, 0) if wanted(path)}
 
 
-def _inside(
-    types: Mapping[str, Any], kind: str, prefix: str, first: Any, depth: int
-) -> Iterator[tuple[str, Getter]]:
+def _inside(types: Mapping[str, Any], kind: str, prefix: str, first: Any, depth: int) -> Iterator[tuple[str, Getter]]:
     for name, (node, about) in types[kind][1]:
         path = f"{prefix}{name}"
         if node.name == "BASE" and (about[0].startswith(NUMBERS) or about[0] == "string"):
@@ -222,9 +208,7 @@ def _inside(
             (inner, what), _ = about
             if inner.name == "BASE" and what[0].startswith(NUMBERS):
                 values = attrgetter(path)(first)
-                yield from (
-                    (f"{path}[{i}]", _element(path, i)) for i in range(min(len(values), LONGEST_ARRAY))
-                )
+                yield from ((f"{path}[{i}]", _element(path, i)) for i in range(min(len(values), LONGEST_ARRAY)))
 
 
 def _element(path: str, i: int) -> Getter:

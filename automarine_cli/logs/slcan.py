@@ -11,11 +11,9 @@ import re
 import numpy as np
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.table import Floats
+from automarine_cli.quantities import Floats
 
-LINE = re.compile(
-    rb"\s*(?:\(?(\d+\.\d+)\)?[\s,]+)?(?:t([0-9A-Fa-f]{3})|T([0-9A-Fa-f]{8}))([0-8])([0-9A-Fa-f]*)\s*"
-)
+LINE = re.compile(rb"\s*(?:\(?(\d+\.\d+)\)?[\s,]+)?(?:t([0-9A-Fa-f]{3})|T([0-9A-Fa-f]{8}))([0-8])([0-9A-Fa-f]*)\s*")
 FRAME = re.compile(rb"(?:^|[\s,])[tT][0-9A-Fa-f]{4}")
 STAMP = "ABCD"  # four digits
 MINUTE = 60.0  # s after which the converter's clock begins anew

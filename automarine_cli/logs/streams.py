@@ -17,14 +17,11 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, VELOCITIES, motion_of, names_of
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import RawLog
-from automarine_cli.logs.table import Floats
 from automarine_cli.pipeline.words import listed, printable
+from automarine_cli.quantities import Floats
 
 PAUSE = 5.0  # s without a heading: the recorder stood still
-MOTION = {
-    *VELOCITIES,
-    *(q for dof in DOFS.values() for q in dof.channels if q != dof.position or not dof.wraps),
-}
+MOTION = {*VELOCITIES, *(q for dof in DOFS.values() for q in dof.channels if q != dof.position or not dof.wraps)}
 """What moves on between two messages: no position that wraps."""
 
 
@@ -89,10 +86,7 @@ def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
     """
     streams = [stream for stream in found.streams if len(stream.time)]
     also = {
-        name: column
-        for stream in reversed(streams)
-        for name, column in stream.also.items()
-        if column in stream.columns
+        name: column for stream in reversed(streams) for name, column in stream.also.items() if column in stream.columns
     }
     bollard = _is_bollard(streams, also, columns)
     if bollard:  # nothing turns in it, though a compass may have been on
@@ -100,9 +94,7 @@ def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
         also = {name: column for name, column in also.items() if column not in names_of("heading")}
     master = _master(streams, also, columns, bollard)
     if master is None:
-        there = (
-            f"found the {found.kind} {listed(found.holds)}" if found.holds else f"it holds no {found.kind}"
-        )
+        there = f"found the {found.kind} {listed(found.holds)}" if found.holds else f"it holds no {found.kind}"
         raise LogError(
             f"{source}: no heading in it; {there}. If one of them holds the heading, name its field with a line such "
             'as heading_deg = "NAME.FIELD" under [columns] in a file and give it with --columns FILE.toml'
@@ -123,9 +115,7 @@ def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
     )  # fmt: skip
 
 
-def _master(
-    streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnMap, bollard: bool
-) -> Stream | None:
+def _master(streams: Sequence[Stream], also: Mapping[str, str], columns: ColumnMap, bollard: bool) -> Stream | None:
     names = (name for stream in streams for name in stream.columns)
     motion = (motion_of(names, columns.columns).position, "heading")
     for quantity in ("force",) if bollard else (*motion, "force"):
@@ -141,9 +131,7 @@ def _is_bollard(streams: Sequence[Stream], also: Mapping[str, str], columns: Col
     """Whether the file holds what the column map calls control signal and force, and nothing it calls a command."""
     there = {name for stream in streams for name in stream.columns} | set(also)
     named = {
-        CANONICAL[name].quantity
-        for name, rule in columns.columns.items()
-        if name in CANONICAL and rule.source in there
+        CANONICAL[name].quantity for name, rule in columns.columns.items() if name in CANONICAL and rule.source in there
     }
     commands = {name for dof in DOFS.values() for name in (dof.command, *dof.thrusters)}
     return named >= {"n", "force"} and not named & commands

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.logs.canonical import CANONICAL, LABELS, names_of
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 
 @dataclass(frozen=True)

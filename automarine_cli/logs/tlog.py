@@ -16,8 +16,8 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
-from automarine_cli.logs.table import Floats
 from automarine_cli.logs.vehicles import arming, mode_names, needed, unsound_is_refused
+from automarine_cli.quantities import Floats
 
 STAMP = 8  # bytes in front of each packet: microseconds since 1970, big-endian
 HEADS = {0xFE: 6, 0xFD: 10}  # the first byte of MAVLink 1 and 2 -> bytes of the header
@@ -55,9 +55,7 @@ FORMAT = Format("MAVLink telemetry", (".tlog",), read)
 def _messages(data: bytes, known: Mapping[int, Any]) -> tuple[dict[str, Message], int]:
     """Fields of the vehicle's messages by name, with the station's clock as `received` [s]; how many are damaged."""
     places = _indexed(data, known)
-    whole = np.frombuffer(
-        data + bytes(300), dtype=np.uint8
-    )  # a short payload ends in zeros that are not sent
+    whole = np.frombuffer(data + bytes(300), dtype=np.uint8)  # a short payload ends in zeros that are not sent
     found, bad = {}, 0
     for number, starts in sorted(places.items()):
         kind = known[number]
@@ -125,18 +123,14 @@ class _Packets:
     def fields(self, kind: Any) -> Message:
         """The fields that are single numbers, and who sent them."""
         characters = kind.unpacker.format[1:]
-        layout = np.dtype(
-            [(key, _type(c)) for key, c in zip(kind.ordered_fieldnames, _one_a_field(characters))]
-        )
+        layout = np.dtype([(key, _type(c)) for key, c in zip(kind.ordered_fieldnames, _one_a_field(characters))])
         content = self._bytes(STAMP + self.head, layout.itemsize)
         content[np.arange(layout.itemsize) >= self.length[:, None]] = 0
         table = np.ascontiguousarray(content).view(layout)[:, 0]
         stamps = np.ascontiguousarray(self._bytes(np.zeros(len(self.at), np.int64), STAMP)).view(">u8")[:, 0]
         sender = self.whole[self.at + STAMP + np.where(self.head == 10, 5, 3)].astype(np.int64) << 8
         component = self.whole[self.at + STAMP + np.where(self.head == 10, 6, 4)]
-        found = {
-            key: table[key].astype(np.float64) for key in kind.ordered_fieldnames if layout[key].kind in "iuf"
-        }
+        found = {key: table[key].astype(np.float64) for key in kind.ordered_fieldnames if layout[key].kind in "iuf"}
         return {"received": stamps / 1e6, "sender": sender + component, **found}
 
 
@@ -177,17 +171,13 @@ def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple
     starts = _starts(messages)
     streams = []
     for name, message in messages.items():
-        fields = {
-            key: values for key, values in message.items() if key not in OWN_CLOCK and key != "received"
-        }
+        fields = {key: values for key, values in message.items() if key not in OWN_CLOCK and key != "received"}
         if name == "SYS_STATUS":
             volts = fields["voltage_battery"]
             fields["voltage_battery"] = np.where(volts == NO_VOLTAGE, np.nan, volts / 1e3)
         if name == SERVOS:
             fields = {key: values for key, values in fields.items() if key != "port" and values.any()}
-        stream = taken(
-            name, _clock(message, starts), fields, TAKEN.get(name, {}), columns, keep=name == SERVOS
-        )
+        stream = taken(name, _clock(message, starts), fields, TAKEN.get(name, {}), columns, keep=name == SERVOS)
         streams += [] if stream is None else [stream]
     if "HEARTBEAT" in messages:
         beat = messages["HEARTBEAT"]

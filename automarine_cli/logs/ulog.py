@@ -15,8 +15,8 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
-from automarine_cli.logs.table import Floats
 from automarine_cli.logs.vehicles import arming, named, needed, unsound_is_refused, yaw_of
+from automarine_cli.quantities import Floats
 
 HEAD = b"ULog\x01\x12\x35"
 TAKEN = {
@@ -25,10 +25,7 @@ TAKEN = {
     "battery_status": {"voltage_v": "voltage_V"},
 }
 BEFORE = {"yawspeed": "yaw_rate_rad_s"}  # where older logs have the yaw rate, in vehicle_attitude
-MOTORS = (
-    "actuator_motors",
-    "actuator_outputs",
-)  # commands -1 to 1; in older logs what goes to the drivers [us]
+MOTORS = ("actuator_motors", "actuator_outputs")  # commands -1 to 1; in older logs what goes to the drivers [us]
 MODES = {
     0: "MANUAL", 1: "ALTCTL", 2: "POSCTL", 3: "AUTO_MISSION", 4: "AUTO_LOITER", 5: "AUTO_RTL", 10: "ACRO",
     12: "DESCEND", 13: "TERMINATION", 14: "OFFBOARD", 15: "STAB", 17: "AUTO_TAKEOFF", 18: "AUTO_LAND",

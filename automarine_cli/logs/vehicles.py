@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.table import Floats
+from automarine_cli.quantities import Floats
 
 
 def needed(module: str, extra: str, source: str, what: str) -> ModuleType:

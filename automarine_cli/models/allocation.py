@@ -7,11 +7,10 @@ the thrust configuration matrix).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from automarine_cli.errors import ModelError
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 
 @dataclass(frozen=True)

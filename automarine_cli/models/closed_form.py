@@ -14,9 +14,9 @@ of the rate with a replaced by -a (delta may become imaginary), until the rate i
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 
 def response(
@@ -46,9 +46,7 @@ def response(
     return heading0 + forward * turned + early * rate0, np.where(time < 0, rate0, forward * rate)
 
 
-def velocity_error(
-    moment: ArrayLike, inertia: ArrayLike, k_r: ArrayLike = 0.0, k_rr: ArrayLike = 0.0
-) -> Floats:
+def velocity_error(moment: ArrayLike, inertia: ArrayLike, k_r: ArrayLike = 0.0, k_rr: ArrayLike = 0.0) -> Floats:
     """Intercept at the step's instant of the line on which the heading ends, start heading removed [rad].
 
     -sgn(tau) (I/k_rr) ln(1 + r_inf/r_2); equation 7 for k_rr = 0, equation 9 for k_r = 0. Not a number where a
@@ -71,9 +69,7 @@ def inertia_from_velocity_error(eps: ArrayLike, moment: ArrayLike, k_r: ArrayLik
     return np.asarray(eps) / velocity_error(moment, 1.0, k_r, k_rr)
 
 
-def _scaled(
-    moment: ArrayLike, inertia: ArrayLike, k_r: ArrayLike, k_rr: ArrayLike
-) -> tuple[Floats, Floats, Floats]:
+def _scaled(moment: ArrayLike, inertia: ArrayLike, k_r: ArrayLike, k_rr: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """a, b, c of the Riccati equation."""
     size, linear, quadratic = (np.asarray(x, dtype=float) for x in (np.abs(moment), k_r, k_rr))
     mass = np.asarray(inertia, dtype=float)
@@ -89,9 +85,7 @@ def _with(t: Floats, a: Floats, b: Floats, c: Floats, start: Floats) -> tuple[Fl
     decayed = np.expm1(-2 * delta * t)
     with np.errstate(divide="ignore", invalid="ignore"):
         # (1 - exp(-2 delta t))/(2 delta), and t where delta is zero (coasting with quadratic drag alone)
-        mean_decay = (
-            decayed * (-0.5 / delta) if np.all(delta > 0) else np.where(delta > 0, decayed / (-2 * delta), t)
-        )
+        mean_decay = decayed * (-0.5 / delta) if np.all(delta > 0) else np.where(delta > 0, decayed / (-2 * delta), t)
     z = (final - start) * mean_decay
     return final * t + _log_ratio(c, z), final - (final - start) * (1 + decayed) / (1 - c * z)
 
@@ -102,9 +96,7 @@ def _against(t: Floats, a: Floats, b: Floats, c: Floats, start: Floats) -> tuple
     speed = np.maximum(-start, 0.0)
     delta = np.sqrt((b * b / 4 - a * c).astype(complex))
     delta = np.where(np.abs(delta) < 1e-9, 1e-9, delta)
-    resisted = np.where(
-        a + b * speed / 2 > 0, a + b * speed / 2, 1.0
-    )  # only coasting has none, and it never brakes
+    resisted = np.where(a + b * speed / 2 > 0, a + b * speed / 2, 1.0)  # only coasting has none, and it never brakes
     stop = np.real(np.arctanh(delta * speed / resisted) / delta)
     braking = np.minimum(t, stop)
     final = -a / (delta + b / 2)

@@ -22,9 +22,7 @@ def object_at(data: object, where: str) -> Mapping[str, object]:
 def needed(data: Mapping[str, object], key: str, where: str, motion: str) -> object:
     """What stands under a key that must be there; `motion` names the fit that writes such files."""
     if key not in data:
-        raise ModelError(
-            f"{where}: key {told(key)} is missing; give a file as `automarine fit-{motion}` writes it"
-        )
+        raise ModelError(f"{where}: key {told(key)} is missing; give a file as `automarine fit-{motion}` writes it")
     return data[key]
 
 

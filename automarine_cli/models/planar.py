@@ -16,7 +16,7 @@ from dataclasses import astuple, dataclass, fields, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
@@ -25,8 +25,7 @@ from automarine_cli.effects import Effect, Place, State
 from automarine_cli.errors import ModelError
 from automarine_cli.models.vehicle import Bound
 from automarine_cli.models.yaw_model import Term
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 PLACES = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 """Where the entries of `Inertia`, in its order, stand in the matrix."""

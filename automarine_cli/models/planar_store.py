@@ -80,8 +80,7 @@ def planar_from_json(data: object, where: str = "planar model") -> StoredPlanar:
     place = f"{where}: parameters"
     entries = object_at(needed(top, "parameters", where, PLANAR.name), place)
     values = {
-        name: number_at(one, f"{place}.{printable(name[:LONGEST])}", PLANAR.name)
-        for name, one in entries.items()
+        name: number_at(one, f"{place}.{printable(name[:LONGEST])}", PLANAR.name) for name, one in entries.items()
     }
     return StoredPlanar(_model(values, place), where, top)
 
@@ -124,9 +123,7 @@ def _model(values: Mapping[str, float], where: str) -> PlanarModel:
     water = [left.pop(name) for name in CURRENT if name in left]
     if len(water) == 1:
         lacking = next(name for name in CURRENT if name not in values)
-        raise ModelError(
-            f"{where}: key {told(lacking)} is missing; a current has {' and '.join(CURRENT)}, give both"
-        )
+        raise ModelError(f"{where}: key {told(lacking)} is missing; a current has {' and '.join(CURRENT)}, give both")
     terms: dict[str, list[Term]] = {dof.name: [] for dof in PLANAR.dofs}
     cross: list[Term] = []
     while left:
@@ -180,9 +177,7 @@ def _own(dof: Dof, rest: str, left: dict[str, float], where: str) -> Term | None
         value = left.pop(key)
         free = parameter.name == "{linear}"  # beside quadratic drag it may come out below zero
         if not (free or parameter.lower <= value <= parameter.upper):
-            raise ModelError(
-                f"{where}.{key}: found {value:g}, expected {parameter.lower:g} to {parameter.upper:g}"
-            )
+            raise ModelError(f"{where}.{key}: found {value:g}, expected {parameter.lower:g} to {parameter.upper:g}")
         values.append(value)
     found = {key.partition(".")[2].removeprefix(f"{name}.") for key in given}
     if not effect.role and (lacking := effect.lacking(found, values, dof)):

@@ -61,9 +61,7 @@ def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels
             raise ModelError(f"{where}: models.{name}: unknown model; known are {', '.join(BASE_TERMS)}")
         if entry is not None:  # null: a model that could not be fitted
             place = f"{where}: models.{number}"
-            own = (
-                entry.get("effects") if isinstance(entry, Mapping) else None
-            )  # its own values of the same effects
+            own = entry.get("effects") if isinstance(entry, Mapping) else None  # its own values of the same effects
             values = added if own is None else _effects(own, f"{place}.effects", dof)
             models[number] = _with_effects(_base(number, entry, unit, place, dof), values)
     if not models:
@@ -71,8 +69,7 @@ def yaw_models_from_json(data: object, where: str = "yaw model") -> StoredModels
     preferred = needed(top, "preferred", where, dof.name)
     if not isinstance(preferred, str) or preferred not in models:
         raise ModelError(
-            f"{where}: preferred: found {_told(preferred)}, expected one of the file's models "
-            f"({', '.join(models)})"
+            f"{where}: preferred: found {_told(preferred)}, expected one of the file's models ({', '.join(models)})"
         )
     offset = top.get("switch_offset")
     late = 0.0 if offset is None else number_at(offset, f"{where}: switch_offset", dof.name)
@@ -155,9 +152,7 @@ def _checked_schema(top: Mapping[str, object], where: str) -> Dof:
     return dof
 
 
-def _refuse_unknown(
-    entry: Mapping[str, object], keys: Callable[[Dof], tuple[str, ...]], where: str, dof: Dof
-) -> None:
+def _refuse_unknown(entry: Mapping[str, object], keys: Callable[[Dof], tuple[str, ...]], where: str, dof: Dof) -> None:
     """Refuse a key that means nothing: it may be meant as one that is read, and must not be passed over."""
     known = keys(dof)
     for key in entry:
@@ -175,9 +170,7 @@ def _force_unit(top: Mapping[str, object], entries: Mapping[str, object], where:
     key = f"{dof.words.force}_unit"
     unit = top.get(key)
     if unit is None:
-        inertias = [
-            entry.get(dof.symbols.inertia) for entry in entries.values() if isinstance(entry, Mapping)
-        ]
+        inertias = [entry.get(dof.symbols.inertia) for entry in entries.values() if isinstance(entry, Mapping)]
         units = [one.get("unit") for one in inertias if isinstance(one, Mapping)]
         unit = next((one for one in units if isinstance(one, str)), None)
         unit = {dof.unit_of("inertia", force): force for force in dof.units.forces}.get(str(unit), unit)
@@ -222,9 +215,7 @@ def _effects(data: object, where: str, dof: Dof) -> list[tuple[str, tuple[float,
         _refuse_unknown(entry, _effect_keys, place, dof)
         name = needed(entry, "name", place, dof.name)
         if not isinstance(name, str) or not effects.known(name):
-            raise ModelError(
-                f"{place}.name: found {_told(name)}, expected one of {', '.join(effects.names())}"
-            )
+            raise ModelError(f"{place}.name: found {_told(name)}, expected one of {', '.join(effects.names())}")
         given = object_at(needed(entry, "parameters", place, dof.name), f"{place}.parameters")
         found.append((name, _parameters(name, given, f"{place}.parameters", dof)))
     return found
@@ -242,9 +233,7 @@ def _parameters(name: str, given: Mapping[str, object], where: str, dof: Dof) ->
             continue
         value = number_at(needed(given, key, where, dof.name), f"{where}.{key}", dof.name)
         if not parameter.lower <= value <= parameter.upper:
-            raise ModelError(
-                f"{where}.{key}: found {value:g}, expected {parameter.lower:g} to {parameter.upper:g}"
-            )
+            raise ModelError(f"{where}.{key}: found {value:g}, expected {parameter.lower:g} to {parameter.upper:g}")
         values.append(value)
     if lacking := effects.get(name).lacking(given, values, dof):
         needed(given, lacking, where, dof.name)

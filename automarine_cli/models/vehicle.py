@@ -4,13 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.effects import Effect, Place
-
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 
 class Vehicle(Protocol):

@@ -4,21 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.errors import ModelError
 from automarine_cli.models.vehicle import Bound
+from automarine_cli.quantities import Floats
 
-Floats = NDArray[np.float64]
-
-BASE_TERMS = {
-    "1": ("linear-drag",),
-    "2": ("quadratic-drag", "linear-drag"),
-    "3": ("quadratic-drag",),
-}
+BASE_TERMS = {"1": ("linear-drag",), "2": ("quadratic-drag", "linear-drag"), "3": ("quadratic-drag",)}
 """The drag terms of the paper's three models: D(r) = k_r; k_rr|r| + k_r; k_rr|r|."""
 
 CONSTANT = "bias-moment"
@@ -73,19 +68,12 @@ class YawModel:
 
     @classmethod
     def base(
-        cls,
-        number: str,
-        inertia: float,
-        values: Sequence[float] | Floats,
-        moment_unit: str,
-        dof: Dof,
+        cls, number: str, inertia: float, values: Sequence[float] | Floats, moment_unit: str, dof: Dof
     ) -> "YawModel":
         """Model "1", "2" or "3" of the paper; `values` in the order of `base_terms`, sided if there is one more."""
         sided = len(values) > len(base_terms(number, dof))
         names = base_terms(number, dof, sided)
-        terms = tuple(
-            Term(name, (float(value),), own=True) for name, value in zip(names, values, strict=True)
-        )
+        terms = tuple(Term(name, (float(value),), own=True) for name, value in zip(names, values, strict=True))
         return cls(float(inertia), terms, moment_unit, dof)
 
     @property
@@ -138,9 +126,7 @@ class YawModel:
         count, given = len(own), len(values)
         values = [*values, *(p.start for p in own[given:] if p.optional)]
         if len(values) != count:
-            raise ModelError(
-                f"effect {name!r} has {count} parameters, {given} values were given; give one for each"
-            )
+            raise ModelError(f"effect {name!r} has {count} parameters, {given} values were given; give one for each")
         return replace(self, terms=(*self.terms, Term(name, tuple(float(v) for v in values))))
 
     @property
@@ -180,11 +166,7 @@ class YawModel:
             return moment, linear, quadratic
         moment = moment + self._value("constant")
         way = np.sign(moment)
-        return (
-            moment,
-            linear + way * self._value("difference", 1),
-            quadratic + way * self._value("difference", 2),
-        )
+        return (moment, linear + way * self._value("difference", 1), quadratic + way * self._value("difference", 2))
 
     def drag(self) -> tuple[float, float]:
         """Linear and quadratic drag, zero where the model has no such term."""

@@ -32,9 +32,7 @@ class Input(NamedTuple):
 
 def given_as(**options: object) -> list[Input]:
     """Those of the options that are files, each with the option's name as its role."""
-    return [
-        Input(printable(path.name), path, role) for role, path in options.items() if isinstance(path, Source)
-    ]
+    return [Input(printable(path.name), path, role) for role, path in options.items() if isinstance(path, Source)]
 
 
 @dataclass(frozen=True)
@@ -81,9 +79,7 @@ def read_manifest(path: Path) -> Manifest:
     """The manifest at `path`. Raises SettingError with the key's path for one that is not automarine's."""
     data = read_mapping(path)
     if not str(data.get("schema", "")).startswith("automarine/manifest/"):
-        raise SettingError(
-            f"{path.name}: is no manifest of automarine; expected the {MANIFEST} in a folder of results"
-        )
+        raise SettingError(f"{path.name}: is no manifest of automarine; expected the {MANIFEST} in a folder of results")
     return from_mapping(Manifest, data, path.name)
 
 

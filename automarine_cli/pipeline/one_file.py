@@ -11,9 +11,7 @@ def refuse_existing(target: Path, *, overwrite: bool) -> None:
     if target.is_dir():
         raise OutputError(f"{target} is a folder; give the name of a file after -o")
     if target.exists() and not overwrite:
-        raise OutputError(
-            f"{target} is there already; give --overwrite to replace it, or another name with -o"
-        )
+        raise OutputError(f"{target} is there already; give --overwrite to replace it, or another name with -o")
 
 
 def write_whole(target: Path, text: str) -> None:

@@ -34,9 +34,7 @@ Made = TypeVar("Made")
 MOST_FOREIGN = 1000
 MOST_THROUGH = 200  # files written through to the disk one by one; of more, a slow disk would make minutes
 # Settings that must not change a result, or that `inputs` says already: never in the manifest.
-UNRECORDED = frozenset(
-    {"logs", "out", "jobs", "overwrite", "as_json", "json", "progress", "verbose", "quiet"}
-)
+UNRECORDED = frozenset({"logs", "out", "jobs", "overwrite", "as_json", "json", "progress", "verbose", "quiet"})
 
 
 def json_text(data: object) -> str:
@@ -187,9 +185,7 @@ def _inspect(target: Path, out: Path, command: str, overwrite: bool) -> tuple[fr
     manifest = _read_manifest(target / MANIFEST)
     if manifest is None:
         if (target / MANIFEST).exists():
-            raise OutputError(
-                f"{out} holds a {MANIFEST} that is not automarine's; choose another folder with -o"
-            )
+            raise OutputError(f"{out} holds a {MANIFEST} that is not automarine's; choose another folder with -o")
         ours = [path.parent for path in manifests_in(target)]  # results of the steps of a campaign
         there = {
             path.relative_to(target).as_posix()
@@ -208,9 +204,7 @@ def _inspect(target: Path, out: Path, command: str, overwrite: bool) -> tuple[fr
         return frozenset({MANIFEST}), frozenset()
     outputs = manifest.get("outputs")
     entries = outputs if isinstance(outputs, list) else []
-    names = {
-        entry["file"] for entry in entries if isinstance(entry, dict) and isinstance(entry.get("file"), str)
-    }
+    names = {entry["file"] for entry in entries if isinstance(entry, dict) and isinstance(entry.get("file"), str)}
     return frozenset(names | {MANIFEST}), frozenset()
 
 

@@ -65,9 +65,7 @@ def ordered_stream(
     """
     work = list(items)
     handing = _Handing(prepare, at_once)
-    found = _in_order(
-        function, work, min(_checked(jobs), len(work)), cluster if work else None, stage, handing
-    )
+    found = _in_order(function, work, min(_checked(jobs), len(work)), cluster if work else None, stage, handing)
     return counted(progress, stage, found, len(work))
 
 
@@ -113,12 +111,7 @@ def _checked(jobs: int) -> int:
 
 
 def _in_order(
-    function: Callable[[Item], Result],
-    work: list[Item],
-    jobs: int,
-    cluster: str | None,
-    stage: str,
-    handing: _Handing,
+    function: Callable[[Item], Result], work: list[Item], jobs: int, cluster: str | None, stage: str, handing: _Handing
 ) -> Iterator[Result]:
     with _workers(jobs, cluster, stage) as (executor, workers):
         chunks = handing.chunks(work, workers)
@@ -221,9 +214,7 @@ def _through(
         yield from _results_of(under_way.popleft())
 
 
-def _work_on(
-    function: Callable[[Item], Result], chunk: list[Item]
-) -> tuple[list[Result], BaseException | None]:
+def _work_on(function: Callable[[Item], Result], chunk: list[Item]) -> tuple[list[Result], BaseException | None]:
     """The results of a chunk as far as they go, and the error that ended it."""
     results: list[Result] = []
     try:

@@ -87,11 +87,7 @@ def read_plain(
 def schema_in(source: object) -> str:
     """The schema that a JSON file says it has; empty where there is none, or nothing that can be read."""
     try:
-        return (
-            str(read_plain(source, "JSON", AutomarineError).get("schema"))
-            if isinstance(source, Source)
-            else ""
-        )
+        return str(read_plain(source, "JSON", AutomarineError).get("schema")) if isinstance(source, Source) else ""
     except AutomarineError:
         return ""
 

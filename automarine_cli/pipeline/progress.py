@@ -13,9 +13,7 @@ def silent(stage: str, done: int, total: int) -> None:
     """The progress that says nothing: the default everywhere outside the command line."""
 
 
-def counted(
-    progress: Progress, stage: str, items: Sequence[Item] | Iterable[Item], total: int
-) -> Iterator[Item]:
+def counted(progress: Progress, stage: str, items: Sequence[Item] | Iterable[Item], total: int) -> Iterator[Item]:
     """Yield `items`, telling `progress` after each one how many of `total` are done."""
     for done, item in enumerate(items, start=1):
         yield item

@@ -60,9 +60,7 @@ def from_mapping(cls: type[Recipe], mapping: object, where: str, words: Words | 
         if key not in fields:
             close = difflib.get_close_matches(str(key)[:LONGEST], fields, n=1)
             hint = f" (did you mean {close[0]!r}?)" if close else ""
-            raise SettingError(
-                f"{where}: unknown key {_key_in_words(key)}{hint}; allowed keys: {', '.join(fields)}"
-            )
+            raise SettingError(f"{where}: unknown key {_key_in_words(key)}{hint}; allowed keys: {', '.join(fields)}")
     hints = typing.get_type_hints(cls)
     values: dict[str, Any] = {field.name: words for field in every if "filler" in field.metadata}
     for key, field in fields.items():
@@ -156,12 +154,7 @@ def _convert(hint: Any, value: object, where: str, words: Words | None = None) -
             str(key): _convert(args[1], one, f"{where}.{printable(str(key)[:LONGEST])}", words)
             for key, one in value.items()
         }
-    if (
-        hint is float
-        and isinstance(value, (int, float))
-        and not isinstance(value, bool)
-        and math.isfinite(value)
-    ):
+    if hint is float and isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value):
         return float(value)
     if hint in (bool, str) and isinstance(value, hint):
         return value

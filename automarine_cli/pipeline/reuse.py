@@ -21,12 +21,7 @@ from automarine_cli.pipeline.words import listed
 
 
 def why_made_again(
-    folder: Path,
-    *,
-    command: str,
-    options: Mapping[str, object],
-    seed: int | None,
-    inputs: Sequence[Input],
+    folder: Path, *, command: str, options: Mapping[str, object], seed: int | None, inputs: Sequence[Input]
 ) -> str | None:
     """Why `command` must run although there is `folder`; None if what it holds is what would be made again.
 
@@ -58,9 +53,7 @@ def logs_behind(file: Source, sha256: str) -> tuple[tuple[str, str], ...] | None
     manifest = manifest_of(file.parent) if isinstance(file, Path) else None
     if manifest is None or not any(one.sha256 == sha256 for one in manifest.outputs):
         return None
-    return tuple(
-        (one.file, one.sha256 or "unreadable") for one in manifest.inputs if one.role in ("log", "hold_out")
-    )
+    return tuple((one.file, one.sha256 or "unreadable") for one in manifest.inputs if one.role in ("log", "hold_out"))
 
 
 def _version(manifest: Manifest) -> str | None:

@@ -47,8 +47,7 @@ def one_sentence(out: Path) -> Iterator[None]:
         reason = problem.strerror or type(problem).__name__
         advice = ADVICE.get(problem.errno or 0, "Choose another folder with -o")
         raise OutputError(
-            f"results cannot be written to {out}: {reason[:1].lower()}{reason[1:]}; nothing was changed "
-            f"there. {advice}"
+            f"results cannot be written to {out}: {reason[:1].lower()}{reason[1:]}; nothing was changed there. {advice}"
         ) from None
 
 
@@ -167,9 +166,7 @@ def refuse_unfit(target: Path) -> None:
             "and cannot be replaced as a whole; give a folder inside it, for example -o results"
         )
     if target.exists() and not (os.access(target, os.W_OK) and target.stat().st_mode & 0o222):
-        raise OutputError(
-            f"{target.name} is read-only; choose another folder with -o, or allow writing to this one"
-        )
+        raise OutputError(f"{target.name} is read-only; choose another folder with -o, or allow writing to this one")
 
 
 @contextlib.contextmanager

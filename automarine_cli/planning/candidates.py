@@ -5,13 +5,11 @@ from dataclasses import dataclass, replace
 from math import radians
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.models.yaw_model import YawModel, steady_rate
 from automarine_cli.planning.limits import Limits
+from automarine_cli.quantities import Floats
 from automarine_cli.simulation.run_groups import Commands, Resistance, moment_text, time_to_turn
-
-Floats = NDArray[np.float64]
 
 POWER_LAW = 1.5
 """Power against thrust of a propeller at rest in the water: P = F^1.5/sqrt(2 rho A) by momentum theory (Rankine)."""
@@ -89,9 +87,7 @@ def mirrors(found: Sequence[Candidate]) -> list[int]:
     """The place of the same run to the other side, of each candidate; its own where it has no sides."""
     places = {(one.kind, one.commands, one.voltage): i for i, one in enumerate(found)}
     turned = (tuple((-moment, seconds) for moment, seconds in one.commands) for one in found)
-    return [
-        places.get((one.kind, other, one.voltage), i) for i, (one, other) in enumerate(zip(found, turned))
-    ]
+    return [places.get((one.kind, other, one.voltage), i) for i, (one, other) in enumerate(zip(found, turned))]
 
 
 def full_step(model: YawModel, limits: Limits, moment: float) -> Candidate:
@@ -225,9 +221,7 @@ def allowance(limits: Limits) -> Floats:
     """What all runs together may cost, (4,), in the units of `costs`; the last run needs no wait."""
     charge = limits.battery.charge_Ah * (1.0 - limits.battery.reserve_percent / 100.0)
     motion = np.inf if limits.pool.motion_s is None else limits.pool.motion_s
-    return np.array(
-        [limits.pool.minutes + limits.pool.wait_s / 60.0, float(limits.pool.runs), motion, charge]
-    )
+    return np.array([limits.pool.minutes + limits.pool.wait_s / 60.0, float(limits.pool.runs), motion, charge])
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,8 @@ from automarine_cli.fits.step_response import step_data, step_problem
 from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel
-from automarine_cli.planning.candidates import Candidate, Floats
+from automarine_cli.planning.candidates import Candidate
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import MARGIN_IN_SIGMA, MOST_REST
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -107,9 +108,7 @@ class Fitting:
     def number(self) -> str:
         """ "1", "2" or "3", by the drag terms that the model begins with."""
         names = tuple(term.name for term in self.model.terms)
-        return max(
-            (n for n, own in BASE_TERMS.items() if names[: len(own)] == own), key=lambda n: len(BASE_TERMS[n])
-        )
+        return max((n for n, own in BASE_TERMS.items() if names[: len(own)] == own), key=lambda n: len(BASE_TERMS[n]))
 
     @property
     def fitted(self) -> float:

@@ -20,8 +20,9 @@ from automarine_cli.fits.influence import runs_that_carry
 from automarine_cli.fits.mixed_model import Problem, derivatives
 from automarine_cli.fits.output_error import ENOUGH_RUNS
 from automarine_cli.fits.run_effects import SWITCHES
-from automarine_cli.planning.candidates import Candidate, Floats
+from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.fitting import Fitting, alike
+from automarine_cli.quantities import Floats
 
 OFFSET = "switch offset"
 ANGLE = "inertial turn angle"

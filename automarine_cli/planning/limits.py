@@ -120,9 +120,7 @@ class Runs:
             if kind not in KINDS:
                 raise SettingError(f"kinds names {kind!r}; expected some of {', '.join(KINDS)}")
         if "step" not in self.kinds:
-            raise SettingError(
-                f"kinds is {list(self.kinds)}; expected 'step' among them, every campaign needs steps"
-            )
+            raise SettingError(f"kinds is {list(self.kinds)}; expected 'step' among them, every campaign needs steps")
         for volts in self.voltages_V:
             if volts <= 0:
                 raise SettingError(f"voltages_V holds {volts:g}; expected voltages above 0")

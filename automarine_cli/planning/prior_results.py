@@ -13,9 +13,9 @@ from automarine_cli.models.store import StoredModels, yaw_models_from_json
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import printable
-from automarine_cli.planning.candidates import Floats
 from automarine_cli.planning.fitting import Fitting
 from automarine_cli.planning.information import ANGLE, LOOSE, OFFSET, labels, names_of, relative_directions
+from automarine_cli.quantities import Floats
 
 DIAGNOSIS = "automarine/diagnosis/1"
 NOISE_DEG, SCATTER = 1.0, 0.03
@@ -67,10 +67,7 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
         raise ModelError(f"{name} is a model of {stored.dof.name}; campaigns are planned from models of yaw")
     chosen = stored.models[stored.preferred]
     now = _stored_estimates(data, stored)
-    noise, scatter = (
-        data.get(f"{stored.dof.words.position}_noise_{stored.dof.units.key}"),
-        data.get("gain_scatter"),
-    )
+    noise, scatter = (data.get(f"{stored.dof.words.position}_noise_{stored.dof.units.key}"), data.get("gain_scatter"))
     runs = data.get("runs")
     used = runs.get("used") if isinstance(runs, Mapping) else None
     spread = scatter.get("value") if isinstance(scatter, Mapping) else scatter
@@ -80,10 +77,7 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
         found = _read_diagnosis(diagnosis, stored)
         added = [(effect, values) for effect, values in found.effects if effect not in stored.effects]
         if added and found.base:
-            at = [
-                found.base[n].value if n in found.base else v
-                for n, v in zip(chosen.short_names, chosen.theta)
-            ]
+            at = [found.base[n].value if n in found.base else v for n, v in zip(chosen.short_names, chosen.theta)]
             chosen = chosen.with_theta(at)
         for effect, values in added:
             chosen = chosen.with_effect(effect, values)
@@ -173,9 +167,7 @@ def _lacking(effect: str) -> list[str]:
 
 
 def _size(value: object) -> float | None:
-    return (
-        float(value) if isinstance(value, int | float) and not isinstance(value, bool) and value > 0 else None
-    )
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) and value > 0 else None
 
 
 def _estimate(data: object) -> Estimate | None:
@@ -230,9 +222,7 @@ def _read_diagnosis(path: Source, stored: StoredModels) -> Diagnosed:
         for key, parameter in zip(effect.names_in(stored.dof), effect.parameters):
             estimate = _estimate(given.get(key)) if isinstance(given, Mapping) else None
             if estimate is None and not parameter.optional:
-                raise ModelError(
-                    f"{where}: effects[{i}].parameters: {key} has no value; expected an estimate"
-                )
+                raise ModelError(f"{where}: effects[{i}].parameters: {key} has no value; expected an estimate")
             values.append(parameter.start if estimate is None else estimate.value)
             estimates[f"{name} {key}"] = estimate
         named.append((name, tuple(values)))

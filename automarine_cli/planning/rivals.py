@@ -18,10 +18,11 @@ from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.models.yaw_model import YawModel
-from automarine_cli.planning.candidates import Candidate, Floats
+from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.fitting import Fitting, alike
 from automarine_cli.planning.information import LOOSE, Objective, free_in
 from automarine_cli.planning.prior_results import PriorResults
+from automarine_cli.quantities import Floats
 
 ROUNDS, HALVINGS = 20, 6
 SETTLED = 1e-4
@@ -92,15 +93,11 @@ class Splitting(Objective):
         return self.score(counts) >= len(self.contests) - 1e-9
 
     def _worth(self, counts: Floats) -> Floats:
-        shares = [
-            np.minimum(one.misfit(counts) / enough, 1.0) for one, enough in zip(self.contests, self.enough)
-        ]
+        shares = [np.minimum(one.misfit(counts) / enough, 1.0) for one, enough in zip(self.contests, self.enough)]
         return np.asarray(np.sum(shares, axis=0))
 
 
-def pairs_of(
-    known: PriorResults, fitting: Fitting, grid: Sequence[Candidate], largest: float
-) -> tuple[Pair, ...]:
+def pairs_of(known: PriorResults, fitting: Fitting, grid: Sequence[Candidate], largest: float) -> tuple[Pair, ...]:
     """Each doubt both ways, (true, other): the rival as it would look like the effect named on the runs of `grid`.
 
     A rival that could imitate only by vanishing is asked for one way alone.
@@ -138,9 +135,7 @@ def with_effect(fitting: Fitting, model: YawModel, name: str, largest: float) ->
         if all(v == several[0] or effect.counts(p, start) for p, v, several in zip(own, start, options))
     ]
     every = max(1, -(-len(starts) // MOST_STARTS))
-    return [
-        replace(fitting, model=model.with_effect(name, start), fit="diagnosis") for start in starts[::every]
-    ]
+    return [replace(fitting, model=model.with_effect(name, start), fit="diagnosis") for start in starts[::every]]
 
 
 NOTHING = Contest(np.zeros(0), np.zeros((0, 1)), np.zeros((0, 1, 1)), np.eye(1))
@@ -216,9 +211,7 @@ def _about(true: Fitting, other: Fitting, candidates: Sequence[Candidate]) -> tu
     return here, float(here.square.sum() - pull**2 / max(offset, 1e-12))
 
 
-def closest(
-    true: Fitting, others: Sequence[Fitting], candidates: Sequence[Candidate]
-) -> tuple[Fitting, float]:
+def closest(true: Fitting, others: Sequence[Fitting], candidates: Sequence[Candidate]) -> tuple[Fitting, float]:
     """Of several starts the one whose fit comes closest: the best that the other explanation can do."""
     rough, few = [], candidates[:: max(1, len(candidates) // FEW)]
     for other in others:
@@ -229,9 +222,7 @@ def closest(
     return min(found, key=lambda pair: pair[1])
 
 
-def splits(
-    pairs: Sequence[Pair], candidates: Sequence[Candidate]
-) -> tuple[tuple[Split, ...], tuple[Pair, ...]]:
+def splits(pairs: Sequence[Pair], candidates: Sequence[Candidate]) -> tuple[tuple[Split, ...], tuple[Pair, ...]]:
     """What a campaign is expected to say of each pair (true, other), and the pairs with the other at its best."""
     found, moved = [], []
     for true, other in pairs:

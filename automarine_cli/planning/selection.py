@@ -13,20 +13,12 @@ from numpy.typing import NDArray
 
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.planning.candidates import (
-    Candidate,
-    Floats,
-    Supply,
-    allowance,
-    candidates,
-    costs,
-    full_step,
-    mirrors,
-)
+from automarine_cli.planning.candidates import Candidate, Supply, allowance, candidates, costs, full_step, mirrors
 from automarine_cli.planning.fitting import Fitting
 from automarine_cli.planning.information import Intervals, Objective, excursions, information
 from automarine_cli.planning.limits import Limits
 from automarine_cli.planning.rivals import Pair, Splitting, contest, head_start, splits
+from automarine_cli.quantities import Floats
 
 FAR = 1.5
 """A run turns far if it turns by more than this times what steps may; coasting after a step stays below it."""
@@ -108,19 +100,13 @@ def select(
     """
     found = candidates(fitting.base, limits, largest)
     most = FAR * np.deg2rad(limits.pool.turn_deg)
-    found = tuple(
-        replace(one, turns=bool(turned > most)) for one, turned in zip(found, excursions(fitting, found))
-    )
+    found = tuple(replace(one, turns=bool(turned > most)) for one, turned in zip(found, excursions(fitting, found)))
     spread = [_somewhere(one, i, len(found), limits) for i, one in enumerate(found)]
     check = full_step(fitting.base, limits, largest) if limits.runs.repeat_first_last else None
     fixed = np.array([2.0 * (check is not None and one.label == check.label) for one in found])
     cost = costs(found, limits, supply)
     budget = PlanBudget(
-        cost,
-        allowance(limits),
-        fixed,
-        np.full(len(found), float(limits.runs.most_alike)),
-        np.array(mirrors(found)),
+        cost, allowance(limits), fixed, np.full(len(found), float(limits.runs.most_alike)), np.array(mirrors(found))
     )
     _refuse_too_little(budget, limits)
     progress("choosing runs", 0, 2)
@@ -182,9 +168,7 @@ def choose(objective: Objective, budget: PlanBudget) -> NDArray[np.int64]:
     """How often to run each candidate, (K,): what the budget holds fixed, which must fit, and what is worth adding."""
     ones = np.eye(len(budget.costs))
     begun = budget.fixed.astype(float)
-    pairs = [
-        ones[k] + ones[other] for k, other in enumerate(budget.mirrors) if k <= other and budget.most[k] > 0
-    ]
+    pairs = [ones[k] + ones[other] for k, other in enumerate(budget.mirrors) if k <= other and budget.most[k] > 0]
     starts = [begun, *(begun + times * pair for times in BEGUN for pair in pairs)]
     filled = [_fill(objective, budget, start) for start in starts if budget.holds(start)]
     best = sorted(filled, key=lambda counts: -objective.score(counts))[:FINALISTS]

@@ -14,7 +14,8 @@ import numpy as np
 from scipy import optimize
 
 from automarine_cli.errors import RunError, SettingError
-from automarine_cli.planning.candidates import POWER_LAW, Candidate, Floats
+from automarine_cli.planning.candidates import POWER_LAW, Candidate
+from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import Series

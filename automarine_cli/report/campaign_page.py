@@ -45,9 +45,7 @@ def alternatives(dof: Dof) -> dict[str, str]:
     }
 
 
-def document(
-    steps: Steps, title: str, cautions: Sequence[str] = (), also: Mapping[str, str] | None = None
-) -> str:
+def document(steps: Steps, title: str, cautions: Sequence[str] = (), also: Mapping[str, str] | None = None) -> str:
     """The whole report in Markdown; places of pictures are relative to the folder that holds the step folders.
 
     `cautions` are sentences about what does not fit together between the thruster tests and the vehicle; `also` are
@@ -74,9 +72,7 @@ def usual_title(steps: Steps) -> str:
     motions = [
         dof.name
         for dof in DOFS.values()
-        if any(
-            name in steps for name in (dof.name, folder_of(dof, "validation"), folder_of(dof, "diagnosis"))
-        )
+        if any(name in steps for name in (dof.name, folder_of(dof, "validation"), folder_of(dof, "diagnosis")))
     ]
     return f"{' and '.join(motions or [YAW.name])} identification".capitalize()
 
@@ -129,9 +125,7 @@ def _model(steps: Steps, dof: Dof) -> list[str]:
     blocks += [escape(line) for line in sentences_of(step.data.get("channels"), dof)]
     if step.data.get("buoyancy"):
         blocks.append(escape(str(step.at("buoyancy", "says"))))
-    tables = [
-        re.sub(r"\A\*\*(.*)\*\*", r"### \1", step.text(f"{table}.md")) for table in ("table1", "table2")
-    ]
+    tables = [re.sub(r"\A\*\*(.*)\*\*", r"### \1", step.text(f"{table}.md")) for table in ("table1", "table2")]
     noted = "\n".join(tables)
     warnings = [escape(str(line)) for line in step.at("warnings")]
     blocks += [*tables, _bullets([f"Warning: {line}" for line in warnings if line not in noted])]
@@ -200,9 +194,7 @@ def _set_aside(steps: Steps) -> list[str]:
     if not rows:
         return ["None: every run served in every step."]
     table = Table(
-        "",
-        ("log", "run", "why", "left out of"),
-        tuple((*key, ", ".join(names)) for key, names in rows.items()),
+        "", ("log", "run", "why", "left out of"), tuple((*key, ", ".join(names)) for key, names in rows.items())
     )
     return [table.to_markdown()]
 
@@ -213,11 +205,7 @@ def _next(steps: Steps) -> list[str]:
     diagnoses = [folder_of(dof, "diagnosis") for dof in DOFS.values()]
     blocks = [_bullets(said), *(_without_next(steps[name])[1] for name in diagnoses if name in steps)]
     lines = [block.strip() for block in blocks if block.strip()]
-    return (
-        ["\n".join(lines)]
-        if lines
-        else ["Nothing stands out; a diagnosis would say what these runs cannot show."]
-    )
+    return ["\n".join(lines)] if lines else ["Nothing stands out; a diagnosis would say what these runs cannot show."]
 
 
 def _bullets(lines: Sequence[str]) -> str:
@@ -232,9 +220,7 @@ def _made(steps: Steps) -> list[str]:
     rows = []
     for step, made in known:
         seed, settings = "" if made.seed is None else str(made.seed), _settings(made.options)
-        rows.append(
-            (step.name, f"automarine {made.command}", settings, seed, str(len(made.inputs)), made.automarine)
-        )
+        rows.append((step.name, f"automarine {made.command}", settings, seed, str(len(made.inputs)), made.automarine))
     header = ("folder", "command", "non-default settings", "seed", "inputs", "automarine")
     versions = {", ".join(f"{name} {one}" for name, one in made.libraries.items()) for _, made in known}
     return [
@@ -264,8 +250,6 @@ def _listed(summary: str, table: str, place: str) -> list[str]:
 def _settings(options: Mapping[str, object]) -> str:
     """Settings that say something: not those left alone, nor how figures are stored."""
     told = {key: value for key, value in options.items() if value not in (None, False, [], "", "auto")}
-    plain = {
-        key: value for key, value in told.items() if not isinstance(value, (dict, list)) and value is not True
-    }
+    plain = {key: value for key, value in told.items() if not isinstance(value, (dict, list)) and value is not True}
     flags = [key for key, value in told.items() if value is True and key != "figures"]
     return ", ".join([*(f"{key} {value}" for key, value in plain.items()), *flags]) or "none"

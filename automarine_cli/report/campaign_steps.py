@@ -98,10 +98,7 @@ class StepResult:
         """An estimate in the result file. Raises OutputError if it is none."""
         low, high = (self.number(*keys, "ci95", i) for i in (0, 1))
         return Estimate(
-            self.number(*keys, "value"),
-            self.number(*keys, "stderr"),
-            (low, high),
-            str(self.at(*keys, "unit")),
+            self.number(*keys, "value"), self.number(*keys, "stderr"), (low, high), str(self.at(*keys, "unit"))
         )
 
     def text(self, name: str) -> str:
@@ -124,9 +121,7 @@ def read_steps(folder: Path) -> dict[str, StepResult]:
                 f"{name}/{kind.file}: schema is {data.get('schema')!r}; expected {kind.schema}1. Run that step again"
             )
         manifest = path.with_name(MANIFEST)
-        found[name] = StepResult(
-            name, folder / name, data, read_manifest(manifest) if manifest.is_file() else None
-        )
+        found[name] = StepResult(name, folder / name, data, read_manifest(manifest) if manifest.is_file() else None)
     if not found:
         raise OutputError(
             f"{folder}: none of the folders {', '.join(RESULTS)} with results is here; give a folder that "

@@ -40,9 +40,7 @@ def _together(steps: Steps) -> Iterator[str]:
             for name, one in model.at("parameters").items()
             if name in MASSES and isinstance(one, dict)
         ]
-        parts.append(
-            f"Surge, sway and yaw together: {escape(str(model.at('structure')))}, with {listed(found)}."
-        )
+        parts.append(f"Surge, sway and yaw together: {escape(str(model.at('structure')))}, with {listed(found)}.")
         parts += [escape(str(line)) for line in model.data.get("prediction", {}).get("says", [])[:1]]
     if (judged := steps.get("planar_validation")) is not None:
         score, used = judged.at("models", "planar"), judged.at("runs", "used")
@@ -113,9 +111,7 @@ def _thrust(step: StepResult) -> str:
     form, ways = str(step.at("form")), (("forward", "ahead"), ("backward", "astern"))
     if form == "square":
         sides = [
-            f"{number(step.number(key, 'a', 'value'))} {side}"
-            for key, side in ways
-            if step.at(key, "a") is not None
+            f"{number(step.number(key, 'a', 'value'))} {side}" for key, side in ways if step.at(key, "a") is not None
         ]
         return f"one thruster gives F = a |n| n with a = {' and '.join(sides)} N/n²" if sides else ""
     equation = next(one["equation"] for one in step.at("forms") if one["form"] == form)
@@ -133,9 +129,7 @@ def _predicts(step: StepResult | None, fitted: StepResult | None) -> str:
     if score.get(f"rmse_{unit}") is None:
         return f"Driven by the commands of {runs}, model {escape(model)} runs away."
     again = score.get(f"restarted_rmse_{unit}")
-    restarted = (
-        f", by {number(again, 3)} {words.units} when restarted within them" if again is not None else ""
-    )
+    restarted = f", by {number(again, 3)} {words.units} when restarted within them" if again is not None else ""
     better = f" (best is model {escape(best)} with {_bracketed(step, best)})" if best != model else ""
     return (
         f"Driven by the commands of {runs}, model {escape(model)} misses the {words.position} by "
@@ -177,9 +171,7 @@ def _lacks(step: StepResult | None) -> str:
     before, after, noise = gap("fitted_runs")
     verdict = str(step.at("verdict"))
     if verdict == "nothing-missing":
-        return (
-            f"Nothing is missing that these runs could show: the gap is {before} {words}, the noise {noise}."
-        )
+        return f"Nothing is missing that these runs could show: the gap is {before} {words}, the noise {noise}."
     if verdict == "unexplained":
         return (
             f"Something is missing that no effect of the library explains: the gap is {after} {words}, the noise "

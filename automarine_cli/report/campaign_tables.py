@@ -22,8 +22,7 @@ FILES = {
 def steps_table(rows: Sequence[tuple[str, str, str, str]]) -> Table:
     """Step, what was done, why, and what its result says."""
     cells = tuple(
-        (name, did if did != "made" else "done", why or MISSING, says or MISSING)
-        for name, did, why, says in rows
+        (name, did if did != "made" else "done", why or MISSING, says or MISSING) for name, did, why, says in rows
     )
     return Table("", ("step", "", "because", "result"), cells)
 

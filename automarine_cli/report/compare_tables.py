@@ -34,9 +34,7 @@ def difference_table(found: Sequence[Difference]) -> Table:
         if one.relative is not None:
             percent = "{:+.1f} [{:+.1f}, {:+.1f}]".format(*one.relative)
         p = MISSING if one.p_value is None else number(one.p_value, 2)
-        rows.append(
-            (one.parameter, one.of, interval(one.difference), one.difference.unit, percent, p, one.verdict)
-        )
+        rows.append((one.parameter, one.of, interval(one.difference), one.difference.unit, percent, p, one.verdict))
     header = ("parameter", "result", "difference", "unit", "%", "p", "verdict")
     return Table(f"Against {found[0].base}" if found else "Differences", header, tuple(rows), (), (NOTE,))
 

@@ -9,10 +9,7 @@ from automarine_cli.report.tables import interval
 
 def learned_lines(curve: LearnedCurve, runs: int, dof: Dof) -> list[str]:
     """The paragraphs on a curve learned from so many runs of a motion."""
-    lines = [
-        "![What was learned](learned.png)",
-        "The curve as a table is in diagnosis.json, under `learned`.",
-    ]
+    lines = ["![What was learned](learned.png)", "The curve as a table is in diagnosis.json, under `learned`."]
     formula = formula_of(curve, runs)
     if formula is None:
         return [*lines, "No formula of the small grammar that was tried runs within the curve's band."]

@@ -41,10 +41,7 @@ CERTAIN_DRIFT = 0.01
 def page(diagnosis: Diagnosis, key: NamingKey | None, budget: Mapping[str, float] | None) -> str:
     """The whole page in Markdown; `budget` in shares of one. Either may be None, where it could not be worked out."""
     dof = diagnosis.study.base.dof
-    sensors, ahead = (
-        fit_sentences(diagnosis.channels, diagnosis.found.final.fit, dof),
-        outlook_table(diagnosis),
-    )
+    sensors, ahead = (fit_sentences(diagnosis.channels, diagnosis.found.final.fit, dof), outlook_table(diagnosis))
     parts = [f"# Diagnosis of the {dof.name} model", _summary(diagnosis), escape(" ".join(sensors))]
     for effect in diagnosis.effects:
         parts += [f"## {effect.name}", _effect(diagnosis, effect)]
@@ -56,9 +53,7 @@ def page(diagnosis: Diagnosis, key: NamingKey | None, budget: Mapping[str, float
         gap_table(diagnosis).to_markdown(),
         "" if ahead is None else ahead.to_markdown(),
         "![Before and after](before_after.png)",
-        "The budget of the gap could not be worked out."
-        if budget is None
-        else budget_table(budget).to_markdown(),
+        "The budget of the gap could not be worked out." if budget is None else budget_table(budget).to_markdown(),
     ]
     parts += ["## What remains", _remains(diagnosis)]
     parts += ["## What to run next", _next(diagnosis)]
@@ -134,9 +129,7 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     told = table.to_markdown() if effect.learned is None else ""  # the knots of a curve are in the file
     lines = [effect.says, f"`{diagnosis.study.base.dof.fill(law.equation)}`", *filter(None, [told]), sure]
     for rival in effect.few_rivals:
-        lines.append(
-            f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}."
-        )
+        lines.append(f"- {rival.name} cannot be excluded ({rival.confidence:.0%}). To tell: {escape(rival.split_by)}.")
     lines += filter(None, [effect.other_rivals])
     lines += (
         []
@@ -154,9 +147,7 @@ def _where(where: Where) -> str:
             "mirrored or exchanged at random, would show)."
         )
     rest = len(where.regions) - MOST_REGIONS
-    return regions_table(where).to_markdown() + (
-        f"\n{rest} more regions are in diagnosis.json." if rest > 0 else ""
-    )
+    return regions_table(where).to_markdown() + (f"\n{rest} more regions are in diagnosis.json." if rest > 0 else "")
 
 
 def _why(diagnosis: Diagnosis, key: NamingKey | None) -> str:
@@ -211,9 +202,7 @@ def _moves(diagnosis: Diagnosis) -> str:
     rows, moved = [], []
     for name, old in before.items():
         new = after[name]
-        change = (
-            (new.value - old.value) / old.value if abs(old.value) > 1e-6 * abs(new.value) else float("nan")
-        )
+        change = (new.value - old.value) / old.value if abs(old.value) > 1e-6 * abs(new.value) else float("nan")
         rows.append(
             (
                 _called(name, dof),

@@ -79,10 +79,7 @@ def outlook_table(diagnosis: Diagnosis) -> Table | None:
     """Errors of predictions by horizon, of runs fitted and held out; None of runs that are not driven."""
     dof, rows = diagnosis.study.base.dof, list[tuple[str, ...]]()
     unit, words = dof.units.shown, dof.words
-    for name, outlook in (
-        ("fitted", diagnosis.outlook),
-        ("held out", diagnosis.held_out_outlook),
-    ):
+    for name, outlook in (("fitted", diagnosis.outlook), ("held out", diagnosis.held_out_outlook)):
         for one in outlook.ahead if outlook is not None else ():
             sizes = (one.before, one.after, one.constant_rate, one.constant)
             rows.append((f"{name}, {one.horizon:g} s ahead", *(f"{dof.shown(size):.2f}" for size in sizes)))
@@ -117,13 +114,7 @@ def counting(effect: str, parameters: Mapping[str, Estimate]) -> Iterator[tuple[
 def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
     """Effects with their parameters, gap, and the best candidates."""
     rows = [
-        (
-            effect.name,
-            name,
-            parameter_cell(effect.name, i, estimate),
-            estimate.unit,
-            f"{effect.confidence:.0%}",
-        )
+        (effect.name, name, parameter_cell(effect.name, i, estimate), estimate.unit, f"{effect.confidence:.0%}")
         for effect in diagnosis.effects
         if effect.learned is None
         for i, name, estimate in counting(effect.name, effect.parameters)

@@ -21,10 +21,7 @@ CERTAIN = 1000.0
 def in_print(name: str, dof: Dof) -> str:
     """A parameter as tables have it."""
     own = dof.symbols
-    others = {
-        own.quadratic: own.quadratic_print,
-        dof.words.inertial_length: f"{own.inertia}/{own.quadratic_print}",
-    }
+    others = {own.quadratic: own.quadratic_print, dof.words.inertial_length: f"{own.inertia}/{own.quadratic_print}"}
     return others.get(name, name)
 
 
@@ -70,9 +67,7 @@ def sheet_table(campaign: Campaign) -> Table:
         "what for",
     )
     rest = f"{campaign.limits.runs.rest_before_s:g} s"
-    return Table(
-        "Run sheet", header, tuple(rows), notes=(f"Every log begins with {rest} at rest, thrusters idle.",)
-    )
+    return Table("Run sheet", header, tuple(rows), notes=(f"Every log begins with {rest} at rest, thrusters idle.",))
 
 
 def interval_table(campaign: Campaign) -> Table:
@@ -81,10 +76,7 @@ def interval_table(campaign: Campaign) -> Table:
     if campaign.together:
         columns["with the earlier runs"] = campaign.together
     rows = [
-        (
-            _label(name, one, campaign.fitting.model.dof),
-            *(_precision(found.get(name)) for found in columns.values()),
-        )
+        (_label(name, one, campaign.fitting.model.dof), *(_precision(found.get(name)) for found in columns.values()))
         for name, one in campaign.alone.items()
     ]
     notes = ("Value, predicted 95 % interval, and half its width in percent.",)
@@ -120,16 +112,9 @@ def compared_table(campaign: Campaign) -> Table:
             *((f"this plan and one {curve.name}", curve) for curve in campaign.more),
         )
     ]  # fmt: skip
-    header = (
-        "campaign",
-        "min in the pool",
-        "s of motion",
-        *(f"{in_print(name, dof)} %" for name in names),
-    )
+    header = ("campaign", "min in the pool", "s of motion", *(f"{in_print(name, dof)} %" for name in names))
     earlier = " The earlier runs are counted in." if campaign.together else ""
-    return Table(
-        "Standard errors to expect", header, tuple(rows), (2,), notes=(f"In percent of the value.{earlier}",)
-    )
+    return Table("Standard errors to expect", header, tuple(rows), (2,), notes=(f"In percent of the value.{earlier}",))
 
 
 def tables(campaign: Campaign) -> list[Table]:

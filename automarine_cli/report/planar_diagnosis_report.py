@@ -80,9 +80,7 @@ def tables(search: PlanarSearch) -> list[Table | str]:
     for one in search.steps:
         if one.best is not None:
             told.append(f"{one.best.candidate.name}: {says(one.best.candidate)}")
-        told += [
-            f"Not excluded is {label(rival.candidate)}: {split_by(rival.candidate)}" for rival in one.rivals
-        ]
+        told += [f"Not excluded is {label(rival.candidate)}: {split_by(rival.candidate)}" for rival in one.rivals]
     return [*told, _evidence(search), *_predictions(search)]
 
 
@@ -95,9 +93,7 @@ def _evidence(search: PlanarSearch) -> Table:
             added = each.candidate.added
             word = "named" if added == best else "rival" if added in rivals else MISSING
             word = "suspected" if each in search.suspected else word
-            rows.append(
-                (str(i), label(each.candidate), number(each.surplus, 4), number(each.held_out, 4), word)
-            )
+            rows.append((str(i), label(each.candidate), number(each.surplus, 4), number(each.held_out, 4), word))
     header = ("look", "effect", "deviance gained", "held-out log likelihood gained", "is")
     rest = sum(len(one.promised) - len(one.tried) for one in search.rounds)
     notes = (
@@ -139,9 +135,7 @@ def _where_table(where: Where) -> Table | str:
     return Table("Where", header, tuple(rows), notes=notes)
 
 
-def write(
-    folder: ResultFolder, search: PlanarSearch, where: Where | None, formats: Sequence[str] = ("png",)
-) -> None:
+def write(folder: ResultFolder, search: PlanarSearch, where: Where | None, formats: Sequence[str] = ("png",)) -> None:
     """The page, then each figure in each of the formats."""
     told = [*tables(search), *([_where_table(where)] if where else [])]
     drawings = {

@@ -37,13 +37,7 @@ def prediction_table(use: PlanarUse) -> Table:
     """One row a horizon and quantity: errors of the model beside those of whoever expects no change."""
     alone = {one.horizon: number(float(YAW.shown(one.error)), 3) for one in use.yaw_only}
     rows = [
-        (
-            "heading, deg",
-            f"{one.horizon:g}",
-            *_errors(one, YAW.shown),
-            alone.get(one.horizon, MISSING),
-            str(one.count),
-        )
+        ("heading, deg", f"{one.horizon:g}", *_errors(one, YAW.shown), alone.get(one.horizon, MISSING), str(one.count))
         for one in use.heading
     ]
     rows += [
@@ -51,9 +45,7 @@ def prediction_table(use: PlanarUse) -> Table:
     ]  # fmt: skip
     header = ("of", "s ahead", "model", "constant rate", "constant", "yaw alone", "predictions")
     whose = (
-        "Each run is predicted by the parameters that the other runs give"
-        if use.runs > 1
-        else "Of the run of the fit"
+        "Each run is predicted by the parameters that the other runs give" if use.runs > 1 else "Of the run of the fit"
     )
     notes = (
         f"Root mean square errors. {whose}, from its filtered state, which knows the readings until then, by the "
@@ -92,9 +84,7 @@ def structure_table(fit: PlanarFit) -> Table:
         )
         for one in fit.tried
     ]  # fmt: skip
-    return Table(
-        "Structures", ("structure", "parameters", "log likelihood", "BIC less the best"), tuple(rows)
-    )
+    return Table("Structures", ("structure", "parameters", "log likelihood", "BIC less the best"), tuple(rows))
 
 
 def sentences(fit: PlanarFit) -> Iterator[str]:

@@ -65,9 +65,7 @@ class Table:
     def __post_init__(self) -> None:
         for row in self.rows:
             if len(row) != len(self.header):
-                raise ValueError(
-                    f"table {self.title!r}: {len(row)} cells in {row!r} for {len(self.header)} columns"
-                )
+                raise ValueError(f"table {self.title!r}: {len(row)} cells in {row!r} for {len(self.header)} columns")
 
     def to_csv(self) -> str:
         """Header and rows; a missing cell is empty; title and notes stay out: any program reads it."""
@@ -136,9 +134,7 @@ def interval(estimate: HasInterval | None) -> str:
     if estimate is None or not math.isfinite(estimate.value):
         return MISSING
     low, high = estimate.ci95
-    if not (
-        math.isfinite(estimate.stderr) and estimate.stderr > 0 and math.isfinite(low) and math.isfinite(high)
-    ):
+    if not (math.isfinite(estimate.stderr) and estimate.stderr > 0 and math.isfinite(low) and math.isfinite(high)):
         return number(estimate.value)
     decimals = max(0, 1 - math.floor(math.log10(estimate.stderr)))
     if decimals > 8:
@@ -191,9 +187,7 @@ def _latex(cell: Cell) -> str:
         if exponent:
             return rf"${mantissa}\times 10^{{{int(exponent)}}}$"
         return f"${mantissa}$" if mantissa[0] in "-+" else mantissa
-    safe = (
-        "{}" if text[:1] in ("[", "*") else ""
-    )  # after the line end of a row these two would be its options
+    safe = "{}" if text[:1] in ("[", "*") else ""  # after the line end of a row these two would be its options
     return safe + "".join(_LATEX.get(c, c) for c in text)
 
 

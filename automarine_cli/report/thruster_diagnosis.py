@@ -50,9 +50,7 @@ def verdict_sentence(result: ThrusterDiagnosis) -> str:
         )
     if result.verdict == "nothing-missing":
         seen = [
-            SEEN[name].format(number(size, 2))
-            for name, size in sorted(result.smallest.items())
-            if size is not None
+            SEEN[name].format(number(size, 2)) for name, size in sorted(result.smallest.items()) if size is not None
         ]
         limit = f" These levels would have shown {listed(seen)}." if seen else ""
         return f"Nothing is missing from the {result.given.form} map that these levels could show.{limit}"
@@ -133,11 +131,7 @@ def effects(result: ThrusterDiagnosis) -> Table:
     rows = []
     for effect in result.effects:
         for index, (name, value) in enumerate(effect.parameters.items()):
-            first = (
-                (effect.name, f"{effect.confidence:.2f}", f"{effect.p_value:.3f}")
-                if index == 0
-                else ("", "", "")
-            )
+            first = (effect.name, f"{effect.confidence:.2f}", f"{effect.p_value:.3f}") if index == 0 else ("", "", "")
             rows.append((*first, name, _estimate(value)))
     return Table(
         "Effects that are missing from the map",
@@ -181,20 +175,13 @@ def candidates(result: ThrusterDiagnosis) -> Table:
 def markdown(result: ThrusterDiagnosis) -> str:
     """diagnosis.md: a page for a person."""
     blocks = ["# Diagnosis of a thruster map", verdict_sentence(result)]
-    blocks += [
-        f"- {effect.says} {sure(effect.confidence)} (p = {effect.p_value:.3f})." for effect in result.effects
-    ]
+    blocks += [f"- {effect.says} {sure(effect.confidence)} (p = {effect.p_value:.3f})." for effect in result.effects]
     blocks += ["## What it does to the map", gaps(result).to_markdown().rstrip("\n")]
     blocks += [effects(result).to_markdown().rstrip("\n")] if result.effects else []
     blocks.append("![Before and after](before_after.png)")
     blocks += ["## Where the map goes wrong"]
     blocks += [where(result).to_markdown().rstrip("\n")] if result.where else ["Nowhere more than by chance."]
-    blocks += [
-        "![Where](where.png)",
-        "## Why",
-        candidates(result).to_markdown().rstrip("\n"),
-        "![Why](why.png)",
-    ]
+    blocks += ["![Where](where.png)", "## Why", candidates(result).to_markdown().rstrip("\n"), "![Why](why.png)"]
     blocks += ["## What remains, and what to measure next", remains(result)]
     blocks += [f"- {fault.says}" for fault in result.faults[:SHOWN]]
     blocks += [f"- {sentence}" for sentence in advice(result)]

@@ -36,9 +36,7 @@ def sentences(result: ThrusterFit) -> tuple[str, ...]:
     said = [result.analysis.selection.because, result.tare.says]
     if result.reduction.plateaus:
         left = f"; left out: {', '.join(parts)}" if parts else ""
-        said.append(
-            f"{result.reduction.samples} samples were reduced to {result.reduction.plateaus} plateaus{left}."
-        )
+        said.append(f"{result.reduction.samples} samples were reduced to {result.reduction.plateaus} plateaus{left}.")
     if result.logs.missing:
         said.append(f"{result.logs.missing} rows without a control signal or a force were left out.")
     return (*said, *result.notes)
@@ -89,9 +87,7 @@ def forms(result: ThrusterFit) -> Table:
         "within 1 s.e. of best", "at bound",
     )  # fmt: skip
     return Table(
-        "Forms side by side, cross-validated over levels (parameters in each direction; * chosen)",
-        header,
-        tuple(rows),
+        "Forms side by side, cross-validated over levels (parameters in each direction; * chosen)", header, tuple(rows)
     )
 
 
@@ -119,9 +115,7 @@ def _parameter(one: Parameter) -> str:
 
 def _errors(analysis: Analysis, score: FormScore, r2: float) -> str:
     """How well one form fits, in a sentence."""
-    cross = (
-        "" if score.cv_rmse is None else f", {number(analysis.percent(score.cv_rmse), 3)} % cross-validated"
-    )
+    cross = "" if score.cv_rmse is None else f", {number(analysis.percent(score.cv_rmse), 3)} % cross-validated"
     return (
         f"R² {r2:.4f}, rmse {number(score.rmse, 3)} N = {number(analysis.percent(score.rmse), 3)} % of "
         f"full scale ({number(analysis.full_scale)} N){cross}."
@@ -135,17 +129,13 @@ def voltages(result: ThrusterFit) -> Table:
         chosen = analysis.chosen
         errors = [number(analysis.percent(score.rmse), 3) for score in (analysis.law, chosen)]
         laws = [interval(analysis.square.get(name)) for name, _ in SIDES]
-        rows.append(
-            (number(volts), *laws, errors[0], chosen.form.name, errors[1], number(analysis.full_scale))
-        )
+        rows.append((number(volts), *laws, errors[0], chosen.form.name, errors[1], number(analysis.full_scale)))
     unit = next(iter(result.analysis.square.values())).unit
     header = (
         "voltage [V]", f"a forward [{unit}]", f"a backward [{unit}]", "square law [%]", "chosen form",
         "chosen form [%]", "full scale [N]",
     )  # fmt: skip
-    return Table(
-        "A map for each voltage (errors in percent of that voltage's full scale)", header, tuple(rows)
-    )
+    return Table("A map for each voltage (errors in percent of that voltage's full scale)", header, tuple(rows))
 
 
 def exponents(result: ThrusterFit) -> Table:

@@ -57,9 +57,7 @@ def run_table(comparison: Comparison) -> Table:
         length = number(float(run.time[-1] - run.time[0]), 3)
         floor, horizon = number(comparison.floors[i], 2), number(comparison.restarts[i].horizon, 3)
         rows.append((run.name, length, floor, *free, *again, horizon, start))
-    title = (
-        f"{dof.position.capitalize()} error of each run: rmse in {dof.words.units}, free run and restarted"
-    )
+    title = f"{dof.position.capitalize()} error of each run: rmse in {dof.words.units}, free run and restarted"
     return Table(title, header, tuple(rows))
 
 
@@ -100,12 +98,7 @@ def score_table(comparison: Comparison) -> Table:
         for model, scored in comparison.models.items():
             one = scored.scores[i]
             cells = (number(one.value(name), 6) for name in SCORES)
-            tail = (
-                number(comparison.floors[i], 6),
-                number(restarts.horizon, 6),
-                restarts.rule,
-                one.start.how,
-            )
+            tail = (number(comparison.floors[i], 6), number(restarts.horizon, 6), restarts.rule, one.start.how)
             rows.append((run.name, model, *cells, *tail))
     for model, scored in comparison.models.items():
         cells = (number(scored.overall[name].value, 6) for name in SCORES)

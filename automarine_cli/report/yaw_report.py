@@ -28,11 +28,7 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
 
     `short`, for the terminal, leaves that to the warnings, and leaves out the means at each moment.
     """
-    notes = (
-        (fit.seed_method.tail_because(fit.dof),)
-        if fit.seed_method is not None
-        else (f"{fit.why_no_seed_method}.",)
-    )
+    notes = (fit.seed_method.tail_because(fit.dof),) if fit.seed_method is not None else (f"{fit.why_no_seed_method}.",)
     drag, inertia = ((), ()) if short else yaw_tables.caution_notes(fit.cautions)
     one = yaw_tables.drag_table(fit.seed_method, fit.output_error, fit.moment_unit, (*notes, *drag), fit.dof)
     two = yaw_tables.inertia_table(
@@ -56,9 +52,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
         )
     scatter, (low, high) = preferred.gain_scatter.value, preferred.gain_scatter.ci95
     late, (first, last) = preferred.offset.value, preferred.offset.ci95
-    scattered = (
-        f"Thrust scatters from run to run by {100 * scatter:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
-    )
+    scattered = f"Thrust scatters from run to run by {100 * scatter:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
     if isinstance(preferred.mixed, InnovationsFit):
         lines.append(f"{scattered}; {_noise(fit)}. {_disturbance(preferred, preferred.mixed)}")
     else:
@@ -71,9 +65,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
         lines.append(_by_way(preferred.ways, dof))
     if fit.buoyancy is not None:
         lines.append(fit.buoyancy.says)
-    warnings = (
-        fit.warnings if fit.use is None or fit.use.of_use else fit.warnings[1:]
-    )  # that line stands first
+    warnings = fit.warnings if fit.use is None or fit.use.of_use else fit.warnings[1:]  # that line stands first
     return (*lines, *(f"Warning: {warning}" for warning in warnings))
 
 
@@ -183,14 +175,11 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
             f"velocity_error_{shown}": float(dof.shown(seed.tails.error[i])),
         }
         row |= {
-            f"{dof.symbols.inertia}_model_{number}": float(table.per_run[i])
-            for number, table in seed.inertia.items()
+            f"{dof.symbols.inertia}_model_{number}": float(table.per_run[i]) for number, table in seed.inertia.items()
         }
         row |= {
             "gain": float(np.exp(mixed.own(GAIN)[i, 0])),
-            "switch_shift_s": float(
-                data.interval[i] * instant(mixed.value(SWITCH) + mixed.own(SWITCHES)[i, 0])
-            ),
+            "switch_shift_s": float(data.interval[i] * instant(mixed.value(SWITCH) + mixed.own(SWITCHES)[i, 0])),
             f"rmse_{shown}": float(np.sqrt(np.mean(off**2))),
         }
         measured.append(row)

@@ -15,11 +15,7 @@ HEADER: tuple[Cell, ...] = ("Model", *MODELS)
 
 
 def drag_table(
-    seed: VelocityErrorFit | None,
-    ml: Mapping[str, OutputErrorFit],
-    unit: str,
-    notes: tuple[str, ...],
-    dof: Dof,
+    seed: VelocityErrorFit | None, ml: Mapping[str, OutputErrorFit], unit: str, notes: tuple[str, ...], dof: Dof
 ) -> Table:
     """Table 1: drag of the three models and the sum of squares; intervals, tests and maximum likelihood
     below."""
@@ -28,10 +24,7 @@ def drag_table(
     quadratic, linear = Math(own.quadratic_print, own.quadratic_math), Math(own.linear, own.linear_math)
 
     def of(name: str, form: Callable[[Estimate], str]) -> list[str]:
-        return [
-            form(fits[m].estimates[name]) if m in fits and name in fits[m].estimates else MISSING
-            for m in MODELS
-        ]
+        return [form(fits[m].estimates[name]) if m in fits and name in fits[m].estimates else MISSING for m in MODELS]
 
     own = dof.symbols
     rows: list[tuple[Cell, ...]] = [
@@ -60,9 +53,7 @@ def drag_table(
     return Table(f"Table 1. Identified {dof.name} models: drag", HEADER, tuple(rows), (3, 7), notes)
 
 
-def _force_rows(
-    fits: Mapping[str, DragFit], ml: Mapping[str, OutputErrorFit], dof: Dof
-) -> list[tuple[Cell, ...]]:
+def _force_rows(fits: Mapping[str, DragFit], ml: Mapping[str, OutputErrorFit], dof: Dof) -> list[tuple[Cell, ...]]:
     """What only translations have: the drag of each way, and the constant force."""
     rows: list[tuple[Cell, ...]] = []
     if dof.directional:

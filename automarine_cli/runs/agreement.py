@@ -9,13 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.noise import median, position_noise
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.velocity_sensor import noise_followed
-
-Floats = NDArray[np.float64]
 
 LONGEST = 20.0
 """s; longer runs are cut up, for biases wander."""
@@ -82,9 +80,7 @@ class Agreement:
 
 def agreement(runs: Sequence[Run], quantity: str) -> Agreement:
     """Compare the channel `quantity`, a velocity, with the positions of the runs that have both."""
-    both = [
-        run for run in runs if run.channel(quantity) is not None and not run.summed_up and len(run) >= FEWEST
-    ]
+    both = [run for run in runs if run.channel(quantity) is not None and not run.summed_up and len(run) >= FEWEST]
     stuck = [(run.name, at) for run in both if (at := _stuck_at(run, quantity)) is not None]
     names = tuple(name for name, _ in stuck)
     at = median(np.array([one for _, one in stuck])) if stuck else 0.0
@@ -106,9 +102,7 @@ def agreement(runs: Sequence[Run], quantity: str) -> Agreement:
     correlation, scale, scale_error = _scale(moving, 0.0 if fixed else late)
     clock = fixed is None or left < float(_misfit(moving, np.zeros(1), None).sum())
     period = max(_pace(moving, "position"), _pace(moving, "velocity"))
-    return Agreement(
-        len(moving), correlation, scale, scale_error, late, late_error, clock, period, follows, names, at
-    )
+    return Agreement(len(moving), correlation, scale, scale_error, late, late_error, clock, period, follows, names, at)
 
 
 def stretches(run: Run, quantity: str) -> list[Stretch]:
@@ -173,13 +167,8 @@ def _rough(every: Sequence[Stretch]) -> tuple[float, float] | None:
         position, summed = one.position - one.position.mean(), one.summed - one.summed.mean()
         whole = float(position @ position)
         square = max(float(summed @ summed), 1e-12 * whole)
-        drift = (
-            one.velocity_noise * one.period * len(one.time)
-        ) ** 2 / 6.0  # of a sum of noise, less its mean
-        if (
-            whole > (MOVES * one.position_noise) ** 2 * len(one.time)
-            and max(square, whole) > MOVES**2 * drift
-        ):
+        drift = (one.velocity_noise * one.period * len(one.time)) ** 2 / 6.0  # of a sum of noise, less its mean
+        if whole > (MOVES * one.position_noise) ** 2 * len(one.time) and max(square, whole) > MOVES**2 * drift:
             across = float(summed @ position)
             found.append((across / np.sqrt(square * whole), across / square, whole))
     if not found:
@@ -191,9 +180,7 @@ def _rough(every: Sequence[Stretch]) -> tuple[float, float] | None:
 def _moves(one: Stretch, scale: float) -> bool:
     """By the position alone: chosen by the sum itself, those would be told of in which its noise adds to the motion."""
     (position,) = _freed(one.time, one.position)
-    wander = (
-        (scale * one.velocity_noise * one.period) ** 2 * len(one.time) / 15.0
-    )  # of a sum of noise, less a line
+    wander = (scale * one.velocity_noise * one.period) ** 2 * len(one.time) / 15.0  # of a sum of noise, less a line
     moved = float(position @ position) / len(one.time)
     return moved > MOVES**2 * wander and moved > SEEN**2 * one.position_noise**2
 

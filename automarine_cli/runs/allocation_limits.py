@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.pipeline.words import listed
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import ASKED, Run
 
-Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 SINGLE = re.compile(r"(n|rpm|thruster)_\w+|thruster\d+")

@@ -88,9 +88,7 @@ def asked_channels(text: str) -> dict[str, str]:
     return {} if text == AUTO else {"channels": text}
 
 
-def choose_channels(
-    runs: Sequence[Run], dof: Dof, wanted: str = AUTO, *, late_position: bool = False
-) -> ChannelChoice:
+def choose_channels(runs: Sequence[Run], dof: Dof, wanted: str = AUTO, *, late_position: bool = False) -> ChannelChoice:
     """Judge the sensors of all runs and choose, as `wanted` says.
 
     "auto" takes every sensor that does not contradict the position and tells something of its own, "position" that
@@ -98,32 +96,21 @@ def choose_channels(
     is no contradiction: who asks has a name for that. Raises SettingError for a sensor that no log holds.
     """
     named = wanted_channels(wanted, dof)
-    read = any(
-        (column := run.channel(dof.velocity)) is not None and np.isfinite(column).any() for run in runs
-    )
+    read = any((column := run.channel(dof.velocity)) is not None and np.isfinite(column).any() for run in runs)
     logged = any(not run.summed_up for run in runs)
-    lacking = [
-        name for name, there in zip(dof.channels, (logged, read)) if named and name in named and not there
-    ]
+    lacking = [name for name, there in zip(dof.channels, (logged, read)) if named and name in named and not there]
     if lacking and runs:
         what, columns = lacking[0].replace("_", " "), ", ".join(names_of(lacking[0]))
-        raise SettingError(
-            f"channels is {wanted!r}, and no log holds {what}; name its column {columns} with --columns"
-        )
+        raise SettingError(f"channels is {wanted!r}, and no log holds {what}; name its column {columns} with --columns")
     if not read:
         return NOTHING_TO_CHOOSE
     found = agreement(runs, dof.velocity)
     trouble = trouble_of(found, dof, late_position) if logged else ""
     velocity = dof.velocity in named if named else wanted == ALL or not trouble
     position = logged and (named is None or dof.position in named)
-    why = (
-        trouble or (_stuck_in(found, dof) if velocity else "") if velocity or named is None else _not_asked()
-    )
+    why = trouble or (_stuck_in(found, dof) if velocity else "") if velocity or named is None else _not_asked()
     of_position = "" if position else _not_asked() if logged else _summed_up(dof)
-    verdicts = (
-        ChannelVerdict(dof.position, position, of_position),
-        ChannelVerdict(dof.velocity, velocity, why),
-    )
+    verdicts = (ChannelVerdict(dof.position, position, of_position), ChannelVerdict(dof.velocity, velocity, why))
     names = tuple(one.quantity for one in verdicts if one.used)
     return ChannelChoice(verdicts, names, frozenset(found.stuck))
 

@@ -11,20 +11,13 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
 from automarine_cli.logs.needs import is_velocity_only
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.noise import NORMAL, median, slope
 from automarine_cli.runs.plain import plain_position
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.sense import (
-    beyond,
-    clock_trouble,
-    command_trouble,
-    find_jumps,
-    position_trouble,
-    stuck,
-)
+from automarine_cli.runs.sense import beyond, clock_trouble, command_trouble, find_jumps, position_trouble, stuck
 from automarine_cli.runs.unwrap import find_glitches, unwrap, wrapped
 
-Floats = NDArray[np.float64]
 GAP_IN_PERIODS = 3.0 + 1e-6  # more than three periods, clocks being rounded
 COARSE = 0.2  # of the rows: more repeated stamps than this are no accident
 COUNTS = ("rows", "missing", "duplicates", "glitches", "gaps", "jumps")
@@ -110,9 +103,7 @@ def _summed_up(run: Run) -> Run:
     velocity = run.extras[dof.velocity]
     position = summed_position(run.time, velocity, _any_command(run), dof)
     note = f"no {dof.words.position} in the log: the {dof.words.rate} is summed up to trim by and to look at"
-    return replace(
-        run, position=position, summed_up=True, notes=(*run.notes, note), reading=(*run.reading, note)
-    )
+    return replace(run, position=position, summed_up=True, notes=(*run.notes, note), reading=(*run.reading, note))
 
 
 def _coarse_clock(counts: Mapping[str, int]) -> tuple[str, ...]:
@@ -199,9 +190,7 @@ def too_short(part: Run) -> str | None:
     if not part.counts["jumps"] or length >= SHORTEST_PART:
         return None
     name = part.dof.position
-    return (
-        f"only {length:.2g} s are left beside a jump of the {name}; at least {SHORTEST_PART:g} s are needed"
-    )
+    return f"only {length:.2g} s are left beside a jump of the {name}; at least {SHORTEST_PART:g} s are needed"
 
 
 def _counted(number: int, thing: str) -> str:
@@ -235,8 +224,4 @@ def standstill(time: Floats, velocity: Floats, command: Floats, dof: Dof) -> flo
     steps = np.diff(read)
     noise = NORMAL * median(np.abs(steps - np.median(steps))) / np.sqrt(2.0)
     level = float(np.median(read))
-    return (
-        level
-        if abs(trend) <= SURE * doubt * noise + 1e-12 and abs(level) <= 3.0 * dof.limits.bias_sd
-        else 0.0
-    )
+    return level if abs(trend) <= SURE * doubt * noise + 1e-12 and abs(level) <= 3.0 * dof.limits.bias_sd else 0.0

@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.allocation_limits import SINGLE
 from automarine_cli.runs.noise import slope
 from automarine_cli.runs.run import ASKED, Run, SetAside
 from automarine_cli.runs.sense import longest_repeat
 from automarine_cli.runs.steps import Step, find_steps, start_position
 from automarine_cli.runs.undriven import undriven
-
-Floats = NDArray[np.float64]
 
 COMMAND_ENDS = "the {force} changed"
 LOG_ENDS, WINDOW = "the log ended", "the window"
@@ -133,9 +132,7 @@ def half_turn(run: Run, step: Step, trim: Trim = UNTRIMMED) -> HalfTurn:
     )
 
 
-def half_turns(
-    runs: Iterable[Run], trim: Trim = UNTRIMMED
-) -> tuple[tuple[HalfTurn, ...], tuple[SetAside, ...]]:
+def half_turns(runs: Iterable[Run], trim: Trim = UNTRIMMED) -> tuple[tuple[HalfTurn, ...], tuple[SetAside, ...]]:
     """The first half-turn of every run that serves, and the runs set aside with their reasons."""
     good: list[HalfTurn] = []
     aside: list[SetAside] = []
@@ -195,9 +192,7 @@ def trimmed(run: Run, trim: Trim = UNTRIMMED) -> Trimmed:
         rest=None if rest is None else slice(0, rest.stop - start),
     )
     kept = slice(kept.start - start, kept.stop - start)
-    return Trimmed(
-        short, replace(turn, step=step, time=short.time[kept], position=short.position[kept], kept=kept), ""
-    )
+    return Trimmed(short, replace(turn, step=step, time=short.time[kept], position=short.position[kept], kept=kept), "")
 
 
 def _copied(run: Run, start: int, stop: int) -> Run:
@@ -240,9 +235,7 @@ def _is_steady(time: Floats, position: Floats, noise: float) -> bool:
     late, late_error = slope(time[-third:], position[-third:])
     middle, middle_error = slope(time[-2 * third : -third], position[-2 * third : -third])
     change = abs(late - middle)
-    return change <= STILL_CHANGING * abs(late) or change <= SURE * noise * math.hypot(
-        late_error, middle_error
-    )
+    return change <= STILL_CHANGING * abs(late) or change <= SURE * noise * math.hypot(late_error, middle_error)
 
 
 def _why_not(

@@ -57,9 +57,7 @@ def load_runs(
     left.
     """
     files = find_logs(logs)
-    runs, aside = _gathered(
-        partial(read or read_runs, columns=columns, dof=dof), files, strict, progress, jobs
-    )
+    runs, aside = _gathered(partial(read or read_runs, columns=columns, dof=dof), files, strict, progress, jobs)
     limited, limits = within_limits(_one_unit(named_apart(runs)))
     return Campaign(tuple(limited), aside, tuple(filter(has_bytes, files)), limits)
 
@@ -104,9 +102,7 @@ def load_half_turns(
     ]
     return HalfTurnCampaign(
         turns=tuple(one.turn for one in named if one.turn is not None),
-        not_turned=tuple(
-            SetAside(one.run.source, one.run.name, one.why) for one in named if one.turn is None
-        ),
+        not_turned=tuple(SetAside(one.run.source, one.run.name, one.why) for one in named if one.turn is None),
         count=len(named),
         set_aside=aside,
         inputs=tuple(filter(has_bytes, files)),
@@ -124,9 +120,7 @@ def _gathered(
     """What is read of all files, and what is set aside."""
     kept: list[Kept] = []
     aside: list[SetAside] = []
-    for good, bad in ordered_stream(
-        read, files, _paying(files, jobs), progress=progress, stage="reading logs"
-    ):
+    for good, bad in ordered_stream(read, files, _paying(files, jobs), progress=progress, stage="reading logs"):
         kept += good
         aside += bad
     if strict and aside:
@@ -188,9 +182,7 @@ def told_beside(aside: Sequence[SetAside]) -> Iterator[None]:
         ) from None
 
 
-def read_runs(
-    file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None
-) -> tuple[list[Run], list[SetAside]]:
+def read_runs(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None) -> tuple[list[Run], list[SetAside]]:
     """The runs of one log of a motion (None: whichever its columns show), and those set aside. Raises LogError or
     RunError if the log was named and is unreadable.
     """

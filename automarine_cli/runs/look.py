@@ -171,9 +171,7 @@ def with_limits(seen: Sequence[RunSeen]) -> list[RunSeen]:
     these."""
     found = list(seen)
     for own, dof in {(run.dof, one.dof): None for run in seen for one in run.asked}:
-        asked = {
-            i: one for i, run in enumerate(seen) if run.dof is own for one in run.asked if one.dof is dof
-        }
+        asked = {i: one for i, run in enumerate(seen) if run.dof is own for one in run.asked if one.dof is dof}
         unit = seen[next(iter(asked))].moment_unit if dof is own else dof.units.forces[1]
         law, _ = limits_in(asked, unit)
         for i, one in asked.items():

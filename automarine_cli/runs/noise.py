@@ -1,9 +1,9 @@
 """Noise of a position measured from the log alone, without any model of the vehicle."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
+
 NORMAL = 1.4826  # median absolute value of a normal variable -> its standard deviation
 
 

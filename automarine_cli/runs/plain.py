@@ -3,20 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
-from automarine_cli.runs.sense import (
-    FASTEST,
-    FEWEST_SAMPLES,
-    LARGEST_COMMAND,
-    LEAST_STUCK,
-    RADIANS_AS_DEGREES,
-    SLOWEST,
-)
+from automarine_cli.quantities import Floats
+from automarine_cli.runs.sense import FASTEST, FEWEST_SAMPLES, LARGEST_COMMAND, LEAST_STUCK, RADIANS_AS_DEGREES, SLOWEST
 from automarine_cli.runs.unwrap import LOCAL, find_spikes, wrapped
-
-Floats = NDArray[np.float64]
 
 MOST_UNEVEN = 1.5
 """Longest over shortest time between samples of a plain run."""
@@ -36,9 +27,7 @@ def plain_position(time: Floats, position: Floats, commands: Sequence[Floats], d
     if not (shortest >= FASTEST and longest < SLOWEST and longest <= MOST_UNEVEN * shortest):
         return None
     for command in commands:
-        if not (
-            command.max() <= LARGEST_COMMAND and command.min() >= -LARGEST_COMMAND
-        ):  # nor of a missing one
+        if not (command.max() <= LARGEST_COMMAND and command.min() >= -LARGEST_COMMAND):  # nor of a missing one
             return None
     low, high = position.min(), position.max()
     span = high - low
@@ -54,9 +43,7 @@ def plain_position(time: Floats, position: Floats, commands: Sequence[Floats], d
         steps = raw.copy()
         steps[turned] = wrapped(raw[turned], dof.turn)
     bend = np.abs(steps[1:] - steps[:-1])
-    if max(steps.max(), -steps.min()) > min(
-        dof.limits.jump, dof.limits.end_spike, dof.limits.fast * shortest
-    ):
+    if max(steps.max(), -steps.min()) > min(dof.limits.jump, dof.limits.end_spike, dof.limits.fast * shortest):
         return None
     if find_spikes(time, position, steps, spans, bend, dof).any():
         return None

@@ -15,19 +15,16 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, LogTable, read_log
 from automarine_cli.logs.canonical import driven
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import runs_of_table, unreadable
 from automarine_cli.runs.run import Run, SetAside
-
-Floats = NDArray[np.float64]
 
 EQUATORIAL_RADIUS, FLATTENING = 6_378_137.0, 1 / 298.257223563  # m; World Geodetic System 1984
 SENSORS = (("north", "east"), ("surge",), ("sway",), ("yaw_rate",))
 """Quantities that come out of one sensor each."""
 
 
-def read_planar(
-    file: LogFile, columns: ColumnMap | None = None, *, dof: Dof = YAW
-) -> tuple[list[Run], list[SetAside]]:
+def read_planar(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof = YAW) -> tuple[list[Run], list[SetAside]]:
     """The runs of one log of motion in the plane, and those set aside.
 
     Raises LogError or RunError if the log was named and is unreadable, or drives nothing but the heading.
@@ -117,12 +114,7 @@ def _with_fresh_readings(run: Run) -> Run:
         )
     if not changed:
         return run
-    return replace(
-        run,
-        extras={**run.extras, **changed},
-        notes=(*run.notes, *told),
-        reading=(*run.reading, *told),
-    )
+    return replace(run, extras={**run.extras, **changed}, notes=(*run.notes, *told), reading=(*run.reading, *told))
 
 
 def _repeated(extras: Mapping[str, Floats]) -> Iterator[tuple[tuple[str, ...], NDArray[np.bool_]]]:

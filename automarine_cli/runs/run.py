@@ -6,16 +6,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs.canonical import names_of
 from automarine_cli.logs.formats import stem_of
-from automarine_cli.quantities import CLOCK, SINCE
+from automarine_cli.quantities import CLOCK, SINCE, Floats
 from automarine_cli.runs.noise import median, position_noise
-
-Floats = NDArray[np.float64]
 
 ASKED = "asked"
 """Extra of a run that is driven by its thrusters: the moment or force that was logged beside them."""
@@ -68,9 +65,7 @@ class Run:
                     f"for {self.time.shape} samples; this is a defect, please report it"
                 )
         if self.moment is not None and self.moment.shape != self.time.shape:
-            raise RunError(
-                f"{self.source}, run {self.name!r}: one {self.dof.words.force} for each sample expected"
-            )
+            raise RunError(f"{self.source}, run {self.name!r}: one {self.dof.words.force} for each sample expected")
         if np.any(self.time[1:] <= self.time[:-1]):
             raise RunError(f"{self.source}, run {self.name!r}: the clock must rise strictly after cleaning")
 
@@ -143,9 +138,7 @@ class Run:
         of single thrusters (`effects.thruster_imbalance.PARTS`); a logged one of that unit stays beside it as ASKED."""
         kept = parts is not None and self.moment is not None and unit == self.moment_unit
         asked = {ASKED: self.command} if kept else {}
-        return replace(
-            self, moment=moment, moment_unit=unit, extras={**self.extras, **asked, **(parts or {})}
-        )
+        return replace(self, moment=moment, moment_unit=unit, extras={**self.extras, **asked, **(parts or {})})
 
     def cut(self, start: int, stop: int) -> "Run":
         """Samples start:stop of this run."""
@@ -161,9 +154,7 @@ class Run:
 def readings(runs: Iterable[Run]) -> dict[str, list[dict[str, object]]]:
     """`{"readings": [{"file", "notes"}]}` for a result: what to know of the reading of each log; {} for nothing."""
     told = {run.source: run.reading for run in runs if run.reading}
-    return (
-        {"readings": [{"file": file, "notes": list(notes)} for file, notes in told.items()]} if told else {}
-    )
+    return {"readings": [{"file": file, "notes": list(notes)} for file, notes in told.items()]} if told else {}
 
 
 NAMED_APART = "another run of this campaign has the same name; the file's name was put in front"

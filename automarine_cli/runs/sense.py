@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.noise import median
 from automarine_cli.runs.unwrap import scatter_of_steps, wrapped
 
-Floats = NDArray[np.float64]
 FEWEST_SAMPLES = 8
 LEAST_STUCK = 20  # samples of one exact position
 SLOWEST = 5.0  # s between samples; nobody logs a test more slowly

@@ -12,11 +12,11 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs import LogTable, require
 from automarine_cli.logs.canonical import ARMED, MODE
 from automarine_cli.pipeline.words import listed
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.sense import FEWEST_SAMPLES
 from automarine_cli.runs.steps import SAME_MOMENT, SHORT_REST
 
 By = Literal["mode", "arm", "moment"]
-Floats = NDArray[np.float64]
 Stretch: TypeAlias = tuple[int, int, str, bool]
 UNKNOWN, AT_REST = "?", "no command acts"
 DISARMED = ("disarmed", "0", "false", "no", "off", "")
@@ -62,9 +62,7 @@ def find_slices(
         why = _why_not(by, state, wanted, time[first:stop], shortest)
         before = passed[-1] if passed and follows and passed[-1].stop == first else None
         if why is not None:
-            passed.append(
-                Passed(first if before is None or before.why != why else passed.pop().first, stop, why)
-            )
+            passed.append(Passed(first if before is None or before.why != why else passed.pop().first, stop, why))
             continue
         start = first
         if before is not None and before.why == AT_REST:

@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.noise import slope
 from automarine_cli.runs.run import Run
-
-Floats = NDArray[np.float64]
 
 SAME_MOMENT = 1e-6  # of the run's largest moment: moments closer than this are one
 FEWEST_SAMPLES = 5  # a shorter stretch of one moment is part of a changing command

@@ -21,9 +21,7 @@ def without_stuck(runs: Sequence[Run]) -> tuple[list[Run], tuple[SetAside, ...]]
     moved = [run for run in runs if _moved(run)]
     kept, aside = [], []
     for run in runs:
-        free = run.dof.has_constant or _moved(
-            run
-        )  # under a constant force the smaller command may be what moves
+        free = run.dof.has_constant or _moved(run)  # under a constant force the smaller command may be what moves
         other = None if free else _moved_by_no_more(run, moved)
         if other is None:
             kept.append(run)

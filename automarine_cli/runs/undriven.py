@@ -46,12 +46,7 @@ def undriven(run: Run) -> str | None:
     alone = idle & (gained > 0)
     there, back = _times(alone & (after > 0)), _times(alone & (after < 0))
     one_way = dof.has_constant and min(there, back) == 0
-    if (
-        extent < FAR * dof.limits.least
-        or there + back < OFTEN
-        or one_way
-        or gained[alone].sum() < SHARE * gained.sum()
-    ):
+    if extent < FAR * dof.limits.least or there + back < OFTEN or one_way or gained[alone].sum() < SHARE * gained.sum():
         return None
     words, unit = dof.words, dof.units.shown
     return (

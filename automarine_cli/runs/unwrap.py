@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.noise import NORMAL, median
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 TURN = 2 * np.pi
 SPIKE_IN_SIGMA = 8.0
@@ -86,9 +86,7 @@ def scatter_of_steps(bend: Floats) -> float:
     return float(NORMAL * median(some) / np.sqrt(3.0))
 
 
-def _suspects(
-    steps: Floats, spans: Floats, bend: Floats, width: int, threshold: float, large_step: float
-) -> Indices:
+def _suspects(steps: Floats, spans: Floats, bend: Floats, width: int, threshold: float, large_step: float) -> Indices:
     """The samples, shape (M,), that a spike of `width` samples may follow: a look at differences of steps spares
     the medians of nearly all samples of a log, and leaves out none that is a spike.
 
@@ -143,10 +141,7 @@ def _ends(time: Floats, position: Floats, threshold: float, turn: float) -> NDAr
             rate = np.array(np.median(steps / np.diff(time[inner])))
             jump = abs(float(wrapped(position[inner[0]] - position[order[width - 1]], turn)))
             agree = np.abs(_off(time, position, rate, inner[:-1], inner[1:], turn)) < threshold / 4
-            far = (
-                np.abs(_off(time, position, rate, np.repeat(inner[0], width), order[:width], turn))
-                > threshold
-            )
+            far = np.abs(_off(time, position, rate, np.repeat(inner[0], width), order[:width], turn)) > threshold
             # a vehicle at rest that starts to turn is far off as well, but it begins with a small step
             if agree.all() and far.all() and jump > max(threshold, 2 * float(np.median(np.abs(steps)))):
                 bad[order[:width]] = True

@@ -7,12 +7,10 @@ that was computed from it, or with it by one estimator, follows it.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.noise import position_noise, slope
 from automarine_cli.runs.run import Run
-
-Floats = NDArray[np.float64]
 
 FEWEST = 8
 """Readings."""
@@ -68,17 +66,13 @@ def noise_followed(pairs: Sequence[tuple[Floats, Floats]]) -> float | None:
 
 def _followed(rough: Sequence[tuple[Floats, Floats]], size: int) -> float | None:
     """The same from segments of `size` samples of the differences, less what chance would explain of so few."""
-    pairs = [
-        (a[i : i + size], b[i : i + size]) for a, b in rough for i in range(0, len(a) - size + 1, size // 2)
-    ]
+    pairs = [(a[i : i + size], b[i : i + size]) for a, b in rough for i in range(0, len(a) - size + 1, size // 2)]
     if len(pairs) < 2 * FEWEST_SEGMENTS:
         return None
     levels = [float(a @ a) for a, _ in pairs]
     quiet = np.argsort(levels, kind="stable")[: len(levels) // 2]
     window, inner = np.hanning(size), np.arange(1, size // 2)
-    first, second = (
-        np.fft.rfft(window * np.array([pairs[i][k] for i in quiet]), axis=1)[:, inner] for k in (0, 1)
-    )
+    first, second = (np.fft.rfft(window * np.array([pairs[i][k] for i in quiet]), axis=1)[:, inner] for k in (0, 1))
     turn = np.abs(1.0 - np.exp(-2j * np.pi * inner / size)) ** 2
     of_position, of_velocity = (np.abs(first) ** 2).mean(axis=0), (np.abs(second) ** 2).mean(axis=0)
     across = np.abs((first * second.conj()).mean(axis=0)) ** 2
@@ -90,9 +84,7 @@ def _followed(rough: Sequence[tuple[Floats, Floats]], size: int) -> float | None
     power, explained = of_velocity / turn**2, across / np.maximum(of_position, 1e-300) / turn**2
     octaves = [noise]
     if len(quiet) >= MANY_SEGMENTS:
-        octaves = [
-            noise & (inner >= low) & (inner < 2 * low) for low in 2 ** np.arange(int(np.log2(size)) - 1)
-        ]
+        octaves = [noise & (inner >= low) & (inner < 2 * low) for low in 2 ** np.arange(int(np.log2(size)) - 1)]
     shares = [
         float(explained[one].sum() / power[one].sum() - LUCK / (len(quiet) * np.sqrt(one.sum())))
         for one in octaves

@@ -13,10 +13,9 @@ from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Commands
 from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import RunError
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import find_steps, released
-
-Floats = NDArray[np.float64]
 
 WINDOW = 2.0
 """Length [s] of the windows in which a disturbance moment is held."""
@@ -182,8 +181,7 @@ def unit_of(runs: Sequence[Run], signals: Sequence[str] = ()) -> str:
     units = {run.moment_unit for run in runs}
     if len(units) > 1:
         raise RunError(
-            f"the logs give moments in different units ({', '.join(sorted(units))}); map them to one with "
-            "--columns"
+            f"the logs give moments in different units ({', '.join(sorted(units))}); map them to one with --columns"
         )
     for run in runs:
         missing = [name for name in signals if run.signal(name) is None]
@@ -205,9 +203,7 @@ def padded(rows: Sequence[NDArray[Any]], width: int) -> NDArray[Any]:
     return out
 
 
-def _channels(
-    runs: Sequence[Run], motion: Motion, samples: int, wanted: Sequence[str] | None
-) -> Iterator[Channel]:
+def _channels(runs: Sequence[Run], motion: Motion, samples: int, wanted: Sequence[str] | None) -> Iterator[Channel]:
     """The channels of the motion that are wanted, without readings where no run has any; by default its positions that
     any run has. The first position stands there always, if only to show."""
     for d, (dof, position) in enumerate(zip(motion.dofs, motion.positions)):
@@ -231,9 +227,7 @@ def _held(run: Run, grid: _Grid) -> _Grid:
     if not first:
         return grid
     before = grid.held < first
-    return replace(
-        grid, length=np.where(before, 0.0, grid.length), stretch=np.where(before, 0.0, grid.stretch)
-    )
+    return replace(grid, length=np.where(before, 0.0, grid.length), stretch=np.where(before, 0.0, grid.stretch))
 
 
 def _grid(run: Run, force: Floats, max_step: float) -> _Grid:

@@ -7,7 +7,6 @@ from itertools import groupby
 from math import exp, floor, log2
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.dofs import Dof
@@ -16,6 +15,7 @@ from automarine_cli.logs import LogTable
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.clean import NotUsable, clean
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
@@ -24,8 +24,6 @@ from automarine_cli.simulation.plans import Plan, make_plans
 from automarine_cli.simulation.rollout import Start, simulate, step_for
 from automarine_cli.simulation.specification import Specification
 from automarine_cli.simulation.streams import normal, uniform
-
-Floats = NDArray[np.float64]
 
 FINER = 8.0  # steps are this much shorter than a fit needs: the error stays below the last digit logged
 AROUND = 1e-7  # s: the command changes in the middle of an interval of twice this length
@@ -79,11 +77,7 @@ def make_runs(specification: Specification, seed: int | None = None) -> list[Run
 
 def as_table(made: SimulatedRun, moment_unit: str, dof: Dof) -> LogTable:
     """The log as the reader would give it."""
-    columns = {
-        "time": made.log.time_s,
-        dof.position: dof.inner(made.log.position),
-        dof.command: made.log.moment,
-    }
+    columns = {"time": made.log.time_s, dof.position: dof.inner(made.log.position), dof.command: made.log.moment}
     if made.log.rate is not None:
         columns[dof.velocity] = dof.inner(made.log.rate)
     rows = np.arange(1, len(made.log.time_s) + 1)

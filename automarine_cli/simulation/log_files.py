@@ -6,15 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import DOFS, Dof
+from automarine_cli.quantities import Floats
 from automarine_cli.simulation.campaign import SimulatedRun
 from automarine_cli.simulation.logging_chain import DECIMALS, MOMENT_DECIMALS
 from automarine_cli.simulation.parquet_bytes import Column, parquet_bytes
 from automarine_cli.simulation.specification import Specification
-
-Floats = NDArray[np.float64]
 
 STORED = 65535  # bytes in one block of a gzip file that is stored as it is
 PLACES = dict.fromkeys(("n", *(name for dof in DOFS.values() for name, _ in dof.columns[dof.command])), None)
@@ -26,9 +24,7 @@ def label(specification: Specification, seed: int) -> str:
     return f"Simulated by automarine from {specification.source}, seed {seed}: no measurement."
 
 
-def run_logs(
-    runs: Sequence[SimulatedRun], specification: Specification, seed: int
-) -> Iterator[tuple[str, bytes]]:
+def run_logs(runs: Sequence[SimulatedRun], specification: Specification, seed: int) -> Iterator[tuple[str, bytes]]:
     """Name and content of every log of the runs, in the order of the specification."""
     files: dict[str, list[SimulatedRun]] = {}
     for run in sorted(runs, key=lambda run: run.plan.turn):
@@ -48,11 +44,7 @@ def run_logs(
 
 def _columns(run: SimulatedRun, moment: str, dof: Dof) -> dict[str, Floats]:
     log = run.log
-    columns = {
-        "time_s": log.time_s,
-        dof.column(dof.position, dof.units.log): log.position,
-        moment: log.moment,
-    }
+    columns = {"time_s": log.time_s, dof.column(dof.position, dof.units.log): log.position, moment: log.moment}
     if log.rate is not None:
         columns[dof.column(dof.velocity, f"{dof.units.log}/s")] = log.rate
     return columns

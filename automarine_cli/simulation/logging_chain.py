@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
+from automarine_cli.quantities import Floats
 from automarine_cli.simulation.plans import Plan
 from automarine_cli.simulation.settings import Logger
 from automarine_cli.simulation.streams import normal, uniform
-
-Floats = NDArray[np.float64]
 
 DECIMALS = 3  # of seconds, degrees and metres in every log
 MOMENT_DECIMALS = 6
@@ -55,14 +53,7 @@ def commanded(time: Floats, switches: Floats, moments: tuple[float, ...]) -> Flo
 
 
 def log_run(
-    plan: Plan,
-    logger: Logger,
-    seed: int,
-    time: Floats,
-    position: Floats,
-    rate: Floats,
-    switches: Floats,
-    dof: Dof,
+    plan: Plan, logger: Logger, seed: int, time: Floats, position: Floats, rate: Floats, switches: Floats, dof: Dof
 ) -> Log:
     """The log of a run whose sensors would read `position` [rad or m] and `rate` [rad/s or m/s] at `time` [s since
     its first sample] without noise, all of shape (N,).

@@ -114,9 +114,7 @@ def _text(value: str) -> Field:
 
 def _list(values: Sequence[Field]) -> Field:
     kind = values[0][0] if values else STRUCT
-    head = (
-        bytes([len(values) << 4 | kind]) if len(values) < 15 else bytes([0xF0 | kind]) + _varint(len(values))
-    )
+    head = bytes([len(values) << 4 | kind]) if len(values) < 15 else bytes([0xF0 | kind]) + _varint(len(values))
     return LIST, head + b"".join(data for _, data in values)
 
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from string import ascii_lowercase
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import WINDOW, make_batch
 from automarine_cli.simulation.campaign import AROUND
@@ -17,8 +17,6 @@ from automarine_cli.simulation.logging_chain import DECIMALS
 from automarine_cli.simulation.planar_specification import PlanarRuns, PlanarSpecification
 from automarine_cli.simulation.rollout import Start, simulate
 from automarine_cli.simulation.streams import normal, uniform
-
-Floats = NDArray[np.float64]
 
 STEP = 0.02  # s: the error stays far below the last digit logged
 
@@ -81,10 +79,7 @@ def _made(asked: PlanarSpecification, seed: int, group: PlanarRuns, name: str, b
     sizes, share = asked.disturbance.sizes, np.exp(-WINDOW / asked.disturbance.time_s)
     windows = int(time[-1] / WINDOW) + 2
     pushed = np.stack(
-        [
-            size * _process(normal(windows, seed, key, dof.name), share)
-            for size, dof in zip(sizes, PLANAR.dofs)
-        ]
+        [size * _process(normal(windows, seed, key, dof.name), share) for size, dof in zip(sizes, PLANAR.dofs)]
     )
     knots = np.unique(np.concatenate([time, switches - AROUND, switches + AROUND]))
     knots = knots[(knots >= 0) & (knots <= time[-1])]

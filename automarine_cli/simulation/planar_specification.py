@@ -151,9 +151,7 @@ class PlanarSpecification:
             found = told(unknown[0]) if unknown else "none"
             raise SettingError(f"sensors: found {found}, expected some of {', '.join(SENSORS)}")
         if "heading_deg" not in self.sensors:
-            raise SettingError(
-                "sensors: heading_deg is missing; give it, as every log of motion in the plane has it"
-            )
+            raise SettingError("sensors: heading_deg is missing; give it, as every log of motion in the plane has it")
         twice = sorted(set(self.vehicle.parameters) & set(self.hidden))
         if twice:
             raise SettingError(f"hidden: {twice[0]!r} is a parameter of the vehicle too; give it once")

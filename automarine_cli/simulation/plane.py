@@ -8,9 +8,8 @@ and 6.
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 
 def product_with(matrices: Floats) -> Callable[[Sequence[Floats] | Floats], list[Floats]]:

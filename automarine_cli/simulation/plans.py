@@ -5,14 +5,11 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.errors import SettingError
 from automarine_cli.simulation.run_groups import Commands, Resistance, RunGroup
 from automarine_cli.simulation.specification import Specification
 from automarine_cli.simulation.streams import uniform
-
-Floats = NDArray[np.float64]
 
 MOST_SAMPLES, MOST_RUNS = 500_000_000, 1_000_000
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
@@ -44,9 +41,7 @@ def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
     Raises SettingError for two runs of one name in one file, two groups that write one file, and a campaign of
     more than half a thousand million samples.
     """
-    asked = sum(
-        group.repeats for group in specification.runs
-    )  # before any is made: it may be a thousand million
+    asked = sum(group.repeats for group in specification.runs)  # before any is made: it may be a thousand million
     plans = [] if asked > MOST_RUNS else list(islice(_listed(specification), MOST_RUNS + 1))
     if max(asked, len(plans)) > MOST_RUNS:
         raise SettingError(f"{specification.source}: more than {MOST_RUNS} runs would be made; ask for fewer")
@@ -62,11 +57,7 @@ def make_plans(specification: Specification, seed: int) -> tuple[Plan, ...]:
     placed, clock = [], 0.0
     for plan in plans:
         placed.append(replace(plan, start=round(clock, 6)))
-        wait = (
-            specification.campaign.wait_between_s
-            if plan.group.wait_after_s is None
-            else plan.group.wait_after_s
-        )
+        wait = specification.campaign.wait_between_s if plan.group.wait_after_s is None else plan.group.wait_after_s
         clock += plan.samples * specification.logger.period + wait
     return tuple(placed)
 
@@ -101,9 +92,7 @@ def _letter(group: RunGroup, repeat: int) -> str:
     return LETTERS[repeat] if group.repeats <= len(LETTERS) else str(repeat + 1)
 
 
-def _on_the_grid(
-    commands: Commands, specification: Specification
-) -> tuple[int, tuple[int, ...], tuple[float, ...]]:
+def _on_the_grid(commands: Commands, specification: Specification) -> tuple[int, tuple[int, ...], tuple[float, ...]]:
     """Number of samples, first sample of each command, the commands: rests included, zeros at the start left
     out.
     """

@@ -17,10 +17,10 @@ from automarine_cli.dofs.motion import Motion
 from automarine_cli.effects import Commands, Place, State
 from automarine_cli.models.vehicle import Bound, Vehicle, actuators
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Batch, Channel
 from automarine_cli.simulation.plane import in_body_axes, in_earth_axes, product_with, turning_of
 
-Floats = NDArray[np.float64]
 Slope = Callable[..., tuple[Floats, Floats, Sequence[Floats]]]
 
 
@@ -98,9 +98,7 @@ def step_for(model: YawModel, moment: float) -> float:
     return float(np.clip(model.fastest(moment) / 2.0, 1e-3, 0.2))
 
 
-def simulate(
-    model: Vehicle, batch: Batch, theta: Floats | None = None, start: Start | None = None
-) -> Trajectory:
+def simulate(model: Vehicle, batch: Batch, theta: Floats | None = None, start: Start | None = None) -> Trajectory:
     """Simulate all runs of `batch` under all parameter sets `theta` (P, p), by default the model's own.
 
     Commands are held over each step; the order is actuators on the commands, sum of forces with water states, division
@@ -204,9 +202,7 @@ def _integrate(
             position = position + h6 * (move1 + 2.0 * (move2 + move3) + move4)
             travelled[m + 1] = position
         velocity = np.add(velocity, h6 * (first + 2.0 * twice + fourth), out=velocities[m + 1])
-        water = [
-            w + h6 * (a + 2.0 * (b + c) + d) for w, a, b, c, d in zip(water, water1, water2, water3, water4)
-        ]
+        water = [w + h6 * (a + 2.0 * (b + c) + d) for w, a, b, c, d in zip(water, water1, water2, water3, water4)]
     if not model.motion.turns:
         travelled[1:] *= lengths[:, None]
         np.cumsum(travelled, axis=0, out=travelled)
@@ -238,9 +234,7 @@ def right_hand_side(
     single = not motion.turns
     inverse = 1.0 / inertia[:, 0, :1]
     if not single:
-        momentum, accelerated = map(
-            product_with, (inertia, np.asarray(np.linalg.inv(inertia), dtype=np.float64))
-        )
+        momentum, accelerated = map(product_with, (inertia, np.asarray(np.linalg.inv(inertia), dtype=np.float64)))
     none = np.zeros(())
     flow = [none] * len(motion.dofs)
     states = [State(none, start, none, none, none, none, {}, flow) for start in origin]
@@ -249,12 +243,7 @@ def right_hand_side(
     first = states[0]
 
     def slope(  # type: ignore[no-untyped-def]
-        position: Floats,
-        velocity: Floats,
-        water: Sequence[Floats],
-        force: Sequence[Floats],
-        time: Floats,
-        signals,
+        position: Floats, velocity: Floats, water: Sequence[Floats], force: Sequence[Floats], time: Floats, signals
     ):
         if single:  # the same as below, without the loops that one degree of freedom has no need of
             first.position = position[0]
@@ -272,9 +261,7 @@ def right_hand_side(
             for term, stored in zip(movers, own):
                 if term.effect.place is Place.WATER:
                     state = states[term.dof]
-                    state.relative = flow[term.dof] = state.relative - term.effect.water_rate(
-                        stored, term.values
-                    )
+                    state.relative = flow[term.dof] = state.relative - term.effect.water_rate(stored, term.values)
         total = [*force]
         for k, (d, moment, values) in enumerate(pushes):
             if water:
@@ -283,9 +270,7 @@ def right_hand_side(
         stirred: list[Floats] = []
         if water:
             for term, stored in zip(movers, own):
-                stirred.extend(
-                    term.effect.derivatives(states[term.dof], stored, term.values) if stored else ()
-                )
+                stirred.extend(term.effect.derivatives(states[term.dof], stored, term.values) if stored else ())
         if single:
             return (total[0] * inverse)[None], velocity, stirred
         turning = turning_of(momentum(velocity), velocity)

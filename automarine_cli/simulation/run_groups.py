@@ -47,9 +47,7 @@ class Range:
         if self.to < self.from_:
             raise SettingError(f"to is {self.to:g}; expected at least from, {self.from_:g}")
         if (self.to - self.from_) / self.step > MOST_LEVELS:
-            raise SettingError(
-                f"step is {self.step:g}; that makes more than {MOST_LEVELS} values; give a larger step"
-            )
+            raise SettingError(f"step is {self.step:g}; that makes more than {MOST_LEVELS} values; give a larger step")
 
     @property
     def values(self) -> tuple[float, ...]:
@@ -227,9 +225,7 @@ class RampRuns(RunGroup):
         super().__post_init__()
         positive(self, "duration_s", "steps")
         if self.to == self.from_:
-            raise SettingError(
-                f"to is {self.to:g}, the same as from; expected another {self.dof.words.force}"
-            )
+            raise SettingError(f"to is {self.to:g}, the same as from; expected another {self.dof.words.force}")
 
     def cases(self, drag: Resistance) -> Iterator[tuple[str, Commands]]:
         """The one ramp; the last stair is `to`."""

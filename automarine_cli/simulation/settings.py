@@ -40,9 +40,7 @@ class Logger:
 
     def __post_init__(self) -> None:
         positive(self, "rate_hz")
-        at_least_zero(
-            self, "noise", "quantisation", "clock_jitter_s", "glitch_size", "rate_noise", "rate_bias"
-        )
+        at_least_zero(self, "noise", "quantisation", "clock_jitter_s", "glitch_size", "rate_noise", "rate_bias")
         between(self, 0.0, 0.9, "dropout", "glitch")
         if self.rate_noise is None and self.rate_bias is not None:
             raise SettingError(
@@ -87,9 +85,7 @@ class Scatter:
         if self.force_most is not None:
             positive(self, "force_most")
         if self.start == ():
-            raise SettingError(
-                f"{key_of(self, 'start')} is an empty list; expected at least one {self.dof.position}"
-            )
+            raise SettingError(f"{key_of(self, 'start')} is an empty list; expected at least one {self.dof.position}")
 
 
 @dataclass(frozen=True)

@@ -47,9 +47,7 @@ class EffectSetting:
             if name not in names:
                 raise SettingError(f"effect {self.name!r} has no parameter {name!r}; it has {allowed}")
         if lacking := effect.lacking(self.values, self.ordered, self.dof):
-            raise SettingError(
-                f"effect {self.name!r} needs its parameter {lacking!r} (of {allowed}); give it"
-            )
+            raise SettingError(f"effect {self.name!r} needs its parameter {lacking!r} (of {allowed}); give it")
 
     @property
     def ordered(self) -> tuple[float, ...]:
@@ -144,10 +142,7 @@ def _with_defaults(mapping: Mapping[str, object], dof: Dof) -> dict[str, object]
     given = {key: mapping.get(key, {}) for key in own}
     return {
         **mapping,
-        **{
-            key: {**own[key], **table} if isinstance(table, Mapping) else table
-            for key, table in given.items()
-        },
+        **{key: {**own[key], **table} if isinstance(table, Mapping) else table for key, table in given.items()},
     }
 
 

@@ -8,10 +8,9 @@ the uniform stream of a bit generator, not what it makes of it.
 import hashlib
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
 
 TINY = 2.0**-54  # keeps a uniform deviate off zero
 

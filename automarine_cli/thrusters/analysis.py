@@ -6,6 +6,7 @@ import numpy as np
 
 from automarine_cli.errors import FitError
 from automarine_cli.fits.estimate import Estimate
+from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.fit import (
     FEWEST_LEVELS,
     Parameter,
@@ -17,7 +18,7 @@ from automarine_cli.thrusters.fit import (
 )
 from automarine_cli.thrusters.forms import SIDES, thrust_both_ways
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.points import Floats, Ints, Points, levels_of
+from automarine_cli.thrusters.points import Ints, Points, levels_of
 from automarine_cli.thrusters.selection import FormScore, Selection, select_form
 
 ROUNDING = 1e-12  # errors below this share of full scale are zero
@@ -58,11 +59,7 @@ class Analysis:
     @property
     def estimates(self) -> dict[tuple[str, str], Parameter]:
         """The chosen form's own parameters by name and direction."""
-        return {
-            (key, side): found[key]
-            for side, found in self.parameters.items()
-            for key in self.chosen.form.free
-        }
+        return {(key, side): found[key] for side, found in self.parameters.items() for key in self.chosen.form.free}
 
     @property
     def map(self) -> ThrusterMap:

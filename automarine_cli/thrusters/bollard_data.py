@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import FitError
+from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.contradictions import flag_contradictions, left_out
 from automarine_cli.thrusters.fit import Side, sides_of
 from automarine_cli.thrusters.forms import SIDES
 from automarine_cli.thrusters.plateaus import reduce_series
-from automarine_cli.thrusters.points import Floats, Ints, Points, groups_of, levels_of, voltage_steps
+from automarine_cli.thrusters.points import Ints, Points, groups_of, levels_of, voltage_steps
 from automarine_cli.thrusters.records import ThrusterLogs
 from automarine_cli.thrusters.tare import subtract_tare
 

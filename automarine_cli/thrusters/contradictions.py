@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from automarine_cli.thrusters.points import Floats, Ints, Points, levels_of
+from automarine_cli.quantities import Floats
+from automarine_cli.thrusters.points import Ints, Points, levels_of
 
 # Limits in shares of full scale, and in robust standard deviations of the readings; the larger counts.
 RISE, RISE_MADS = 0.03, 5.0  # thrust rises with the command: how far it may fall back
@@ -120,9 +121,7 @@ def _longest_rise(force: Floats, tolerance: float) -> Ints:
     return np.array(chain[::-1], dtype=np.int64)
 
 
-def _courses(
-    n: Floats, force: Floats, level: Ints, good: np.ndarray
-) -> tuple[list[np.ndarray], Floats, Floats]:
+def _courses(n: Floats, force: Floats, level: Ints, good: np.ndarray) -> tuple[list[np.ndarray], Floats, Floats]:
     """Indices of each level's readings, their median [N], and what the levels around it say [N]."""
     members = [np.flatnonzero(good & (level == number)) for number in np.unique(level[good])]
     middle = np.array([np.median(force[index]) for index in members])
@@ -140,9 +139,7 @@ def _roughness(force: Floats, members: list[np.ndarray], middle: Floats, smooth:
     return max(rough, _repeat_noise(force, members))
 
 
-def _off_course(
-    n: Floats, force: Floats, level: Ints, good: np.ndarray, scale: float
-) -> tuple[Floats, Floats]:
+def _off_course(n: Floats, force: Floats, level: Ints, good: np.ndarray, scale: float) -> tuple[Floats, Floats]:
     """Deviation [N] from repeats at the same command or the smooth curve, and its limit, shape (P,)."""
     members, middle, smooth = _courses(n, force, level, good)
     rough = _roughness(force, members, middle, smooth)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.forms import SQUARE, Form
-from automarine_cli.thrusters.points import Floats
 
 # Bounds of (amplitude, dead band, exponent, saturation), the second and fourth as shares of the largest
 # command.
@@ -49,9 +49,7 @@ def fit_direction(magnitude: Floats, thrust: Floats, weights: Floats, form: Form
     flat = starts.reshape(-1, 4)
     repeated = np.repeat(weights, count, axis=0)
     values, sse = (
-        _refine(x, thrust, repeated, flat, free)
-        if free.sum() > 1
-        else (flat, _sse(x, thrust, repeated, flat))
+        _refine(x, thrust, repeated, flat, free) if free.sum() > 1 else (flat, _sse(x, thrust, repeated, flat))
     )
     values, sse = values.reshape(starts.shape), sse.reshape(starts.shape[:2])
     # of those as good as the best the one with least dead band and saturation: levels left out may not show either
@@ -77,11 +75,7 @@ def _sse(x: Floats, y: Floats, weights: Floats, values: Floats) -> Floats:
 def _grid(x: Floats, form: Form) -> Floats:
     """Grid of (1, dead band, exponent, saturation), shape (G, 4), for the parameters that are free."""
     dead = np.linspace(0.0, min(0.6, 0.95 * float(np.sort(x)[-2])), 16) if form.dead_band else np.array([0.0])
-    power = (
-        np.array([0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 1.8, 2.0, 2.2, 2.6, 3.2])
-        if form.exponent
-        else np.array([SQUARE])
-    )
+    power = np.array([0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 1.8, 2.0, 2.2, 2.6, 3.2]) if form.exponent else np.array([SQUARE])
     top = np.linspace(0.35, 1.0, 14) if form.saturation else np.array([1.0])
     mesh = np.stack(np.meshgrid([1.0], dead, power, top, indexing="ij"), axis=-1).reshape(-1, 4)
     return mesh[mesh[:, 3] > mesh[:, 1] + 0.1]

@@ -6,11 +6,11 @@ import numpy as np
 
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.pipeline.shown import Shown
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import SetAside
 from automarine_cli.thrusters.bollard_data import BollardData, bollard_data, held_out_levels, noise_level
 from automarine_cli.thrusters.forms import SIDES, SQUARE, Curve
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.points import Floats
 from automarine_cli.thrusters.records import ThrusterLogs
 from automarine_cli.thrusters.result import parameters_json
 from automarine_cli.thrusters.search import Round, Search, Trial, search_around_faults
@@ -78,9 +78,7 @@ class ThrusterDiagnosis(Shown):
         form = form_of(frozenset().union(*(effects for _, effects in found.shape.curves))).name
         result = ThrusterMap(form, *found.both_ways, self.data.n_unit).to_json()
         estimates = curve_parameters(found)
-        result["parameters"] = {
-            name: parameters_json(estimates.get(name)) for name in ("forward", "backward")
-        }
+        result["parameters"] = {name: parameters_json(estimates.get(name)) for name in ("forward", "backward")}
         result |= {
             "rmse_N": self.gap.after,
             "cv_rmse_N": self.cross.after,
@@ -159,11 +157,7 @@ def _used(base: ThrusterMap, curve: Curve | None) -> frozenset[str]:
     """The effects of the form that one direction makes use of: a map may be extended in one direction only."""
     if curve is None:
         return frozenset()
-    used = {
-        "dead-band": curve.n_0 > 0.0,
-        "thrust-exponent": curve.p != SQUARE,
-        "saturation": curve.n_sat is not None,
-    }
+    used = {"dead-band": curve.n_0 > 0.0, "thrust-exponent": curve.p != SQUARE, "saturation": curve.n_sat is not None}
     return frozenset(name for name in effects_of(base.form) if used[name])
 
 

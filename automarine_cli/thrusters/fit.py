@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.fits.estimate import Estimate
+from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.curves import HIGH, LOW, Fits, fit_direction
 from automarine_cli.thrusters.forms import SIDES, SQUARE, Curve, Form
-from automarine_cli.thrusters.points import Floats, Ints, Points, groups_of
+from automarine_cli.thrusters.points import Ints, Points, groups_of
 
 FEWEST_LEVELS = 3
 ENOUGH_RECORDS = 4  # records from which their scatter alone carries an interval
@@ -117,9 +118,7 @@ def best_curve(side: Side, form: Form) -> tuple[Curve, tuple[str, ...]]:
     return curve_of(fits), tuple(at_bound)
 
 
-def parameters(
-    side: Side, form: Form, curve: Curve, at_bound: tuple[str, ...], n_unit: str
-) -> dict[str, Parameter]:
+def parameters(side: Side, form: Form, curve: Curve, at_bound: tuple[str, ...], n_unit: str) -> dict[str, Parameter]:
     """Estimates of the form's parameters by name; one at its bound has no standard error and says so."""
     level = side.magnitude if curve.n_sat is None else np.minimum(side.magnitude, curve.n_sat)
     above = np.maximum(level - curve.n_0, 0.0)
@@ -192,9 +191,7 @@ def _estimates(
     return tuple(Estimate.from_stderr(*column) for column in zip(values, stderr, dof, units))
 
 
-def _clustered(
-    rows: Floats, errors: Floats, inverse: Floats, group: Ints, freed_by: float
-) -> tuple[Floats, Floats]:
+def _clustered(rows: Floats, errors: Floats, inverse: Floats, group: Ints, freed_by: float) -> tuple[Floats, Floats]:
     """Variances of the parameters and their degrees of freedom, both of shape (K,).
 
     Each cluster's residuals are freed of their own leverage by that power of what it leaves: UNBIASED is HC2 with one

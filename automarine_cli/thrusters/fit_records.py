@@ -47,13 +47,7 @@ def fit_records(
 
 
 def _by_voltage(
-    points: Points,
-    step: Ints | None,
-    tare: Tare,
-    n_unit: str,
-    form: str | None,
-    jobs: int,
-    progress: Progress,
+    points: Points, step: Ints | None, tare: Tare, n_unit: str, form: str | None, jobs: int, progress: Progress
 ) -> tuple[tuple[tuple[float, Analysis], ...], dict[str, VoltageExponent | None], tuple[str, ...]]:
     """A map for each voltage step, and the exponents of thrust against voltage."""
     if step is None or step.max() == 0:
@@ -66,9 +60,7 @@ def _by_voltage(
     fits = [(volts, analysis) for volts, analysis, _ in (one for one in found if not isinstance(one, str))]
     sides = [one[2] for one in found if not isinstance(one, str)]
     laws = [{name: estimate.value for name, estimate in analysis.square.items()} for _, analysis in fits]
-    exponents = (
-        voltage_exponents(np.array([volts for volts, _ in fits]), sides, laws) if len(fits) > 1 else {}
-    )
+    exponents = voltage_exponents(np.array([volts for volts, _ in fits]), sides, laws) if len(fits) > 1 else {}
     powers = [found.exponent.value for found in exponents.values() if found and found.exponent]
     if powers and max(abs(power) for power in powers) > FELT:
         notes.append(

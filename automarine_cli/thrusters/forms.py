@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automarine_cli.thrusters.points import Floats
+from automarine_cli.quantities import Floats
 
 SIDES = (("forward", 1.0), ("backward", -1.0))
 SQUARE = 2.0
@@ -44,16 +44,9 @@ class Form:
         return f"|F| = a {inner}^{'p' if self.exponent else '2'}"
 
 
-_BASE = (
-    ("square", False, False),
-    ("dead-band", True, False),
-    ("power", False, True),
-    ("dead-band-power", True, True),
-)
+_BASE = (("square", False, False), ("dead-band", True, False), ("power", False, True), ("dead-band-power", True, True))
 FORMS: dict[str, Form] = {
-    name + (SUFFIX if saturation else ""): Form(
-        name + (SUFFIX if saturation else ""), dead_band, exponent, saturation
-    )
+    name + (SUFFIX if saturation else ""): Form(name + (SUFFIX if saturation else ""), dead_band, exponent, saturation)
     for saturation in (False, True)
     for name, dead_band, exponent in _BASE
 }
@@ -78,9 +71,7 @@ class Curve:
         return np.asarray(self.a * np.maximum(level - self.n_0, 0.0) ** self.p)
 
 
-def thrust_both_ways(
-    forward: Curve | None, backward: Curve | None, n: Floats, unmeasured: float = np.nan
-) -> Floats:
+def thrust_both_ways(forward: Curve | None, backward: Curve | None, n: Floats, unmeasured: float = np.nan) -> Floats:
     """Thrust [N] at control signals n of any shape, `unmeasured` in a direction without a curve."""
     total = np.zeros_like(n)
     for (_, sign), curve in zip(SIDES, (forward, backward)):

@@ -10,8 +10,8 @@ from automarine_cli.errors import ModelError
 from automarine_cli.models.entries import needed, number_at, object_at
 from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import printable
+from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.forms import FORMS, SIDES, SQUARE, Curve, thrust_both_ways
-from automarine_cli.thrusters.points import Floats
 
 SCHEMA = "automarine/thruster-map/1"
 _REQUIRED = ("schema", "forward", "backward", "form", "parameters")
@@ -44,9 +44,7 @@ class ThrusterMap:
         """
         signal = np.asarray(n, dtype=float)
         if not np.all(np.isfinite(signal)):
-            raise ModelError(
-                "the control signal of a thruster must be finite; leave out the rows without a value"
-            )
+            raise ModelError("the control signal of a thruster must be finite; leave out the rows without a value")
         for name, sign in SIDES:
             if getattr(self, name) is None and np.any(signal * sign > 0):
                 raise ModelError(
@@ -94,8 +92,7 @@ class ThrusterMap:
         parameters = object_at(top["parameters"], f"{where}: parameters")
         _known(parameters, ("forward", "backward"), f"{where}: parameters")
         curves = {
-            side: _curve_from(parameters.get(side), f"{where}: parameters.{side}")
-            for side in ("forward", "backward")
+            side: _curve_from(parameters.get(side), f"{where}: parameters.{side}") for side in ("forward", "backward")
         }
         if curves["forward"] is None and curves["backward"] is None:
             raise ModelError(

@@ -5,7 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from automarine_cli.thrusters.points import Floats, Points, join
+from automarine_cli.quantities import Floats
+from automarine_cli.thrusters.points import Points, join
 from automarine_cli.thrusters.records import Series
 
 HANDFUL = 5  # up to this many equal commands in sequence are single readings, not a raw series
@@ -16,9 +17,7 @@ SLOW = 0.02  # of the range: how far the command may move within the mean of nei
 NOISY = 0.02  # command noise up to this share of its range still means "held constant"
 SERIES = 200  # rows from which a measured speed may be a series
 WINDOWS = (25, 10)  # samples whose mean tells a change of speed; a plateau holds three of them
-FRAGMENTS = (
-    3  # a series of commands falls into as many pieces by its values as by its steadiness; a speed in more
-)
+FRAGMENTS = 3  # a series of commands falls into as many pieces by its values as by its steadiness; a speed in more
 UNSTEADY = 0.05  # scatter of a steady speed, share of its range
 
 
@@ -202,9 +201,7 @@ def _plateaus(
             unsettled.append(level)
         when = float(np.mean(held if record.time is None else record.time[held]))
         voltage = float("nan") if record.voltage is None else float(np.mean(record.voltage[held]))
-        rows.append(
-            (level, force.mean(), np.std(force, ddof=1), len(force), standard_error(force), when, voltage)
-        )
+        rows.append((level, force.mean(), np.std(force, ddof=1), len(force), standard_error(force), when, voltage))
     if not rows:
         return None, counts, unsettled
     table = np.array(rows, dtype=float)
@@ -228,9 +225,7 @@ def _spikes(force: Floats) -> np.ndarray:
     centre = np.concatenate([force[:3], around, np.full(3, around[-1])])
     off = np.abs(force - centre)
     whole = np.abs(force - np.median(force))
-    return np.asarray(
-        (off > SPIKE * 1.4826 * np.median(off)) & (whole > SPIKE * 1.4826 * np.median(whole)) & (off > 0)
-    )
+    return np.asarray((off > SPIKE * 1.4826 * np.median(off)) & (whole > SPIKE * 1.4826 * np.median(whole)) & (off > 0))
 
 
 def _bridged(n: Floats, segments: list[tuple[int, int]], counts: dict[str, int]) -> list[np.ndarray]:

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from automarine_cli.quantities import Floats
+
 Ints = NDArray[np.int64]
 
 SAME = 0.004  # commands within this share of full scale are one level
@@ -42,9 +43,7 @@ class Points:
         return len(self.n)
 
     @classmethod
-    def measured(
-        cls, n: Floats, force: Floats, when: Floats, voltage: Floats | None, record: int
-    ) -> "Points":
+    def measured(cls, n: Floats, force: Floats, when: Floats, voltage: Floats | None, record: int) -> "Points":
         """Single readings of one record, none of them flagged."""
         size = len(n)
         nothing = np.full(size, np.nan)
@@ -71,9 +70,7 @@ class Points:
 
 def join(parts: list[Points]) -> Points:
     """All points one after the other."""
-    return Points(
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in Points.__annotations__}
-    )
+    return Points(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in Points.__annotations__})
 
 
 def levels_of(n: Floats) -> Ints:

@@ -8,8 +8,8 @@ import numpy as np
 from automarine_cli.dofs import Dof
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import ModelError, RunError
+from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.points import Floats
 
 
 class Driven(Protocol):
@@ -60,9 +60,7 @@ def drive_run_by_thrusters(run: RunLike, thrusters: ThrusterMap, arm: float) -> 
         )
     lever = arm if run.dof.levered else 1.0
     try:
-        moment = (
-            thrusters.moment(run.extras["n_port"], run.extras["n_stbd"], arm) if run.dof.levered else None
-        )
+        moment = thrusters.moment(run.extras["n_port"], run.extras["n_stbd"], arm) if run.dof.levered else None
         thrust = [thrusters.force(run.extras[name]) for name in names]
     except ModelError as error:
         raise ModelError(f"{run.source}, run {run.name!r}: {error}") from None
@@ -75,9 +73,5 @@ def drive_run_by_thrusters(run: RunLike, thrusters: ThrusterMap, arm: float) -> 
 def parts_of(shares: Sequence[Floats], dof: Dof) -> dict[str, Floats]:
     """What each thruster gives forward and backward, by the names of PARTS, of its share (N,) of the moment or force;
     none for a motion of another number of thrusters than two."""
-    ways = [
-        side * way(side * one, 0.0)
-        for side, one in zip(dof.sides, shares)
-        for way in (np.maximum, np.minimum)
-    ]
+    ways = [side * way(side * one, 0.0) for side, one in zip(dof.sides, shares) for way in (np.maximum, np.minimum)]
     return dict(zip(PARTS, ways)) if len(ways) == len(PARTS) else {}

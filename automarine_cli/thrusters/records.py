@@ -9,6 +9,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_thruster
 from automarine_cli.pipeline.progress import Progress, counted, silent
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, unreadable
 from automarine_cli.runs.run import SetAside
 from automarine_cli.simulation.run_groups import levels_of
@@ -16,7 +17,6 @@ from automarine_cli.simulation.settings import Bollard
 from automarine_cli.simulation.streams import normal, uniform
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.thrusters.points import Floats
 
 FORCE_DECIMALS = 3
 

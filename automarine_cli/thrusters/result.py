@@ -57,8 +57,7 @@ class ThrusterFit(Shown):
         analysis = self.analysis
         result: dict[str, object] = {"schema": SCHEMA, **_square_json(analysis)}
         result["per_test"] = {
-            name: {"a": _estimate(scaled(analysis.square.get(name), self.thrusters_per_test))}
-            for name, _ in SIDES
+            name: {"a": _estimate(scaled(analysis.square.get(name), self.thrusters_per_test))} for name, _ in SIDES
         }
         result["thrusters_per_test"] = self.thrusters_per_test
         result |= _scores_json(analysis)
@@ -72,9 +71,7 @@ class ThrusterFit(Shown):
             "used": len(self.points), "plateaus": reduction.plateaus, "samples": reduction.samples,
             "samples_left_out": reduction.dropped, "rows_with_missing_values": self.logs.missing,
         }  # fmt: skip
-        result["flagged"] = [
-            self._flagged_json(int(index)) for index in np.flatnonzero(self.points.flag != "")
-        ]
+        result["flagged"] = [self._flagged_json(int(index)) for index in np.flatnonzero(self.points.flag != "")]
         if np.any(np.isfinite(self.points.voltage)):
             ends = np.nanmin(self.points.voltage), np.nanmax(self.points.voltage)
             result["voltage_range_V"] = [float(volts) for volts in ends]
@@ -86,10 +83,7 @@ class ThrusterFit(Shown):
                 name: None if found is None else found.to_json() for name, found in self.exponents.items()
             }
         result["notes"] = list(self.notes)
-        result["runs"] = {
-            "used": len(self.logs.records),
-            "set_aside": [vars(run) for run in self.logs.set_aside],
-        }
+        result["runs"] = {"used": len(self.logs.records), "set_aside": [vars(run) for run in self.logs.set_aside]}
         return result
 
     def _flagged_json(self, index: int) -> dict[str, object]:
@@ -107,9 +101,7 @@ def scaled(estimate: Estimate | None, factor: float) -> Estimate | None:
     if estimate is None:
         return None
     low, high = estimate.ci95
-    return Estimate(
-        factor * estimate.value, factor * estimate.stderr, (factor * low, factor * high), estimate.unit
-    )
+    return Estimate(factor * estimate.value, factor * estimate.stderr, (factor * low, factor * high), estimate.unit)
 
 
 def _estimate(estimate: Estimate | None) -> dict[str, object] | None:

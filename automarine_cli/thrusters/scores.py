@@ -12,18 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from automarine_cli.fits.stepwise import Chance
+from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.bollard_data import BollardData
 from automarine_cli.thrusters.curves import jacobian
 from automarine_cli.thrusters.forms import Curve
-from automarine_cli.thrusters.points import Floats, Ints
-from automarine_cli.thrusters.shapes import (
-    ASYMMETRY,
-    SAG,
-    VOLTAGE,
-    Fitted,
-    form_of,
-    multiplier_columns,
-)
+from automarine_cli.thrusters.points import Ints
+from automarine_cli.thrusters.shapes import ASYMMETRY, SAG, VOLTAGE, Fitted, form_of, multiplier_columns
 
 NULLS = 1999
 CHANCE = 0.01
@@ -116,9 +110,7 @@ def _smallest(pieces: dict[tuple[str, str], _Direction], needed: float) -> dict[
         sizes = piece.sizes[piece.lengths >= needed]
         size = float(np.min(sizes)) if len(sizes) else None
         old = found.get(effect)
-        found[effect] = (
-            size if effect not in found else None if None in (old, size) else max(old or 0, size or 0)
-        )
+        found[effect] = size if effect not in found else None if None in (old, size) else max(old or 0, size or 0)
     return found
 
 

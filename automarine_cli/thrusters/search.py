@@ -151,9 +151,7 @@ class _Levels(Judge[Trial, Round]):
         worse, stderr = left.behind(current)
         if worse <= NEEDLESS * stderr:
             return left
-        others = [
-            (*trial.behind(current), trial) for trial in look.trials if trial.effect not in current.named
-        ]
+        others = [(*trial.behind(current), trial) for trial in look.trials if trial.effect not in current.named]
         clearly = [(behind, trial) for behind, stderr, trial in others if behind < -stderr]
         return min(clearly, key=lambda item: item[0])[1] if clearly else current
 
@@ -188,9 +186,7 @@ def search(data: BollardData, start: Shape, seed: int) -> Search:
     return Search(base.fit, outcome.looks, final.fit, final.named, tuple(rivals.values()))
 
 
-def search_around_faults(
-    data: BollardData, shape: Shape, floor: float, seed: int
-) -> tuple[Search, BollardData]:
+def search_around_faults(data: BollardData, shape: Shape, floor: float, seed: int) -> tuple[Search, BollardData]:
     """The search, again without any stretch of readings that steps off the curve and back."""
     found = search(data, shape, seed)
     for _ in range(MOST_STRETCHES):
@@ -202,9 +198,7 @@ def search_around_faults(
             break
         weight[here] = BROKEN_WEIGHT
         off = float(np.mean(found.final.residual[here]))
-        flag[here] = (
-            f"{abs(off):.3g} N off the curve from one reading to the next, and back again: faulty stretch"
-        )
+        flag[here] = f"{abs(off):.3g} N off the curve from one reading to the next, and back again: faulty stretch"
         data = replace(data, points=replace(data.points, weight=weight, flag=flag))
         found = search(data, shape, seed)
     return found, data

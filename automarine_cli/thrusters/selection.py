@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from automarine_cli.errors import FitError
+from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.curves import fit_direction
 from automarine_cli.thrusters.fit import Side, best_curve
 from automarine_cli.thrusters.forms import FORMS, Curve, Form
-from automarine_cli.thrusters.points import Floats
 
 EQUAL = 1e-5  # errors below this share of full scale are rounding, not evidence
 
@@ -51,11 +51,7 @@ class Selection:
 
 
 def select_form(
-    sides: dict[str, Side],
-    zero_squares: float,
-    total_weight: float,
-    full_scale: float,
-    forced: str | None = None,
+    sides: dict[str, Side], zero_squares: float, total_weight: float, full_scale: float, forced: str | None = None
 ) -> Selection:
     """The simplest form within one standard error of the best by leave-one-level-out cross-validation.
 
@@ -91,11 +87,7 @@ def left_out_losses(side: Side, form: Form) -> Floats:
 
 
 def _choose(
-    scores: list[FormScore],
-    losses: dict[str, Floats],
-    total_weight: float,
-    full_scale: float,
-    forced: str | None,
+    scores: list[FormScore], losses: dict[str, Floats], total_weight: float, full_scale: float, forced: str | None
 ) -> Selection:
     judged = [score for score in scores if score.form.name in losses]
     if not judged:

@@ -6,11 +6,11 @@ from functools import cached_property
 
 import numpy as np
 
+from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.bollard_data import BollardData
 from automarine_cli.thrusters.curves import fit_direction
 from automarine_cli.thrusters.fit import Side, best_curve
 from automarine_cli.thrusters.forms import FORMS, SUFFIX, Curve, Form, thrust_both_ways
-from automarine_cli.thrusters.points import Floats
 
 CURVE_EFFECTS = ("dead-band", "thrust-exponent", "saturation")
 ASYMMETRY, VOLTAGE, SAG = "thrust-asymmetry", "voltage-exponent", "battery-sag"
@@ -55,10 +55,7 @@ class Shape:
             return replace(self, sag=base.sag)
         if effect == ASYMMETRY:
             return replace(self, curves=(("both", self.curves[0][1]),))
-        kept = (
-            (s, (e - {effect}) | ({effect} & own.get(s, own.get("both", frozenset()))))
-            for s, e in self.curves
-        )
+        kept = ((s, (e - {effect}) | ({effect} & own.get(s, own.get("both", frozenset())))) for s, e in self.curves)
         return replace(self, curves=tuple(kept))
 
     def additions(self, sags: bool, voltages: bool) -> Iterator[tuple[str, str, "Shape"]]:
@@ -88,9 +85,7 @@ def form_of(effects: frozenset[str]) -> Form:
 def effects_of(form: str) -> frozenset[str]:
     """The effects that a form frees; inverse of `form_of`."""
     kind = FORMS[form]
-    return frozenset(
-        name for name, on in zip(CURVE_EFFECTS, (kind.dead_band, kind.exponent, kind.saturation)) if on
-    )
+    return frozenset(name for name, on in zip(CURVE_EFFECTS, (kind.dead_band, kind.exponent, kind.saturation)) if on)
 
 
 @dataclass(frozen=True)
@@ -146,9 +141,7 @@ class Fitted:
             numbers = np.unique(side.group)
             out = side.group[None, :] == numbers[:, None]
             weights = np.where(out, 0.0, level.weight[None, :])
-            fits = fit_direction(
-                level.magnitude, level.thrust, weights, form_of(dict(self.shape.curves)[name])
-            )
+            fits = fit_direction(level.magnitude, level.thrust, weights, form_of(dict(self.shape.curves)[name]))
             rows = np.searchsorted(numbers, side.group)
             thrust = fits.thrust(side.magnitude)[rows, np.arange(len(index))]
             total[index] = np.sign(self.data.points.n[index]) * thrust * gain[index]

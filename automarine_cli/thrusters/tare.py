@@ -27,9 +27,7 @@ class Tare:
         if self.value == 0.0:
             return f"The {where} say exactly 0 N: there is no tare."
         if not self.subtracted:
-            return (
-                f"The tare of {self.value:.4g} N from {where} is within its scatter and was not subtracted."
-            )
+            return f"The tare of {self.value:.4g} N from {where} is within its scatter and was not subtracted."
         drift = f", drifting by {self.drift:.3g} N" if self.drift else ""
         return f"A tare of {self.value:.4g} N from {where}{drift} was subtracted."
 

@@ -7,18 +7,10 @@ import numpy as np
 
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.stepwise import NamedRival
+from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.fit import Parameter, parameters
-from automarine_cli.thrusters.points import Floats
 from automarine_cli.thrusters.search import Rival, Search
-from automarine_cli.thrusters.shapes import (
-    ASYMMETRY,
-    SAG,
-    VOLTAGE,
-    Fitted,
-    Shape,
-    form_of,
-    multiplier_columns,
-)
+from automarine_cli.thrusters.shapes import ASYMMETRY, SAG, VOLTAGE, Fitted, Shape, form_of, multiplier_columns
 
 WELL_ABOVE = 1.5
 """Residual over the noise floor from which a map may lack something; the floor itself is known to some 20 %."""

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.fits.estimate import Estimate
+from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.fit import Side
 from automarine_cli.thrusters.forms import SIDES
-from automarine_cli.thrusters.points import Floats, levels_of
+from automarine_cli.thrusters.points import levels_of
 
 PLACES = 20
 FAINT = 0.02  # thrust below this share of full scale is too near the dead band for a logarithm
@@ -27,9 +28,7 @@ class VoltageExponent:
         """Plain data: exponents, and the drift of a from the lowest to the highest voltage."""
         return {
             "thrust_at_fixed_n": None if self.exponent is None else self.exponent.to_json(),
-            "between": [
-                {"from_V": low, "to_V": high, "exponent": value} for low, high, value in self.between
-            ],
+            "between": [{"from_V": low, "to_V": high, "exponent": value} for low, high, value in self.between],
             "at_n": [{"n": n, "exponent": value} for n, value in self.places],
             "a": None if self.coefficient is None else self.coefficient.to_json(),
             "a_drift_percent": self.drift_percent,
@@ -46,9 +45,7 @@ def voltage_exponents(
     }
 
 
-def _direction(
-    voltages: Floats, sides: list[Side | None], laws: list[float | None]
-) -> VoltageExponent | None:
+def _direction(voltages: Floats, sides: list[Side | None], laws: list[float | None]) -> VoltageExponent | None:
     if len(sides) < 2 or any(side is None for side in sides) or any(not law or law <= 0 for law in laws):
         return None
     present = [side for side in sides if side is not None]
@@ -64,9 +61,7 @@ def _direction(
         return VoltageExponent(None, (), (), a_slope, drift)
     logs = np.log(table[:, clear])
     between = np.diff(logs.mean(axis=1)) / np.diff(log_v)
-    pairs = tuple(
-        (float(low), float(high), float(p)) for low, high, p in zip(voltages, voltages[1:], between)
-    )
+    pairs = tuple((float(low), float(high), float(p)) for low, high, p in zip(voltages, voltages[1:], between))
     centred = log_v - log_v.mean()
     each = centred @ logs / (centred @ centred)
     at_n = tuple((float(n), float(p)) for n, p in zip(places[clear], each))
@@ -113,6 +108,4 @@ def _slope(x: Floats, y: Floats) -> Estimate | None:
         return Estimate.from_stderr(value, stderr, len(x) - 2, "1")
     if len(slopes) < 2:
         return None
-    return Estimate.from_stderr(
-        value, float(np.std(slopes, ddof=1) / np.sqrt(len(slopes))), len(slopes) - 1, "1"
-    )
+    return Estimate.from_stderr(value, float(np.std(slopes, ddof=1) / np.sqrt(len(slopes))), len(slopes) - 1, "1")

@@ -5,9 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from automarine_cli.quantities import Floats
 from automarine_cli.thrusters.bollard_data import BollardData
 from automarine_cli.thrusters.forms import SIDES
-from automarine_cli.thrusters.points import Floats, Ints
+from automarine_cli.thrusters.points import Ints
 from automarine_cli.thrusters.shapes import Fitted
 
 BINS = 10

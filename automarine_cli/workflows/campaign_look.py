@@ -86,13 +86,7 @@ def look_at(folder: Path, files: Sequence[LogFile], jobs: int = 1, progress: Pro
         if not isinstance(one, SetAside):
             groups.setdefault(one[:3], []).append((file, one[3]))
     every = tuple(
-        Layout(
-            names,
-            bollard,
-            tuple(file for file, _ in group),
-            _together([spans for _, spans in group]),
-            DOFS[motion],
-        )
+        Layout(names, bollard, tuple(file for file, _ in group), _together([spans for _, spans in group]), DOFS[motion])
         for (names, bollard, motion), group in sorted(groups.items(), key=_yaw_first)
     )
     layouts = tuple(layout for layout in every if layout.dof.wraps)
@@ -184,10 +178,7 @@ def _kind_of(file: LogFile, runs: Sequence[RunKind]) -> str:
     kinds = Counter(run.kind for run in runs)
     if not kinds or set(kinds) == {"idle"}:
         return ""
-    if any(
-        part.lower().startswith(HELD_BACK) or part.lower().endswith(VALIDATION)
-        for part in file.name.split("/")
-    ):
+    if any(part.lower().startswith(HELD_BACK) or part.lower().endswith(VALIDATION) for part in file.name.split("/")):
         return "validation"
     return "manoeuvres" if kinds["manoeuvre"] else "steps"
 
@@ -215,18 +206,13 @@ def _with_forces(look: Look, files: Sequence[LogFile]) -> Look:
 def _with_planar(look: Look) -> Look:
     """The look with the logs of surge, sway and yaw together taken out of those of yaw."""
     together = {
-        file
-        for layout in look.layouts
-        if layout.dof is YAW and _of_three(layout.names)
-        for file in layout.files
+        file for layout in look.layouts if layout.dof is YAW and _of_three(layout.names) for file in layout.files
     }
     if not together:
         return look
     kinds: dict[str, list[LogFile]] = {"runs": [], "validation": []}
     for kind, files in look.placed.items():
-        kinds["validation" if kind == "validation" else "runs"] += [
-            file for file in files if file in together
-        ]
+        kinds["validation" if kind == "validation" else "runs"] += [file for file in files if file in together]
     return replace(
         look,
         placed={kind: tuple(f for f in files if f not in together) for kind, files in look.placed.items()},

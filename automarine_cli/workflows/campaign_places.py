@@ -29,9 +29,7 @@ def places_of(wanted: Sequence[str], everywhere: Sequence[str]) -> list[str]:
 def _folders(names: Sequence[str]) -> list[str]:
     """Folders that hold logs at any depth, outer ones first."""
     found = {"/".join(name.split("/")[:i]) for name in names for i in range(1, name.count("/") + 1)}
-    return sorted(
-        (one for one in found if not re.search(r"[*?[]", one)), key=lambda one: (one.count("/"), one)
-    )
+    return sorted((one for one in found if not re.search(r"[*?[]", one)), key=lambda one: (one.count("/"), one))
 
 
 def _globs(names: Sequence[str]) -> list[str]:

@@ -23,9 +23,7 @@ SAY = {
 
 
 def campaign_text(
-    look: Look,
-    entries: Mapping[str, Sequence[str]],
-    forces: Mapping[str, Mapping[str, Sequence[str]]] | None = None,
+    look: Look, entries: Mapping[str, Sequence[str]], forces: Mapping[str, Mapping[str, Sequence[str]]] | None = None
 ) -> str:
     """The file's content; `entries` are folders, globs and files under `[logs]`, `forces` those of other motions."""
     parts = (
@@ -70,9 +68,7 @@ def _vehicle(look: Look) -> Iterator[str]:
     if look.thrusters_drive:
         yield _open("arm_m", f"{meaning}: the logs hold thruster commands, no moment")
     else:
-        yield _beside(
-            "# arm_m = 0.15", f"{meaning}; not needed, the logs hold no commands to make moments of"
-        )
+        yield _beside("# arm_m = 0.15", f"{meaning}; not needed, the logs hold no commands to make moments of")
     volts = next((one for one in look.columns if one.key == "voltage_V"), None)
     seen = f"the logs hold {volts.source}, {volts.seen}" if volts else "the logs hold no voltage"
     yield _beside("# supply_V = 14.8", f"supply of the vehicle in volts; {seen}")
@@ -110,9 +106,7 @@ def _force(look: Look, motion: str, entries: Mapping[str, Sequence[str]]) -> Ite
         seen = f"{len(files)} log{'s' * (len(files) != 1)}" + (f", {told}" if told else "")
         yield _beside(_list(kind, places), f"{dof.fill(SAY[kind])}: {seen}")
     if dof.windowed:
-        yield _beside(
-            "# depths = [0.3, 2.5]", "metres: follow steps between them, clear of surface and bottom"
-        )
+        yield _beside("# depths = [0.3, 2.5]", "metres: follow steps between them, clear of surface and bottom")
     else:
         yield _beside("# within = 3.0", "metres from the start of a step, before the wall is felt")
 

@@ -115,14 +115,7 @@ def _run_campaigns(asked: CampaignsOptions, runner: Runner) -> Campaigns:
     prepare, work = (None, _done) if cluster is None else (_packed, _done_elsewhere)
     outcomes = []
     found = ordered_stream(
-        work,
-        tasks,
-        runner.jobs,
-        cluster=cluster,
-        progress=runner.progress,
-        stage=STAGE,
-        prepare=prepare,
-        at_once=1,
+        work, tasks, runner.jobs, cluster=cluster, progress=runner.progress, stage=STAGE, prepare=prepare, at_once=1
     )
     for (outcome, content), task in zip(found, tasks):  # in this order the stream is taken to its end
         if content is not None:
@@ -177,9 +170,7 @@ def _packed(task: _Task) -> _Task:
     except AutomarineError as refusal:
         return replace(task, refused=str(refusal))
     except OSError as problem:
-        return replace(
-            task, refused=f"{problem.filename}: cannot be read ({problem.strerror}); make it readable"
-        )
+        return replace(task, refused=f"{problem.filename}: cannot be read ({problem.strerror}); make it readable")
 
 
 def _done_elsewhere(task: _Task) -> tuple[Outcome, dict[str, bytes] | None]:
@@ -200,9 +191,7 @@ def _outcome(task: _Task, campaign: Path, out: Path) -> Outcome:
         return Outcome(task.name, task.name, (), {}, (), (str(refusal),))
     refused = tuple(f"{one.step}: {one.why}" for one in run.refused)
     content = run.to_json()
-    return Outcome(
-        task.name, content["title"], tuple(content["steps"]), run.says, run.cautions, refused, run.warnings
-    )
+    return Outcome(task.name, content["title"], tuple(content["steps"]), run.says, run.cautions, refused, run.warnings)
 
 
 MOST_NAMED = 12  # campaigns whose folders are named at the end

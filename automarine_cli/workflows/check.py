@@ -43,19 +43,14 @@ class Check(Shown):
         return {
             "schema": "automarine/check/1",
             "logs": self.logs,
-            "runs": {
-                "used": len(self.runs) + len(self.tests),
-                "set_aside": [asdict(run) for run in self.set_aside],
-            },
+            "runs": {"used": len(self.runs) + len(self.tests), "set_aside": [asdict(run) for run in self.set_aside]},
             **{f"{dof.name}_runs": self._seen(dof) for dof in DOFS.values() if dof is YAW or self._seen(dof)},
             "thruster_tests": [asdict(test) for test in self.tests],
         }
 
     def tables(self) -> tuple[Table, ...]:
         """One table for the runs of each motion, one for the thruster tests, whichever there are."""
-        return tuple(
-            table for table in (*run_tables(self.runs), thruster_test_table(self.tests)) if table.rows
-        )
+        return tuple(table for table in (*run_tables(self.runs), thruster_test_table(self.tests)) if table.rows)
 
     def _seen(self, dof: Dof) -> list[dict[str, object]]:
         return [run.to_json() for run in self.runs if run.dof is dof]
@@ -75,9 +70,7 @@ def _check(asked: CheckOptions, runner: Runner) -> Check:
     would be set aside, and where nothing is left; OutputError.
     """
     names, files = given_columns(asked.columns), find_logs(asked.logs)
-    return runner.results(
-        asked, lambda: _look(files, names, asked.strict, runner.jobs, runner.progress), _write
-    )
+    return runner.results(asked, lambda: _look(files, names, asked.strict, runner.jobs, runner.progress), _write)
 
 
 def _write(folder: ResultFolder, result: Check) -> None:
@@ -86,9 +79,7 @@ def _write(folder: ResultFolder, result: Check) -> None:
 
 
 def _look(files: Sequence[LogFile], names: ColumnMap, strict: bool, jobs: int, progress: Progress) -> Check:
-    found = ordered_map(
-        partial(_look_at, columns=names), files, jobs, progress=progress, stage="looking at logs"
-    )
+    found = ordered_map(partial(_look_at, columns=names), files, jobs, progress=progress, stage="looking at logs")
     aside = [run for _, _, bad in found for run in bad]
     runs = [run for good, _, _ in found for run in good]
     tests = tuple(test for _, seen, _ in found for test in seen)
@@ -104,9 +95,7 @@ def _look(files: Sequence[LogFile], names: ColumnMap, strict: bool, jobs: int, p
     return Check(tuple(seen), tests, tuple(aside), len(files))
 
 
-def _look_at(
-    file: LogFile, columns: ColumnMap
-) -> tuple[list[RunSeen], list[ThrusterTestSeen], list[SetAside]]:
+def _look_at(file: LogFile, columns: ColumnMap) -> tuple[list[RunSeen], list[ThrusterTestSeen], list[SetAside]]:
     """What is seen of the runs and thruster tests of one file, and what is set aside; its samples are not kept."""
     try:
         table = read_log(file, columns, dof=None)

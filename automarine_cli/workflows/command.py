@@ -149,23 +149,15 @@ class Command(Generic[Options, Result]):
         """Carry it out: places may be texts, one log stands for a list, a result for the file that it would be."""
         first = fields(self.options)[0].name
         if len(given) > 1:
-            raise TypeError(
-                f"{len(given)} arguments without a name; give {first} alone so, as a list if they are many"
-            )
+            raise TypeError(f"{len(given)} arguments without a name; give {first} alone so, as a list if they are many")
         settings = dict(zip((first,), given)) | settings
         chosen = self.chosen(settings)
         place = Path(out) if isinstance(out, str) else out
-        return chosen.run(
-            chosen.asked(settings), Runner(self.name, place, overwrite, jobs, cluster, progress)
-        )
+        return chosen.run(chosen.asked(settings), Runner(self.name, place, overwrite, jobs, cluster, progress))
 
     def chosen(self, settings: Mapping[str, object]) -> "Command[Any, Result]":
         """This command or, for these settings, another of its name."""
-        files = {
-            one.name: _file(settings[one.name], one.name)
-            for one in fields(self.options)
-            if one.name in settings
-        }
+        files = {one.name: _file(settings[one.name], one.name) for one in fields(self.options) if one.name in settings}
         return self.instead({**settings, **files}) or self
 
     def asked(self, settings: Mapping[str, object]) -> Options:

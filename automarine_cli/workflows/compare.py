@@ -120,9 +120,7 @@ def _compare(asked: CompareOptions, runner: Runner) -> ResultComparison:
     result = ResultComparison(found[0].kind, sides, apart, (*_notes(found, sides), *_shared_logs(found)))
     inputs = [Input(f"{one.name}/{one.path.name}", one.path, "result") for one in found]
     inputs += [
-        Input(f"{one.name}/{MANIFEST}", _manifest(one), "manifest")
-        for one in found
-        if is_manifest(_manifest(one))
+        Input(f"{one.name}/{MANIFEST}", _manifest(one), "manifest") for one in found if is_manifest(_manifest(one))
     ]
 
     def write(folder: ResultFolder, result: ResultComparison) -> None:
@@ -163,9 +161,7 @@ def _find(folder: Path, name: str) -> _Found:
         return _Found(name, path, data, f"{kind} of thrusters" if of_map else kind, compared)
     inside = [step for step in STEPS if any((folder / step / file).is_file() for file in files)]
     if inside:
-        raise SettingError(
-            f"{folder} holds a whole campaign; compare one step of each, such as {folder / inside[0]}"
-        )
+        raise SettingError(f"{folder} holds a whole campaign; compare one step of each, such as {folder / inside[0]}")
     raise SettingError(
         f"{folder} holds no result of fit-thrusters, fit-yaw or diagnose; expected one of the files {listed(files)}"
     )
@@ -209,9 +205,7 @@ def _notes(found: Sequence[_Found], sides: Sequence[Side]) -> list[str]:
     for fact in ("preferred model", "form", "verdict"):
         told = {side.name: side.facts[fact] for side in sides if fact in side.facts}
         if len(set(told.values())) > 1:
-            notes.append(
-                f"Not the same {fact}: {'; '.join(f'{name}: {value}' for name, value in told.items())}."
-            )
+            notes.append(f"Not the same {fact}: {'; '.join(f'{name}: {value}' for name, value in told.items())}.")
     return notes
 
 

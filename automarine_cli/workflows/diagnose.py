@@ -76,9 +76,7 @@ class YawDiagnosis(Shown):
             **{key: text for key in ("why", "left") if (text := getattr(self.diagnosis.said, key))},
             "model": self.stored.preferred,
             f"{dof.words.force}_unit": self.stored.moment_unit,
-            "effects": [
-                _effect_json(effect, len(self.diagnosis.study.runs), dof) for effect in self.diagnosis.effects
-            ],
+            "effects": [_effect_json(effect, len(self.diagnosis.study.runs), dof) for effect in self.diagnosis.effects],
             "where": [region.to_json(dof) for region in self.diagnosis.where.regions],
             "gap": {
                 "fitted_runs": self.diagnosis.gap.to_json(dof),
@@ -90,15 +88,11 @@ class YawDiagnosis(Shown):
                 for trial in sorted(found.rounds[0].trials, key=lambda trial: trial.evidence)
             ],
             "threshold": found.rounds[0].threshold,
-            "base": {
-                name: {"before": before[name].to_json(), "after": moved[name].to_json()} for name in before
-            },
+            "base": {name: {"before": before[name].to_json(), "after": moved[name].to_json()} for name in before},
             "smallest_visible": {k: v for k, v in self.diagnosis.detectable.items() if np.isfinite(v)},
             "open_water": self.diagnosis.study.driven,
             **channels_json(self.diagnosis.channels, found.final.fit, dof),
-            "held_out": []
-            if self.diagnosis.held_out is None
-            else [r.name for r in self.diagnosis.held_out.runs],
+            "held_out": [] if self.diagnosis.held_out is None else [r.name for r in self.diagnosis.held_out.runs],
             "runs": {
                 "used": len(self.diagnosis.study.runs),
                 "set_aside": [asdict(run) for run in self.set_aside],
@@ -138,9 +132,7 @@ class YawDiagnosis(Shown):
 
     def extended_model(self) -> dict[str, object]:
         """The base model with the effects named, refitted together: a yaw-model that `validate` and `diagnose` take."""
-        return extended_model(
-            self.diagnosis.study, self.diagnosis.said.leaves, self.stored, self.parent_sha256
-        )
+        return extended_model(self.diagnosis.study, self.diagnosis.said.leaves, self.stored, self.parent_sha256)
 
 
 def _effect_json(effect: NamedEffect, runs: int, dof: Dof) -> dict[str, Any]:
@@ -184,9 +176,7 @@ def _diagnose(asked: DiagnoseMotionOptions, runner: Runner) -> YawDiagnosis:
             in_words_of(stored.dof),
             lasting_map(runner.jobs, cluster=runner.cluster, progress=runner.progress) as each,
         ):
-            found = diagnose_runs(
-                runs, base, hold_out=kept, seed=asked.seed, each=each, channels=asked.channels
-            )
+            found = diagnose_runs(runs, base, hold_out=kept, seed=asked.seed, each=each, channels=asked.channels)
         return YawDiagnosis(found, stored, parent, (*aside, *more_aside))
 
     def write(folder: ResultFolder, result: YawDiagnosis) -> None:
@@ -221,9 +211,7 @@ def _runs(
 
 def _files(result: YawDiagnosis | ThrusterDiagnosis | PlanarDiagnosis) -> tuple[str, ...]:
     """The files of any kind of diagnosis."""
-    curve = isinstance(result, YawDiagnosis) and any(
-        one.learned is not None for one in result.diagnosis.effects
-    )
+    curve = isinstance(result, YawDiagnosis) and any(one.learned is not None for one in result.diagnosis.effects)
     return (*FILES, LEARNED) if curve else FILES
 
 

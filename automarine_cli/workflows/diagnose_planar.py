@@ -106,9 +106,7 @@ class PlanarDiagnosis(Shown):
             "motion": "planar",
             "verdict": found.verdict,
             **({"why": why} if why else {}),
-            "effects": [
-                self._effect(*one) for one in listed or [(suspect, ()) for suspect in found.suspected]
-            ],
+            "effects": [self._effect(*one) for one in listed or [(suspect, ()) for suspect in found.suspected]],
             "where": [region.to_json(YAW) for region in self.where.regions] if self.where else [],
             "gap": {name: self._gap(one) for name, one in outlooks.items()},
             "prediction": {name: None if one is None else one.to_json(YAW) for name, one in outlooks.items()},
@@ -146,9 +144,7 @@ class PlanarDiagnosis(Shown):
         """The model with what was named, and what is random as fitted: schema automarine/planar-model/1."""
         after = self.found.after
         return {
-            **planar_json(
-                after.model.model, {name: e.to_json() for name, e in self.fits[1].estimates.items()}
-            ),
+            **planar_json(after.model.model, {name: e.to_json() for name, e in self.fits[1].estimates.items()}),
             "effects": [one.candidate.name for one in self.found.named],
             "random": dict(after.random),
             "covariance": {"parameters": list(after.model.free), "matrix": after.covariance.tolist()},
@@ -182,9 +178,7 @@ def _diagnose(asked: DiagnoseOptions, runner: Runner) -> PlanarDiagnosis:
     LogError, RunError, ModelError, FitError, SettingError or OutputError.
     """
     if asked.channels != AUTO:
-        raise SettingError(
-            f"{asked.model.name} is a planar model: every channel counts; leave --channels out"
-        )
+        raise SettingError(f"{asked.model.name} is a planar model: every channel counts; leave --channels out")
     stored, names = load_planar_model(asked.model), given_columns(asked.columns)
     load = partial(
         load_planar, columns=names, thrusters=asked.thrusters, arm=asked.arm, strict=asked.strict, jobs=runner.jobs,
@@ -194,9 +188,7 @@ def _diagnose(asked: DiagnoseOptions, runner: Runner) -> PlanarDiagnosis:
     runs, kept = (campaign.runs, other.runs) if other else split_off(campaign.runs, asked.seed, FEWEST)
     seen = observed(campaign.runs)
     if not kept:
-        raise SettingError(
-            f"no run is held out: expected at least {FEWEST} logs, or some given with --hold-out"
-        )
+        raise SettingError(f"no run is held out: expected at least {FEWEST} logs, or some given with --hold-out")
     aside = (*campaign.set_aside, *(other.set_aside if other else ()))
     parent = hashlib.sha256(asked.model.read_bytes()).hexdigest()
 

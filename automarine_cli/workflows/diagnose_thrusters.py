@@ -20,14 +20,7 @@ from automarine_cli.workflows.fit_thrusters import cells
 from automarine_cli.workflows.shared import Columns, Ending, Judged, OfLogs
 from automarine_cli.workflows.view import Figures, Row, View
 
-FILES = (
-    "diagnosis.json",
-    "extended_model.json",
-    "diagnosis.md",
-    "where.png",
-    "why.png",
-    "before_after.png",
-)
+FILES = ("diagnosis.json", "extended_model.json", "diagnosis.md", "where.png", "why.png", "before_after.png")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,9 +116,7 @@ def _thrusters(given: int | None, columns: ColumnMap, of_map: int) -> int:
     """Equal thrusters that pulled together: the option, else the column map's default, else as in the map's tests."""
     value = columns.defaults.get("thrusters_per_test", of_map) if given is None else given
     if isinstance(value, str) or value != int(value) or value < 1:
-        raise SettingError(
-            f"thrusters_per_test is {value!r}; expected a whole number of thrusters, 1 or more"
-        )
+        raise SettingError(f"thrusters_per_test is {value!r}; expected a whole number of thrusters, 1 or more")
     return int(value)
 
 

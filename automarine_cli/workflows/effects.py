@@ -62,21 +62,15 @@ def keep_own(file: Path, *, overwrite: bool = False) -> EffectCards:
     one of that name already.
     """
     if not file.is_file():
-        raise SettingError(
-            f"{printable(str(file))}: no such file; give a file of Python with one subclass of Effect"
-        )
+        raise SettingError(f"{printable(str(file))}: no such file; give a file of Python with one subclass of Effect")
     name = file.stem.replace("_", "-")
     if name in library.built_in() or name.startswith("learned"):
-        raise ModelError(
-            f"{file.name}: {name!r} is an effect of the library; give the file and the effect a new name"
-        )
+        raise ModelError(f"{file.name}: {name!r} is an effect of the library; give the file and the effect a new name")
     effect = own_effect(file)
     place = own_folder() / file.name
     content = file.read_bytes()
     if place.exists() and place.read_bytes() != content and not overwrite:
-        raise OutputError(
-            f"{file.name} is in the folder of your own effects already; --overwrite replaces it"
-        )
+        raise OutputError(f"{file.name} is in the folder of your own effects already; --overwrite replaces it")
     place.parent.mkdir(parents=True, exist_ok=True)
     half = place.with_suffix(".part")
     half.write_bytes(content)
@@ -97,16 +91,12 @@ def effects(name: str | None = None, motion: str | None = None) -> EffectCards:
     own = tuple(one for one in cards if motion is None or one.acts_in(dof))
     if not own:
         where = cards[0].motions
-        raise SettingError(
-            f"{name} does not act in {motion}; it acts in {listed(where)}: give --motion {where[0]}"
-        )
+        raise SettingError(f"{name} does not act in {motion}; it acts in {listed(where)}: give --motion {where[0]}")
     return EffectCards(own, name is not None, dof, motion is None)
 
 
 def _list(cards: tuple[Effect, ...], dof: Dof) -> Table:
-    rows = tuple(
-        (one.name, _place(one, dof), one.card(dof).equation, ", ".join(one.names_in(dof))) for one in cards
-    )
+    rows = tuple((one.name, _place(one, dof), one.card(dof).equation, ", ".join(one.names_in(dof))) for one in cards)
     note = "automarine effects NAME prints the whole card of one."
     return Table("Library of effects", ("name", "place", "equation", "parameters"), rows, notes=(note,))
 
@@ -123,10 +113,7 @@ def _card(one: Effect, dof: Dof, every: bool) -> tuple[Table | str, ...]:
         ("acts on", dof.fill(ACTS_ON[one.place.value])),
         *([("only in", " and ".join(motions))] if every and len(motions) < len(DOFS) else []),
         ("states", ", ".join(one.states) or "none of its own"),
-        (
-            "columns needed",
-            ", ".join(one.columns) or f"none beyond time, {dof.words.position} and command",
-        ),
+        ("columns needed", ", ".join(one.columns) or f"none beyond time, {dof.words.position} and command"),
         ("verdict", card.says),
         ("revealed by", card.reveals),
         ("mistaken for", ", ".join(one.mistaken_for)),
@@ -138,9 +125,7 @@ def _card(one: Effect, dof: Dof, every: bool) -> tuple[Table | str, ...]:
     sentences = "\n".join((one.name, "", *(f"{label.ljust(width)}  {text}" for label, text in lines)))
     choices = next((p.choices for p in one.parameters if p.choices), ())
     for word, law, equation in zip(choices[1:], one.laws, card.laws):
-        sentences += (
-            f"\n\nlaw: {word}\n  {equation}\n  mistaken for {', '.join(law.mistaken_for)}; {law.source}"
-        )
+        sentences += f"\n\nlaw: {word}\n  {equation}\n  mistaken for {', '.join(law.mistaken_for)}; {law.source}"
     rows = tuple(_parameter_row(*three, dof) for three in zip(card.parameters, one.parameters, one.shapes))
     header = ("symbol", "meaning", "unit", "bounds", "start", "off", "reference or choices")
     note = f"Starts are for a largest {dof.words.force} of one. A parameter with a reference is taken from the logs, "

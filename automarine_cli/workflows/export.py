@@ -80,11 +80,7 @@ class Exported:
             "form": self.form,
             "frame": self.frame,
             "moment_unit": self.moment_unit,
-            "source": {
-                "file": self.origin.file,
-                "sha256": self.origin.sha256,
-                "model": self.origin.number or None,
-            },
+            "source": {"file": self.origin.file, "sha256": self.origin.sha256, "model": self.origin.number or None},
             "carried": list(self.carried),
             "left_out": [vars(one) for one in self.left_out],
             "notes": list(self.written.notes),
@@ -126,8 +122,7 @@ class Targets:
     def tables(self) -> tuple[Table, ...]:
         """One row a target."""
         rows = tuple(
-            (one.name, one.says, _taken(one), ", ".join(one.forms), ", ".join(one.frames))
-            for one in self.targets
+            (one.name, one.says, _taken(one), ", ".join(one.forms), ", ".join(one.frames)) for one in self.targets
         )
         note = "The first form and the first frame are taken where none is asked for; --json tells the effects of each."
         return (Table("Targets", ("target", "writes", "models of", "forms", "frames"), rows, notes=(note,)),)
@@ -199,9 +194,7 @@ def _export(asked: ExportOptions, runner: Runner) -> Exported:
     return result
 
 
-def _taken_of_plane(
-    target: Target, origin: Origin, settings: Settings
-) -> tuple[Mapping[str, str], Sequence[str]]:
+def _taken_of_plane(target: Target, origin: Origin, settings: Settings) -> tuple[Mapping[str, str], Sequence[str]]:
     """Forms and frames of a target for models of surge, sway and yaw together."""
     if target.planar is None:
         takers = [name for name in targets.names() if targets.get(name).planar is not None]
@@ -221,9 +214,7 @@ def _planar(
 ) -> Exported:
     """A model of surge, sway and yaw together."""
     assert target.planar is not None
-    subject = planar_subject(
-        planar_from_json(data, origin.file).model, origin, frame, form, settings, target.name
-    )
+    subject = planar_subject(planar_from_json(data, origin.file).model, origin, frame, form, settings, target.name)
     carried = ("inertia", *(name for name, _, _ in subject.drags()))
     written = target.planar.write(subject)
     return Exported(target.name, form, frame, origin, "N m", carried, subject.left_out, written)
@@ -234,9 +225,7 @@ def _of_map(
 ) -> Exported:
     if data.get("schema") != MAP_SCHEMA and "models" in data:
         motion = motion_by_schema(data).name
-        raise SettingError(
-            f"{origin.file} is a {motion} model; --to {target.name} takes the thrusters.json of a fit"
-        )
+        raise SettingError(f"{origin.file} is a {motion} model; --to {target.name} takes the thrusters.json of a fit")
     found = ThrusterMap.from_json(data, origin.file)
     scale = data.get("full_scale_N")
     full_scale = float(scale) if isinstance(scale, int | float) and not isinstance(scale, bool) else None
@@ -272,9 +261,7 @@ def _of_yaw(
         refuse_driving(part, target, origin)
     subject = YawSubject(origin, part, frame, form, settings, left_out, data, logs)
     carried = ("inertia", *(term.name for term in kept))
-    return Exported(
-        target.name, form, frame, origin, part.moment_unit, carried, left_out, target.write(subject)
-    )
+    return Exported(target.name, form, frame, origin, part.moment_unit, carried, left_out, target.write(subject))
 
 
 def _form_by_ending(target: Target, out: Path | None) -> str:

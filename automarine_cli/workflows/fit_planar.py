@@ -24,9 +24,7 @@ FILES = ("planar_model.json", "planar (.csv, .md, .tex)", "planar_runs.png")
 class FitPlanarOptions(Ending, Lever, OfLogs):
     """Logs of motion in the plane, with what drives them; `estimating` makes what fits a structure."""
 
-    estimating: Callable[[tuple[Run, ...], Observed], Estimator] = field(
-        default=PlanarLikelihood, metadata=UNRECORDED
-    )
+    estimating: Callable[[tuple[Run, ...], Observed], Estimator] = field(default=PlanarLikelihood, metadata=UNRECORDED)
 
 
 def _fit_planar(asked: FitPlanarOptions, runner: Runner) -> PlanarFit:

@@ -65,9 +65,7 @@ def _thrusters(given: int | None, columns: ColumnMap) -> int:
     """Equal thrusters that pulled together: the option, else the column map's default, else 1."""
     value = columns.defaults.get("thrusters_per_test", 1) if given is None else given
     if isinstance(value, str) or value != int(value) or value < 1:
-        raise SettingError(
-            f"thrusters_per_test is {value!r}; expected a whole number of thrusters, 1 or more"
-        )
+        raise SettingError(f"thrusters_per_test is {value!r}; expected a whole number of thrusters, 1 or more")
     return int(value)
 
 

@@ -103,9 +103,7 @@ class WindowedOptions(_Sensors, Ending, _Fitted, _Window, OfLogs):
         if self.depths is None:
             return UNTRIMMED
         if not self.depths[0] < self.depths[1]:
-            raise SettingError(
-                f"depths are {self.depths[0]:g} and {self.depths[1]:g}; expected the smaller one first"
-            )
+            raise SettingError(f"depths are {self.depths[0]:g} and {self.depths[1]:g}; expected the smaller one first")
         return Trim(None, *self.depths)
 
 

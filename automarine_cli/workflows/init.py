@@ -44,13 +44,7 @@ class Started:
                 for motion, kinds in self.look.forces.items()
             },
             "columns": [
-                {
-                    "column": one.source,
-                    "taken_for": one.key,
-                    "unit": one.unit,
-                    "seen": one.seen,
-                    "open": one.open,
-                }
+                {"column": one.source, "taken_for": one.key, "unit": one.unit, "seen": one.seen, "open": one.open}
                 for one in self.look.columns
             ],
             "questions": list(self.questions),

@@ -29,9 +29,7 @@ def map_and_arm(
     """The map and the lever arm [m] as given, or None without a map; see `moment_maker`."""
     if not dof.levered and arm is not None:
         levered = " and ".join(one.name for one in DOFS.values() if one.levered)
-        raise SettingError(
-            f"--arm is of {levered}; in {dof.name} thrusters push as hard at any arm, so leave it out"
-        )
+        raise SettingError(f"--arm is of {levered}; in {dof.name} thrusters push as hard at any arm, so leave it out")
     if thrusters is not None and not dof.thrusters:
         raise SettingError(
             f"--thrusters makes no {dof.words.full_force}; leave it out, and name the {dof.words.force}'s column with "
@@ -53,11 +51,7 @@ def map_and_arm(
 
 
 def with_moments(
-    runs: Sequence[Run],
-    thrusters: Source | ThrusterMap | None,
-    arm: float | None,
-    columns: ColumnMap,
-    dof: Dof,
+    runs: Sequence[Run], thrusters: Source | ThrusterMap | None, arm: float | None, columns: ColumnMap, dof: Dof
 ) -> tuple[Run, ...]:
     """The runs driven through `thrusters`, or as they are; see `moment_maker`."""
     drive = moment_maker(thrusters, arm, columns, dof)

@@ -137,13 +137,7 @@ def _plan(asked: PlanOptions, runner: Runner) -> Plan:
 
     def work() -> Plan:
         found = plan_campaign(
-            known,
-            allowed,
-            largest,
-            supply,
-            wanted=asked.parameters,
-            seed=asked.seed,
-            progress=runner.progress,
+            known, allowed, largest, supply, wanted=asked.parameters, seed=asked.seed, progress=runner.progress
         )
         return Plan(found, known.stored.source, drive, source, asked.seed)
 

@@ -19,11 +19,7 @@ LARGEST_NU = 1.0
 
 
 def drive_for(
-    thrusters: Source | ThrusterMap | None,
-    arm: float | None,
-    columns: ColumnMap,
-    known: PriorResults,
-    limits: Limits,
+    thrusters: Source | ThrusterMap | None, arm: float | None, columns: ColumnMap, known: PriorResults, limits: Limits
 ) -> Drive | None:
     """How the thrusters make the model's moments, or None without a map. Raises SettingError, ModelError."""
     given = map_and_arm(thrusters, arm, columns, YAW)
@@ -62,12 +58,7 @@ def largest_moment(known: PriorResults, limits: Limits, drive: Drive | None) -> 
 
 
 def supply_for(
-    limits: Limits,
-    largest: float,
-    unit: str,
-    drive: Drive | None,
-    per_test: int,
-    records: Sequence[Series] | None,
+    limits: Limits, largest: float, unit: str, drive: Drive | None, per_test: int, records: Sequence[Series] | None
 ) -> tuple[Supply, str]:
     """What is drawn from the battery, and a sentence on where that is from: `records` of thruster tests, else the
     limits. Raises SettingError for tests without a drive, RunError for tests without a current or power."""

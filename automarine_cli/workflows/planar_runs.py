@@ -34,9 +34,7 @@ def load_planar(
     RunError and SettingError as the fits of one motion do.
     """
     given = map_and_arm(thrusters, arm, columns, YAW)
-    campaign = load_runs(
-        logs, columns, dof=YAW, strict=strict, jobs=jobs, progress=progress, read=partial(read_planar)
-    )
+    campaign = load_runs(logs, columns, dof=YAW, strict=strict, jobs=jobs, progress=progress, read=partial(read_planar))
     good: list[Run] = []
     aside: list[SetAside] = []
     for run in campaign.runs:
@@ -81,9 +79,7 @@ def driven(run: Run) -> Run:
     lacking = [dof for dof in (SURGE, SWAY) if dof.command not in run.extras]
     zero = {dof.command: np.zeros(len(run)) for dof in lacking}
     told = tuple(f"no {dof.words.full_force} in the log: none is taken to act" for dof in lacking)
-    run = replace(
-        run, extras={**run.extras, **zero}, notes=(*run.notes, *told), reading=(*run.reading, *told)
-    )
+    run = replace(run, extras={**run.extras, **zero}, notes=(*run.notes, *told), reading=(*run.reading, *told))
     if not any(np.any(run.command_of(dof)) for dof in (SURGE, SWAY, YAW)):
         raise RunError(
             f"{run.source}, run {run.name!r}: every command is zero: something that is not logged steers the vehicle; "

@@ -107,9 +107,7 @@ def rerun(
 
 
 def _refuse_lost(found: Sequence[Sought], inputs: Sequence[Path]) -> None:
-    lost = [
-        f"{one.entry.file} ({'changed' if one.changed else 'not found'})" for one in found if one.path is None
-    ]
+    lost = [f"{one.entry.file} ({'changed' if one.changed else 'not found'})" for one in found if one.path is None]
     if lost:
         where = f"under {', '.join(str(place) for place in inputs)}" if inputs else "in the working directory"
         raise SettingError(
@@ -118,9 +116,7 @@ def _refuse_lost(found: Sequence[Sought], inputs: Sequence[Path]) -> None:
         )
 
 
-def _settings(
-    command: Command[Any, Any], manifest: Manifest, found: Sequence[Sought], where: str
-) -> dict[str, Any]:
+def _settings(command: Command[Any, Any], manifest: Manifest, found: Sequence[Sought], where: str) -> dict[str, Any]:
     """The options as they were given. Raises SettingError for what this version does not know."""
     roles: dict[str, list[Path]] = {}
     for one in found:
@@ -146,9 +142,7 @@ def _settings(
             entries = (sought for sought in found if sought.entry.role == read.role)
             settings[key] = [LogFile(one.path, one.entry.file, False) for one in entries if one.path]
         else:
-            settings[key] = [
-                path.parent if read.kind == "folders" else path for path in roles.get(read.role, ())
-            ]
+            settings[key] = [path.parent if read.kind == "folders" else path for path in roles.get(read.role, ())]
     return settings if manifest.seed is None or "seed" not in known else {**settings, "seed": manifest.seed}
 
 

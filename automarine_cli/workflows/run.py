@@ -61,10 +61,7 @@ class CampaignRun:
         """Folders and files that a person may want to open, the report first."""
         folders = {step.name: f"{step.folder}/" for step in STEPS}
         done = [one.step for one in self.news if one.did in ("made", "kept")]
-        return (
-            *(("report.html", "report.md") if REPORT in done else ()),
-            *(folders[s] for s in done if s in folders),
-        )
+        return (*(("report.html", "report.md") if REPORT in done else ()), *(folders[s] for s in done if s in folders))
 
     def to_json(self) -> dict[str, Any]:
         """The result file: schema automarine/run/1. It does not say what was kept: the bytes are the same."""
@@ -145,9 +142,7 @@ def _run(campaign: Campaign, asked: RunOptions, runner: Runner) -> CampaignRun:
     return CampaignRun(tuple(news), says, tuple(content["cautions"]), content, tuple(warnings))
 
 
-def _do(
-    step: Step, campaign: Campaign, out: Path, runner: Runner, force: bool, said: Callable[..., News]
-) -> News:
+def _do(step: Step, campaign: Campaign, out: Path, runner: Runner, force: bool, said: Callable[..., News]) -> News:
     """One step: skipped, kept, made or refused; a result that is no longer of this campaign is taken away."""
     folder = out / step.folder
     plan = step.plan(campaign, out)
@@ -195,9 +190,7 @@ def _content(campaign: Campaign, out: Path, done: Mapping[str, News]) -> dict[st
     }
 
 
-def _report(
-    campaign: Campaign, out: Path, content: dict[str, Any], force: bool, number: int, tell: Tell
-) -> News:
+def _report(campaign: Campaign, out: Path, content: dict[str, Any], force: bool, number: int, tell: Tell) -> News:
     """The last step: one page of what is in the step folders, and the record of the whole run."""
     logs = campaign.every_log()
     inputs = [Input(campaign.path.name, campaign.path, "campaign")]

@@ -74,13 +74,7 @@ def counted(count: int, what: str) -> str:
 def numbers(estimate: Estimate) -> Row:
     """An estimate as the cells of a row."""
     low, high = estimate.ci95
-    return {
-        "value": estimate.value,
-        "stderr": estimate.stderr,
-        "low": low,
-        "high": high,
-        "unit": estimate.unit,
-    }
+    return {"value": estimate.value, "stderr": estimate.stderr, "low": low, "high": high, "unit": estimate.unit}
 
 
 def aligned(estimates: Mapping[str, Estimate]) -> Iterator[str]:

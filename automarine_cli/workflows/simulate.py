@@ -12,11 +12,7 @@ from automarine_cli.report.tables import Table
 from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
 from automarine_cli.simulation.log_files import label, log_bytes, run_logs
 from automarine_cli.simulation.planar_campaign import make_planar
-from automarine_cli.simulation.planar_specification import (
-    PlanarSpecification,
-    is_planar,
-    planar_specification_from,
-)
+from automarine_cli.simulation.planar_specification import PlanarSpecification, is_planar, planar_specification_from
 from automarine_cli.simulation.run_groups import levels_of
 from automarine_cli.simulation.specification import Specification, specification_from
 from automarine_cli.thrusters.records import bollard_columns
@@ -119,9 +115,7 @@ def _simulate(asked: SimulateOptions, runner: Runner) -> Simulation | PlanarSimu
 def _specified(path: Path) -> Specification | PlanarSpecification:
     """The specification in a file, of one motion or of motion in the plane."""
     mapping, name = read_mapping(path), printable(path.name)
-    return (
-        planar_specification_from(mapping, name) if is_planar(mapping) else specification_from(mapping, name)
-    )
+    return planar_specification_from(mapping, name) if is_planar(mapping) else specification_from(mapping, name)
 
 
 def _row(folder: str, kind: str, runs: list[SimulatedRun]) -> tuple[str, ...]:

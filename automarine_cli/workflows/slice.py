@@ -122,8 +122,7 @@ class Slices(Shown):
         notes += [*islice(told, MOST_TOLD), *[f"and {len(lost) - MOST_TOLD} more"] * (len(lost) > MOST_TOLD)]
         if moving:
             notes.insert(
-                0,
-                f"{moving} of {len(rows)} begin while another command moves the vehicle: in the folder {MOVING}",
+                0, f"{moving} of {len(rows)} begin while another command moves the vehicle: in the folder {MOVING}"
             )
         header = ("run", self.by, "log", "rows", "from s", "to s", "lasts s")
         return (Table("Runs", header, rows, notes=tuple(notes)),)
@@ -158,9 +157,7 @@ def _slice(asked: SliceOptions, runner: Runner) -> Slices:
     )  # fmt: skip
     files = find_logs(asked.logs)
     return runner.results(
-        asked,
-        lambda: _sliced(files, cut, asked.by, asked.form, asked.strict, runner.jobs, runner.progress),
-        _write,
+        asked, lambda: _sliced(files, cut, asked.by, asked.form, asked.strict, runner.jobs, runner.progress), _write
     )
 
 
@@ -212,9 +209,7 @@ def _cut(
         cut = Cut(printable(name), one.state, file.name, run, rows, one.stop - one.first, one.moving, *ends)
         cuts.append(cut)
         contents.append(_content(table, one.first, one.stop, form, _comment(cut, by)))
-    between = tuple(
-        Between(file.name, float(time[one.first]), float(time[one.stop - 1]), one.why) for one in passed
-    )
+    between = tuple(Between(file.name, float(time[one.first]), float(time[one.stop - 1]), one.why) for one in passed)
     return Source(file.name, tuple(cuts), tuple(contents), between, table.notes)
 
 

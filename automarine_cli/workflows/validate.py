@@ -24,13 +24,7 @@ from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.tables import Table, number
 from automarine_cli.report.validation_tables import ahead_table, overall_table, run_table, score_table
-from automarine_cli.runs.channels import (
-    AUTO,
-    NOTHING_TO_CHOOSE,
-    ChannelChoice,
-    choose_channels,
-    wanted_channels,
-)
+from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels, wanted_channels
 from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
 from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.runs.undriven import without_undriven
@@ -212,9 +206,7 @@ def _complete(run: Run, signals: Sequence[str]) -> None:
     for name in signals:
         signal = run.signal(name)
         if signal is None:
-            raise RunError(
-                f"an effect of the model needs the {lacking_signal(name, '; map it with --columns')}"
-            )
+            raise RunError(f"an effect of the model needs the {lacking_signal(name, '; map it with --columns')}")
         missing = int(np.count_nonzero(~np.isfinite(signal)))
         if missing:
             raise RunError(
@@ -240,8 +232,7 @@ def _write(folder: ResultFolder, result: Validation, formats: tuple[str, ...], r
     tables, sensors = result.score_tables(), result.sensors()
     first = [] if result.ahead is None else [result.ahead.sentence, ""]
     folder.write(
-        "validation.md",
-        "\n".join([*first, *(one.to_markdown() for one in tables), *sensors, *[""] * bool(sensors)]),
+        "validation.md", "\n".join([*first, *(one.to_markdown() for one in tables), *sensors, *[""] * bool(sensors)])
     )
     folder.write("validation.tex", "\n".join(table.to_latex() for table in tables))
     names, draws = [run.name for run in found.runs], _draws(found)
@@ -250,9 +241,7 @@ def _write(folder: ResultFolder, result: Validation, formats: tuple[str, ...], r
 
 def _draws(found: Comparison) -> list[Draw]:
     """What draws the figure of each run."""
-    free = [
-        {number: scored.free[i] for number, scored in found.models.items()} for i in range(len(found.runs))
-    ]
+    free = [{number: scored.free[i] for number, scored in found.models.items()} for i in range(len(found.runs))]
     return [partial(validation_figure, *pair) for pair in zip(free, found.floors)]
 
 

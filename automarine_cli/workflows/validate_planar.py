@@ -142,10 +142,7 @@ def _validate(asked: ValidatePlanarOptions, runner: Runner) -> PlanarValidation:
         folder.write("validation.csv", table.to_csv())
         folder.write("validation.md", table.to_markdown())
         folder.write("validation.tex", table.to_latex())
-        names, draws = (
-            [one.run.name for one in result.free],
-            [partial(planar_figure, one) for one in result.free],
-        )
+        names, draws = ([one.run.name for one in result.free], [partial(planar_figure, one) for one in result.free])
         write_figures_of_runs(folder, names, draws, asked.figure_formats if asked.figures else (), runner)
 
     return runner.results(asked, work, write)

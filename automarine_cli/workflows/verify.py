@@ -7,13 +7,7 @@ from typing import Any
 
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.inputs import find_inputs
-from automarine_cli.pipeline.manifest import (
-    MANIFEST,
-    Manifest,
-    manifests_in,
-    read_manifest,
-    sha256_if_readable,
-)
+from automarine_cli.pipeline.manifest import MANIFEST, Manifest, manifests_in, read_manifest, sha256_if_readable
 from automarine_cli.pipeline.words import printable
 
 SCHEMA = "automarine/verification/1"
@@ -97,16 +91,12 @@ def _inside(folder: Path, inputs: Sequence[Path]) -> list[FolderVerified]:
     if (folder / MANIFEST).is_file() and folder / MANIFEST not in found:
         read_manifest(folder / MANIFEST)  # says what is wrong with it
     if not found:
-        raise SettingError(
-            f"{folder}: no {MANIFEST} of automarine here or in a folder below; give a folder of results"
-        )
+        raise SettingError(f"{folder}: no {MANIFEST} of automarine here or in a folder below; give a folder of results")
     places = [path.parent for path in found]
     return [_verified(place, read_manifest(place / MANIFEST), places, inputs) for place in places]
 
 
-def _verified(
-    folder: Path, manifest: Manifest, places: Sequence[Path], inputs: Sequence[Path]
-) -> FolderVerified:
+def _verified(folder: Path, manifest: Manifest, places: Sequence[Path], inputs: Sequence[Path]) -> FolderVerified:
     recorded = {entry.file: entry.sha256 for entry in manifest.outputs}
     changes = []
     for name, sha256 in recorded.items():

@@ -46,9 +46,7 @@ class View(Generic[Result]):
         """One of the result's figures. Raises SettingError with those that there are."""
         drawn = self.figures(result)
         if not drawn:
-            raise SettingError(
-                f"a {type(result).__name__} has no figure; fit or validate its runs, and plot that"
-            )
+            raise SettingError(f"a {type(result).__name__} has no figure; fit or validate its runs, and plot that")
         name = next(iter(drawn)) if what is None else what
         if name not in drawn:
             raise SettingError(f"there is no figure {name!r}; known are {', '.join(drawn)}")
@@ -57,6 +55,4 @@ class View(Generic[Result]):
 
 def _wrapped(line: str) -> list[str]:
     inner = " " * (len(line) - len(line.lstrip()) + 2)
-    return textwrap.wrap(
-        line, WIDTH, subsequent_indent=inner, break_on_hyphens=False, drop_whitespace=True
-    ) or [""]
+    return textwrap.wrap(line, WIDTH, subsequent_indent=inner, break_on_hyphens=False, drop_whitespace=True) or [""]

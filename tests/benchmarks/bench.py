@@ -40,23 +40,10 @@ CAMPAIGNS = {
     "tails": 400,
     "sensors": 200,
 }
-SECTIONS = (
-    *CAMPAIGNS,
-    "startup",
-    "simulator",
-    "fit",
-    "many",
-    "diagnose",
-    "reading",
-    "memory",
-    "broken",
-    "cluster",
-)
+SECTIONS = (*CAMPAIGNS, "startup", "simulator", "fit", "many", "diagnose", "reading", "memory", "broken", "cluster")
 
 
-def run_section(
-    name: str, jobs: int, campaigns: int | None, repeats: int, full: bool, progress: Progress
-) -> Result:
+def run_section(name: str, jobs: int, campaigns: int | None, repeats: int, full: bool, progress: Progress) -> Result:
     """Tables and plain results of one section."""
     if name in CAMPAIGNS:
         measures = (efficiency, coverage, thruster_coverage, effect_coverage, planning, tails, sensors)
@@ -73,15 +60,9 @@ def run_section(
 
 def main() -> None:
     """Run the sections asked for, by default all."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "sections", nargs="*", metavar="SECTION", help=f"of {', '.join(SECTIONS)}; default: all"
-    )
-    parser.add_argument(
-        "--jobs", type=int, default=min(2, os.cpu_count() or 1), help="processes (default: 2)"
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("sections", nargs="*", metavar="SECTION", help=f"of {', '.join(SECTIONS)}; default: all")
+    parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="processes (default: 2)")
     parser.add_argument(
         "--campaigns",
         type=int,
@@ -89,9 +70,7 @@ def main() -> None:
     )
     parser.add_argument("--repeats", type=int, default=5, help="of which the median counts (default: 5)")
     parser.add_argument(
-        "--full",
-        action="store_true",
-        help="read 1 GB of CSV, 20,000 files, 100 million samples (needs 5 GB of disk)",
+        "--full", action="store_true", help="read 1 GB of CSV, 20,000 files, 100 million samples (needs 5 GB of disk)"
     )
     parser.add_argument("--out", type=Path, default=Path("out/bench.json"), help="default: out/bench.json")
     options = parser.parse_args()

@@ -82,9 +82,7 @@ def run_case(case: Case) -> Outcome:
     outcome = judge(case, found.verdict, named)
     truth = [LAWS[law][0] for law in case.hidden if law in LAWS]
     held = found.held_out_gap
-    reference = (
-        refitted(found, truth) if truth and held is not None and len(truth) == len(case.hidden) else None
-    )
+    reference = refitted(found, truth) if truth and held is not None and len(truth) == len(case.hidden) else None
     truth_gap = gap(found.held_out, found.found.base, reference) if reference and found.held_out else None
     degrees = 180.0 / np.pi
     return Outcome(
@@ -115,9 +113,7 @@ def guess(case: Case, campaign: Campaign) -> YawModel:
     vehicle = campaign.vehicle
     unit = campaign.runs[0].moment_unit
     if "quadratic" in case.hidden:
-        return YawModel.base(
-            "1", 1.2 * vehicle.inertia * vehicle.scale, [vehicle.linear * vehicle.scale], unit, YAW
-        )
+        return YawModel.base("1", 1.2 * vehicle.inertia * vehicle.scale, [vehicle.linear * vehicle.scale], unit, YAW)
     return YawModel.base(
         "3", 1.2 * vehicle.inertia * vehicle.scale, [0.85 * vehicle.quadratic * vehicle.scale], unit, YAW
     )
@@ -203,8 +199,7 @@ def marks(outcomes: Sequence[Outcome]) -> Table:
     pairs = [o for o in outcomes if o.gap_truth is not None and o.size != "small"]
     ratio = [o.gap_after / max(o.gap_truth, 1e-9) for o in pairs if o.gap_after and o.gap_truth]
     closed = [
-        o.gap_after**2 - o.gap_floor**2
-        <= 0.5 * max(o.gap_before**2 - o.gap_floor**2, 0.0) + 0.05 * o.gap_floor**2
+        o.gap_after**2 - o.gap_floor**2 <= 0.5 * max(o.gap_before**2 - o.gap_floor**2, 0.0) + 0.05 * o.gap_floor**2
         for o in pairs
         if o.gap_after and o.gap_before and o.gap_floor
     ]
@@ -216,19 +211,11 @@ def marks(outcomes: Sequence[Outcome]) -> Table:
         ("  missed, unexplained", "", f"{share(full, 'missed')}, {share(full, 'unexplained')}"),
         ("one hidden, steps only: right or tie", ">= 95 %", share(steps, "right", "tie")),
         ("  wrong, missed", "", f"{share(steps, 'wrong')}, {share(steps, 'missed')}"),
-        (
-            "small (twice what is visible): wrong",
-            "",
-            share([o for o in outcomes if o.size == "small"], "wrong"),
-        ),
+        ("small (twice what is visible): wrong", "", share([o for o in outcomes if o.size == "small"], "wrong")),
         ("nothing hidden: a claim", "<= 5 %", share(kinds["none"], "false")),
         ("two hidden: both", ">= 80 %", share(kinds["two"], "right", "tie")),
         ("not in the library: unexplained", ">= 80 %", share(kinds["strange"], "right")),
-        (
-            "  named with rivals, without",
-            "",
-            f"{share(kinds['strange'], 'tie')}, {share(kinds['strange'], 'false')}",
-        ),
+        ("  named with rivals, without", "", f"{share(kinds['strange'], 'tie')}, {share(kinds['strange'], 'false')}"),
         ("held-out gap <= 1.1 x the true model's", "all", _count([r <= 1.1 for r in ratio])),
         ("half of the gap above the floor gone", "all", _count(closed)),
         ("95 % intervals of I_r, k_rr hold the truth", "92-98 %", _count(held)),
@@ -247,9 +234,7 @@ def failures(outcomes: Sequence[Outcome]) -> Table:
         (
             o.case,
             o.outcome,
-            "; ".join(
-                f"{name} ({', '.join(rivals)})" if rivals else name for name, rivals in o.named.items()
-            ),
+            "; ".join(f"{name} ({', '.join(rivals)})" if rivals else name for name, rivals in o.named.items()),
             f"{o.visible:.0f}" if o.visible else "-",
             f"{o.residual_over_floor[0]:.2f} {o.residual_over_floor[1]:.2f}",
         )
@@ -261,9 +246,7 @@ def failures(outcomes: Sequence[Outcome]) -> Table:
 
 def main() -> None:
     """Run the cases asked for in processes, print the marks, keep every outcome."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=1, help="campaigns a case (default: 1)")
     parser.add_argument("--quick", action="store_true", help="a subset of about 40 campaigns")
     parser.add_argument("--only", help="only cases whose name has this in it, as dead-band/large/full/0")
@@ -285,9 +268,7 @@ def main() -> None:
         for done, future in enumerate(as_completed(waiting), 1):
             try:
                 outcomes.append(future.result())
-            except (
-                AutomarineError
-            ) as refusal:  # one campaign that cannot be diagnosed must not end the others
+            except AutomarineError as refusal:  # one campaign that cannot be diagnosed must not end the others
                 refused.append(f"{waiting[future].name}: {refusal}")
                 print(f"{done}/{len(cases)} {refused[-1]}", file=sys.stderr, flush=True)
                 continue
@@ -303,10 +284,7 @@ def main() -> None:
     print(failures(outcomes).to_text())
     print(f"Refused: {'; '.join(refused) or 'none'}")
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    kept = {
-        "marks": [dict(zip(table.header, row)) for row in table.rows],
-        "cases": [asdict(o) for o in outcomes],
-    }
+    kept = {"marks": [dict(zip(table.header, row)) for row in table.rows], "cases": [asdict(o) for o in outcomes]}
     options.out.write_text(json.dumps(kept, indent=1) + "\n")
 
 

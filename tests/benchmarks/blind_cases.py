@@ -68,11 +68,7 @@ LAWS: dict[str, tuple[str, float, float]] = {
 }
 """The truth's laws: the library's name, a usual size, and the largest that leaves a vehicle that turns."""
 
-STRANGE: dict[str, tuple[float, float]] = {
-    "temperature": (0.1, 0.3),
-    "snags": (0.15, 0.6),
-    "clock-drift": (0.3, 1.0),
-}
+STRANGE: dict[str, tuple[float, float]] = {"temperature": (0.1, 0.3), "snags": (0.15, 0.6), "clock-drift": (0.3, 1.0)}
 """Laws that are not in the library, with a usual and a largest size."""
 
 PAIRS = (
@@ -164,9 +160,7 @@ def make(case: Case) -> Campaign:
     return Campaign(tuple(runs[i] for i in order), vehicle, min(seen), scatter, noise)
 
 
-def draw_plan(
-    random: np.random.Generator, vehicle: Vehicle, layout: str, runs: int, turn: float, rate: float
-) -> Plan:
+def draw_plan(random: np.random.Generator, vehicle: Vehicle, layout: str, runs: int, turn: float, rate: float) -> Plan:
     """Moments from SMALLEST to LARGEST to both sides in random order; "full" has manoeuvres as well."""
     levels = np.tile(np.geomspace(SMALLEST, LARGEST, 12), -(-runs // 24))[: runs // 2]
     signed = np.concatenate([levels, -levels])
@@ -182,9 +176,7 @@ def draw_plan(
         steady = np.sqrt(abs(moment) / max(vehicle.quadratic, 1e-9))
         if vehicle.linear:
             steady = abs(moment) / vehicle.linear
-        need = min(
-            turn / steady + vehicle.inertia / max(2 * vehicle.quadratic * steady, vehicle.linear), 50.0
-        )
+        need = min(turn / steady + vehicle.inertia / max(2 * vehicle.quadratic * steady, vehicle.linear), 50.0)
         begin = random.uniform(2.0, 4.0)
         at, level = [begin], [moment]
         end = begin + need
@@ -262,10 +254,7 @@ class Yardstick:
         hidden = {law: value, "wave-period": 3.0}
         seen = headings(self.plan, replace(self.vehicle, hidden=hidden), self.chance, COARSE) - self.still
         rate = np.gradient(self.still, axis=1) / COARSE
-        rows, uncertain = (
-            max(round(1.0 / self.plan.rate / COARSE), 1),
-            1.0 / self.plan.rate / np.sqrt(12.0),
-        )
+        rows, uncertain = (max(round(1.0 / self.plan.rate / COARSE), 1), 1.0 / self.plan.rate / np.sqrt(12.0))
         hessian = np.zeros((3, 3))
         for i, last in enumerate(self.plan.length):
             part = (i, slice(0, int(last / COARSE), rows))
@@ -281,13 +270,7 @@ class Yardstick:
 
 
 def _logged(
-    i: int,
-    plan: Plan,
-    vehicle: Vehicle,
-    chance: Chance,
-    psi: Floats,
-    noise: float,
-    random: np.random.Generator,
+    i: int, plan: Plan, vehicle: Vehicle, chance: Chance, psi: Floats, noise: float, random: np.random.Generator
 ) -> Run:
     """One run as a logger keeps it: sampled, noisy, the command of the instant of the sample."""
     time = np.arange(int(plan.length[i] * plan.rate)) / plan.rate
@@ -301,6 +284,4 @@ def _logged(
     if vehicle.size("surge"):
         extras = {"surge": surge(chance.surge[i], time) + 0.01 * random.standard_normal(len(time))}
     unit = "N m" if vehicle.scale != 1.0 else "nu"
-    return Run(
-        f"run_{i:02d}", f"run_{i:02d}.csv", plan.clock[i] + time, heading, moment, unit, extras, dof=YAW
-    )
+    return Run(f"run_{i:02d}", f"run_{i:02d}.csv", plan.clock[i] + time, heading, moment, unit, extras, dof=YAW)

@@ -101,9 +101,7 @@ def answer(folder: Path, answers: Path, jobs: int) -> None:
             fresh = answers.with_suffix(".part")
             fresh.write_text(json.dumps(dict(sorted(said.items())), indent=1) + "\n")
             fresh.replace(answers)
-            print(
-                f"{done}/{len(left)} {waiting[future]}: {said[waiting[future]]}", file=sys.stderr, flush=True
-            )
+            print(f"{done}/{len(left)} {waiting[future]}: {said[waiting[future]]}", file=sys.stderr, flush=True)
 
 
 def answer_of(folder: Path, name: str) -> dict[str, Any]:
@@ -137,18 +135,13 @@ def score(answers: Mapping[str, Any], key: Mapping[str, Any], figure: Path | Non
         named = {one["name"]: list(one.get("rivals", ())) for one in said["effects"]}
         small = " (small)" if truth["size"] == "small" else ""
         outcomes.setdefault(kind_of(case) + small, Counter())[judge(case, said["verdict"], named)] += 1
-        for hidden in truth["effects"] or [
-            ("outside: " + truth["hidden"][0]) if truth["hidden"] else NOTHING
-        ]:
+        for hidden in truth["effects"] or [("outside: " + truth["hidden"][0]) if truth["hidden"] else NOTHING]:
             for got in taken_for(hidden, said["verdict"], named):
                 confusion[hidden, got] += 1
         if said["verdict"] == "named":
             outside = bool(truth["hidden"]) and not truth["effects"]
             sure += [
-                (
-                    one.get("confidence", 1.0),
-                    one["name"] in truth["effects"] or (outside and is_curve(one["name"])),
-                )
+                (one.get("confidence", 1.0), one["name"] in truth["effects"] or (outside and is_curve(one["name"])))
                 for one in said["effects"]
             ]
     words = sorted({word for counts in outcomes.values() for word in counts})
@@ -196,9 +189,7 @@ def draw(confusion: Mapping[tuple[str, str], int], path: Path) -> None:
     for (row, column), count in np.ndenumerate(counts):
         if count:
             dark = shares[row, column] > 0.6
-            axes.text(
-                column, row, f"{count:.0f}", ha="center", va="center", fontsize=6, color="w" if dark else "k"
-            )
+            axes.text(column, row, f"{count:.0f}", ha="center", va="center", fontsize=6, color="w" if dark else "k")
     axes.set_xticks(range(len(got)), got, rotation=90, fontsize=6.5)
     axes.set_yticks(range(len(hidden)), hidden, fontsize=6.5)
     axes.set_xlabel("said")
@@ -208,9 +199,7 @@ def draw(confusion: Mapping[tuple[str, str], int], path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     what = parser.add_subparsers(dest="what", required=True)
     writes, answers, scores = (what.add_parser(name) for name in ("write", "answer", "score"))
     for one in (writes, answers):

@@ -11,9 +11,7 @@ Usage: python tests/benchmarks/closed_loop.py [--kinds TEXT,...] [--seeds N] [--
 
 import os
 
-os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = (
-    "1"  # before numpy: each process has one core
-)
+os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"  # before numpy: each process has one core
 
 import argparse
 import json
@@ -177,9 +175,7 @@ def cases_of(kinds: str | None, seeds: int, gyro: str) -> list[Case]:
 
 def main() -> None:
     """Run the cases asked for, print each as it ends and the marks, keep every outcome."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kinds", help="only kinds that have one of these in their names, as delay,clean")
     parser.add_argument("--seeds", type=int, default=2, help="campaigns a kind (default: 2)")
     parser.add_argument("--gyro", choices=("none", "half", "all"), default="none", help="default: none")
@@ -198,9 +194,7 @@ def main() -> None:
             try:
                 outcomes.append(future.result())
             except Exception as error:  # the process died, or the campaign could not be made
-                outcomes.append(
-                    Outcome(case.name, case.kind, "failed", why=f"{type(error).__name__}: {error}")
-                )
+                outcomes.append(Outcome(case.name, case.kind, "failed", why=f"{type(error).__name__}: {error}"))
             print(line(outcomes[-1]), flush=True)
     order = {case.name: i for i, case in enumerate(cases)}
     outcomes.sort(key=lambda o: order[o.case])
@@ -208,10 +202,7 @@ def main() -> None:
     print()
     print(table.to_text())
     if options.out:
-        kept = {
-            "marks": [dict(zip(table.header, row)) for row in table.rows],
-            "cases": [asdict(o) for o in outcomes],
-        }
+        kept = {"marks": [dict(zip(table.header, row)) for row in table.rows], "cases": [asdict(o) for o in outcomes]}
         options.out.parent.mkdir(parents=True, exist_ok=True)
         options.out.write_text(json.dumps(kept, indent=1) + "\n")
 

@@ -140,8 +140,7 @@ def make(name: str, seed: int, gyro: bool = False) -> Campaign:
     log = sail(vehicle, pilot, voyage, chance, random)
     largest = inertia * vehicle.fastest / vehicle.time
     runs = [
-        logged(i, length, voyage, log, largest, gyro, kind.surge or decoy, random)
-        for i, length in enumerate(lengths)
+        logged(i, length, voyage, log, largest, gyro, kind.surge or decoy, random) for i, length in enumerate(lengths)
     ]
     out = set(random.choice(len(runs), KEPT, replace=False).tolist())
     quadratic, straight = largest / vehicle.fastest**2, largest / vehicle.fastest
@@ -195,14 +194,7 @@ def draw_voyage(random: np.random.Generator, lengths: tuple[int, ...]) -> Voyage
 
 
 def logged(
-    i: int,
-    length: int,
-    voyage: Voyage,
-    log: Log,
-    largest: float,
-    gyro: bool,
-    surge: bool,
-    random: np.random.Generator,
+    i: int, length: int, voyage: Voyage, log: Log, largest: float, gyro: bool, surge: bool, random: np.random.Generator
 ) -> Run:
     """Run `i` as a logger keeps it: heading unwrapped, commands in N m, and what other sensors there are."""
     extras: dict[str, Floats] = {}

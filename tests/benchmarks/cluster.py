@@ -39,9 +39,7 @@ def _fleet(folder: Path) -> list[Path]:
         home = folder / f"day_{number:02d}"
         many_logs.small_csv(home / "steps", LOGS)
         files.append(home / "campaign.toml")
-        files[-1].write_text(
-            'schema = "automarine/campaign/1"\n[logs]\nsteps = ["steps"]\n', encoding="utf-8"
-        )
+        files[-1].write_text('schema = "automarine/campaign/1"\n[logs]\nsteps = ["steps"]\n', encoding="utf-8")
     return files
 
 
@@ -100,10 +98,7 @@ def cluster(full: bool, progress: Progress) -> Result:
     rows = (
         ("connecting, once a command [s]", f"{start_up:.2f}"),
         ("a task costs [ms]", f"{1000 * task:.2f}"),
-        (
-            f"a campaign of {LOGS} logs, {megabytes:.1f} MB, `check` alone: here, there [s]",
-            f"{here:.2f}, {there:.2f}",
-        ),
+        (f"a campaign of {LOGS} logs, {megabytes:.1f} MB, `check` alone: here, there [s]", f"{here:.2f}, {there:.2f}"),
         ("of which sending it there and back [ms]", f"{1000 * handing:.0f}"),
         (f"{CAMPAIGNS} campaigns of {CAMPAIGN_S:.0f} s on {WORKERS} workers [h], projected", f"{hours:.2f}"),
         ("of which handing out [h]", f"{CAMPAIGNS * handing / 3600:.2f}"),

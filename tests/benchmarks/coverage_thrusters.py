@@ -50,13 +50,7 @@ def run_trial(item: tuple[int, Case]) -> Trial:
     """Simulate one bollard test, fit it, and compare both intervals with the truth."""
     index, case = item
     random = np.random.default_rng(
-        [
-            STREAM,
-            case.levels,
-            case.records,
-            *(round(1000 * x) for x in (case.noise, case.scatter, case.drift)),
-            index,
-        ]
+        [STREAM, case.levels, case.records, *(round(1000 * x) for x in (case.noise, case.scatter, case.drift)), index]
     )
     steps = np.linspace(TOP / case.levels, TOP, case.levels)
     with tempfile.TemporaryDirectory() as folder:

@@ -35,9 +35,7 @@ BOUND_UNIFORM = "nothing known; each instant uniform in its sample interval"
 BOUND_NORMAL = "as the last, but normal with equal variance"
 BOUND_OFFSET = "uniform, with the intervals' common offset unknown as well"
 BOUNDS = (BOUND_KNOWN, BOUND_UNIFORM, BOUND_NORMAL, BOUND_OFFSET)
-OWN_BOUND = dict(
-    zip(ESTIMATORS, (BOUND_KNOWN, BOUND_KNOWN, BOUND_UNIFORM, BOUND_KNOWN, BOUND_UNIFORM), strict=True)
-)
+OWN_BOUND = dict(zip(ESTIMATORS, (BOUND_KNOWN, BOUND_KNOWN, BOUND_UNIFORM, BOUND_KNOWN, BOUND_UNIFORM), strict=True))
 
 
 @dataclass(frozen=True)
@@ -81,12 +79,7 @@ def _bounds(known: StepData, unknown: StepData, middle: Floats) -> dict[str, Flo
     since = unknown.time + middle[:, None]  # the true switch is at 0
     uniform = information(since, unknown.seen, unknown.moment, instants="uniform")
     normal = information(since, unknown.seen, unknown.moment, instants="gaussian")
-    variances = (
-        bound(first),
-        bound(uniform, offset_known=True),
-        bound(normal, offset_known=True),
-        bound(uniform),
-    )
+    variances = (bound(first), bound(uniform, offset_known=True), bound(normal, offset_known=True), bound(uniform))
     return {name: variance / np.square(TRUTH) for name, variance in zip(BOUNDS, variances)}
 
 
@@ -119,9 +112,7 @@ def efficiency(count: int, jobs: int, progress: Progress) -> tuple[list[Table], 
         "their intervals, start headings from 3 s of rest.",
         f"Fits that converged: {sum(trial.converged for trial in trials)} of {count}.",
     )
-    title = (
-        f"Efficiency (bound / mean square error) over {count} campaigns: 48 runs, 10 Hz, 1 degree, no scatter"
-    )
+    title = f"Efficiency (bound / mean square error) over {count} campaigns: 48 runs, 10 Hz, 1 degree, no scatter"
     header = ("estimator", "I bias %", "I sd %", "I efficiency", "k bias %", "k sd %", "k efficiency")
     own = Table("Cramer-Rao bounds of the same campaigns", ("known", "I sd %", "k sd %"),
                 tuple((name, *(f"{100 * np.sqrt(v):.3f}" for v in limits[name])) for name in BOUNDS))  # fmt: skip

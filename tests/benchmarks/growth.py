@@ -33,10 +33,7 @@ def many(repeats: int, progress: Progress) -> Result:
     taken: dict[str, list[float]] = {"reading to half-turns": [], "fit-yaw, reading included": []}
     with tempfile.TemporaryDirectory() as folder:
         many_logs.small_csv(Path(folder, "logs"), 2000)
-        works: Sequence[Callable[[], object]] = (
-            lambda: load_half_turns([folder], dof=YAW),
-            lambda: fit_yaw([folder]),
-        )
+        works: Sequence[Callable[[], object]] = (lambda: load_half_turns([folder], dof=YAW), lambda: fit_yaw([folder]))
         for i in range(repeats):
             for name, work in zip(taken, works):
                 taken[name].append(_seconds(work))
@@ -85,9 +82,7 @@ def _runs(count: int, samples: int) -> list[Run]:
         moment = BOTH_SIDES[i % len(BOTH_SIDES)]
         heading, _ = response(clock - 3.0, moment, INERTIA, 0.0, K_RR)
         noisy = heading + np.radians(1.0) * random.standard_normal(samples)
-        runs.append(
-            Run(f"run {i}", "simulated", clock, noisy, np.where(clock >= 3.0, moment, 0.0), "nu", dof=YAW)
-        )
+        runs.append(Run(f"run {i}", "simulated", clock, noisy, np.where(clock >= 3.0, moment, 0.0), "nu", dof=YAW))
     return runs
 
 

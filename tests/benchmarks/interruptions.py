@@ -84,9 +84,7 @@ def interrupts(times: int, seed: int) -> list[dict[str, object]]:
     struck = [entry for entry in found if entry["status"] != 0]
     slowest = max((float(str(entry["took_s"])) for entry in struck), default=0.0)
     orderly = sum(bool(entry["orderly"]) for entry in struck)
-    print(
-        f"interrupted: {len(struck)} of {times} before the end; {orderly} orderly, the slowest took {slowest} s"
-    )
+    print(f"interrupted: {len(struck)} of {times} before the end; {orderly} orderly, the slowest took {slowest} s")
     return found
 
 

@@ -112,11 +112,7 @@ def run_trial(item: tuple[int, Case]) -> Trial:
         return Trial({}, refused=str(refusal))
     # the start is that of `fits.identify`
     drag = rough.drag["1"].drag[0]
-    begin = (
-        rough.inertia["3"].overall.value,
-        drag if case.model == "1" else 0.02 * drag,
-        rough.drag["3"].drag[1],
-    )
+    begin = (rough.inertia["3"].overall.value, drag if case.model == "1" else 0.02 * drag, rough.drag["3"].drag[1])
     fit = fit_half_turns(data, case.model, begin, "nu", Known())
     out = {f"ML {name}": Outcome.of(estimate, truth[name]) for name, estimate in fit.estimates.items()}
     if fit.inertial_turn_angle is not None:
@@ -227,16 +223,12 @@ def main() -> None:
 
     from automarine_cli.cli.echo import terminal_progress
 
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     part = parser.add_mutually_exclusive_group()
     part.add_argument("--effects", action="store_true", help="sizes of effects planted in whole runs")
     part.add_argument("--thrusters", action="store_true", help="coefficients of the thruster map")
     parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
-    parser.add_argument(
-        "--campaigns", type=int, default=300, help="simulated campaigns a case (default: 300)"
-    )
+    parser.add_argument("--campaigns", type=int, default=300, help="simulated campaigns a case (default: 300)")
     options = parser.parse_args()
     measure = effect_coverage if options.effects else thruster_coverage if options.thrusters else coverage
     tables, _ = measure(options.campaigns, options.jobs, terminal_progress())

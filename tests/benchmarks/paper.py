@@ -68,9 +68,7 @@ def sentences(found: Sequence[Values], seeds: int) -> list[str]:
     plain, hidden, recorded = found
     table = {one.key: one.value for one in PRINTED}
     out = [_reproduced(values, setting.name) for values, setting in zip(found, SETTINGS)]
-    broken = sum(
-        int(np.sum((v["k_r of model 2"] > 0) & (v["k_rr of model 3 less model 2"] < 0))) for v in found
-    )
+    broken = sum(int(np.sum((v["k_r of model 2"] > 0) & (v["k_rr of model 3 less model 2"] < 0))) for v in found)
     gap = max(float(np.abs(v["identity gap"]).max()) for v in found)
     least = min(float(v["sum ratio"].min()) for v in found)
     printed_gap = table["k_rr of model 3 less model 2"]
@@ -132,8 +130,7 @@ RESIDUAL = "residual"
 def _reproduced(values: Values, name: str) -> str:
     outside = [one for one in PRINTED if not inside(one.value, values[one.key])]
     listed = "; ".join(
-        f"{one.symbol} of model {one.model} ({number(one.value)}, {_place(values, one.key)})"
-        for one in outside
+        f"{one.symbol} of model {one.model} ({number(one.value)}, {_place(values, one.key)})" for one in outside
     )
     return (
         f"With {name}: {len(PRINTED) - len(outside)} of {len(PRINTED)} numbers fall inside the 95 % spread"
@@ -157,20 +154,14 @@ def _says(values: Values, key: str) -> str:
 
 
 def _count(holds: Sequence[bool]) -> str:
-    return (
-        "all fall" if all(holds) else "none falls" if not any(holds) else f"{sum(holds)} of {len(holds)} fall"
-    )
+    return "all fall" if all(holds) else "none falls" if not any(holds) else f"{sum(holds)} of {len(holds)} fall"
 
 
 def main() -> None:
     """Run the campaigns, print the table and the sentences, write both."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=200, help="campaigns a setting (default: 200)")
-    parser.add_argument(
-        "--jobs", type=int, default=min(2, os.cpu_count() or 1), help="processes (default: 2)"
-    )
+    parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="processes (default: 2)")
     parser.add_argument("--out", type=Path, default=Path("out"), metavar="DIR", help="default: out")
     options = parser.parse_args()
     specification = read_specification(ROOT / "sample_runs" / "paper.toml")
@@ -181,9 +172,7 @@ def main() -> None:
         part = trials[i * options.seeds : (i + 1) * options.seeds]
         found.append({key: np.array([one[key] for one in part]) for key in part[0]})
     table = comparison_table(found, options.seeds)
-    markdown = (
-        "\n".join([table.to_markdown(), *(f"- {line}" for line in sentences(found, options.seeds))]) + "\n"
-    )
+    markdown = "\n".join([table.to_markdown(), *(f"- {line}" for line in sentences(found, options.seeds))]) + "\n"
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "paper.md").write_text(markdown, encoding="utf-8")
     (options.out / "paper.csv").write_text(table.to_csv(), encoding="utf-8")

@@ -96,8 +96,7 @@ def run_trial(item: tuple[Specification, Setting, int]) -> dict[str, float]:
     moment = _misread(data.moment, specification.scatter.force, seed) if setting.recorded else data.moment
     drags = {number: fit_drag(moment, fit.tails.rate, number, "nu", YAW) for number in fit.drag}
     inertia = {
-        number: inertia_from_velocity_error(fit.tails.error, moment, *drags[number].drag)
-        for number in fit.inertia
+        number: inertia_from_velocity_error(fit.tails.error, moment, *drags[number].drag) for number in fit.inertia
     }
     values = {
         f"{name} of model {number}": estimate.value

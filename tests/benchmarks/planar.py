@@ -27,17 +27,9 @@ from automarine_cli.models.planar import Inertia, PlanarModel
 from automarine_cli.models.planar_store import StoredPlanar
 from automarine_cli.models.yaw_model import Term
 
-GIVEN = PlanarModel(
-    Inertia(18.0, 18.0, 2.2), *((Term("quadratic-drag", (drag,)),) for drag in (15.0, 50.0, 3.0))
-)
+GIVEN = PlanarModel(Inertia(18.0, 18.0, 2.2), *((Term("quadratic-drag", (drag,)),) for drag in (15.0, 50.0, 3.0)))
 FITTED, LENGTH = 5, 16.0
-ADDED = {
-    "N_ur": "yaw.N_ur",
-    "N_v": "yaw.N_v",
-    "Y_r": "sway.Y_r",
-    "munk-moment": "sway.m_v",
-    "current": "current.north",
-}
+ADDED = {"N_ur": "yaw.N_ur", "N_v": "yaw.N_v", "Y_r": "sway.Y_r", "munk-moment": "sway.m_v", "current": "current.north"}
 
 
 def judged(kind: str, found: PlanarSearch) -> str:
@@ -60,9 +52,7 @@ def rows(seeds: int) -> Iterator[dict[str, object]]:
             for mirror in (False, True):
                 runs = campaign(craft, seed, FITTED + 2, LENGTH, mirror=mirror)
                 begin = time.process_time()
-                found = find_missing(
-                    StoredPlanar(GIVEN, "by hand"), runs[:FITTED], runs[FITTED:], observed(runs)
-                )
+                found = find_missing(StoredPlanar(GIVEN, "by hand"), runs[:FITTED], runs[FITTED:], observed(runs))
                 spent = time.process_time() - begin
                 where, outlook = find_planar_where(found, 0), found.outlook(True)
                 ahead = outlook and (outlook.judged or outlook.ahead[-1])

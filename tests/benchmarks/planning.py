@@ -66,9 +66,7 @@ HIDDEN = {
 
 def known_of(model: YawModel, doubts: tuple[Doubt, ...] = ()) -> PriorResults:
     """The truth as what is known, without any interval."""
-    return PriorResults(
-        StoredModels({"3": MODEL}, "3", "nu", 0.0, "truth", YAW), model, {}, 1.0, None, 0, doubts
-    )
+    return PriorResults(StoredModels({"3": MODEL}, "3", "nu", 0.0, "truth", YAW), model, {}, 1.0, None, 0, doubts)
 
 
 @cache
@@ -136,11 +134,7 @@ def ratios(count: int, jobs: int, progress: Progress) -> tuple[Table, dict[str, 
         f"{name} ({case}): {one['of_reported']:.2f}"
         for case, own in results.items() for name, one in own.items() if not 0.9 <= one["of_reported"] <= 1.1
     ]  # fmt: skip
-    note = (
-        f"Outside 0.9 to 1.1: {'; '.join(outside)}."
-        if outside
-        else "All are within 0.9 to 1.1 of what fits report."
-    )
+    note = f"Outside 0.9 to 1.1: {'; '.join(outside)}." if outside else "All are within 0.9 to 1.1 of what fits report."
     title = f"Predicted intervals against those of fit-yaw, {count} simulated campaigns a plan"
     header = ("plan", "parameter", "predicted %", "predicted / reported", "predicted / spread of estimates")
     return Table(title, header, tuple(rows), notes=(note,)), {"campaigns": count, "cases": results}
@@ -184,9 +178,7 @@ def precision(count: int, jobs: int, progress: Progress) -> tuple[Table, dict[st
             error = 100 * np.sqrt(np.mean((values / truth - 1.0) ** 2, axis=0))
             runs, motion = (len(plan.slots), plan.motion) if name == PLAN else (48, grid_motion())
             rows.append((f"{scatter:.0%}", name, str(runs), f"{motion:.0f}", *(f"{x:.2f}" for x in error)))
-            results.append(
-                {"scatter": scatter, "campaign": name, "motion_s": motion, "error_percent": error.tolist()}
-            )
+            results.append({"scatter": scatter, "campaign": name, "motion_s": motion, "error_percent": error.tolist()})
     header = ("scatter", "campaign", "runs", "s of motion", "I_r %", "k_rr %", "I/k %")
     title = f"Errors (root mean square) with a third of the paper's motion, {count} campaigns each"
     return Table(title, header, tuple(rows), tuple(rules)), {"campaigns": count, "rows": results}
@@ -229,9 +221,7 @@ def splits(count: int, jobs: int, progress: Progress) -> tuple[Table, dict[str, 
     for name, (_, rival) in HIDDEN.items():
         campaign = splitting(name)[0]
         for of_plan in (False, True):
-            leads = np.array(
-                [one for (other, plan, _), one in zip(work, found) if (other, plan) == (name, of_plan)]
-            )
+            leads = np.array([one for (other, plan, _), one in zip(work, found) if (other, plan) == (name, of_plan)])
             expected = (campaign.splits if of_plan else campaign.grid_splits)[0].evidence
             made = campaign if of_plan else grid_of(campaign)
             label = "the plan" if of_plan else "the paper's grid"
@@ -241,13 +231,7 @@ def splits(count: int, jobs: int, progress: Progress) -> tuple[Table, dict[str, 
                 f"{np.median(leads):.0f}", f"{right} of {count}", f"{wrong} of {count}",
             ))  # fmt: skip
             results.append(
-                {
-                    "hidden": name,
-                    "rival": rival,
-                    "campaign": label,
-                    "expected": expected,
-                    "leads": leads.tolist(),
-                }
+                {"hidden": name, "rival": rival, "campaign": label, "expected": expected, "leads": leads.tolist()}
             )
     header = ("hidden", "campaign", "runs", "s of motion", "expected lead", "median lead", "split", "wrong")
     title = f"Evidence for what is hidden over its rival, 3 % scatter, {count} campaigns; split from {SPLIT:.0f} on"
@@ -278,9 +262,7 @@ def main() -> None:
     """Print the tables."""
     from automarine_cli.cli.echo import terminal_progress
 
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
     parser.add_argument("--campaigns", type=int, default=50, help="simulated campaigns a case (default: 50)")
     options = parser.parse_args()

@@ -68,14 +68,7 @@ def reading(repeats: int, full: bool, progress: Progress) -> Result:
         )  # fmt: skip
         results[name] = {"files": len(files), "megabytes": size_mb, "wall_s": wall, "processor_s": cpu,
                          "ratio": ratio, "processor_ratio": cpu_ratio, "two_jobs_faster": speed_up}  # fmt: skip
-    header = (
-        "logs",
-        "pyarrow [s]",
-        "to half-turns [s]",
-        "ratio",
-        "ratio of processor time",
-        "2 jobs are faster by",
-    )
+    header = ("logs", "pyarrow [s]", "to half-turns [s]", "ratio", "ratio of processor time", "2 jobs are faster by")
     notes = (f"Medians of {repeats}; asked for is a ratio of at most {REQUIRED}.",)
     return [Table("Reading", header, tuple(rows), notes=notes)], results
 
@@ -156,16 +149,12 @@ print(json.dumps({"count": found.count, "aside": [one.file for one in found.set_
 
 def _peak_mb(code: str, folder: str) -> float:
     tail = "\nprint([line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM')][0])"
-    return (
-        int(_child(code + tail, folder).splitlines()[-1]) / 1024
-    )  # kB; ru_maxrss would count the parent's too
+    return int(_child(code + tail, folder).splitlines()[-1]) / 1024  # kB; ru_maxrss would count the parent's too
 
 
 def _child(code: str, folder: str) -> str:
     root = str(Path(__file__).parents[2])
-    done = subprocess.run(
-        [sys.executable, "-c", code, folder, root], check=True, capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-c", code, folder, root], check=True, capture_output=True, text=True)
     return done.stdout
 
 

@@ -53,9 +53,7 @@ def judged(one: RealSet, motion: str, scratch: Path, quick: bool) -> Iterator[Ro
         }  # fmt: skip
         try:
             fits = library.tool_fits(fitted)
-            models = {
-                number: scored(fits.models[number], kept) for number in one.numbers if number in fits.models
-            }
+            models = {number: scored(fits.models[number], kept) for number in one.numbers if number in fits.models}
             row |= {"models": models, "preferred": fits.preferred, "refused": None}
             row["named"] = None if quick else named(fits.models[fits.preferred], fitted, kept)
         except AutomarineError as refusal:
@@ -206,17 +204,11 @@ def _digits(value: float) -> str:
 
 def main() -> None:
     """All that is at hand, then the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--out", type=Path, default=Path("out"), help="folder of real.md and real.json (default: out)"
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("out"), help="folder of real.md and real.json (default: out)")
     parser.add_argument("--only", default="", help="only what has this in SET/MOTION, as lake/yaw")
     parser.add_argument("--quick", action="store_true", help="no diagnoses")
-    parser.add_argument(
-        "--before", type=Path, help="a real.json of an earlier version, for its column in the table"
-    )
+    parser.add_argument("--before", type=Path, help="a real.json of an earlier version, for its column in the table")
     options = parser.parse_args()
     before = json.loads(options.before.read_text())["rows"] if options.before else []
     contacts = [met(one) for one in CONTACTS if one.log.exists() and options.only in one.name]

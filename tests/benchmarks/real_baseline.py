@@ -52,12 +52,7 @@ def anchors_of(runs: Sequence[Run]) -> Anchors:
     parts = [(i, *_anchor(run, k)) for i, run in enumerate(runs) for k in _places(run)]
     run, sample, position, rate, force, reached = zip(*parts)
     return Anchors(
-        np.array(run),
-        np.array(sample),
-        np.array(position),
-        np.array(rate),
-        np.array(force),
-        np.array(reached),
+        np.array(run), np.array(sample), np.array(position), np.array(rate), np.array(force), np.array(reached)
     )
 
 

@@ -52,9 +52,7 @@ def tool_fits(runs: Sequence[Run]) -> Fits:
     """The paper's models fitted as `fit-yaw` and its kin fit such logs. Raises FitError, RunError."""
     found = identify(runs, fit_to="whole-runs")
     models = {
-        number: Fitted(
-            one.model, one.offset.value, one.mixed if isinstance(one.mixed, InnovationsFit) else None
-        )
+        number: Fitted(one.model, one.offset.value, one.mixed if isinstance(one.mixed, InnovationsFit) else None)
         for number, one in found.output_error.items()
     }
     return Fits(models, found.preference.number)
@@ -78,9 +76,7 @@ def tool_predictions(fitted: Fitted, runs: Sequence[Run], anchors: Anchors) -> F
     return np.array(rows)
 
 
-def _from_filtered_states(
-    fitted: Fitted, found: InnovationsFit, runs: Sequence[Run], anchors: Anchors
-) -> Floats:
+def _from_filtered_states(fitted: Fitted, found: InnovationsFit, runs: Sequence[Run], anchors: Anchors) -> Floats:
     problem, course = fitted.on(runs)
     noises = problem.noises(found.theta[None])
     followed = follow(fitted.model, course, found.of_model[None], noises, keep=True)

@@ -91,10 +91,7 @@ SETS = (
         "kingfisher_lake",
         "yaw/kingfisher_lake",
         columns=LAKE_COLUMNS,
-        halves=(
-            ("run_01", "run_05", "run_15", "run_21", "run_25"),
-            ("run_03", "run_11", "run_19", "run_23", "run_29"),
-        ),
+        halves=(("run_01", "run_05", "run_15", "run_21", "run_25"), ("run_03", "run_11", "run_19", "run_23", "run_29")),
     ),
     RealSet("heavy_rov_sea", "yaw/heavy_rov_sea", motions=("yaw", "surge", "sway", "heave")),
     RealSet("cybership_enterprise", "yaw/cybership_enterprise", motions=("yaw", "surge", "sway")),

@@ -123,9 +123,7 @@ def work(name: str, numbers: range, seed: int, at: Any, answers: Any) -> None:
             try:
                 found = outcome(kind, path)
             except BaseException as defect:
-                ours = [
-                    f for f in traceback.extract_tb(defect.__traceback__) if "automarine_cli" in f.filename
-                ]
+                ours = [f for f in traceback.extract_tb(defect.__traceback__) if "automarine_cli" in f.filename]
                 where = f"{Path(ours[-1].filename).name}:{ours[-1].lineno}" if ours else ""
                 words = " ".join(str(defect).split())[:200]
                 tally.defects.append(f"{name} {number}: {type(defect).__name__} {where} {words}")
@@ -158,9 +156,7 @@ def chunk(task: tuple[str, range], seed: int) -> tuple[str, Tally]:
 
 def main() -> int:
     """Try, count, print; exit status 1 if there was a defect."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--inputs", type=int, default=20_000, help="files to tear in all")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
@@ -187,9 +183,7 @@ def main() -> int:
 
 def report(total: dict[str, Tally], seed: int) -> None:
     """The counts as a table."""
-    print(
-        f"{'kind':30}{'inputs':>9}{'read':>9}{'refused':>9}{'defects':>9}{'slowest s':>11}{'memory MB':>11}"
-    )
+    print(f"{'kind':30}{'inputs':>9}{'read':>9}{'refused':>9}{'defects':>9}{'slowest s':>11}{'memory MB':>11}")
     for name, tally in total.items():
         counts = tally.outcomes
         print(

@@ -65,10 +65,7 @@ def run_trial(index: int) -> Trial:
     first = fisher_information(known.time, known.seen, known.moment, **both)
     variances = {BOTH: bound(uniform, offset_known=True), INSTANT_KNOWN: bound(first)}
     return Trial(
-        {
-            name: fit.mixed.theta[:2] / TRUTH - 1.0
-            for name, fit in ((BOTH, nothing), (INSTANT_KNOWN, instant))
-        },
+        {name: fit.mixed.theta[:2] / TRUTH - 1.0 for name, fit in ((BOTH, nothing), (INSTANT_KNOWN, instant))},
         {name: variance / np.square(TRUTH) for name, variance in variances.items()},
         nothing.mixed.noises / [NOISE, RATE_NOISE],
         float(nothing.mixed.own("yaw_rate-bias").std() / RATE_BIAS),
@@ -156,9 +153,7 @@ def _specification(name: str, index: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _with_effect(
-    runs: Any, name: str, values: dict[str, float], channels: tuple[str, ...] | None
-) -> dict[str, float]:
+def _with_effect(runs: Any, name: str, values: dict[str, float], channels: tuple[str, ...] | None) -> dict[str, float]:
     base = YawModel.base("3", INERTIA, (K_RR,), "nu", YAW)
     study = study_of(runs, base, disturbed=False, channels=channels)
     defaults = {one.name: one.start for one in effects.get(name).parameters}

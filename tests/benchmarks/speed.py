@@ -31,10 +31,7 @@ Floats = NDArray[np.float64]
 Result = tuple[list[Table], dict[str, Any]]
 
 START = (1.2 * INERTIA, 0.8 * K_RR)
-ACCURACY = {
-    "rtol": 1e-6,
-    "atol": 1e-8,
-}  # of solve_ivp: as accurate as a hundredth of a degree needs, and easily
+ACCURACY = {"rtol": 1e-6, "atol": 1e-8}  # of solve_ivp: as accurate as a hundredth of a degree needs, and easily
 
 
 def startup(count: int, progress: Progress) -> Result:
@@ -49,10 +46,7 @@ def startup(count: int, progress: Progress) -> Result:
         commands = {
             "import click": ["-c", "import click"],
             "automarine --help": ["-m", "automarine_cli", "--help"],
-            f"the {len(needed)} library modules that fit-thrusters loads": [
-                "-c",
-                f"import {', '.join(needed)}",
-            ],
+            f"the {len(needed)} library modules that fit-thrusters loads": ["-c", f"import {', '.join(needed)}"],
             "automarine fit-thrusters, 20 points": ["-m", "automarine_cli", *fitting],
         }
         taken: dict[str, list[float]] = {name: [] for name in commands}
@@ -86,9 +80,7 @@ print(*[n for n in names if all(part.isidentifier() for part in n.split("."))])
 
 
 def _child(code: str, *arguments: str) -> str:
-    done = subprocess.run(
-        [sys.executable, "-c", code, *arguments], check=True, capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-c", code, *arguments], check=True, capture_output=True, text=True)
     return done.stdout
 
 
@@ -183,9 +175,7 @@ def _compiled(batch: Batch, theta: Floats, repeats: int) -> float | None:
     heading = np.empty((len(theta), *batch.length.shape))
     advance(theta, batch.length, batch.moment, heading)  # compiles
     return float(
-        np.median(
-            [_seconds(lambda: advance(theta, batch.length, batch.moment, heading)) for _ in range(repeats)]
-        )
+        np.median([_seconds(lambda: advance(theta, batch.length, batch.moment, heading)) for _ in range(repeats)])
     )
 
 
@@ -219,9 +209,7 @@ def fit(repeats: int, progress: Progress) -> Result:
         ("start headings too: least_squares + solve_ivp (scaled from one simulation)", f"{theirs:.3f}",
          f"{theirs / own:.0f}"),
     )  # fmt: skip
-    notes = (
-        f"Estimates of I and k where all else is known differ by {apart:.1e}; asked for is 10 times, to 1e-4.",
-    )
+    notes = (f"Estimates of I and k where all else is known differ by {apart:.1e}; asked for is 10 times, to 1e-4.",)
     results = {
         "same_question": {"fit_s": float(np.median(alike)), "plain_s": whole, "relative_difference": apart},
         "whole_question": {"fit_s": own, "plain_s": theirs},

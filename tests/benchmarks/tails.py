@@ -76,9 +76,7 @@ def tails(count: int, jobs: int, progress: Progress) -> tuple[list[Table], dict[
         rules += [len(rows)] if rows else []
         rows += [(f"{scatter:.0%}", *row) for row in summary_rows(summary)]
         outside += misses(summary, f"{scatter:.0%} scatter")
-        worst = {
-            name: max(abs(one.intervals.intervals[name].error) for one in these[:FIRST]) for name in ALLOWED
-        }
+        worst = {name: max(abs(one.intervals.intervals[name].error) for one in these[:FIRST]) for name in ALLOWED}
         starts = [one.tail_from for one in these]
         plain = float(np.mean([one.plain for one in these]))
         told = ", ".join(
@@ -91,13 +89,7 @@ def tails(count: int, jobs: int, progress: Progress) -> tuple[list[Table], dict[
             f"{max(starts):.0f}); worst of the first {FIRST} campaigns: {told}; {PLAIN}: {plain:+.4f} on average."
         )
         results.append(
-            {
-                "scatter": scatter,
-                "intervals": summary,
-                "worst": worst,
-                "tail_from": starts,
-                "plain_k_r": plain,
-            }
+            {"scatter": scatter, "intervals": summary, "worst": worst, "tail_from": starts, "plain_k_r": plain}
         )
     notes.append(
         f"Intervals outside {LOW:.0%} to 98 %: {'; '.join(outside) or 'none'}. "
@@ -112,9 +104,7 @@ def main() -> None:
     """Run it and print its table."""
     from automarine_cli.cli.echo import terminal_progress
 
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
     parser.add_argument("--campaigns", type=int, default=400, help="campaigns a scatter (default: 400)")
     options = parser.parse_args()

@@ -38,11 +38,7 @@ def csv_of(table: pd.DataFrame) -> bytes:
 def parquet_of(table: "pd.DataFrame | Mapping[str, object]", **how: object) -> bytes:
     """The table as a Parquet file."""
     buffer = io.BytesIO()
-    made = (
-        pa.Table.from_pandas(table, preserve_index=False)
-        if isinstance(table, pd.DataFrame)
-        else pa.table(table)
-    )
+    made = pa.Table.from_pandas(table, preserve_index=False) if isinstance(table, pd.DataFrame) else pa.table(table)
     pq.write_table(made, buffer, **how)
     return buffer.getvalue()
 
@@ -96,9 +92,7 @@ def _damaged(good: pd.DataFrame) -> dict[str, bytes]:
         "truncated.parquet": columnar[: len(columnar) // 2],
         "damaged.parquet": columnar[:-200] + bytes(180) + columnar[-20:],
         "plain_text.parquet": csv_of(good),
-        "bomb.parquet": parquet_of(
-            {"time_s": np.zeros(rows), "heading_deg": np.zeros(rows), "tau": np.zeros(rows)}
-        ),
+        "bomb.parquet": parquet_of({"time_s": np.zeros(rows), "heading_deg": np.zeros(rows), "tau": np.zeros(rows)}),
         "cut_last_row.csv": csv_of(good)[:-12],
     }
 

@@ -55,11 +55,7 @@ def written_steps(folder: Path, dof: Dof, sensors: Sequence[str], force: float =
             dof.velocity: speed + 0.01 * random.standard_normal(90) + 0.01 * random.standard_normal(),
         }
         columns = [names_of(one)[0] for one in sensors]
-        write(
-            folder / f"step_{i}.csv",
-            ["time_s", *names, *columns],
-            [time, commanded, *(read[s] for s in sensors)],
-        )
+        write(folder / f"step_{i}.csv", ["time_s", *names, *columns], [time, commanded, *(read[s] for s in sensors)])
     return folder
 
 
@@ -131,9 +127,7 @@ def test_translations_use_position_and_speed(dof: Dof, tmp_path: Path) -> None:
     assert fit.preferred.mixed.noise_of[dof.velocity] == pytest.approx(0.01, rel=0.15)
     assert fit.preferred.estimates[dof.symbols.inertia].value == pytest.approx(30.0, rel=0.05)
     told = next(line for line in sentences(fit) if line.startswith("Sensors"))
-    assert (
-        f"{dof.words.position} (noise " in told and f"{dof.words.rate} (noise " in told and " cm/s)" in told
-    )
+    assert f"{dof.words.position} (noise " in told and f"{dof.words.rate} (noise " in told and " cm/s)" in told
 
 
 @pytest.mark.parametrize("dof", TRANSLATIONS, ids=lambda dof: dof.name)

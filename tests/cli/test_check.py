@@ -70,9 +70,7 @@ def test_table(campaign: Path, run: Callable[..., Result]) -> None:
     assert "half a turn" in row and "deg of 0.500" in row
     assert any(line.startswith("c_short") and line.endswith("ended before steady") for line in lines)
     assert any(line.startswith("c_short: ended before steady: ") for line in lines)
-    assert result.stderr.startswith(
-        "Set aside: 1 run\n  pool/d_broken.csv, run d_broken: row 3, column heading_deg"
-    )
+    assert result.stderr.startswith("Set aside: 1 run\n  pool/d_broken.csv, run d_broken: row 3, column heading_deg")
 
 
 def test_refused(campaign: Path, run: Callable[..., Result]) -> None:
@@ -147,11 +145,7 @@ def test_the_lake_runs() -> None:
 
 @pytest.mark.real_data(DATA)
 def test_the_thruster_tables() -> None:
-    rules = {
-        "n": ColumnRule("cmd"),
-        "force_N": ColumnRule("force_n"),
-        "voltage_V": ColumnRule("nominal_voltage_V"),
-    }
+    rules = {"n": ColumnRule("cmd"), "force_N": ColumnRule("force_n"), "voltage_V": ColumnRule("nominal_voltage_V")}
     result = check([DATA / "thrusters"], columns=ColumnMap(rules))
     points = {test.run: (test.points, test.levels, test.voltages) for test in result.tests}
     assert points == {

@@ -135,13 +135,7 @@ def test_module_and_version() -> None:
 
 def test_output_is_utf8_in_any_locale() -> None:
     code = TRY.format(body=r"click.echo('\u03c8\u00b2 \udce4')")
-    plain = {
-        "LC_ALL": "C",
-        "LANG": "C",
-        "PYTHONUTF8": "0",
-        "PYTHONCOERCECLOCALE": "0",
-        "PYTHONIOENCODING": "ascii",
-    }
+    plain = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIOENCODING": "ascii"}
     found = python("try", code=code, env=plain)
     assert (found.returncode, found.stdout, found.stderr) == (0, "ψ² \\udce4\n", "")
 
@@ -258,9 +252,7 @@ def say(*flags: str) -> Result:
         progress = echo.terminal_progress()
         progress("read logs", 1, 1)
         table = Table("Drag", ("model", "k"), (("1", "1.5"),))
-        echo.echo_result(
-            Outcome(), as_json=as_json, out=out, tables=(table, "One.", "Two."), files=("a.json",)
-        )
+        echo.echo_result(Outcome(), as_json=as_json, out=out, tables=(table, "One.", "Two."), files=("a.json",))
 
     return CliRunner().invoke(trial, list(flags))
 
@@ -364,9 +356,7 @@ def all_examples() -> Iterator[list[str]]:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not (SAMPLE_RUNS / "steps").is_dir(), reason="sample_runs is not there yet")
-def test_every_example_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Callable[..., Result]
-) -> None:
+def test_every_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Callable[..., Result]) -> None:
     """In any order in which each finds the files that another makes."""
     shutil.copytree(SAMPLE_RUNS, tmp_path / "sample_runs")
     monkeypatch.chdir(tmp_path)

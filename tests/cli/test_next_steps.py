@@ -45,9 +45,7 @@ class Refusal(NamedTuple):
     sentences: tuple[str, ...]
 
 
-TREES = {
-    path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text("utf-8")) for path in PACKAGE.rglob("*.py")
-}
+TREES = {path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text("utf-8")) for path in PACKAGE.rglob("*.py")}
 
 
 Scope = tuple[ast.AST, ...]
@@ -94,9 +92,7 @@ def makers(node: ast.expr, scope: Scope) -> Iterator[tuple[ast.expr, Scope]]:
                 return
             if isinstance(outer, ast.FunctionDef):
                 own = outer.args.args[len(outer.args.args) - len(outer.args.defaults) :]
-                yield from (
-                    (d, scope) for a, d in zip(own, outer.args.defaults, strict=True) if a.arg == node.id
-                )
+                yield from ((d, scope) for a, d in zip(own, outer.args.defaults, strict=True) if a.arg == node.id)
     elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
         for there in (scope[-1], *TREES.values()):
             found = [f for f in ast.walk(there) if isinstance(f, ast.FunctionDef) and f.name == node.func.id]

@@ -64,9 +64,7 @@ def whole(word: str) -> str:
     """The word as such, also with a capital or as part of a key: no part of a longer word."""
     before = r"(?<![A-Za-z-])" if word[0].isascii() and word[0].isalpha() else ""
     after = r"(?![A-Za-z|-])" if word[-1].isascii() and word[-1].isalpha() else ""
-    first = (
-        f"[{word[0].upper()}{word[0].lower()}]" if len(word) > 3 and word[0].isalpha() else re.escape(word[0])
-    )
+    first = f"[{word[0].upper()}{word[0].lower()}]" if len(word) > 3 and word[0].isalpha() else re.escape(word[0])
     return before + first + re.escape(word[1:]) + after
 
 
@@ -75,9 +73,7 @@ def texts(folder: Path) -> Iterator[tuple[str, str]]:
     for path in sorted(folder.rglob("*")):
         if path.suffix == ".parquet":
             table = pq.read_table(path)
-            strings = [
-                value for column in table.to_pydict().values() for value in column if isinstance(value, str)
-            ]
+            strings = [value for column in table.to_pydict().values() for value in column if isinstance(value, str)]
             yield path.name, "\n".join([*table.column_names, *strings])
         elif path.suffix in (".svg", ".html"):
             text = path.read_text(encoding="utf-8")
@@ -154,12 +150,9 @@ def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     given = odd_logs(dof, place / "logs")
     section = "logs" if dof.wraps else dof.name
     held = [f"logs/{name}.csv" for name in NAMES[:3]]
-    fitted = [
-        f"logs/{path.name}" for path in sorted((place / "logs").iterdir()) if path.stem not in NAMES[:3]
-    ]
+    fitted = [f"logs/{path.name}" for path in sorted((place / "logs").iterdir()) if path.stem not in NAMES[:3]]
     text = (
-        f'schema = "automarine/campaign/1"\ntitle = "A day"\n[{section}]\n'
-        f"steps = {fitted!r}\nvalidation = {held!r}\n"
+        f'schema = "automarine/campaign/1"\ntitle = "A day"\n[{section}]\nsteps = {fitted!r}\nvalidation = {held!r}\n'
     )
     (place / "day.toml").write_text(text.replace("'", '"'))
     out, said = place / "out", dict[str, str]()
@@ -179,9 +172,7 @@ def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     run("effects", "--motion", dof.name)
     for name in effects.names():
         effect = effects.get(name)
-        if effect.acts_in(dof) and not set(effect.needs) & set(
-            DOFS
-        ):  # else it is of another motion by its nature
+        if effect.acts_in(dof) and not set(effect.needs) & set(DOFS):  # else it is of another motion by its nature
             run("effects", name, "--motion", dof.name)
     said = {call: words.replace(str(place), "") for call, words in said.items()}
     return Campaign(dof, said, out, given)
@@ -189,9 +180,7 @@ def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 def test_what_is_printed_is_of_its_motion(campaign: Campaign) -> None:
     wrong = {
-        call: found
-        for call, words in campaign.said.items()
-        if (found := strange(words, campaign.dof, campaign.given))
+        call: found for call, words in campaign.said.items() if (found := strange(words, campaign.dof, campaign.given))
     }
     assert wrong == {}
 

@@ -50,9 +50,7 @@ def test_colours_only_on_a_terminal(tmp_path: Path) -> None:
 
 def test_a_campaign_on_a_terminal_and_in_a_pipe(tmp_path: Path, run: Callable[..., Result]) -> None:
     campaign = make_small_campaign(tmp_path / "pool")
-    status, said = on_terminal(
-        "run", campaign, "-o", tmp_path / "a", "--until", "fit-thrusters", NO_COLOR="1"
-    )
+    status, said = on_terminal("run", campaign, "-o", tmp_path / "a", "--until", "fit-thrusters", NO_COLOR="1")
     assert status == 0
     assert "[......] 1/2 check" in said.replace("............", "......") or "1/2 check" in said
     assert "[######......] 2/2 fit-thrusters" in said
@@ -93,9 +91,7 @@ def test_bash_completes_a_command(tmp_path: Path) -> None:
         '_automarine_completion automarine; echo "${COMPREPLY[@]}"'
     )
     env = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
-    found = subprocess.run(
-        ["bash", "-c", script], capture_output=True, text=True, env=env, check=False, timeout=60
-    )
+    found = subprocess.run(["bash", "-c", script], capture_output=True, text=True, env=env, check=False, timeout=60)
     assert found.stdout.split() == ["fit-yaw"], found.stderr
 
 
@@ -103,9 +99,7 @@ CELLS = st.text(alphabet="abc 0.[]", max_size=30).map(lambda cell: " ".join(cell
 
 
 @given(
-    grid=st.integers(1, 6).flatmap(
-        lambda n: st.lists(st.lists(CELLS, min_size=n, max_size=n), min_size=1, max_size=5)
-    ),
+    grid=st.integers(1, 6).flatmap(lambda n: st.lists(st.lists(CELLS, min_size=n, max_size=n), min_size=1, max_size=5)),
     width=st.integers(30, 120),
 )
 def test_fitted_tables_lose_nothing(grid: list[list[str]], width: int) -> None:
@@ -122,8 +116,6 @@ def test_fitted_tables_lose_nothing(grid: list[list[str]], width: int) -> None:
 
 
 def test_an_interval_is_never_broken() -> None:
-    table = Table(
-        "", ("parameter", "estimate", "remark"), (("k", "1.25 [1.23, 1.27]", "a long remark about it"),)
-    )
+    table = Table("", ("parameter", "estimate", "remark"), (("k", "1.25 [1.23, 1.27]", "a long remark about it"),))
     said = table.to_text(36)
     assert "[1.23, 1.27]" in said and max(map(len, said.splitlines())) <= 36

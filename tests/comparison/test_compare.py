@@ -32,9 +32,7 @@ def normal(value: float, stderr: float, unit: str = "nu s²") -> Estimate:
     return Estimate.from_stderr(value, stderr, 1e6, unit)
 
 
-def yaw_model(
-    folder: Path, *, k_rr: float = 1.25, I_r: float = 1.0, unit: str = "nu", preferred: str = "3"
-) -> Path:
+def yaw_model(folder: Path, *, k_rr: float = 1.25, I_r: float = 1.0, unit: str = "nu", preferred: str = "3") -> Path:
     """A folder with the result file of a fit of which models 2 and 3 are known."""
     model: dict[str, Any] = {"k_rr": normal(k_rr, 0.01).to_json(), "I_r": normal(I_r, 0.02).to_json()}
     content = {
@@ -137,9 +135,7 @@ def test_yaw_models_side_by_side(tmp_path: Path, run: Callable[..., Result]) -> 
     assert written == {
         "comparison.json", "comparison.md", "comparison.png", "differences.csv", "parameters.csv", "manifest.json",
     }  # fmt: skip
-    assert json.loads(run("compare", *days, "--json").stdout) == json.loads(
-        (out / "comparison.json").read_text()
-    )
+    assert json.loads(run("compare", *days, "--json").stdout) == json.loads((out / "comparison.json").read_text())
     assert str(tmp_path) not in (out / "manifest.json").read_text() + (out / "comparison.json").read_text()
     assert rerun(out, inputs=[tmp_path]).same
 
@@ -155,9 +151,7 @@ def test_models_that_only_one_prefers_are_told_apart(tmp_path: Path) -> None:
 def test_thruster_maps_side_by_side(tmp_path: Path) -> None:
     found = compare([thruster_map(tmp_path / "a"), thruster_map(tmp_path / "b", a=2.5e-4)])
     assert [(one.parameter, one.verdict) for one in found.differences] == [("a forward, square law", DIFFERS)]
-    found = compare(
-        [thruster_map(tmp_path / "c", form="power"), thruster_map(tmp_path / "d", form="power", p=2.2)]
-    )
+    found = compare([thruster_map(tmp_path / "c", form="power"), thruster_map(tmp_path / "d", form="power", p=2.2)])
     assert {one.parameter: one.verdict for one in found.differences} == {
         "a forward, square law": ALIKE, "p forward, form power": DIFFERS,
     }  # fmt: skip
@@ -167,12 +161,7 @@ def test_logs_in_common_are_told(tmp_path: Path) -> None:
     folders = [yaw_model(tmp_path / "a"), yaw_model(tmp_path / "b")]
     for folder in folders:
         entry = {"file": "x.csv", "role": "log", "sha256": "0" * 64}
-        manifest = {
-            "schema": "automarine/manifest/1",
-            "automarine": "0.1.0",
-            "command": "fit-yaw",
-            "inputs": [entry],
-        }
+        manifest = {"schema": "automarine/manifest/1", "automarine": "0.1.0", "command": "fit-yaw", "inputs": [entry]}
         (folder / "manifest.json").write_text(json.dumps(manifest))
     (note,) = compare(folders).notes
     assert note.startswith("a and b share 1 log: the intervals")
@@ -202,9 +191,7 @@ def test_the_figure_holds_every_interval(tmp_path: Path) -> None:
         (lambda at: [yaw_model(at / "a"), at], SettingError, "holds no result of fit-thrusters, fit-yaw or diagnose"),
     ],
 )  # fmt: skip
-def test_refusals(
-    tmp_path: Path, make: Callable[[Path], list[Path]], error: type[AutomarineError], says: str
-) -> None:
+def test_refusals(tmp_path: Path, make: Callable[[Path], list[Path]], error: type[AutomarineError], says: str) -> None:
     with pytest.raises(error, match=re.escape(says)):
         compare(make(tmp_path))
 

@@ -49,9 +49,7 @@ def test_files_and_tables(pool: Path, run: Run, tmp_path: Path) -> None:
     assert result.stdout.rstrip().endswith(
         "validation.json, validation.csv, validation.md, validation.tex, validation_RUN.png"
     )
-    assert result.stderr.startswith(
-        "Set aside: 1 run\n  logs/broken.csv, run broken: row 3, column heading_deg"
-    )
+    assert result.stderr.startswith("Set aside: 1 run\n  logs/broken.csv, run broken: row 3, column heading_deg")
     data = json.loads((out / "validation.json").read_text())
     assert data["schema"] == "automarine/validation/1" and data["best"] == "3"
     assert data["runs"]["used"] == 3 and data["runs"]["set_aside"][0]["file"] == "logs/broken.csv"
@@ -97,14 +95,7 @@ def test_json_alone_on_standard_output(pool: Path, run: Run) -> None:
 def test_same_bytes_on_any_number_of_jobs(pool: Path, run: Run, tmp_path: Path) -> None:
     for jobs in (1, 2):
         done = run(
-            "validate",
-            pool / "logs",
-            "--model",
-            pool / "yaw_model.json",
-            "-o",
-            tmp_path / f"{jobs}",
-            "--jobs",
-            jobs,
+            "validate", pool / "logs", "--model", pool / "yaw_model.json", "-o", tmp_path / f"{jobs}", "--jobs", jobs
         )
         assert done.exit_code == 0, done.output
     one, two = ({p.name: p.read_bytes() for p in (tmp_path / n).iterdir()} for n in "12")
@@ -139,10 +130,7 @@ def test_refusals(pool: Path, run: Run, tmp_path: Path) -> None:
     thrusters = tmp_path / "thrusters.json"
     thrusters.write_text(json.dumps(ThrusterMap("square", Curve(1.0), Curve(1.0)).to_json()))
     none = refused(logs, "--model", model, "--thrusters", thrusters, "--arm", 0.4)
-    assert (
-        none.startswith("Error: no run is left of 4 logs: ")
-        and "no thruster command n_port or n_stbd" in none
-    )
+    assert none.startswith("Error: no run is left of 4 logs: ") and "no thruster command n_port or n_stbd" in none
     for alone in (("--thrusters", thrusters), ("--arm", 0.4)):
         assert run("validate", logs, "--model", model, *alone).exit_code == 2
     assert run("validate", logs).exit_code == 2
@@ -177,10 +165,7 @@ def test_a_run_without_a_signal_that_the_model_needs_is_set_aside(
     found = validate([logs], model=model_file(tmp_path / "m.json"))
     assert [run.name for run in found.comparison.runs] == ["deep"]
     assert [(one.run, one.why) for one in found.set_aside] == [
-        (
-            "flat",
-            "an effect of the model needs the column 'depth_m', which the log lacks; map it with --columns",
-        ),
+        ("flat", "an effect of the model needs the column 'depth_m', which the log lacks; map it with --columns"),
         (
             "patchy",
             "an effect of the model needs 'depth_m' in every row; 1 rows lack it. "

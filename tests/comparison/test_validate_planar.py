@@ -55,9 +55,7 @@ def test_the_true_model_makes_no_error(side: float, moving: bool) -> None:
 
 def test_the_error_is_the_noise_and_a_wrong_model_s_is_more() -> None:
     runs = [logged(seed, noise=0.02) for seed in range(3)]
-    truth, wrong = (
-        overall(free_runs(one, runs)) for one in (MODEL, replace(MODEL, inertia=Inertia(20, 20, 2.6)))
-    )
+    truth, wrong = (overall(free_runs(one, runs)) for one in (MODEL, replace(MODEL, inertia=Inertia(20, 20, 2.6))))
     for name in ("surge_rmse_m_s", "sway_rmse_m_s"):
         assert truth[name] == pytest.approx(0.02, rel=0.15)
     assert truth["heading_rmse_deg"] == pytest.approx(np.rad2deg(0.02), rel=0.3)
@@ -108,10 +106,7 @@ def test_the_figure_shows_heading_track_velocities_and_commands() -> None:
 def model(tmp_path: Path) -> Path:
     """A file with the truth of the sample campaign."""
     truth = json.loads((SAMPLE_RUNS / "planar.truth.json").read_text())
-    data = {
-        "schema": "automarine/planar-model/1",
-        "parameters": truth["vehicle"]["parameters"] | truth["hidden"],
-    }
+    data = {"schema": "automarine/planar-model/1", "parameters": truth["vehicle"]["parameters"] | truth["hidden"]}
     path = tmp_path / "planar_model.json"
     path.write_text(json.dumps(data))
     return path
@@ -126,11 +121,7 @@ def test_the_command_writes_its_files(tmp_path: Path, model: Path, run: Callable
         "validation_crabwise.png", "validation_zigzag.png",
     }  # fmt: skip
     data = json.loads((out / "validation.json").read_text())
-    assert (
-        data["schema"] == "automarine/validation/1"
-        and data["motion"] == "planar"
-        and data["best"] == "planar"
-    )
+    assert data["schema"] == "automarine/validation/1" and data["motion"] == "planar" and data["best"] == "planar"
     scores = data["models"]["planar"]
     assert set(SCORES) <= scores.keys() and scores["runs"].keys() == data["logs"].keys()
     assert scores["surge_rmse_m_s"] < 0.05 and scores["sway_rmse_m_s"] < 0.05
@@ -143,9 +134,7 @@ def test_without_what_is_hidden_it_is_worse(tmp_path: Path, model: Path) -> None
     del known["parameters"]["yaw.N_v"]
     (tmp_path / "known.json").write_text(json.dumps(known))
     logs = [SAMPLE_RUNS / "planar_validation"]
-    truth, without = (
-        overall(validate_planar(logs, model=one).free) for one in (model, tmp_path / "known.json")
-    )
+    truth, without = (overall(validate_planar(logs, model=one).free) for one in (model, tmp_path / "known.json"))
     assert without["heading_rmse_deg"] > 3 * truth["heading_rmse_deg"]  # type: ignore[operator]
 
 

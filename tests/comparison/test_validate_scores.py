@@ -35,10 +35,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> StoredModels:
 
 
 def noisy(count: int, noise_deg: float = 1.0) -> list[Run]:
-    return [
-        sequence_run(tuple(STEPS[i % 3 :]), noise_deg=noise_deg, name=f"run {i}", seed=i)
-        for i in range(count)
-    ]
+    return [sequence_run(tuple(STEPS[i % 3 :]), noise_deg=noise_deg, name=f"run {i}", seed=i) for i in range(count)]
 
 
 def values(comparison: Comparison, number: str, name: str) -> list[float | None]:
@@ -100,9 +97,7 @@ def test_one_model_alone_is_not_called_the_best(stored: StoredModels) -> None:
 
 def test_what_begins_anew_at_a_restart_is_said(stored: StoredModels) -> None:
     swirling = replace(
-        stored,
-        models={"3": TRUE.with_effect("water-swirl", (0.1, 10.0))},
-        effects=("bias-moment", "water-swirl"),
+        stored, models={"3": TRUE.with_effect("water-swirl", (0.1, 10.0))}, effects=("bias-moment", "water-swirl")
     )
     notes = overall_table(compare(swirling, noisy(3))).notes
     (told,) = (note for note in notes if "anew" in note)
@@ -118,9 +113,7 @@ def test_mirrored_runs_score_the_same(stored: StoredModels) -> None:
         for one, other in zip(there.models[number].free, back.models[number].free):
             assert_close(other.error, -one.error, "closed form")
             assert_close(
-                [other.start.position, other.start.rate],
-                [-one.start.position, -one.start.rate],
-                "closed form",
+                [other.start.position, other.start.rate], [-one.start.position, -one.start.rate], "closed form"
             )
         for name in SCORES:
             assert_close(values(back, number, name), values(there, number, name), "closed form")  # type: ignore[arg-type]
@@ -154,11 +147,7 @@ def test_a_later_switch_is_the_loggers_convention() -> None:
 
 def test_start_at_rest() -> None:
     state = rest_state(sequence_run(noise_deg=1.0))
-    assert (
-        state is not None
-        and state.rate == 0
-        and state.how.startswith("from rest: mean heading of 20 samples")
-    )
+    assert state is not None and state.rate == 0 and state.how.startswith("from rest: mean heading of 20 samples")
     assert state.position == pytest.approx(0.4, abs=4 * np.deg2rad(1) / np.sqrt(20))
     coasting = sequence_run((0.0, 0.5), rest=0, rate0=0.5, noise_deg=1.0)
     assert rest_state(coasting) is None

@@ -74,16 +74,10 @@ def test_effects_are_looked_for_where_they_may_act(motion: str) -> None:
         assert ("bias-moment" in tried) == (dof is SURGE)
 
 
-@pytest.mark.parametrize(
-    ("dof", "letters"), [(SURGE, ("m_u", "X_uu", "X_u")), (HEAVE, ("m_w", "Z_ww", "Z_w"))]
-)
+@pytest.mark.parametrize(("dof", "letters"), [(SURGE, ("m_u", "X_uu", "X_u")), (HEAVE, ("m_w", "Z_ww", "Z_w"))])
 def test_the_truth_validates_down_to_the_scatter_of_the_thrust(dof, letters, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     vehicle = read_specification(SAMPLE_RUNS / f"{dof.name}.toml").vehicle
-    entry = {
-        letters[0]: vehicle.inertia,
-        letters[1]: vehicle.quadratic,
-        "half_difference": vehicle.difference,
-    }
+    entry = {letters[0]: vehicle.inertia, letters[1]: vehicle.quadratic, "half_difference": vehicle.difference}
     entry |= {"constant_force": vehicle.constant_force} if dof is HEAVE else {}
     model = {
         "schema": f"automarine/{dof.name}-model/1", "motion": dof.name, "force_unit": "N", "models": {"3": entry},
@@ -109,7 +103,5 @@ def test_a_key_of_yaw_in_a_surge_model_is_refused_in_the_words_of_surge(tmp_path
         "schema": "automarine/surge-model/1", "motion": "surge", "force_unit": "N", "preferred": "3",
         "models": {"3": {"m_u": -1.0, "X_uu": 24.0}},
     }))  # fmt: skip
-    with pytest.raises(
-        Exception, match=r"surge_model.json: models.3.m_u: found -1, expected a mass above zero"
-    ):
+    with pytest.raises(Exception, match=r"surge_model.json: models.3.m_u: found -1, expected a mass above zero"):
         load_yaw_models(path)

@@ -26,10 +26,7 @@ from automarine_cli.report.figures.planar_diagnosis import why_figure
 from automarine_cli.runs.run import Run
 from automarine_cli.workflows.planar_runs import load_planar
 
-GIVEN = PlanarModel(
-    Inertia(18.0, 18.0, 2.2),
-    *((Term("quadratic-drag", (drag,)),) for drag in (15.0, 50.0, 3.0)),
-)
+GIVEN = PlanarModel(Inertia(18.0, 18.0, 2.2), *((Term("quadratic-drag", (drag,)),) for drag in (15.0, 50.0, 3.0)))
 """About the bare craft, as somebody would write it down."""
 SPEEDS = ("heading", "surge", "sway")
 
@@ -116,17 +113,8 @@ def test_logs_to_a_folder_of_results(tmp_path: Path) -> None:
     model.write_text(json.dumps(planar_json(GIVEN)))
     done = CliRunner().invoke(automarine, ["diagnose", str(tmp_path), "--model", str(model), "-o", str(out)])
     assert done.exit_code == 0, done.output
-    assert done.output.startswith(
-        "Named: cross-coupling Y_r; on runs held out the heading is predicted 5 s ahead"
-    )
-    names = {
-        "diagnosis.json",
-        "extended_model.json",
-        "diagnosis.md",
-        "where.png",
-        "why.png",
-        "before_after.png",
-    }
+    assert done.output.startswith("Named: cross-coupling Y_r; on runs held out the heading is predicted 5 s ahead")
+    names = {"diagnosis.json", "extended_model.json", "diagnosis.md", "where.png", "why.png", "before_after.png"}
     assert {path.name for path in out.iterdir()} == {*names, "manifest.json"}
     told = json.loads((out / "diagnosis.json").read_text())
     (effect,) = told["effects"]

@@ -81,9 +81,7 @@ def test_a_tether_that_snags_is_not_in_the_library() -> None:
     """Now and then something holds the vehicle for a few seconds: no name fits, and none is given."""
     random = np.random.default_rng(5)
     runs = [unmeasured(plan, i) for i, plan in enumerate(short_plans())]
-    snagged = measured(
-        base_for(""), runs, seed=5, snag=lambda shape: -0.25 * (random.uniform(size=shape) < 0.3)
-    )
+    snagged = measured(base_for(""), runs, seed=5, snag=lambda shape: -0.25 * (random.uniform(size=shape) < 0.3))
     found = judge(snagged, base_for(""))
     assert found.verdict == "unexplained"
     assert found.effects == ()
@@ -121,9 +119,7 @@ def as_made() -> dict[str, Diagnosis]:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TOLD)
 @pytest.mark.parametrize("telling", TELLINGS)
-def test_the_same_data_told_otherwise_give_the_same(
-    name: str, telling: str, as_made: dict[str, Diagnosis]
-) -> None:
+def test_the_same_data_told_otherwise_give_the_same(name: str, telling: str, as_made: dict[str, Diagnosis]) -> None:
     runs, base, effect = campaign(name), base_for(name), effects.get(name)
     if name not in as_made:
         as_made[name] = judge(runs, base, look_alikes(name))

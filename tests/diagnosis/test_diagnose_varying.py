@@ -128,7 +128,4 @@ def test_mirrored_it_is_the_same(campaign: Campaign, tmp_path: Path) -> None:
 def test_a_model_that_has_it_is_diagnosed_again(campaign: Campaign, tmp_path: Path) -> None:
     """The extended model is the base of the next diagnosis: now the base, too, lets something vary."""
     model = campaign.folder / "diagnosis" / "extended_model.json"
-    assert (
-        diagnosed(tmp_path / "out", campaign.folder / "logs", "--model", model)["verdict"]
-        == "nothing-missing"
-    )
+    assert diagnosed(tmp_path / "out", campaign.folder / "logs", "--model", model)["verdict"] == "nothing-missing"

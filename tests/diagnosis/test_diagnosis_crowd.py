@@ -60,9 +60,7 @@ def test_a_lag_of_the_thrust_takes_the_place_of_what_imitates_it() -> None:
 
 @pytest.mark.slow
 def test_two_that_are_both_there_stay() -> None:
-    study = study_with(
-        BASE.with_effect("thruster-lag", (0.4,)).with_effect("bias-moment", (0.08,)), long_plans()[1::4]
-    )
+    study = study_with(BASE.with_effect("thruster-lag", (0.4,)).with_effect("bias-moment", (0.08,)), long_plans()[1::4])
     base = trial_of(study, BASE, (), study.fit(BASE))
     lag, bias = ("thruster-lag", (0.2, 0.0, 1.2, 1.0)), ("bias-moment", (0.03,))
     both = grown(study, base, lag, bias)

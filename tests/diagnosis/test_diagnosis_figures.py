@@ -52,9 +52,7 @@ def names_of(model: YawModel) -> set[str]:
 
 def shown(model: YawModel, name: str, seed: int) -> Shown:
     with pytest.MonkeyPatch.context() as patch:  # a few candidates will do for drawing
-        patch.setattr(
-            search, "candidates", lambda study, model: [n for n in TRIED if n not in names_of(model)]
-        )
+        patch.setattr(search, "candidates", lambda study, model: [n for n in TRIED if n not in names_of(model)])
         diagnosis = diagnose_runs(campaign(model, name, seed), TRUTH)
     found = diagnosis.found
     return diagnosis, naming_key(diagnosis.study, found.base, found.final), budget(diagnosis)
@@ -82,9 +80,7 @@ def test_the_budget_is_whole(lag: Shown, nothing: Shown) -> None:
 
 def test_a_missing_lag_is_seen_and_the_page_says_so(lag: Shown) -> None:
     diagnosis, _, _ = lag
-    assert {"time-since-command-change", "time-in-run"} & {
-        region.variable for region in diagnosis.where.regions
-    }
+    assert {"time-since-command-change", "time-in-run"} & {region.variable for region in diagnosis.where.regions}
     text = page(*lag)
     assert diagnosis.verdict == "named"
     for effect in diagnosis.effects:
@@ -137,9 +133,7 @@ def test_why_sorts_candidates_and_marks_those_named(lag: Shown) -> None:
     lengths = [bar.get_width() for bar in bars.patches if isinstance(bar, Rectangle)]
     assert lengths == sorted(lengths) and len(lengths) == len(diagnosis.found.rounds[0].trials)
     bold = [label.get_text() for label in bars.get_yticklabels() if label.get_fontweight() == "bold"]
-    assert set(bold) == set(diagnosis.found.final.added) & {
-        t.added[-1] for t in diagnosis.found.rounds[0].trials
-    }
+    assert set(bold) == set(diagnosis.found.final.added) & {t.added[-1] for t in diagnosis.found.rounds[0].trials}
 
 
 def test_before_and_after_share_their_axes(lag: Shown) -> None:
@@ -154,10 +148,7 @@ def test_before_and_after_share_their_axes(lag: Shown) -> None:
 def test_figures_are_the_same_bytes_each_time(nothing: Shown) -> None:
     diagnosis, key, shares = nothing
     assert png(where_figure(diagnosis))[:4] == b"\x89PNG"
-    for draw in (
-        lambda: why_figure(diagnosis, key),
-        lambda: before_after_figure(diagnosis, shares),
-    ):
+    for draw in (lambda: why_figure(diagnosis, key), lambda: before_after_figure(diagnosis, shares)):
         first = png(draw())
         assert first[:4] == b"\x89PNG" and first == png(draw())
 

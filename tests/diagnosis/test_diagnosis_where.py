@@ -21,9 +21,7 @@ from automarine_cli.simulation.rollout import Start, simulate
 TRUTH = YawModel.base("3", 1.018, (1.257,), "nu", YAW)
 
 
-def campaign(
-    model: YawModel, seed: int, runs: int = 20, scatter: float = 0.02, noise: float = 1.0
-) -> list[Run]:
+def campaign(model: YawModel, seed: int, runs: int = 20, scatter: float = 0.02, noise: float = 1.0) -> list[Run]:
     """Steps, coast-downs and reversals at twelve moments to either side, from random headings."""
     random = np.random.default_rng(seed)
     plans = []
@@ -62,12 +60,7 @@ def dead() -> tuple[Study, Trial, Trial, Trial]:
     wider = TRUTH.with_effect("dead-band", [0.04])
     study = study_of(campaign(wider, 2), TRUTH)
     rival = TRUTH.with_effect("coulomb-drag", [0.04])
-    return (
-        study,
-        fitted(study, TRUTH),
-        fitted(study, wider, "dead-band"),
-        fitted(study, rival, "coulomb-drag"),
-    )
+    return (study, fitted(study, TRUTH), fitted(study, wider, "dead-band"), fitted(study, rival, "coulomb-drag"))
 
 
 def test_a_compass_that_is_off_stands_out_against_heading_alone(compass: tuple[Study, Trial]) -> None:
@@ -122,17 +115,12 @@ def test_chance_claims_at_most_as_often_as_it_says() -> None:
         gap = np.cumsum(random.normal(size=(runs, samples)), axis=1)
         time = np.tile(np.arange(samples, dtype=float), (runs, 1))
         drawn = random.random((400, runs))
-        first, second = (
-            Column("time-in-run", "s", time),
-            Column("run-order", "", np.arange(runs, dtype=float)),
-        )
+        first, second = (Column("time-in-run", "s", time), Column("run-order", "", np.arange(runs, dtype=float)))
         signs = np.where(drawn < 0.5, -1.0, 1.0)
         sampled = of_samples(first, {"heading": ("deg", gap)}, np.ones_like(gap), signs)
         dealt = of_runs(second, random.normal(size=runs), np.ones(runs), random.normal(size=runs), drawn)
         assert sampled is not None and dealt is not None
-        claims += any(
-            v.p_value < STANDS_OUT for _, v in over_variables([(first, *sampled), (second, *dealt)])
-        )
+        claims += any(v.p_value < STANDS_OUT for _, v in over_variables([(first, *sampled), (second, *dealt)]))
     assert claims <= 14  # 120 campaigns at 5 %: more than 14 comes by chance once in 1000
 
 
@@ -146,15 +134,12 @@ def test_the_disturbance_moment_is_the_one_that_was_planted() -> None:
 def test_other_columns_are_looked_at_too() -> None:
     runs = campaign(TRUTH, 7, runs=8)
     with_more = [
-        replace(r, extras={"depth_m": 0.1 * i + 0 * r.time, "tilt": np.sin(r.time)})
-        for i, r in enumerate(runs)
+        replace(r, extras={"depth_m": 0.1 * i + 0 * r.time, "tilt": np.sin(r.time)}) for i, r in enumerate(runs)
     ]
     study = study_of(with_more, TRUTH)
     found = {column.name: column for column in columns(study, study.batch.position)}
     assert found["depth_m"].of_the_run and not found["tilt"].of_the_run
-    assert {"heading", "turned-angle", "run-order", "campaign-clock", "start-heading", "yaw-rate"} <= set(
-        found
-    )
+    assert {"heading", "turned-angle", "run-order", "campaign-clock", "start-heading", "yaw-rate"} <= set(found)
 
 
 def test_bins_hold_equal_numbers_and_never_both_sides() -> None:
@@ -173,9 +158,7 @@ def test_the_side_is_that_of_the_last_moment_that_pushed() -> None:
     assert np.all(side[2] == -1.0)  # a coast-down keeps its side
 
 
-def test_the_naming_key_of_a_dead_band_is_the_power_minus_one(
-    dead: tuple[Study, Trial, Trial, Trial],
-) -> None:
+def test_the_naming_key_of_a_dead_band_is_the_power_minus_one(dead: tuple[Study, Trial, Trial, Trial]) -> None:
     study, base, final, _ = dead
     key = naming_key(study, base, final)
     best = key.best("k")
@@ -194,9 +177,7 @@ def test_powers_and_parities_are_recovered(power: float, parity: str) -> None:
     assert (best.power, best.parity) == (power, parity) and best.slope == pytest.approx(0.05)
 
 
-def test_a_run_tells_two_explanations_apart_only_where_they_differ(
-    dead: tuple[Study, Trial, Trial, Trial],
-) -> None:
+def test_a_run_tells_two_explanations_apart_only_where_they_differ(dead: tuple[Study, Trial, Trial, Trial]) -> None:
     study, _, final, rival = dead
     assert max(separations(study, final, final).values()) < 1e-6
     sigmas = separations(study, final, rival)

@@ -32,16 +32,7 @@ from automarine_cli.workflows.diagnose import YawDiagnosis, diagnose
 
 CLOSE = 1e-9
 """Of splines that should be exact."""
-EVERY_VARIABLE = [
-    "yaw-rate",
-    "heading",
-    "turned-angle",
-    "moment",
-    "time-in-run",
-    "campaign-clock",
-    "depth_m",
-    "a {b}",
-]
+EVERY_VARIABLE = ["yaw-rate", "heading", "turned-angle", "moment", "time-in-run", "campaign-clock", "depth_m", "a {b}"]
 
 
 def flat(name: str, kind: float = 0.0, *, value: float = 0.0, spread: float = 0.1) -> YawModel:
@@ -123,8 +114,7 @@ def test_the_prior_holds_what_the_data_do_not_show() -> None:
         count.append(smoothed(fit, model, study.sensor_floor)[1])
         own = fit.covariance[np.ix_(places(model), places(model))]
         assert np.all(
-            np.linalg.eigvalsh(np.linalg.inv(own) - prior_of(fit, model, study.sensor_floor))
-            > -1e-2 / own.max()
+            np.linalg.eigvalsh(np.linalg.inv(own) - prior_of(fit, model, study.sensor_floor)) > -1e-2 / own.max()
         )
         if spread < 1e-3:
             np.testing.assert_allclose(fit.theta[places(model)], 0.0, atol=2e-3)
@@ -156,10 +146,7 @@ def folder(by_command: tuple[Path, YawDiagnosis]) -> Path:
 
 @pytest.fixture(
     scope="module",
-    params=[
-        "temperature",
-        *(pytest.param(law, marks=pytest.mark.slow) for law in ("rate", "depth", "product")),
-    ],
+    params=["temperature", *(pytest.param(law, marks=pytest.mark.slow) for law in ("rate", "depth", "product"))],
 )
 def found(request: pytest.FixtureRequest, few: None) -> tuple[str, Diagnosis]:
     """A law, and the diagnosis of a campaign with it."""
@@ -218,9 +205,7 @@ def test_a_curve_that_does_as_well_as_an_effect_is_its_rival() -> None:
 @pytest.mark.slow
 def test_clean_campaigns_stay_silent(few: None) -> None:
     for seed in (1, 2):
-        assert (
-            diagnose_runs(campaign("nothing", seed, repeats=1), BASE, seed=seed).verdict == "nothing-missing"
-        )
+        assert diagnose_runs(campaign("nothing", seed, repeats=1), BASE, seed=seed).verdict == "nothing-missing"
 
 
 def run(*words: object) -> Result:
@@ -298,11 +283,7 @@ class Mine(Effect):
     [
         ("return k +", "return 1.0 + k +", "with every parameter off it still changes the moment"),
         ('"mine"\n    place', '"yours"\n    place', "its name is 'yours'; a file of that name holds 'mine'"),
-        (
-            "return k + 0.0 * state.velocity",
-            "return k.sum() + 0.0 * state.velocity - k.sum() + k * k.max()",
-            "alone",
-        ),
+        ("return k + 0.0 * state.velocity", "return k.sum() + 0.0 * state.velocity - k.sum() + k * k.max()", "alone"),
         ("0.1)", "99.0)", "parameter k starts at 99, outside 0 to 9"),
         ('"k", "Some', '"{nobody}", "Some', "KeyError"),
         ("class Mine(Effect)", "class Mine(", "cannot be run: SyntaxError"),
@@ -321,9 +302,7 @@ def test_an_effect_of_ones_own_that_breaks_the_contract_is_refused(
     assert not (tmp_path / "own").exists() and "mine" not in effects.names()
 
 
-def test_a_name_of_the_library_and_a_second_file_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_name_of_the_library_and_a_second_file_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("AUTOMARINE_EFFECTS", str(tmp_path / "own"))
     (tmp_path / "dead_band.py").write_text(OWN)
     assert "is an effect of the library" in run("effects", "--new", tmp_path / "dead_band.py").stderr

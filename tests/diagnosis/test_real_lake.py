@@ -106,9 +106,7 @@ def test_commands_through_our_own_bollard_map_agree(nominal: YawFit, tmp_path: P
     """The map fitted to the raw bollard series of two thrusters gives inertia and drag within a quarter."""
     thrusters = fit_thrusters([BOLLARD], columns=column_map(tmp_path, TWO_TOGETHER)).map
     columns = read_column_map(column_map(tmp_path, COMMANDS))
-    runs = with_moments(
-        load_runs([str(LAKE / "run_*.csv")], columns, dof=YAW).runs, thrusters, ARM, columns, YAW
-    )
+    runs = with_moments(load_runs([str(LAKE / "run_*.csv")], columns, dof=YAW).runs, thrusters, ARM, columns, YAW)
     assert {run.moment_unit for run in runs} == {"N m"}
     moving = np.zeros(len(runs), dtype=bool)
     fit = fit_driven(make_course(runs, moving), rough_model("1", make_batch(runs, 0.1)), "1")
@@ -145,9 +143,7 @@ def test_delay_and_surge_halve_the_error_on_runs_left_out(halves: tuple[list[Run
     assert after < 0.7 * before
 
 
-def test_a_diagnosis_names_the_delay_and_the_gap_on_runs_left_out_shrinks(
-    halves: tuple[list[Run], list[Run]],
-) -> None:
+def test_a_diagnosis_names_the_delay_and_the_gap_on_runs_left_out_shrinks(halves: tuple[list[Run], list[Run]]) -> None:
     found = diagnose_runs(halves[0], YawModel.base("1", 25.0, [15.0], "N m", YAW), hold_out=halves[1])
     assert found.verdict == "named" and found.held_out_gap is not None
     named = {effect.name for effect in found.effects}

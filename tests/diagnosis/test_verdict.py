@@ -21,9 +21,7 @@ def campaign(*names: str, seed: int = 1) -> list[Run]:
     return planted(base_for(NAME), *names, seed=seed, plans=short_plans())
 
 
-def diagnosed(
-    runs: list[Run], hold_out: list[Run], monkeypatch: pytest.MonkeyPatch, *among: str
-) -> Diagnosis:
+def diagnosed(runs: list[Run], hold_out: list[Run], monkeypatch: pytest.MonkeyPatch, *among: str) -> Diagnosis:
     """Judged against few candidates, to be quick, and without curves, which explain what no law does."""
     monkeypatch.setattr(diagnose, "learn", lambda study, found, *rest: found)
     monkeypatch.setattr(
@@ -47,9 +45,7 @@ def test_what_chance_reaches_now_and_then_is_suspected_and_not_added(monkeypatch
 
 
 def test_runs_that_contradict_a_name_take_it_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    held = [
-        mirrored(run) for run in campaign(NAME, seed=2)[:6]
-    ]  # of a vehicle with the other side the weaker one
+    held = [mirrored(run) for run in campaign(NAME, seed=2)[:6]]  # of a vehicle with the other side the weaker one
     found = diagnosed(campaign(NAME), held, monkeypatch)
     assert found.verdict == "unexplained" and found.effects == () and found.found.final is found.found.base
     assert "astray" in found.said.why and NAME in found.said.why

@@ -25,11 +25,7 @@ def test_every_word_and_symbol_is_there(dof: Dof) -> None:
 
 
 def test_no_two_motions_share_a_symbol_of_a_parameter() -> None:
-    every = [
-        name
-        for dof in DOFS.values()
-        for name in (dof.symbols.inertia, dof.symbols.linear, dof.symbols.quadratic)
-    ]
+    every = [name for dof in DOFS.values() for name in (dof.symbols.inertia, dof.symbols.linear, dof.symbols.quadratic)]
     assert len(set(every)) == len(every) == 3 * len(DOFS)
 
 

@@ -63,9 +63,7 @@ RUNS = [unmeasured(plan, i) for i, plan in enumerate([long_plans()[7], long_plan
 """Three runs of different lengths: a step to port, a coast-down, a manoeuvre."""
 
 
-def headings(
-    model: YawModel, runs: Sequence[Run] = RUNS, theta: Floats | None = None, sign: int = 1
-) -> Floats:
+def headings(model: YawModel, runs: Sequence[Run] = RUNS, theta: Floats | None = None, sign: int = 1) -> Floats:
     """Simulated headings (P, R, N) from the STARTS."""
     needs = {need for term in model.terms for need in effects.get(term.name).needs}
     batch = make_batch(runs, 0.05, sorted(needs))
@@ -136,16 +134,8 @@ def test_a_word_of_another_motion_is_seen() -> None:
     assert strange_to(HEAVE, "headings turned ahead by m_u, X |u| u") == {
         "headings", "turned", "ahead", "m_u", "X", "u",
     }  # fmt: skip
-    assert strange_to(YAW, "the depth sensor reads m/s, mass, 3 cm, X_uu") == {
-        "depth",
-        "mass",
-        "m",
-        "cm",
-        "X_uu",
-    }
-    assert strange_to(YAW, "surge speed u of 3 m/s") and not strange_to(
-        YAW, "surge speed u of 3 m/s", ["surge"]
-    )
+    assert strange_to(YAW, "the depth sensor reads m/s, mass, 3 cm, X_uu") == {"depth", "mass", "m", "cm", "X_uu"}
+    assert strange_to(YAW, "surge speed u of 3 m/s") and not strange_to(YAW, "surge speed u of 3 m/s", ["surge"])
     assert not strange_to(YAW, "bias-moment against gyro-drift: turned to port by tau, k_rr |r| r")
     assert not strange_to(SURGE, "bias-moment against gyro-drift: moved ahead by X, X_uu |u| u")
 
@@ -183,12 +173,7 @@ def test_parameters_have_units_and_bounds_that_hold_their_start(name: str) -> No
 def test_methods_are_those_of_its_place(name: str) -> None:
     effect = effects.get(name)
     own = {method for method in ("deliver", "moment", "water_rate", "read") if method in vars(type(effect))}
-    wanted = {
-        Place.ACTUATOR: "deliver",
-        Place.MOMENT: "moment",
-        Place.WATER: "water_rate",
-        Place.SENSOR: "read",
-    }
+    wanted = {Place.ACTUATOR: "deliver", Place.MOMENT: "moment", Place.WATER: "water_rate", Place.SENSOR: "read"}
     assert own == {wanted[effect.place]}
     assert bool(effect.states) == ("derivatives" in vars(type(effect)))
 
@@ -244,9 +229,7 @@ def test_mirrored_runs_have_the_declared_parity(name: str) -> None:
     effect, law = of_law(name)
     runs = [mirrored(run) for run in RUNS]
     values = sizes_of(effect, law)
-    found = headings(
-        with_effect(name, [s * v for s, v in zip(mirrored_signs(effect), values)]), runs, sign=-1
-    )
+    found = headings(with_effect(name, [s * v for s, v in zip(mirrored_signs(effect), values)]), runs, sign=-1)
     np.testing.assert_allclose(found, -headings(with_effect(name)), rtol=0, atol=1e-10)
     if effect.parity != EVEN:  # and it is no idle word
         assert np.abs(headings(with_effect(name), runs, sign=-1) + headings(with_effect(name))).max() > 1e-3
@@ -255,9 +238,7 @@ def test_mirrored_runs_have_the_declared_parity(name: str) -> None:
 def mirrored(run: Run) -> Run:
     """The run with its command negated: port and starboard thruster have changed places."""
     ahead, astern, other_ahead, other_astern = (-run.extras[part] for part in PARTS)
-    return run.with_moment(
-        -run.command, run.moment_unit, dict(zip(PARTS, (other_ahead, other_astern, ahead, astern)))
-    )
+    return run.with_moment(-run.command, run.moment_unit, dict(zip(PARTS, (other_ahead, other_astern, ahead, astern))))
 
 
 @EVERY_LAW
@@ -346,14 +327,8 @@ def test_laws_and_what_only_they_use_are_declared(name: str) -> None:
     last = len(choices[0].choices) if choices else 0
     assert len(effect.laws) == max(last - 1, 0)
     for law in effect.laws:
-        assert (
-            law.source
-            and not law.source.endswith(".")
-            and set(law.mistaken_for) <= set(effects.names()) - {name}
-        )
-    assert all(0 < law < last for p in effect.parameters for law in p.laws), (
-        "the first law is what it always was"
-    )
+        assert law.source and not law.source.endswith(".") and set(law.mistaken_for) <= set(effects.names()) - {name}
+    assert all(0 < law < last for p in effect.parameters for law in p.laws), "the first law is what it always was"
 
 
 @EVERY_EFFECT
@@ -410,9 +385,7 @@ def test_the_list_and_the_cards_of_a_motion(dof: Dof, run: Callable[..., Result]
 def test_an_effect_that_a_motion_does_not_have_is_refused(run: Callable[..., Result]) -> None:
     found = run("effects", "compass-deviation", "--motion", "surge")
     assert (found.exit_code, found.stdout) == (1, "")
-    assert found.stderr == (
-        "Error: compass-deviation does not act in surge; it acts in yaw: give --motion yaw\n"
-    )
+    assert found.stderr == ("Error: compass-deviation does not act in surge; it acts in yaw: give --motion yaw\n")
 
 
 def test_json_is_the_library_without_infinities(run: Callable[..., Result]) -> None:
@@ -428,9 +401,7 @@ def test_json_is_the_library_without_infinities(run: Callable[..., Result]) -> N
 def test_unknown_name_is_told_its_nearest(run: Callable[..., Result]) -> None:
     found = run("effects", "Dead_bnd")
     assert (found.exit_code, found.stdout) == (1, "")
-    assert found.stderr.startswith(
-        "Error: effect 'Dead_bnd' is not in the library; known are backlash, battery-sag, "
-    )
+    assert found.stderr.startswith("Error: effect 'Dead_bnd' is not in the library; known are backlash, battery-sag, ")
     assert found.stderr.endswith(", water-swirl. Did you mean dead-band or thruster-dead-band?\n")
     with pytest.raises(ModelError, match=r"water-swirl$"):
         effects.get("quux")

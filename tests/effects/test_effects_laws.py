@@ -98,17 +98,13 @@ def pushed_by(extra: Callable[[float, float, float], float]) -> Callable[..., Fl
 def sagging(state: Floats, moment: float, time: float) -> Floats:
     """A battery that follows the load after 5 s, by a quarter at MOMENT."""
     _, rate, drawn = state
-    return np.array(
-        [rate, turning(rate, moment * (1.0 - 0.25 * drawn)), (abs(moment) / MOMENT - drawn) / 5.0]
-    )
+    return np.array([rate, turning(rate, moment * (1.0 - 0.25 * drawn)), (abs(moment) / MOMENT - drawn) / 5.0])
 
 
 def emptying(state: Floats, moment: float, time: float) -> Floats:
     """A battery that loses a share of 0.8 a minute under MOMENT."""
     _, rate, charge = state
-    return np.array(
-        [rate, turning(rate, moment * np.exp(-0.8 * charge)), (abs(moment) / MOMENT) ** 1.5 / 60.0]
-    )
+    return np.array([rate, turning(rate, moment * np.exp(-0.8 * charge)), (abs(moment) / MOMENT) ** 1.5 / 60.0])
 
 
 def remembering(times: Sequence[float], shares: Sequence[float]) -> Callable[..., Floats]:
@@ -138,16 +134,8 @@ OWN = {
     ),
     "water-swirl 1": ((0.4, 9, 1, 1, 1), swirling(lambda s, r, u, w: (0.4 * abs(s) * s - 0.6 * w) / 9), 1),
     "water-swirl 2": ((0.4, 9, 2, 1, 1), swirling(lambda s, r, u, w: (0.4 * abs(r) * s - 0.6 * w) / 9), 1),
-    "water-swirl 3": (
-        (0.2, 9, 3, MOMENT, 1),
-        swirling(lambda s, r, u, w: (0.2 * u / MOMENT - 0.8 * w) / 9),
-        1,
-    ),
-    "water-swirl 4": (
-        (0.4, 9, 4, 1, 1),
-        swirling(lambda s, r, u, w: (0.4 * abs(s) * s - 0.6 * abs(w) * w) / 9),
-        1,
-    ),
+    "water-swirl 3": ((0.2, 9, 3, MOMENT, 1), swirling(lambda s, r, u, w: (0.2 * u / MOMENT - 0.8 * w) / 9), 1),
+    "water-swirl 4": ((0.4, 9, 4, 1, 1), swirling(lambda s, r, u, w: (0.4 * abs(s) * s - 0.6 * abs(w) * w) / 9), 1),
     "water-swirl 5": (
         (0.3, 9, 5, 1, 2.0),
         swirling(lambda s, r, u, w: (0.3 * s - 0.7 * w) / (18 if (0.3 * s - 0.7 * w) * w < 0 else 9)),
@@ -164,30 +152,18 @@ OWN = {
         0,
     ),
     "tether-spring 2": ((0.01, 2, 1, 0.004), pushed_by(lambda x, r, u: -0.01 * x - 0.004 * x**3), 0),
-    "thrust-loss 1": (
-        (0.3, 1),
-        pushed_by(lambda x, r, u: -0.3 * abs(u) ** 0.5 * r if u * r > 0 else 0.0),
-        0,
-    ),
+    "thrust-loss 1": ((0.3, 1), pushed_by(lambda x, r, u: -0.3 * abs(u) ** 0.5 * r if u * r > 0 else 0.0), 0),
     "saturation 1": ((1.0, 1), pushed_by(lambda x, r, u: np.tanh(u) - u), 0),
     "battery-sag 1": ((0.0, 0.25, MOMENT, 0.0, 1, 5.0), sagging, 1),
     "battery-sag 2": ((0.0, 0.8, MOMENT, 0.0, 2, 5.0), emptying, 1),
     "history-force 0": ((0.4, 3.0, 0), remembering([3.0], [0.4]), 1),
-    "history-force 1": (
-        (0.2, 2.0, 1),
-        remembering(TIMES, [0.2 * share for share in SHARES]),
-        3,
-    ),
+    "history-force 1": ((0.2, 2.0, 1), remembering(TIMES, [0.2 * share for share in SHARES]), 3),
     "wall 1": (
         (0.0, 0.0, 1, 0.15, -0.1),
         pushed_by(lambda x, r, u: -(0.15 * np.cos(2 * x) - 0.1 * np.sin(2 * x)) * u),
         0,
     ),
-    "wall 0": (
-        (0.2, -0.1),
-        pushed_by(lambda x, r, u: -(0.2 * np.cos(2 * x) - 0.1 * np.sin(2 * x)) * abs(r) * r),
-        0,
-    ),
+    "wall 0": ((0.2, -0.1), pushed_by(lambda x, r, u: -(0.2 * np.cos(2 * x) - 0.1 * np.sin(2 * x)) * abs(r) * r), 0),
 }
 """Laws written a second time: values of the effect's parameters, derivative of the state, number of further states."""
 
@@ -211,30 +187,22 @@ def test_three_exponentials_are_bassets_kernel() -> None:
 
 def test_a_delay_of_what_falls_is_another() -> None:
     """A step held 4 s acts 0.2 s late and ends 0.5 s late; as one that holds 0.3 s longer, 0.2 s later."""
-    found = headings(
-        BASE.with_effect("input-delay", (0.2, 1.0, 0.5)), [unmeasured([(0.8, 4.0), (0.0, 5.0)], 0)]
-    )[0]
+    found = headings(BASE.with_effect("input-delay", (0.2, 1.0, 0.5)), [unmeasured([(0.8, 4.0), (0.0, 5.0)], 0)])[0]
     longer = headings(BASE.with_effect("input-delay", (0.2,)), [unmeasured([(0.8, 4.3), (0.0, 4.7)], 0)])[0]
     np.testing.assert_allclose(found, longer, rtol=0, atol=2e-3)
-    mirrored = headings(
-        BASE.with_effect("input-delay", (0.2, 1.0, 0.5)), [unmeasured([(-0.8, 4.0), (0.0, 5.0)], 0)]
-    )
+    mirrored = headings(BASE.with_effect("input-delay", (0.2, 1.0, 0.5)), [unmeasured([(-0.8, 4.0), (0.0, 5.0)], 0)])
     np.testing.assert_allclose(mirrored[0], -found, rtol=0, atol=1e-12)
 
 
 def test_a_stalling_thruster_goes_on_below_its_start() -> None:
     """A moment that does not start it keeps it going once it runs; one below the lower edge stalls it."""
     model = BASE.with_effect("dead-band", (0.5, 2.0, 0.4))
-    up, down = (
-        headings(model, [unmeasured(plan, 0)])[0] for plan in ([(0.3, 5.0)], [(0.9, 3.0), (0.3, 5.0)])
-    )
+    up, down = (headings(model, [unmeasured(plan, 0)])[0] for plan in ([(0.3, 5.0)], [(0.9, 3.0), (0.3, 5.0)]))
     same = headings(BASE, [unmeasured([(0.9, 3.0), (0.3, 5.0)], 0)])[0]
     np.testing.assert_allclose(up, 0.0, atol=1e-9)
     np.testing.assert_allclose(down, same, rtol=0, atol=1e-9)
     ends = headings(model, [unmeasured([(0.9, 3.0), (0.15, 5.0)], 0)])[0]
-    np.testing.assert_allclose(
-        ends, headings(BASE, [unmeasured([(0.9, 3.0), (0.0, 5.0)], 0)])[0], rtol=0, atol=1e-9
-    )
+    np.testing.assert_allclose(ends, headings(BASE, [unmeasured([(0.9, 3.0), (0.0, 5.0)], 0)])[0], rtol=0, atol=1e-9)
 
 
 def test_backlash_keeps_what_it_was_pushed_to() -> None:
@@ -246,10 +214,7 @@ def test_backlash_keeps_what_it_was_pushed_to() -> None:
 
 def test_the_current_pulls_the_compass_at_once() -> None:
     run = unmeasured([(0.8, 5.0), (-0.8, 5.0)], 0)
-    pull = (
-        headings(BASE.with_effect("current-deviation", (0.06, 0.02, 0.8)), [run])[0]
-        - headings(BASE, [run])[0]
-    )
+    pull = headings(BASE.with_effect("current-deviation", (0.06, 0.02, 0.8)), [run])[0] - headings(BASE, [run])[0]
     np.testing.assert_allclose(pull, 0.06 * run.command / 0.8 + 0.02 * np.abs(run.command) / 0.8, atol=1e-12)
 
 
@@ -278,9 +243,7 @@ def test_the_likelihood_knows_the_law(name: str) -> None:
 @BY_LAW
 def test_a_diagnosis_names_the_effect_and_its_law(name: str) -> None:
     plans = short_plans() if name == "dead-band" else long_plans()
-    runs = measured(
-        BASE.with_effect(name, SECOND_LAWS[name]), [unmeasured(p, i) for i, p in enumerate(plans)], seed=5
-    )
+    runs = measured(BASE.with_effect(name, SECOND_LAWS[name]), [unmeasured(p, i) for i, p in enumerate(plans)], seed=5)
     found = diagnose_runs(runs, BASE, hold_out=[])
     assert found.verdict == "named"
     assert [one.name for one in found.effects] == [name]

@@ -30,11 +30,7 @@ DRAGS = {"1": {"k_r": K_R}, "2": {"k_rr": K_RR, "k_r": K_R}, "3": {"k_rr": K_RR}
 
 
 def model_file(
-    folder: Path,
-    effects: Mapping[str, Mapping[str, float]] | None = None,
-    *,
-    unit: str = "N m",
-    **change: float,
+    folder: Path, effects: Mapping[str, Mapping[str, float]] | None = None, *, unit: str = "N m", **change: float
 ) -> Path:
     """A yaw_model.json with all three models, model 2 preferred."""
     added = [{"name": name, "parameters": dict(values)} for name, values in (effects or {}).items()]
@@ -81,22 +77,16 @@ def test_time_constants_are_ours_and_spin_downs_lose_energy(
     slope = READERS[target, form](exported(model_file(tmp_path), target, form, number=number).text)
     for sign in (1.0, -1.0):
         time, rate = rk4(slope, sign * 1.5, 0.0, 40.0)
-        assert rise_time(time, rate) == pytest.approx(
-            rise_time(*ours(sign * 1.5, 0.0, 40.0, number)), rel=0.01
-        )
+        assert rise_time(time, rate) == pytest.approx(rise_time(*ours(sign * 1.5, 0.0, 40.0, number)), rel=0.01)
         k_r, k_rr = (DRAGS[number].get(name, 0.0) for name in ("k_r", "k_rr"))
         assert rate[-1] == pytest.approx(float(steady_rate(sign * 1.5, k_r, k_rr)), rel=1e-3)
         time, rate = rk4(slope, 0.0, sign * 1.2, 20.0)
-        assert fall_time(time, rate) == pytest.approx(
-            fall_time(*ours(0.0, sign * 1.2, 20.0, number)), rel=0.01
-        )
+        assert fall_time(time, rate) == pytest.approx(fall_time(*ours(0.0, sign * 1.2, 20.0, number)), rel=0.01)
         assert np.all(np.diff(rate**2) < 0)  # the energy of rotation, at every step
 
 
 @pytest.mark.parametrize(("target", "form"), SIMULATORS)
-def test_a_given_rigid_inertia_splits_the_total_and_moves_alike(
-    tmp_path: Path, target: str, form: str
-) -> None:
+def test_a_given_rigid_inertia_splits_the_total_and_moves_alike(tmp_path: Path, target: str, form: str) -> None:
     path = model_file(tmp_path)
     if target == "stonefish":
         with pytest.raises(SettingError, match="--rigid-inertia means nothing to stonefish; it is for"):
@@ -118,9 +108,7 @@ def test_gazebos_added_inertia_is_in_one_place_only(tmp_path: Path) -> None:
     assert "<nDotR>-0.52</nDotR>" in derivative and "<disable_added_mass>false<" in derivative
     assert "<fluid_added_mass>" not in derivative
     assert "<izz>1.52</izz>" in whole and "<nDotR>" not in whole and "<fluid_added_mass>" not in whole
-    with pytest.raises(
-        SettingError, match=r"grows without bound where the added inertia \(1.02\) is not below"
-    ):
+    with pytest.raises(SettingError, match=r"grows without bound where the added inertia \(1.02\) is not below"):
         export(path, to="gz-sim", form="added-mass-derivative", rigid_inertia=0.5)
 
 
@@ -163,9 +151,7 @@ def test_every_file_is_stamped_with_its_frame_its_origin_and_its_unit(tmp_path: 
             assert f"Frame: {other}" not in text and "yaw_model.json" in text and "N m" in text
     missing = sorted({"NED", "ENU"} - set(own.frames))
     for frame in missing:
-        with pytest.raises(
-            SettingError, match=f"--frame of {target}: found {frame}, expected {own.frames[0]}"
-        ):
+        with pytest.raises(SettingError, match=f"--frame of {target}: found {frame}, expected {own.frames[0]}"):
             export(path, to=target, frame=frame)
 
 
@@ -241,9 +227,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("settings", "sentence"), REFUSALS)
-def test_refusals_say_what_was_found_and_what_to_do(
-    tmp_path: Path, settings: dict[str, Any], sentence: str
-) -> None:
+def test_refusals_say_what_was_found_and_what_to_do(tmp_path: Path, settings: dict[str, Any], sentence: str) -> None:
     with pytest.raises(SettingError) as problem:
         export(model_file(tmp_path), **settings)
     assert str(problem.value) == sentence

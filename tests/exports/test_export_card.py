@@ -22,9 +22,7 @@ def test_the_card_says_what_the_model_file_and_its_manifest_say(fitted: Path) ->
     data = json.loads((fitted / "yaw_model.json").read_text())
     model = data["models"]["2"]
     for name in ("I_r", "k_rr", "k_r"):
-        (row,) = re.findall(
-            rf"^\| (?:[\w-]+ )?{name} \|.*$", text.split("## Covariance")[0], flags=re.MULTILINE
-        )
+        (row,) = re.findall(rf"^\| (?:[\w-]+ )?{name} \|.*$", text.split("## Covariance")[0], flags=re.MULTILINE)
         cells = [cell.strip() for cell in row.strip("|").split("|")]
         assert float(cells[2]) == pytest.approx(model[name]["value"], rel=1e-4)
         assert float(cells[3]) == pytest.approx(model[name]["stderr"], rel=0.06)
@@ -67,12 +65,7 @@ def test_the_range_is_that_of_the_runs(fitted: Path) -> None:
 
 def test_units_and_frame_turn_values_and_intervals(tmp_path: Path) -> None:
     def told(value: float, spread: float) -> dict[str, object]:
-        return {
-            "value": value,
-            "stderr": spread,
-            "ci95": [value - 2 * spread, value + 2 * spread],
-            "unit": "nu",
-        }
+        return {"value": value, "stderr": spread, "ci95": [value - 2 * spread, value + 2 * spread], "unit": "nu"}
 
     path = tmp_path / "extended_model.json"
     compass = {"B": told(0.05, 0.004), "C": told(-0.03, 0.002), "D": 0.02, "E": 0.01}
@@ -81,12 +74,7 @@ def test_units_and_frame_turn_values_and_intervals(tmp_path: Path) -> None:
         {"name": "compass-deviation", "parameters": compass},
     ]
     model = {"k_rr": told(1.2, 0.1), "I_r": told(1.0, 0.05)}
-    content = {
-        "schema": "automarine/yaw-model/1",
-        "moment_unit": "nu",
-        "models": {"3": model},
-        "preferred": "3",
-    }
+    content = {"schema": "automarine/yaw-model/1", "moment_unit": "nu", "models": {"3": model}, "preferred": "3"}
     content |= {"effects": effects, "valid_range": {"moment": [-0.5, 1.0], "yaw_rate_rad_s": None}}
     content["parent"] = {"file": "yaw_model.json", "sha256": "ab" * 32}
     path.write_text(json.dumps(content))
@@ -109,17 +97,8 @@ ODD = ["x", None, -1, [], {}, [1], ["a", "b"], [[1, "a"], [2, 3]], {"parameters"
 @pytest.mark.parametrize("odd", ODD, ids=repr)
 def test_a_card_takes_what_hands_made_of_the_file(tmp_path: Path, odd: object) -> None:
     path = tmp_path / "a`b*[c](d).json"
-    entry = {
-        "k_rr": {"value": 1.2, "stderr": odd, "ci95": odd},
-        "I_r": 1.0,
-        "output_error": {"covariance": odd},
-    }
-    content = {
-        "schema": "automarine/yaw-model/1",
-        "moment_unit": "nu",
-        "models": {"3": entry},
-        "preferred": "3",
-    }
+    entry = {"k_rr": {"value": 1.2, "stderr": odd, "ci95": odd}, "I_r": 1.0, "output_error": {"covariance": odd}}
+    content = {"schema": "automarine/yaw-model/1", "moment_unit": "nu", "models": {"3": entry}, "preferred": "3"}
     path.write_text(json.dumps(content | {"valid_range": {"moment": odd}, "parent": odd, "warnings": [odd]}))
     text = export(path, to="card").text
     assert "| quadratic-drag k_rr | quadratic yaw drag | 1.2000 | " in text

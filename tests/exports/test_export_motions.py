@@ -88,9 +88,7 @@ def comments(text: str) -> list[str]:
     ("surge", "xU", "xUabsU", "xDotU", "xx"), ("sway", "yV", "yVabsV", "yDotV", "yy"),
     ("heave", "zW", "zWabsW", "zDotW", "zz"),
 ])  # fmt: skip
-def test_gazebo_calls_them_by_their_letters(
-    motion: str, linear: str, absolute: str, dot: str, fluid: str
-) -> None:
+def test_gazebo_calls_them_by_their_letters(motion: str, linear: str, absolute: str, dot: str, fluid: str) -> None:
     root = ET.fromstring(written(motion, "gz-sim", "fluid-added-mass").text)
     plugin = root.find(".//plugin")
     assert plugin is not None
@@ -119,18 +117,12 @@ def test_vectors_have_them_in_their_place(motion: str) -> None:
     assert controller["mass"] == OWN and np.array(controller["Ma"])[place, place] == MASS - OWN
     labust = yaml_of(written(motion, "labust", "model").text)
     assert labust["mass"] == OWN and "inertia_matrix" not in labust
-    for key, value in (
-        ("added_mass", MASS - OWN),
-        ("linear_damping", LINEAR),
-        ("quadratic_damping", QUADRATIC),
-    ):
+    for key, value in (("added_mass", MASS - OWN), ("linear_damping", LINEAR), ("quadratic_damping", QUADRATIC)):
         found = np.array(labust[key], float)
         assert found[place] == value and np.count_nonzero(found) == 1
 
 
-@pytest.mark.parametrize(
-    ("motion", "force", "letter"), [("surge", "X", "u"), ("sway", "Y", "v"), ("heave", "Z", "w")]
-)
+@pytest.mark.parametrize(("motion", "force", "letter"), [("surge", "X", "u"), ("sway", "Y", "v"), ("heave", "Z", "w")])
 def test_derivatives_have_the_motions_letters(motion: str, force: str, letter: str) -> None:
     model = subject(motion, "mss", "python").model.with_effect("drag-asymmetry", [SKEW])
     text = written(motion, "mss", "python", model=model).text
@@ -157,18 +149,12 @@ def test_a_card_speaks_of_the_motion(motion: str) -> None:
     (force, letter), name = letters(motion), DOFS[motion].symbols.inertia
     assert re.search(rf"^\| {name} \| rigid and added together \|.*\| kg \|$", text, flags=re.MULTILINE)
     assert f"{name} {letter}' = {force} + the forces" in text and "N s²/m²" in text
-    assert (
-        f"- quadratic-drag: `-{force}_{letter}{letter} |{letter}| {letter}`. Part of the drag grows" in text
-    )
+    assert f"- quadratic-drag: `-{force}_{letter}{letter} |{letter}| {letter}`. Part of the drag grows" in text
     assert "yaw" not in text and "inertia" not in text and "rate" not in text
 
 
-@pytest.mark.parametrize(
-    ("motion", "position", "rate"), [("surge", "x", "u"), ("sway", "y", "v"), ("heave", "z", "w")]
-)
-def test_python_has_the_motions_letters_and_moves_it(
-    tmp_path: Path, motion: str, position: str, rate: str
-) -> None:
+@pytest.mark.parametrize(("motion", "position", "rate"), [("surge", "x", "u"), ("sway", "y", "v"), ("heave", "z", "w")])
+def test_python_has_the_motions_letters_and_moves_it(tmp_path: Path, motion: str, position: str, rate: str) -> None:
     model = (
         subject(motion, "python", "simulate")
         .model.with_effect("water-swirl", [0.1, 5.0])
@@ -182,9 +168,7 @@ def test_python_has_the_motions_letters_and_moves_it(
     made = tmp_path / "made.py"
     made.write_text(written(motion, "python", "simulate").text)
     call = "import made, numpy as np; t = np.arange(0, 20, 0.1); print(made.simulate(t, 0 * t + 6.0)[1][-1])"
-    out = subprocess.run(
-        [sys.executable, "-c", call], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
+    out = subprocess.run([sys.executable, "-c", call], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert float(out.stdout) == pytest.approx(float(steady_rate(6.0, LINEAR, QUADRATIC)), rel=1e-4)
 
 
@@ -218,9 +202,7 @@ def test_the_constant_force_of_heave_is_for_mass_and_volume() -> None:
 def test_normalised_forces_need_their_size_in_newtons() -> None:
     origin = Origin("surge_model.json", "0" * 64)
     model = YawModel.base("2", 2.0, [3.0, 0.5], "nu", DOFS["surge"])
-    with pytest.raises(
-        SettingError, match=r"its forces are normalised \(nu\) and uuv needs newtons; give .* \[N\]"
-    ):
+    with pytest.raises(SettingError, match=r"its forces are normalised \(nu\) and uuv needs newtons; give .* \[N\]"):
         in_unit(targets.get("uuv"), model, Settings(), origin)
     found = in_unit(targets.get("uuv"), model, Settings(newton_metres_per_nu=8.0), origin)
     assert (found.inertia, found.drag(), found.moment_unit) == (16.0, (4.0, 24.0), "N")

@@ -65,9 +65,7 @@ def test_the_python_file_moves_as_the_simulator_does(tmp_path: Path, frame: str)
     held = tau[:, _sample(run.time, middle, time)]
     enu = frame == "ENU"
     given = held * (SIDES[:, None] if enu else 1.0)
-    begin = np.array(
-        [*first[:2], np.pi / 2 - first[2] if enu else first[2], *(moving * (SIDES if enu else 1.0))]
-    )
+    begin = np.array([*first[:2], np.pi / 2 - first[2] if enu else first[2], *(moving * (SIDES if enu else 1.0))])
     np.savez(tmp_path / "given.npz", time=time, tau=given, start=begin)
     (tmp_path / "runner.py").write_text(RUNNER)
     subprocess.run(
@@ -127,9 +125,7 @@ def test_the_mss_function_has_our_accelerations(tmp_path: Path, nu: Three, tau: 
 @pytest.mark.parametrize(("nu", "tau"), STATES)
 def test_gazebo_has_our_accelerations(tmp_path: Path, frame: str, nu: Three, tau: Three) -> None:
     """By the system's own sum of derivatives, and the engine's inertia."""
-    text = export(
-        model_file(tmp_path, DRAGS), to="gz-sim", frame=frame, rigid_mass=15.0, rigid_inertia=2.0
-    ).text
+    text = export(model_file(tmp_path, DRAGS), to="gz-sim", frame=frame, rigid_mass=15.0, rigid_inertia=2.0).text
     root, side = ET.fromstring(text), SIDES if frame == "ENU" else np.ones(3)
     link = root.find(".//inertial")
     fluid = np.zeros((3, 3))
@@ -148,9 +144,7 @@ def test_gazebo_has_our_accelerations(tmp_path: Path, frame: str, nu: Three, tau
     inertia = rigid + fluid
     p, (u, v, r) = inertia @ state, state
     found = np.linalg.solve(inertia, force - [-p[1] * r, p[0] * r, p[1] * u - p[0] * v])
-    np.testing.assert_allclose(
-        side * found, accelerations(DRAGS, np.array(nu), np.array(tau)), rtol=1e-4, atol=1e-5
-    )
+    np.testing.assert_allclose(side * found, accelerations(DRAGS, np.array(nu), np.array(tau)), rtol=1e-4, atol=1e-5)
 
 
 def test_every_file_says_its_frame_its_origin_and_the_current_it_leaves(tmp_path: Path) -> None:
@@ -161,20 +155,14 @@ def test_every_file_says_its_frame_its_origin_and_the_current_it_leaves(tmp_path
         assert found.text.isascii() and "from planar_model.json (sha256 " in found.text
         assert f"Frame: {found.frame} world" in found.text
         assert "current of 0.25 m/s north and -0.15 m/s east" in " ".join(found.written.notes)
-        assert (
-            found.carried[0] == "inertia"
-            and "Y_r" in found.carried
-            and found.to_json()["moment_unit"] == "N m"
-        )
+        assert found.carried[0] == "inertia" and "Y_r" in found.carried and found.to_json()["moment_unit"] == "N m"
 
 
 @pytest.mark.parametrize("target", sorted(set(targets.names()) - {"gz-sim", "mss", "python"}))
 def test_other_targets_refuse_in_a_sentence(tmp_path: Path, target: str) -> None:
     with pytest.raises(SettingError) as refusal:
         export(model_file(tmp_path), to=target)
-    assert str(refusal.value).startswith(
-        "planar_model.json is a model of surge, sway and yaw together; --to "
-    )
+    assert str(refusal.value).startswith("planar_model.json is a model of surge, sway and yaw together; --to ")
     assert str(refusal.value).endswith("take --to gz-sim or mss or python, or a model of one motion")
 
 
@@ -192,9 +180,7 @@ def test_other_targets_refuse_in_a_sentence(tmp_path: Path, target: str) -> None
         ("mss", MODEL, {"form": "python"}, "--form of mss: found python, expected matlab"),
     ],
 )  # fmt: skip
-def test_refusals(
-    tmp_path: Path, target: str, model: PlanarModel, settings: dict[str, object], says: str
-) -> None:
+def test_refusals(tmp_path: Path, target: str, model: PlanarModel, settings: dict[str, object], says: str) -> None:
     with pytest.raises(SettingError) as refusal:
         export(model_file(tmp_path, model), to=target, **settings)  # type: ignore[arg-type]
     assert says in str(refusal.value)
@@ -202,18 +188,13 @@ def test_refusals(
 
 def test_what_is_left_out_is_allowed_and_said(tmp_path: Path) -> None:
     found = export(model_file(tmp_path, FULL), to="python", allow_partial=True)
-    assert [one.name for one in found.left_out] == [
-        "yaw.input-delay"
-    ] and "Left out: yaw.input-delay" in found.text
+    assert [one.name for one in found.left_out] == ["yaw.input-delay"] and "Left out: yaw.input-delay" in found.text
 
 
 def test_the_command_and_the_list(tmp_path: Path, run: Callable[..., Result]) -> None:
     path, out = model_file(tmp_path, DRAGS), tmp_path / "vehicle.sdf"
     result = run("export", path, "--to", "gz-sim", "--rigid-mass", 15, "--rigid-inertia", 2, "-o", out)
     assert result.exit_code == 0 and out.read_text().startswith("<?xml")
-    assert (
-        run("export", path, "--to", "gz-sim", "--rigid-mass", 15, "--rigid-inertia", 2, "-o", out).exit_code
-        == 1
-    )
+    assert run("export", path, "--to", "gz-sim", "--rigid-mass", 15, "--rigid-inertia", 2, "-o", out).exit_code == 1
     listed = {one["name"]: one["motions"] for one in export_targets().to_json()["targets"]}
     assert [name for name, motions in listed.items() if "planar" in motions] == ["gz-sim", "mss", "python"]

@@ -65,13 +65,9 @@ def many() -> YawModel:
 
 def trials() -> list[Trial]:
     """Every law of every effect that the file can have, in both frames, and many together."""
-    models = {name: planted(name) for name in LINES} | {
-        f"{name} {law}": planted(name, law) for name, law in LAWS
-    }
+    models = {name: planted(name) for name in LINES} | {f"{name} {law}": planted(name, law) for name, law in LAWS}
     models["many"] = many()
-    return [
-        Trial(f"{name} {frame}", model, frame) for name, model in models.items() for frame in ("NED", "ENU")
-    ]
+    return [Trial(f"{name} {frame}", model, frame) for name, model in models.items() for frame in ("NED", "ENU")]
 
 
 def model_file(model: YawModel, path: Path) -> Path:
@@ -161,9 +157,7 @@ def test_a_mirror_twice_is_nothing(name: str) -> None:
     model = base_for(name).with_effect(name, sizes_of(effects.get(name)))
     once = in_enu(model)
     assert in_enu(once) == model
-    same = (
-        effects.get(name).parity == EVEN or name == "thruster-imbalance"
-    )  # a thruster is the same in any frame
+    same = effects.get(name).parity == EVEN or name == "thruster-imbalance"  # a thruster is the same in any frame
     assert (once == model) == same
 
 

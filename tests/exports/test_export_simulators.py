@@ -57,9 +57,7 @@ def in_dart(text: str, moment: float, rate0: float, seconds: float) -> tuple[Flo
     ("form", "rigid"), [("fluid-added-mass", None), ("fluid-added-mass", 0.9), ("added-mass-derivative", 1.0)]
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_gazebos_engine_moves_the_file_as_we_do(
-    tmp_path: Path, form: str, rigid: float | None, sign: float
-) -> None:
+def test_gazebos_engine_moves_the_file_as_we_do(tmp_path: Path, form: str, rigid: float | None, sign: float) -> None:
     text = export(model_file(tmp_path), to="gz-sim", form=form, rigid_inertia=rigid).text
     expected = rise_time(*ours(sign * 1.5, 0.0, 15.0))
     assert rise_time(*in_dart(text, sign * 1.5, 0.0, 15.0)) == pytest.approx(expected, rel=0.01)
@@ -70,9 +68,7 @@ def test_gazebos_engine_moves_the_file_as_we_do(
 
 def test_urdf_is_read_by_ross_own_parser(tmp_path: Path) -> None:
     parser = pytest.importorskip("urdf_parser_py.urdf")
-    robot = parser.URDF.from_xml_string(
-        export(model_file(tmp_path), to="uuv", rigid_inertia=0.9).text.encode()
-    )
+    robot = parser.URDF.from_xml_string(export(model_file(tmp_path), to="uuv", rigid_inertia=0.9).text.encode())
     assert [link.name for link in robot.links] == ["base_link"]
     assert robot.links[0].inertial.inertia.izz == 0.9
 

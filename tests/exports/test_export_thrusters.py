@@ -28,9 +28,7 @@ N_MAX = 150.0
 SQUARE = ThrusterMap("square", Curve(2.6e-4), Curve(0.7e-4))
 EVEN = ThrusterMap("square", Curve(2.6e-4), Curve(2.6e-4))
 BANDED = ThrusterMap("dead-band", Curve(3.0e-4, n_0=12.0), Curve(1.0e-4, n_0=18.0))
-POWER = ThrusterMap(
-    "dead-band-power-saturation", Curve(3.0e-3, 1.5, 10.0, 120.0), Curve(1.1e-3, 1.6, 14.0, 120.0)
-)
+POWER = ThrusterMap("dead-band-power-saturation", Curve(3.0e-3, 1.5, 10.0, 120.0), Curve(1.1e-3, 1.6, 14.0, 120.0))
 AHEAD_ONLY = ThrusterMap("square", Curve(2.6e-4), None)
 
 

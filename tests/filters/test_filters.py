@@ -76,9 +76,7 @@ def test_commands_and_signals_are_averaged_exactly_on_uneven_clocks_with_gaps() 
         assert mean[k] * length[k] == pytest.approx(impulse, abs=1e-12)
         straight = 0.5 * mean[k] * length[k] ** 2 - slope[k] * length[k] ** 3 / 12.0
         assert straight == pytest.approx(moved, abs=1e-12)
-        assert voltage[k] * length[k] == pytest.approx(
-            by_hand(run, run.extras["voltage"], *node[k : k + 2])[0]
-        )
+        assert voltage[k] * length[k] == pytest.approx(by_hand(run, run.extras["voltage"], *node[k : k + 2])[0])
 
 
 def test_a_change_of_command_acts_in_the_middle_of_its_interval() -> None:
@@ -109,9 +107,7 @@ def test_repeats_are_no_readings_and_smooth_ones_are_thinned() -> None:
     slow = logged(time, heading[5 * (np.arange(301) // 5)], np.cos(time))
     read = make_course([slow], REST)
     np.testing.assert_allclose(read.time[0][read.channels[0].seen[0]], time[::5], atol=1e-9)
-    quiet, loud = (
-        make_course([noisy(logged(time, np.sin(time), np.cos(time)), d)], REST) for d in (0.02, 1.0)
-    )
+    quiet, loud = (make_course([noisy(logged(time, np.sin(time), np.cos(time)), d)], REST) for d in (0.02, 1.0))
     assert quiet.noise[0] < YAW.limits.least_noise < loud.noise[0]
     for course, apart in ((quiet, APART), (loud, LEAST_STEP)):
         here = course.time[0][course.channels[0].seen[0]]
@@ -138,9 +134,7 @@ def textbook(run: Run, of: Noises, swift: float) -> tuple[Floats, Floats]:
             noise = np.diag([0.0, (thrust * push) ** 2, 2.0 * size**2 / time])
             twice = expm(half * np.block([[-system, noise], [np.zeros((3, 3)), system.T]]))
             move = twice[3:, 3:].T
-            forced = expm(half * np.block([[system, np.array([[0], [push], [0]])], [np.zeros((1, 4))]]))[
-                :3, 3
-            ]
+            forced = expm(half * np.block([[system, np.array([[0], [push], [0]])], [np.zeros((1, 4))]]))[:3, 3]
             mean, covariance = move @ mean + forced, move @ covariance @ move.T + move @ twice[:3, 3:]
     return error, variance
 
@@ -189,9 +183,7 @@ def test_one_jump_costs_linearly_and_is_forgotten() -> None:
 
 def test_the_filter_is_the_same_to_both_sides() -> None:
     (run,) = steered(1, 3)
-    found = [
-        follow(MODEL, make_course([one], REST), MODEL.theta[None], noises()) for one in (run, turned(run))
-    ]
+    found = [follow(MODEL, make_course([one], REST), MODEL.theta[None], noises()) for one in (run, turned(run))]
     np.testing.assert_allclose(found[0].innovation, -found[1].innovation, atol=1e-12)
 
 
@@ -217,9 +209,7 @@ def test_predictions_of_a_sum_of_velocities_begin_where_the_sum_is(side: float) 
     course = make_course([run], REST, channels=("yaw_rate",))
     assert course.channels[0].velocity and not shown_channel(course).counts
     for one in predict(MODEL, course, MODEL.theta, noises(1e-6, thrust=0.0, reading=1e-5)):
-        assert np.rad2deg(np.abs(one.error).max()) < 2.0, (
-            one.horizon
-        )  # the sum by trapezoids is off by as much
+        assert np.rad2deg(np.abs(one.error).max()) < 2.0, one.horizon  # the sum by trapezoids is off by as much
         assert np.rad2deg(one.rmse(one.constant)) > 5.0
 
 

@@ -42,9 +42,7 @@ def heave(tmp_path_factory: pytest.TempPathFactory) -> tuple[YawFit, Path]:
 def holds(estimate: Estimate, truth: float, precise: float = 0.05) -> bool:
     """Whether the truth is in the 95 % interval, and that is no wider than so much of it (or than 0.5)."""
     low, high = estimate.ci95
-    return low <= truth <= high and high - low < max(
-        4.0 * precise * abs(truth), 0.5 if abs(truth) < 5 else 0.0
-    )
+    return low <= truth <= high and high - low < max(4.0 * precise * abs(truth), 0.5 if abs(truth) < 5 else 0.0)
 
 
 def test_surge_is_recovered(surge: tuple[YawFit, Path]) -> None:
@@ -73,9 +71,7 @@ def test_heave_is_recovered_with_its_buoyancy(heave: tuple[YawFit, Path]) -> Non
     assert "up: to balance it add 0.2" in fit.buoyancy.says
 
 
-def test_the_drag_of_each_way_is_that_of_the_truth(
-    surge: tuple[YawFit, Path], heave: tuple[YawFit, Path]
-) -> None:
+def test_the_drag_of_each_way_is_that_of_the_truth(surge: tuple[YawFit, Path], heave: tuple[YawFit, Path]) -> None:
     for fit, mass, drag in (
         (surge[0], 17.0, {"ahead": 21.0, "astern": 27.0}),
         (heave[0], 26.0, {"down": 51.0, "up": 39.0}),
@@ -130,10 +126,7 @@ def test_the_result_file_is_read_back(surge: tuple[YawFit, Path], heave: tuple[Y
         assert stored.dof is fit.dof
         for number, one in fit.output_error.items():
             assert stored.models[number] == one.model
-    assert (
-        json.loads((heave[1] / "heave_model.json").read_text())["buoyancy"]["ballast_in_water"]["unit"]
-        == "kg"
-    )
+    assert json.loads((heave[1] / "heave_model.json").read_text())["buoyancy"]["ballast_in_water"]["unit"] == "kg"
 
 
 def test_tables_state_signs_and_speak_of_force(heave: tuple[YawFit, Path]) -> None:
@@ -142,12 +135,7 @@ def test_tables_state_signs_and_speak_of_force(heave: tuple[YawFit, Path]) -> No
     assert "drag down, maximum likelihood" in one and "constant force" in one
     for text in (one, two):
         assert not any(word in text for word in ("yaw", "heading", "moment", "inertia:", "°", "k_r", "I_r"))
-    assert {path.name for path in heave[1].iterdir()} >= {
-        "steps.png",
-        "drag.png",
-        "inertia.png",
-        "collapse.png",
-    }
+    assert {path.name for path in heave[1].iterdir()} >= {"steps.png", "drag.png", "inertia.png", "collapse.png"}
 
 
 def test_a_held_vehicle_stays_until_its_command_changes() -> None:
@@ -207,20 +195,13 @@ def test_a_tail_that_is_asked_for_is_metres_from_the_start() -> None:
     assert entry["tail_from_cm"] == pytest.approx(150.0)
     assert entry["tail_because"].startswith("Tails start at 150 cm, as asked; errors to be expected there: ")
     assert set(entry["tail_expected"]) == {"m_u", "drag", "dilution"}
-    with pytest.raises(
-        FitError, match=r"the tails are to start at 290 cm, but X_\S+ ends at 2\d\d cm; let them"
-    ):
+    with pytest.raises(FitError, match=r"the tails are to start at 290 cm, but X_\S+ ends at 2\d\d cm; let them"):
         FITS["surge"](LOGS["surge"], within=3.0, tail=2.9)
 
 
 def test_results_show_themselves_in_the_words_of_their_motion(surge: tuple[YawFit, Path]) -> None:
     said = repr(surge[0])
     assert said.startswith("Surge model 3, fitted to steps of 20 runs; 0 set aside")
-    assert (
-        "X_u|u|" in said
-        and "m_u/X_u|u|" in said
-        and "half difference" in said
-        and "distance noise 1.0" in said
-    )
+    assert "X_u|u|" in said and "m_u/X_u|u|" in said and "half difference" in said and "distance noise 1.0" in said
     frame = surge[0].to_frame()
     assert {"m_u", "X_uu", "half_difference"} <= set(frame["parameter"])

@@ -20,14 +20,7 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.fits.planar_fit import Estimated, PlanarFit, Tried, search
 from automarine_cli.fits.planar_likelihood import PlanarLikelihood
-from automarine_cli.fits.planar_structure import (
-    LAWS,
-    Observed,
-    Structure,
-    observed,
-    rough_sizes,
-    rough_velocities,
-)
+from automarine_cli.fits.planar_structure import LAWS, Observed, Structure, observed, rough_sizes, rough_velocities
 from automarine_cli.logs import ColumnMap
 from automarine_cli.models.planar import Inertia, PlanarModel
 from automarine_cli.models.planar_store import StoredPlanar, load_planar_model, planar_from_json
@@ -44,9 +37,7 @@ from automarine_cli.workflows.planar_runs import load_planar
 Floats = NDArray[np.float64]
 NOISE = {"heading": 0.01, "north": 0.02, "east": 0.02, "surge": 0.01, "sway": 0.01}
 CRAFT = Craft(
-    np.diag([20.0, 32.0, 2.6]),
-    linear=np.array([[0, 0, 0], [0, 0, 4.0], [0, 0, 0]]),
-    by_own=np.diag([18.0, 60.0, 4.0]),
+    np.diag([20.0, 32.0, 2.6]), linear=np.array([[0, 0, 0], [0, 0, 4.0], [0, 0, 0]]), by_own=np.diag([18.0, 60.0, 4.0])
 )
 """Quadratic drag and a sway force by turning, Y_r."""
 ALL = ("heading", "surge", "sway", "north", "east")
@@ -149,9 +140,7 @@ def test_the_result_is_a_model_that_is_read_back(fit: PlanarFit) -> None:
     low, high = data["valid_range"]["surge_m_s"]
     assert -2 < low < 0 < high < 2 and data["valid_range"]["force_X_N"][1] <= 30
     said = list(planar_report.sentences(fit))
-    assert said[0].startswith(
-        "Structure: surge drag quadratic, sway drag quadratic, yaw drag quadratic, Y_r. No"
-    )
+    assert said[0].startswith("Structure: surge drag quadratic, sway drag quadratic, yaw drag quadratic, Y_r. No")
     table = planar_report.parameter_table(fit)
     assert [row[0] for row in table.rows] == list(fit.estimates)
     assert len(planar_report.structure_table(fit).rows) == len(fit.tried)
@@ -159,15 +148,9 @@ def test_the_result_is_a_model_that_is_read_back(fit: PlanarFit) -> None:
 
 def test_it_shows_itself_at_a_prompt(fit: PlanarFit) -> None:
     lines = repr(fit).splitlines()
-    assert lines[0].startswith("Planar model (surge drag quadratic, ") and "fitted to 3 runs; 0 set" in repr(
-        fit
-    )
+    assert lines[0].startswith("Planar model (surge drag quadratic, ") and "fitted to 3 runs; 0 set" in repr(fit)
     frame = fit.to_frame()
-    assert list(frame["parameter"]) == list(fit.estimates) and list(frame["unit"])[:3] == [
-        "kg",
-        "kg",
-        "N m s²",
-    ]
+    assert list(frame["parameter"]) == list(fit.estimates) and list(frame["unit"])[:3] == ["kg", "kg", "N m s²"]
 
 
 def test_what_is_not_measured_is_tied_and_said() -> None:
@@ -183,9 +166,7 @@ def test_what_is_not_measured_is_tied_and_said() -> None:
     whole = model.with_theta([20.0, 3.0, 18.0, 4.0]).model
     assert whole.inertia == Inertia(20.0, 20.0, 3.0) and whole.sway == (Term("linear-drag", (20.0,)),)
     near = list(structure.neighbours())
-    assert {one.couplings for one in near} == {(), ("N_ur",)} and not any(
-        one.current or one.skewed for one in near
-    )
+    assert {one.couplings for one in near} == {(), ("N_ur",)} and not any(one.current or one.skewed for one in near)
     tried = search(runs, seen, Scripted())
     fit = PlanarFit(tried, tuple(runs), seen)
     assert fit.estimates["sway.m_v"].value == fit.estimates["surge.m_u"].value
@@ -195,9 +176,7 @@ def test_what_is_not_measured_is_tied_and_said() -> None:
 def test_sway_alone_ties_surge() -> None:
     seen = observed([made(0, ("heading", "sway"))])
     assert seen.dofs == (SWAY, YAW)
-    assert str(Structure.simplest(seen).assumptions[0]).startswith(
-        "surge.m_u = sway.m_v: the logs hold no surge speed"
-    )
+    assert str(Structure.simplest(seen).assumptions[0]).startswith("surge.m_u = sway.m_v: the logs hold no surge speed")
 
 
 def test_places_show_both_and_allow_a_current() -> None:
@@ -222,9 +201,7 @@ def test_velocities_told_from_places(side: float) -> None:
     run = replace(run, moment=side * run.command)
     positions, velocities = solved(CRAFT, run, (3.0, -2.0, 0.3), (0.2, -0.1, 0))
     run = replace(
-        run,
-        position=positions[:, 2],
-        extras={**run.extras, "north": positions[:, 0], "east": positions[:, 1]},
+        run, position=positions[:, 2], extras={**run.extras, "north": positions[:, 0], "east": positions[:, 1]}
     )
     found = rough_velocities(run)
     for name, column in zip(("surge", "sway", "yaw_rate"), velocities.T):
@@ -238,9 +215,7 @@ def test_tied_models_simulate_as_what_they_stand_for() -> None:
     model = PlanarModel(
         Inertia(20.0, 20.0, 3.0), surge=(Term("linear-drag", (4.0,)),), sway=(Term("linear-drag", (20.0,)),)
     )
-    tied = Tied(
-        model, ("surge.m_u", "surge.X_u"), {"sway.m_v": ("surge.m_u", 1.0), "sway.Y_v": ("surge.m_u", 1.0)}
-    )
+    tied = Tied(model, ("surge.m_u", "surge.X_u"), {"sway.m_v": ("surge.m_u", 1.0), "sway.Y_v": ("surge.m_u", 1.0)})
     batch = make_batch([driven(1)], 0.05, motion=PLANAR)
     other = PlanarModel(
         Inertia(30.0, 30.0, 3.0), surge=(Term("linear-drag", (5.0,)),), sway=(Term("linear-drag", (30.0,)),)
@@ -274,9 +249,7 @@ def test_a_force_that_no_log_holds_is_none_and_is_told(tmp_path: Path) -> None:
 def test_a_run_whose_commands_are_zero_is_refused() -> None:
     zero = np.zeros(len(made(0)))
     run = replace(made(0), moment=zero, extras={"force_X": zero, "force_Y": zero})
-    with pytest.raises(
-        RunError, match="every command is zero: something that is not logged steers the vehicle"
-    ):
+    with pytest.raises(RunError, match="every command is zero: something that is not logged steers the vehicle"):
         driven_run(run)
 
 

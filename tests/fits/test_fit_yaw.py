@@ -119,9 +119,7 @@ def test_table_1_is_that_of_the_points_in_runs_parquet(results: tuple[Path, Resu
     found = model["models"]["3"]["velocity_error"]
     plain = np.sum(moment * rate * np.abs(rate)) / np.sum(rate**4)
     assert found["k_rr"]["value"] - found["dilution_taken_off"]["k_rr"] == pytest.approx(plain, rel=1e-9)
-    assert model["models"]["3"]["sse"] == pytest.approx(
-        np.sum((moment - plain * rate * np.abs(rate)) ** 2), rel=1e-9
-    )
+    assert model["models"]["3"]["sse"] == pytest.approx(np.sum((moment - plain * rate * np.abs(rate)) ** 2), rel=1e-9)
     noise = np.radians(table["steady_rate_stderr_deg_s"]) ** 2
     squares = np.sum(moment * np.sign(rate) * (rate**2 - noise))
     k_rr = squares / np.sum(rate**4 - 6 * noise * rate**2 + 3 * noise**2)
@@ -164,15 +162,10 @@ def test_a_tail_that_is_asked_for_is_taken_and_kept_for_the_same_again(
     ("options", "sentence"),
     [
         (("--tail", "180"), "tail is 180; expected 15 to 165 degrees"),
-        (
-            ("--tail", "90", "--fit-to", "whole-runs"),
-            "tail is given, but whole runs have no tails; leave it out",
-        ),
+        (("--tail", "90", "--fit-to", "whole-runs"), "tail is given, but whole runs have no tails; leave it out"),
     ],
 )
-def test_a_tail_that_cannot_be_is_refused(
-    run: Command, logs: Path, options: tuple[str, ...], sentence: str
-) -> None:
+def test_a_tail_that_cannot_be_is_refused(run: Command, logs: Path, options: tuple[str, ...], sentence: str) -> None:
     one_sentence(run("fit-yaw", logs, *options), sentence)
 
 
@@ -290,9 +283,7 @@ def thruster_logs(folder: Path) -> Path:
 
 
 def test_thruster_commands_become_newton_metres(run: Command, thruster_map: Path, tmp_path: Path) -> None:
-    result = run(
-        "fit-yaw", thruster_logs(tmp_path / "logs"), "--thrusters", thruster_map, "--arm", ARM, "--json"
-    )
+    result = run("fit-yaw", thruster_logs(tmp_path / "logs"), "--thrusters", thruster_map, "--arm", ARM, "--json")
     assert result.exit_code == 0, result.output
     model = json.loads(result.stdout)
     assert model["moment_unit"] == "N m"

@@ -42,9 +42,7 @@ def pulls(fit: YawFit) -> list[float]:
 
 @pytest.fixture(scope="module")
 def fits() -> list[YawFit]:
-    return [
-        identify(campaign(both_ways(SIZES), seed=seed, gyro_deg_s=0.3, gain_scatter=0.02)) for seed in SEEDS
-    ]
+    return [identify(campaign(both_ways(SIZES), seed=seed, gyro_deg_s=0.3, gain_scatter=0.02)) for seed in SEEDS]
 
 
 def test_the_truth_is_found_within_its_errors(fits: list[YawFit]) -> None:

@@ -23,9 +23,7 @@ COLUMNS = {"1": ("k_r",), "2": ("k_rr", "k_r"), "3": ("k_rr",), "3+c": ("k_rr", 
 PRINTED = {"k3": 1.257, "k2": 1.259, "k_r": 0.02753}  # its Table 1
 
 
-def fit_drag(
-    moment: Floats, rate: Floats, model: str, unit: str = "nu", variance: Floats | float = 0.0
-) -> DragFit:
+def fit_drag(moment: Floats, rate: Floats, model: str, unit: str = "nu", variance: Floats | float = 0.0) -> DragFit:
     """A reading of Table 1 of yaw."""
     return drag.fit_drag(moment, rate, model, unit, YAW, variance=variance)
 
@@ -53,9 +51,7 @@ def test_values_and_sum_of_squares_are_those_of_numpy(model: str) -> None:
 
 def test_one_column_has_the_textbook_quotient() -> None:
     moment, rate = points()
-    assert_close(
-        fit_drag(moment, rate, "1").drag, (np.sum(moment * rate) / np.sum(rate**2), 0.0), "same arithmetic"
-    )
+    assert_close(fit_drag(moment, rate, "1").drag, (np.sum(moment * rate) / np.sum(rate**2), 0.0), "same arithmetic")
     quotient = np.sum(moment * rate * np.abs(rate)) / np.sum(rate**4)
     assert_close(fit_drag(moment, rate, "3").drag, (0.0, quotient), "same arithmetic")
 
@@ -87,9 +83,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     held = 0
     for _ in range(400):
         moment = GRID * (1.0 + 0.1 * rng.standard_normal(len(GRID)))
-        low, high = (
-            fit_drag(moment, np.sign(GRID) * np.sqrt(np.abs(GRID) / 1.257), "3").estimates["k_rr"].ci95
-        )
+        low, high = fit_drag(moment, np.sign(GRID) * np.sqrt(np.abs(GRID) / 1.257), "3").estimates["k_rr"].ci95
         held += low <= 1.257 <= high
     assert 0.92 <= held / 400 <= 0.98
     assert len(rate) == 24
@@ -162,9 +156,7 @@ def test_dilution_is_taken_off(model: str) -> None:
     """500 campaigns with noise in the rates: the mean comes out right, and plain least squares do not."""
     rate = GRID if model == "1" else points(k_r=0.0)[1]
     rng, sd = np.random.default_rng(2), 0.06
-    fits = [
-        fit_drag(GRID, rate + sd * rng.standard_normal(len(GRID)), model, variance=sd**2) for _ in range(500)
-    ]
+    fits = [fit_drag(GRID, rate + sd * rng.standard_normal(len(GRID)), model, variance=sd**2) for _ in range(500)]
     name = "k_rr" if model in ("3", "3+c") else "k_r"
     true = {"1": 1.0, "2": 0.0}.get(model, 1.2)
     values = np.array([fit.estimates[name].value for fit in fits])
@@ -197,9 +189,7 @@ def test_a_constant_moment_explains_the_printed_pair() -> None:
     q = (moment - PRINTED["k_r"]) / PRINTED["k2"]
     rate = np.sign(q) * np.sqrt(np.abs(q))
     three, offset = fit_drag(moment, rate, "3"), fit_drag(moment, rate, "3+c")
-    assert_close(
-        [offset.estimates["k_rr"].value, offset.estimates["c"].value], [1.259, 0.02753], "closed form"
-    )
+    assert_close([offset.estimates["k_rr"].value, offset.estimates["c"].value], [1.259, 0.02753], "closed form")
     assert_close(three.drag[1], 1.2574, "printed")
     assert_close(three.sse - offset.sse, 0.0333, "printed")
     assert fit_drag(moment, rate, "2").drag[0] < 0.02  # while a linear drag does not come out of it
@@ -234,9 +224,7 @@ def test_units_follow_the_moment() -> None:
         ([0.5, -0.5, 0.5, -0.5], [0.6, -0.6, 0.6, -0.6], "2"),  # one size of rate cannot tell two terms apart
     ],
 )
-def test_too_few_points_are_refused_with_what_to_do(
-    moment: list[float], rate: list[float], model: str
-) -> None:
+def test_too_few_points_are_refused_with_what_to_do(moment: list[float], rate: list[float], model: str) -> None:
     sizes, terms = len(np.unique(np.abs(moment))), len(COLUMNS[model])
     sentence = re.escape(
         f"model {model} of Table 1 needs at least {terms + 1} runs and as many sizes of moment as it has drag terms "

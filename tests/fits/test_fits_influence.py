@@ -34,14 +34,7 @@ def linear_problem(seed: int = 0) -> Problem:
     effects = RunEffects((Block("offset", np.ones((RUNS, 1)), (1e-3, 2.0)),))
     free = np.array([[-np.inf, np.inf]] * 2)
     return Problem(
-        response,
-        measured,
-        np.ones(x.shape, dtype=bool),
-        effects,
-        free,
-        np.zeros(2, dtype=bool),
-        ("a", "b"),
-        WHOLE,
+        response, measured, np.ones(x.shape, dtype=bool), effects, free, np.zeros(2, dtype=bool), ("a", "b"), WHOLE
     )
 
 
@@ -84,9 +77,7 @@ def test_a_refit_without_a_run_moves_as_far_as_foreseen() -> None:
 
 def test_mirrored_runs_have_the_same_covariance() -> None:
     runs = campaign(both_ways((0.4, 0.7, 1.0, 1.2)), seed=5, gain_scatter=0.03)
-    there, back = (
-        run_covariance(fit, problem) for problem, fit in (fitted(runs), fitted([mirrored(r) for r in runs]))
-    )
+    there, back = (run_covariance(fit, problem) for problem, fit in (fitted(runs), fitted([mirrored(r) for r in runs])))
     np.testing.assert_allclose(back, there, rtol=1e-3, atol=1e-3 * there[:2, :2].max())
 
 

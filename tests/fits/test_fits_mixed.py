@@ -25,9 +25,7 @@ TRUTH = np.array([1.5, -0.8])
 class Linear:
     """A linear problem whose answer dense matrices give: w = J theta + V b + noise, runs of unequal length."""
 
-    def __init__(
-        self, seed: int = 0, limits: tuple[tuple[float, float], ...] = ((1e-4, 10.0), (1e-4, 10.0))
-    ) -> None:
+    def __init__(self, seed: int = 0, limits: tuple[tuple[float, float], ...] = ((1e-4, 10.0), (1e-4, 10.0))) -> None:
         rng = np.random.default_rng(seed)
         self.j = rng.normal(size=(RUNS, SAMPLES, PARAMETERS))
         self.v = rng.normal(size=(RUNS, SAMPLES, EFFECTS))
@@ -74,14 +72,10 @@ class Linear:
             rows.append((self.j[i, seen], v, self.w[i, seen], covariance))
         return rows
 
-    def least_squares(
-        self, variances: Floats = VARIANCES, without: int | None = None
-    ) -> tuple[Floats, Floats]:
+    def least_squares(self, variances: Floats = VARIANCES, without: int | None = None) -> tuple[Floats, Floats]:
         """Generalised least squares from dense covariances: theta and its information matrix."""
         used = [row for i, row in enumerate(self.dense(variances)) if i != without]
-        hessian = sum(
-            (j.T @ np.linalg.solve(r, j) for j, _, _, r in used), np.zeros((PARAMETERS, PARAMETERS))
-        )
+        hessian = sum((j.T @ np.linalg.solve(r, j) for j, _, _, r in used), np.zeros((PARAMETERS, PARAMETERS)))
         gradient = sum((j.T @ np.linalg.solve(r, w) for j, _, w, r in used), np.zeros(PARAMETERS))
         return np.linalg.solve(hessian, gradient), hessian
 
@@ -110,8 +104,7 @@ def test_least_squares_and_run_effects_are_those_of_the_dense_covariance() -> No
     assert_close(weighted.hessian.sum(axis=0), hessian, "closed form")
     scale = linear.effects.deviation(VARIANCES)
     expected = [
-        np.diag(s**2) @ v.T @ np.linalg.solve(r, w - j @ theta)
-        for s, (j, v, w, r) in zip(scale, linear.dense())
+        np.diag(s**2) @ v.T @ np.linalg.solve(r, w - j @ theta) for s, (j, v, w, r) in zip(scale, linear.dense())
     ]
     found = linear_mixed.posterior_mean(linear.gram(), linear.effects, VARIANCES, theta)
     assert_close(found, expected, "closed form")
@@ -126,9 +119,7 @@ def test_the_point_of_linearisation_does_not_matter_to_a_linear_problem() -> Non
     theta, _ = linear.least_squares()
     here, there = linear.gram(), linear.gram(phi, b)
     for restricted in (False, True):
-        two = [
-            linear_mixed.deviance(g, linear.effects, VARIANCES, restricted=restricted) for g in (here, there)
-        ]
+        two = [linear_mixed.deviance(g, linear.effects, VARIANCES, restricted=restricted) for g in (here, there)]
         assert_close(two[0], two[1], "closed form")
     found = linear_mixed.posterior_mean(there, linear.effects, VARIANCES, theta - phi)
     assert_close(found, linear_mixed.posterior_mean(here, linear.effects, VARIANCES, theta), "closed form")
@@ -142,9 +133,7 @@ def test_headings_of_a_hundred_radians_do_not_drown_the_likelihood() -> None:
     linear.w = linear.w + np.where(linear.seen, np.einsum("rnq,rq->rn", linear.v, b), 0.0)
     wide = RunEffects(tuple(replace(block, scale=1e5 * block.scale) for block in linear.effects.blocks))
     points = [
-        linear_mixed.deviance(
-            linear.gram(b=b), wide, VARIANCES + np.array([0.0, 1e-6 * i, 0.0]), restricted=True
-        )
+        linear_mixed.deviance(linear.gram(b=b), wide, VARIANCES + np.array([0.0, 1e-6 * i, 0.0]), restricted=True)
         for i in range(9)
     ]
     second = np.diff(points, 2)
@@ -198,9 +187,7 @@ def test_two_channels_have_the_likelihood_of_their_dense_covariance() -> None:
     assert_close(np.array(found), np.array(expected), "closed form")
     weighted = linear_mixed.weigh(grams, linear.effects, TWO_NOISES)
     assert_close(
-        linear_mixed.solve_scaled(weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)),
-        theta,
-        "closed form",
+        linear_mixed.solve_scaled(weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)), theta, "closed form"
     )
 
 
@@ -238,9 +225,7 @@ def test_fit_of_a_linear_problem_is_generalised_least_squares() -> None:
     assert_close(fit.theta, theta, "optimiser")
     assert fit.covariance == pytest.approx(np.linalg.inv(hessian), rel=1e-6, abs=1e-9)
     assert fit.fitted == pytest.approx(
-        np.where(
-            linear.seen, linear.j @ theta + np.einsum("rnq,rq->rn", linear.v, fit.run_effects), fit.fitted
-        ),
+        np.where(linear.seen, linear.j @ theta + np.einsum("rnq,rq->rn", linear.v, fit.run_effects), fit.fitted),
         abs=1e-6,
     )
     assert np.abs(fit.theta - TRUTH).max() < 4 * np.sqrt(np.diagonal(fit.covariance)).max()
@@ -305,10 +290,7 @@ def test_an_effect_of_no_scale_stays_at_zero_and_counts_for_nothing() -> None:
 def test_a_factor_stops_at_its_limits_and_its_interval_says_so() -> None:
     """The third effect scatters by 0.2: within limits below it the fit stands at the upper, above it at the lower."""
     below = fit_mixed(
-        Linear(1, ((1e-4, 10.0), (1e-4, 0.02))).problem(),
-        np.zeros(2),
-        noise=1.0,
-        factors=np.array([1.0, 0.01]),
+        Linear(1, ((1e-4, 10.0), (1e-4, 0.02))).problem(), np.zeros(2), noise=1.0, factors=np.array([1.0, 0.01])
     )
     assert below.factors[1] == pytest.approx(0.02)
     assert below.factor_interval("instant")[1] == pytest.approx(0.02)
@@ -340,8 +322,5 @@ def test_fewer_samples_than_parameters_are_refused() -> None:
 def test_a_response_that_is_not_finite_at_the_start_is_refused() -> None:
     linear = Linear()
     broken = replace(linear.problem(), response=lambda theta, b: np.full((len(theta), RUNS, SAMPLES), np.inf))
-    with (
-        np.errstate(invalid="ignore"),
-        pytest.raises(FitError, match="no motion of a vehicle fits these runs"),
-    ):
+    with np.errstate(invalid="ignore"), pytest.raises(FitError, match="no motion of a vehicle fits these runs"):
         fit_mixed(broken, np.zeros(2), noise=1.0, factors=np.ones(2))

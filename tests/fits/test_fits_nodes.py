@@ -49,9 +49,7 @@ def test_sums_of_squares_and_derivatives_are_those_of_all_samples(fast_logged: S
     rng = np.random.default_rng(5)
     b = 0.1 * rng.standard_normal(whole.effects.scale.shape)
     phi = whole.search(theta)
-    grams = [
-        p.gram(j, v, f, b).at(np.zeros(3)) for p in (whole, short) for f, j, v in (derivatives(p, phi, b),)
-    ]
+    grams = [p.gram(j, v, f, b).at(np.zeros(3)) for p in (whole, short) for f, j, v in (derivatives(p, phi, b),)]
     for part in ("jj", "jv", "vv", "jw", "vw", "ww", "count"):
         one, other = (getattr(gram, part) for gram in grams)
         assert other == pytest.approx(one, rel=1e-5, abs=1e-6 * np.abs(one).max()), part
@@ -111,9 +109,7 @@ def test_interpolation_is_as_exact_as_it_says() -> None:
     data = sharp(1.0)
     (fast,) = data.nodes(COUNTS[0]) or ()
     exact = np.stack([response(data.time[i], m, 1.0, 0.0, PAPER.k_rr)[0] for i, m in enumerate(data.moment)])
-    at_nodes = np.stack(
-        [response(fast.time[i], m, 1.0, 0.0, PAPER.k_rr)[0] for i, m in enumerate(data.moment)]
-    )
+    at_nodes = np.stack([response(fast.time[i], m, 1.0, 0.0, PAPER.k_rr)[0] for i, m in enumerate(data.moment)])
     reduced = nodes_of(data.time, exact, data.seen, data.interval, COUNTS[0])
     carried = (fast.carry @ at_nodes[..., None])[..., 0]
     off = np.sqrt(((carried - reduced.heading) ** 2).sum(axis=1) + reduced.left)

@@ -7,15 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from made_campaigns import (
-    PAPER,
-    Vehicle,
-    both_ways,
-    campaign,
-    moving_run,
-    rescaled,
-    shifted,
-)
+from made_campaigns import PAPER, Vehicle, both_ways, campaign, moving_run, rescaled, shifted
 from made_runs import mirrored
 from scipy import stats
 
@@ -61,9 +53,7 @@ def test_truth_is_found_in_units_of_the_standard_error(gain_scatter: float, name
 
     Variances from 12 runs scatter by 40 %, so the upper limit allows for Student's t.
     """
-    z = np.array(
-        [(fit.estimates[name].value - TRUTH[name]) / fit.estimates[name].stderr for fit in many(gain_scatter)]
-    )
+    z = np.array([(fit.estimates[name].value - TRUTH[name]) / fit.estimates[name].stderr for fit in many(gain_scatter)])
     low, high = stats.chi2.ppf([0.005, 0.995], len(z))
     assert low * 0.7 < np.sum(z**2) < high * 11 / 9
     assert abs(z.mean()) < 3.0 / np.sqrt(len(z)) * 1.2
@@ -123,9 +113,7 @@ def test_leaving_a_run_out_in_one_step_is_as_good_as_fitting_again() -> None:
     size = np.sqrt(np.diagonal(fit.covariance))
     for i in range(len(runs)):
         data = data_of([run for j, run in enumerate(runs) if j != i])
-        again = fit_mixed(
-            step_problem(data, "3"), fit.mixed.theta, noise=fit.noise, factors=fit.mixed.factors
-        )
+        again = fit_mixed(step_problem(data, "3"), fit.mixed.theta, noise=fit.noise, factors=fit.mixed.factors)
         assert fit.mixed.left_out[i, :2] == pytest.approx(again.phi[:2], abs=0.3 * size[:2].min())
         moved = np.abs(fit.mixed.left_out[i, :2] - fit.mixed.phi[:2]) / size[:2]
         assert np.all(moved < 2.5)
@@ -134,9 +122,7 @@ def test_leaving_a_run_out_in_one_step_is_as_good_as_fitting_again() -> None:
 def test_mirrored_campaign_gives_the_same_parameters() -> None:
     runs = campaign(seed=5, gain_scatter=0.03)
     there, back = fitted(runs), fitted([mirrored(run) for run in runs])
-    assert values(back) == pytest.approx(
-        values(there), rel=1e-6
-    )  # both settle within 1 % of a standard error
+    assert values(back) == pytest.approx(values(there), rel=1e-6)  # both settle within 1 % of a standard error
     assert back.gain_scatter.value == pytest.approx(there.gain_scatter.value, rel=1e-6)
 
 
@@ -192,8 +178,7 @@ def test_truth_is_found_from_logs_that_begin_with_the_step() -> None:
 
 
 @pytest.mark.parametrize(
-    "vehicle",
-    [Vehicle(0.6, 0.0, 3.0), Vehicle(2.0, 0.0, 1.0), Vehicle(1.0, 0.5, 0.8), Vehicle(1.0, 2.0, 0.0)],
+    "vehicle", [Vehicle(0.6, 0.0, 3.0), Vehicle(2.0, 0.0, 1.0), Vehicle(1.0, 0.5, 0.8), Vehicle(1.0, 2.0, 0.0)]
 )
 def test_truth_of_other_vehicles_is_found(vehicle: Vehicle) -> None:
     number = "1" if vehicle.k_rr == 0 else "3" if vehicle.k_r == 0 else "2"
@@ -222,12 +207,7 @@ def chosen(truth: Vehicle, seed: int) -> YawFit:
 
 
 @pytest.mark.parametrize(
-    ("truth", "number", "least"),
-    [
-        (PAPER, "3", 4),
-        (Vehicle(1.0, 1.2, 0.0), "1", 4),
-        (Vehicle(1.0, 0.6, 0.8), "2", 4),
-    ],
+    ("truth", "number", "least"), [(PAPER, "3", 4), (Vehicle(1.0, 1.2, 0.0), "1", 4), (Vehicle(1.0, 0.6, 0.8), "2", 4)]
 )
 def test_the_true_model_is_preferred(truth: Vehicle, number: str, least: int) -> None:
     fits = [chosen(truth, seed) for seed in range(5)]
@@ -244,9 +224,7 @@ def test_model_2_costs_nothing_where_it_is_not_needed() -> None:
         assert abs(k_r.value) < 4 * k_r.stderr
 
 
-def moving(
-    count: int, vehicle: Vehicle = PAPER, noise_deg: float = 0.5
-) -> tuple[list[Run], np.ndarray, np.ndarray]:
+def moving(count: int, vehicle: Vehicle = PAPER, noise_deg: float = 0.5) -> tuple[list[Run], np.ndarray, np.ndarray]:
     made = [moving_run(seed, vehicle=vehicle, noise_deg=noise_deg) for seed in range(count)]
     return [run for run, _, _ in made], np.array([m[1] for m in made]), np.array([m[2] for m in made])
 
@@ -288,9 +266,7 @@ def test_runs_that_move_are_fitted_whole_without_being_told() -> None:
     runs, _, _ = moving(2)
     fit = identify(runs)
     assert fit.seed_method is None
-    assert fit.why_no_seed_method.startswith(
-        "0 of 2 runs hold a constant moment from rest through a half-turn, "
-    )
+    assert fit.why_no_seed_method.startswith("0 of 2 runs hold a constant moment from rest through a half-turn, ")
 
 
 def test_mirrored_whole_runs_give_the_same_parameters() -> None:
@@ -345,9 +321,7 @@ def test_whole_runs_that_turn_against_their_moment_are_refused() -> None:
 def test_one_run_is_judged_by_akaikes_criterion_and_has_no_scatter() -> None:
     fit = identify(moving(2)[0][1:], "whole-runs")
     assert fit.preference.number == "3"
-    assert fit.preference.because.startswith(
-        "One run leaves none to predict; by Akaike's criterion model 3 is best"
-    )
+    assert fit.preference.because.startswith("One run leaves none to predict; by Akaike's criterion model 3 is best")
     assert fit.preferred.gain_scatter.ci95 == (0.0, 0.0)
     for name, true in TRUTH.items():
         assert abs(fit.preferred.estimates[name].value - true) < 4 * fit.preferred.estimates[name].stderr
@@ -376,13 +350,7 @@ def test_a_run_that_decides_alone_is_named() -> None:
 def test_a_delay_of_the_thrusters_is_noticed() -> None:
     runs = [
         Run(
-            run.name,
-            run.source,
-            run.time,
-            np.interp(run.time - 0.5, run.time, run.position),
-            run.moment,
-            "nu",
-            dof=YAW,
+            run.name, run.source, run.time, np.interp(run.time - 0.5, run.time, run.position), run.moment, "nu", dof=YAW
         )
         for run in campaign(seed=1)
     ]

@@ -31,9 +31,7 @@ OWN_SLOPE = (-30.7, -9.3, -5.2, -3.2, -2.4, -2.0, -1.3, -0.88, -0.59, -0.41, -0.
 PAPER_MOMENTS = tuple(0.1 * i for i in range(1, 13))
 
 
-def noise_free(
-    vehicle: Vehicle = PAPER, sizes: tuple[float, ...] = ODD_MOMENTS, samples: int = 150
-) -> StepData:
+def noise_free(vehicle: Vehicle = PAPER, sizes: tuple[float, ...] = ODD_MOMENTS, samples: int = 150) -> StepData:
     """Half-turns both ways, evenly sampled from the step on, each until half a turn."""
     moments = both_ways(sizes)
     times = [np.linspace(0.0, time_to_turn(np.pi, m, vehicle), samples) for m in moments]
@@ -47,9 +45,7 @@ def fitted(data: StepData, offset: float = 0.0) -> VelocityErrorFit:
 
 @pytest.mark.parametrize("moment", [0.1, 1.2, -0.6])
 @pytest.mark.parametrize(("tail", "known", "own"), list(zip(TAILS, KNOWN_DRAG, OWN_SLOPE)))
-def test_tail_lines_have_the_bias_that_theory_gives(
-    moment: float, tail: int, known: float, own: float
-) -> None:
+def test_tail_lines_have_the_bias_that_theory_gives(moment: float, tail: int, known: float, own: float) -> None:
     """PHYSICS 4.7, the same at every moment."""
     time = np.linspace(0.0, time_to_turn(np.pi, moment), 4000)[None]
     heading = response(time, moment, PAPER.inertia, 0.0, PAPER.k_rr)[0]
@@ -88,9 +84,7 @@ def test_a_tail_that_is_asked_for_has_its_own_bias_which_is_taken_off(tail: floa
     data = noise_free()
     fit = fit_velocity_error(data, np.zeros(len(data.moment)), tail=np.radians(tail))
     assert fit.given and np.degrees(fit.tail_from) == pytest.approx(tail)
-    assert fit.tail_because(YAW).startswith(
-        f"Tails start at {tail:.0f} deg, as asked; errors to be expected there: "
-    )
+    assert fit.tail_because(YAW).startswith(f"Tails start at {tail:.0f} deg, as asked; errors to be expected there: ")
     assert fit.bias[0] < -0.002 and abs(fit.bias[0]) > abs(fit.bias[1]) > 2e-4
     assert fit.inertia["3"].overall.value == pytest.approx(PAPER.inertia, rel=1e-3)
     assert fit.drag["3"].drag[1] == pytest.approx(PAPER.k_rr, rel=1e-3)
@@ -98,9 +92,7 @@ def test_a_tail_that_is_asked_for_has_its_own_bias_which_is_taken_off(tail: floa
 
 def test_a_tail_beyond_the_end_of_a_run_is_refused_with_its_name() -> None:
     data = noise_free()
-    with pytest.raises(
-        FitError, match=r"tails are to start at 190 deg, but 0\.\d ends at 180 deg; let them start"
-    ):
+    with pytest.raises(FitError, match=r"tails are to start at 190 deg, but 0\.\d ends at 180 deg; let them start"):
         fit_velocity_error(data, np.zeros(len(data.moment)), tail=np.radians(190.0))
 
 
@@ -248,9 +240,7 @@ def test_moving_the_instant_of_the_steps_moves_each_intercept_by_rate_times_shif
 
 def test_mirrored_turns_give_the_same_inertia() -> None:
     data = noise_free(sizes=(0.2, 0.5, 0.9))
-    other = step_data(
-        data.names, list(data.time), list(-data.heading), list(-data.moment), list(data.interval), YAW
-    )
+    other = step_data(data.names, list(data.time), list(-data.heading), list(-data.moment), list(data.interval), YAW)
     there, back = fitted(data), fitted(other)
     assert there.tail_from == back.tail_from and there.bias == pytest.approx(back.bias, rel=1e-12)
     for number in ("1", "2", "3"):
@@ -298,14 +288,10 @@ def test_half_a_turn_is_not_enough_for_a_heavy_vehicle_and_that_is_said() -> Non
     heavy = Vehicle(1.65, 0.0, 1.0)
     fit = fitted(noise_free(heavy))
     assert not fit.steady and max(map(abs, fit.bias)) > BIAS_LIMIT
-    assert fit.inertia["3"].overall.value == pytest.approx(
-        1.65, rel=1e-4
-    )  # all the same: the rest was taken off
+    assert fit.inertia["3"].overall.value == pytest.approx(1.65, rel=1e-4)  # all the same: the rest was taken off
     found = identify(campaign(vehicle=heavy, noise_deg=0.3, seed=1))
     (warning,) = (one for one in found.warnings if one.startswith("Half a turn is not enough to get steady"))
-    assert re.search(
-        r"every tail is off by more than 0\.5 % by itself, that from \d+ deg on by \d\.\d %", warning
-    )
+    assert re.search(r"every tail is off by more than 0\.5 % by itself, that from \d+ deg on by \d\.\d %", warning)
     likely = found.output_error["3"].estimates["I_r"]  # which needs no tail
     assert abs(likely.value - 1.65) < 4 * likely.stderr
 
@@ -315,9 +301,7 @@ def test_headings_that_run_ahead_of_their_line_are_refused() -> None:
     times = [np.linspace(0.0, 4.0, 60)] * len(moments)
     ahead = [np.sign(m) * (0.3 + np.sqrt(abs(m) / 1.257) * t) for t, m in zip(times, moments)]
     data = step_data([str(m) for m in moments], times, ahead, moments, [0.1] * len(moments), YAW)
-    with pytest.raises(
-        FitError, match=r"negative inertia or drag: .*check the sign of the moment and of the heading"
-    ):
+    with pytest.raises(FitError, match=r"negative inertia or drag: .*check the sign of the moment and of the heading"):
         fitted(data)
 
 
@@ -331,7 +315,5 @@ def test_too_few_runs_or_moments_are_refused() -> None:
 
 def test_tails_of_too_few_samples_are_refused() -> None:
     time, used = np.arange(5.0)[None], np.array([[False, False, False, True, True]])
-    with pytest.raises(
-        FitError, match=r"only 2 samples in the steady tail .* 3 are needed; log the heading faster"
-    ):
+    with pytest.raises(FitError, match=r"only 2 samples in the steady tail .* 3 are needed; log the heading faster"):
         tail_lines(time, time, np.zeros(1), used, YAW)

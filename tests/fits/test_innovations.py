@@ -97,9 +97,7 @@ def test_information_is_the_scatter_of_scores() -> None:
     drift = np.abs(scores.mean(axis=0)) / (scores.std(axis=0) / np.sqrt(len(scores)))
     size = [problem.names[problem.free[i]] for i in own].index("yaw.disturbance")
     assert np.delete(drift, size).max() < 3.5, drift
-    assert drift[size] < 6.0, (
-        drift
-    )  # what a disturbance does within the step in which it changes is left out: 3 %
+    assert drift[size] < 6.0, drift  # what a disturbance does within the step in which it changes is left out: 3 %
     ratio = scores.var(axis=0) / np.diagonal(information)
     assert ratio.min() > 0.6 and ratio.max() < 1.6, ratio
 
@@ -176,9 +174,7 @@ def unrelated() -> list[Run]:
 
 def test_commands_that_move_nothing_give_no_model() -> None:
     course = make_course(unrelated(), np.zeros(3, dtype=bool))
-    with pytest.raises(
-        FitError, match=r"these runs leave the model open: .* add runs with larger and quicker"
-    ):
+    with pytest.raises(FitError, match=r"these runs leave the model open: .* add runs with larger and quicker"):
         fit_driven(course, base(), "3")
 
 
@@ -199,15 +195,10 @@ def test_starts_lie_about_rough_values() -> None:
     assert np.all(starts >= problem.bounds[:, 0]) and np.all(starts <= problem.bounds[:, 1])
 
 
-def test_validate_predicts_from_filtered_states_of_driven_runs(
-    run: Callable[..., Result], tmp_path: Path
-) -> None:
+def test_validate_predicts_from_filtered_states_of_driven_runs(run: Callable[..., Result], tmp_path: Path) -> None:
     for i, one in enumerate(steered(3, 30, length=30.0)):
         written(one, tmp_path / "logs" / f"{i}.csv")
-    for inertia, says in (
-        (1.0, "Model 1 predicts 5 s ahead to "),
-        (60.0, "No model is of use on these runs: "),
-    ):
+    for inertia, says in ((1.0, "Model 1 predicts 5 s ahead to "), (60.0, "No model is of use on these runs: ")):
         models = {number: {"I_r": quantity(inertia, "nu s²"), **drag} for number, drag in DRAGS.items()}
         model = model_file(tmp_path / f"{inertia:g}.json", models=models)
         out = tmp_path / f"out_{inertia:g}"

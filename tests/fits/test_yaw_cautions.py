@@ -64,9 +64,7 @@ def test_turns_to_one_side_only_are_told_with_the_side_to_add(sign: float, here:
 
 def test_two_sizes_of_moment_are_told_with_a_third_to_add() -> None:
     for fit in both_tellings(campaign(both_ways((0.4, 0.8)), seed=1)):
-        assert said(
-            fit, "two sizes of moment, 0.4 and 0.8 nu", "cannot tell how drag grows", "add runs at 0.2 nu"
-        )
+        assert said(fit, "two sizes of moment, 0.4 and 0.8 nu", "cannot tell how drag grows", "add runs at 0.2 nu")
 
 
 def test_the_third_size_is_sought_where_there_is_room() -> None:
@@ -79,9 +77,7 @@ def test_the_third_size_is_sought_where_there_is_room() -> None:
 def test_moments_all_equal_are_told_with_sizes_to_add() -> None:
     for fit in both_tellings(campaign([0.5, -0.5, 0.5, -0.5], seed=1)):
         assert said(fit, "the same size of moment, 0.5 nu", "add runs at 0.25 and 1 nu")
-        assert beside(
-            fit, "Model 2: k_rr and k_r are correlated by -", "much smaller and much larger moments"
-        )
+        assert beside(fit, "Model 2: k_rr and k_r are correlated by -", "much smaller and much larger moments")
 
 
 # Parameters
@@ -97,9 +93,7 @@ def test_a_drag_that_drives_is_told_as_none_that_a_vehicle_has() -> None:
 
 def test_a_negative_drag_whose_interval_holds_zero_is_left_out_or_measured() -> None:
     (caution,) = fit_cautions(fit_with("k_rr", Estimate(-0.02, 0.03, (-0.08, 0.04), "nu s²")))
-    assert (
-        "the interval holds zero: take a model without it, or add runs at larger moments" in caution.sentence
-    )
+    assert "the interval holds zero: take a model without it, or add runs at larger moments" in caution.sentence
 
 
 def test_a_negative_inertia_is_told() -> None:
@@ -107,9 +101,7 @@ def test_a_negative_inertia_is_told() -> None:
     assert seed is not None and seed_cautions(replace(seed, drag={}), 0.0, YAW) == []
     table = replace(seed.inertia["3"], overall=Estimate(-0.4, 0.1, (-0.6, -0.2), "nu s²"))
     (caution,) = seed_cautions(replace(seed, drag={}, inertia={"3": table}), 0.0, YAW)
-    assert caution.sentence.startswith(
-        "Velocity errors of model 3: I_r is -0.4 [-0.6, -0.2], a negative inertia"
-    )
+    assert caution.sentence.startswith("Velocity errors of model 3: I_r is -0.4 [-0.6, -0.2], a negative inertia")
 
 
 @pytest.mark.parametrize(

@@ -43,18 +43,14 @@ def anchors(page: str) -> set[str]:
 def pictures_of(page: str) -> list[tuple[str, str]]:
     """What is said of each picture of a page, and its path from the root."""
     marked = re.findall(r"!\[([^\]]*)\]\(([^)]+\.png)\)", PAGES[page])
-    marked += [
-        (said, place) for place, said in re.findall(r'<img src="([^"]+)"[^>]* alt="([^"]*)"', PAGES[page])
-    ]
+    marked += [(said, place) for place, said in re.findall(r'<img src="([^"]+)"[^>]* alt="([^"]*)"', PAGES[page])]
     assert PAGES[page].count("<img ") == len(marked) - PAGES[page].count("![")
     return [(said, Path(os.path.normpath(Path(page).parent / place)).as_posix()) for said, place in marked]
 
 
 def floor_plan() -> set[str]:
     """Paths of the files and folders named in the floor plan, folders with a slash at their end."""
-    (plan,) = (
-        text for text in fences("automarine_cli/guide/developers.md") if text.startswith("automarine_cli/\n")
-    )
+    (plan,) = (text for text in fences("automarine_cli/guide/developers.md") if text.startswith("automarine_cli/\n"))
     found, above = set(), [""]
     for line in plan.splitlines():
         depth = (len(line) - len(line.lstrip())) // 2
@@ -90,9 +86,7 @@ def test_floor_plan_is_the_one_on_disk() -> None:
     assert [name for name in sorted(plan) if not (ROOT / name).exists()] == []
     shown = [path for path in files() if path.parts[0] in ("automarine_cli", "tests", "sample_runs")]
     there = {f"{path.parent.as_posix()}/" for path in shown}
-    there |= {
-        path.as_posix() for path in shown if re.fullmatch(r"automarine_cli/[a-z]+\.py", path.as_posix())
-    }
+    there |= {path.as_posix() for path in shown if re.fullmatch(r"automarine_cli/[a-z]+\.py", path.as_posix())}
     mirrors = {f"tests/{name.split('/')[1]}/" for name in plan if name.startswith("automarine_cli/")}
     assert there - plan - mirrors == set()
 
@@ -109,9 +103,7 @@ def test_commands_shown_are_commands(page: str, line: str) -> None:
 
 def flags_of(command: click.Command) -> set[str]:
     """Every way to write an option of a command."""
-    return {"-h", "--help"} | {
-        flag for param in command.params for flag in (*param.opts, *param.secondary_opts)
-    }
+    return {"-h", "--help"} | {flag for param in command.params for flag in (*param.opts, *param.secondary_opts)}
 
 
 @EVERY_PAGE

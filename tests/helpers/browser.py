@@ -57,13 +57,7 @@ class Tab:
         self, page: Path, *, width: int = 1200, height: int = 900, dark: bool = False, touch: bool = False
     ) -> None:
         """Load a file at a width, in light or dark."""
-        self(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=touch,
-        )
+        self("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=touch)
         self("Emulation.setTouchEmulationEnabled", enabled=touch, maxTouchPoints=1 + touch)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self("Emulation.setEmulatedMedia", features=[scheme])
@@ -104,9 +98,7 @@ class Tab:
         elif told == "Network.requestWillBeSent":
             self.asked.append(params["request"]["url"])
         elif told == "Runtime.exceptionThrown":
-            self.problems.append(
-                params["exceptionDetails"].get("exception", {}).get("description", str(params))
-            )
+            self.problems.append(params["exceptionDetails"].get("exception", {}).get("description", str(params)))
         elif told == "Runtime.consoleAPICalled" and params["type"] in ("error", "warning", "assert"):
             self.problems.append(str(params["args"]))
         elif told == "Log.entryAdded" and params["entry"]["level"] in ("error", "warning"):

@@ -112,9 +112,7 @@ def own_tokens(dof: Dof) -> set[str]:
 
 def strange_to(dof: Dof, text: str, needs: Sequence[str] = ()) -> set[str]:
     """Words, symbols and units of other motions in a text that is about this one, and about the columns it needs."""
-    known = {
-        token for one in DOFS.values() if one is dof or one.velocity in needs for token in own_tokens(one)
-    }
+    known = {token for one in DOFS.values() if one is dof or one.velocity in needs for token in own_tokens(one)}
     every = {token for one in DOFS.values() for token in own_tokens(one)}
     known |= {"port", "starboard", "forward", "backward"} if set(PARTS) <= set(needs) else set()
     return tokens(text) & (every - known - PLAIN)
@@ -148,9 +146,7 @@ def sizes_of(effect: Effect, law: int = 0) -> tuple[float, ...]:
     """Values of all parameters with which the effect is planted, for moments up to LARGEST, in one of its laws; a
     parameter that this law does not use is at its start, or at nothing."""
     fixed = {"moment": LARGEST, "clock": 0.0, "voltage": 12.0}
-    own = iter(
-        SIZES.get(f"{effect.name} {law}", SIZES.get(effect.name, ())) if law else SIZES.get(effect.name, ())
-    )
+    own = iter(SIZES.get(f"{effect.name} {law}", SIZES.get(effect.name, ())) if law else SIZES.get(effect.name, ()))
     at_law = tuple(float(law) if p.choices else p.start for p in effect.parameters)
     return tuple(
         fixed[p.reference] if p.reference

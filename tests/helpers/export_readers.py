@@ -34,9 +34,7 @@ def gz_sim(text: str) -> Slope:
     link = root.find(f".//link[@name='{plugin.findtext('link_name')}']")
     assert link is not None
     own = {i: number_in(link, f"inertial/inertia/i{i}{i}") for i in "xyz"}
-    assert (
-        own["z"] <= own["x"] + own["y"] and number_in(link, "inertial/mass") > 0
-    )  # or libsdformat refuses it
+    assert own["z"] <= own["x"] + own["y"] and number_in(link, "inertial/mass") > 0  # or libsdformat refuses it
     fluid = number_in(link, "inertial/fluid_added_mass/rr", 0.0)
     switched_off = plugin.findtext("disable_added_mass") == "true"
     derivative = 0.0 if switched_off else number_in(plugin, "nDotR", 0.0)
@@ -114,8 +112,7 @@ def labust(text: str) -> Slope:
     """RBModel, uncoupled: (Io + Ma) r' = tau - (Dlin + Dquad |r|) r."""
     data = yaml_of(text)
     io, ma, linear, quadratic = (
-        np.array(data[key], float)
-        for key in ("inertia_matrix", "added_mass", "linear_damping", "quadratic_damping")
+        np.array(data[key], float) for key in ("inertia_matrix", "added_mass", "linear_damping", "quadratic_damping")
     )
     assert io.shape == (3,) and ma.shape == linear.shape == quadratic.shape == (6,)
     assert np.all(io > 0) and data["coupled"] is False
@@ -148,9 +145,7 @@ def stonefish(text: str) -> Slope:
     inertia = [float(x) for x in own.attrib["xyz"].split()]
     form = friction = 0.0
     if drag is not None:
-        quadratic, viscous = (
-            [float(x) for x in drag.attrib[k].split()] for k in ("quadratic_drag", "viscous_drag")
-        )
+        quadratic, viscous = ([float(x) for x in drag.attrib[k].split()] for k in ("quadratic_drag", "viscous_drag"))
         assert len(quadratic) == len(viscous) == 3 and min(*quadratic, *viscous) >= 0  # or they are ignored
         form, friction = quadratic[2] * MESH_TORQUE[0], viscous[2] * MESH_TORQUE[1]
     return lambda r, tau: (tau - form * abs(r) * r - friction * r) / inertia[2]
@@ -168,9 +163,7 @@ READERS: dict[tuple[str, str], Callable[[str], Slope]] = {
 }
 
 
-def rk4(
-    slope: Slope, moment: float, rate0: float, seconds: float, step: float = 0.005
-) -> tuple[Floats, Floats]:
+def rk4(slope: Slope, moment: float, rate0: float, seconds: float, step: float = 0.005) -> tuple[Floats, Floats]:
     """Times and yaw rates under a constant moment, by classical Runge-Kutta."""
     rates = [rate0]
     for _ in range(round(seconds / step)):
@@ -261,18 +254,10 @@ def uuv_law(text: str) -> Callable[[Floats], Floats]:
 def gz_law(text: str) -> Callable[[Floats], Floats]:
     """Thruster system with use_angvel_cmd: thrust = coefficient density diameter^4 |w| w."""
     plugin = ET.fromstring(text).find(".//plugin[@name='gz::sim::systems::Thruster']")
-    assert (
-        plugin is not None and plugin.findtext("use_angvel_cmd") == "true" and plugin.findtext("joint_name")
-    )
+    assert plugin is not None and plugin.findtext("use_angvel_cmd") == "true" and plugin.findtext("joint_name")
     c, rho, d, low, high = (
         number_in(plugin, tag)
-        for tag in (
-            "thrust_coefficient",
-            "fluid_density",
-            "propeller_diameter",
-            "min_thrust_cmd",
-            "max_thrust_cmd",
-        )
+        for tag in ("thrust_coefficient", "fluid_density", "propeller_diameter", "min_thrust_cmd", "max_thrust_cmd")
     )
 
     def law(n: Floats) -> Floats:

@@ -102,10 +102,7 @@ def _thruster_test() -> bytes:
 
 def _yaw_model() -> bytes:
     estimates = {"I_r": INERTIA, "k_rr": K_RR}
-    entry = {
-        k: {"value": v, "stderr": 0.01, "ci95": [0.9 * v, 1.1 * v], "unit": "nu s²"}
-        for k, v in estimates.items()
-    }
+    entry = {k: {"value": v, "stderr": 0.01, "ci95": [0.9 * v, 1.1 * v], "unit": "nu s²"} for k, v in estimates.items()}
     effect = {"name": "bias-moment", "parameters": {"b": {"value": 0.02}}}
     model = {
         "schema": "automarine/yaw-model/1", "moment_unit": "nu", "models": {"1": None, "3": entry}, "preferred": "3",
@@ -188,25 +185,17 @@ def agrees_with_simple_reader(path: Path) -> None:
         simple = np.array(numbers, dtype=float)
     except (ValueError, csv.Error, EOFError, OSError):
         return
-    if (
-        rows[0][:3] != ["time_s", "heading_deg", "tau"]
-        or simple.ndim != 2
-        or len({len(row) for row in rows}) > 1
-    ):
+    if rows[0][:3] != ["time_s", "heading_deg", "tau"] or simple.ndim != 2 or len({len(row) for row in rows}) > 1:
         return
     table: LogTable = read_log(LogFile(path, path.name, True), dof=YAW)
-    read = np.column_stack(
-        [table.columns["time"], np.rad2deg(table.columns["heading"]), table.columns["moment"]]
-    )
+    read = np.column_stack([table.columns["time"], np.rad2deg(table.columns["heading"]), table.columns["moment"]])
     np.testing.assert_allclose(read, simple, rtol=1e-14, atol=1e-300)
 
 
 def judge_model(path: Path) -> None:
     """A yaw model: read, and every number in it finite."""
     stored = load_yaw_models(path)
-    assert all(
-        isinstance(model, YawModel) and np.isfinite(model.theta).all() for model in stored.models.values()
-    )
+    assert all(isinstance(model, YawModel) and np.isfinite(model.theta).all() for model in stored.models.values())
 
 
 def judge_map(path: Path) -> None:
@@ -263,9 +252,7 @@ def _of_vehicles() -> dict[str, Kind]:
     for suffix, told in RECORDERS.items():
         if find_spec(told.package) is not None:
             good = cache(partial(told.write, dive()))
-            found[f"recording {suffix}"] = Kind(
-                good, suffix, partial(judge_recording, columns=told.columns), 20
-            )
+            found[f"recording {suffix}"] = Kind(good, suffix, partial(judge_recording, columns=told.columns), 20)
     return found
 
 

@@ -75,9 +75,7 @@ def campaign(
         time = period * (count + rng.uniform() + uneven * rng.uniform(-0.5, 0.5, len(count)))
         time = time[time > 0] if rest == 0 else time
         delivered = moment * np.exp(gain_scatter * rng.standard_normal())
-        truth, rate = response(
-            time, delivered, vehicle.inertia, vehicle.k_r, vehicle.k_rr, rng.uniform(-np.pi, np.pi)
-        )
+        truth, rate = response(time, delivered, vehicle.inertia, vehicle.k_r, vehicle.k_rr, rng.uniform(-np.pi, np.pi))
         heading = truth + np.deg2rad(noise_deg) * rng.standard_normal(len(time))
         command = np.where(time > 0, moment, 0.0)
         extras = {}
@@ -117,13 +115,7 @@ def moving_run(
         return [r, (levels[np.searchsorted(edges, t, side="right")] - drag) / vehicle.inertia]
 
     time = np.arange(0.0, length, period)
-    solved = integrate.solve_ivp(
-        slope, (0.0, length), [start, rate], t_eval=time, max_step=0.05, rtol=1e-8, atol=1e-9
-    )
+    solved = integrate.solve_ivp(slope, (0.0, length), [start, rate], t_eval=time, max_step=0.05, rtol=1e-8, atol=1e-9)
     heading = solved.y[0] + np.deg2rad(noise_deg) * rng.standard_normal(len(time))
     command = levels[np.searchsorted(edges, time, side="right")]
-    return (
-        Run(f"moving_{seed}", "moving.csv", 50.0 * seed + time, heading, command, "nu", dof=YAW),
-        start,
-        rate,
-    )
+    return (Run(f"moving_{seed}", "moving.csv", 50.0 * seed + time, heading, command, "nu", dof=YAW), start, rate)

@@ -37,9 +37,7 @@ class Craft:
     def drag(self, flow: Floats) -> Floats:
         """Resistance (3,) to velocities through the water (3,)."""
         size = np.abs(flow)
-        quadratic = (
-            self.by_own * size + self.by_surge * size[0] + self.by_sway * size[1] + self.by_rate * size[2]
-        )
+        quadratic = self.by_own * size + self.by_surge * size[0] + self.by_sway * size[1] + self.by_rate * size[2]
         return (self.linear + quadratic) @ flow
 
     def in_current(self, current: tuple[float, float] | None) -> "Craft":
@@ -61,9 +59,7 @@ def turned(heading: float) -> Floats:
     return np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
 
 
-def solved(
-    craft: Craft, run: Run, position: Sequence[float], velocity: Sequence[float]
-) -> tuple[Floats, Floats]:
+def solved(craft: Craft, run: Run, position: Sequence[float], velocity: Sequence[float]) -> tuple[Floats, Floats]:
     """Positions (north, east, heading) and velocities over ground in body axes, both (N, 3), at the samples of a run
     whose commands change halfway between two samples."""
     heading = position[2]
@@ -83,9 +79,7 @@ def solved(
     axes = np.array([turned(one) for one in states[:, 2]])
     along = np.einsum("nji,nj->ni", axes, states[:, 3:5])
     flow = np.linalg.solve(craft.inertia, np.column_stack([along, states[:, 5]])[..., None])[..., 0]
-    return states[:, :3], flow + np.column_stack(
-        [np.einsum("nji,j->ni", axes, craft.current), 0 * flow[:, 2]]
-    )
+    return states[:, :3], flow + np.column_stack([np.einsum("nji,j->ni", axes, craft.current), 0 * flow[:, 2]])
 
 
 def integrated(rates: Callable[[float, Floats, Floats], Floats], run: Run, start: Sequence[float]) -> Floats:
@@ -135,12 +129,7 @@ MIRRORED = ("heading", "sway", "east", "force_Y")
 
 
 def campaign(
-    craft: Craft,
-    seed: int,
-    runs: int,
-    length: float,
-    channels: Sequence[str] = tuple(NOISE),
-    mirror: bool = False,
+    craft: Craft, seed: int, runs: int, length: float, channels: Sequence[str] = tuple(NOISE), mirror: bool = False
 ) -> list[Run]:
     """Runs from rest with noisy readings and 2 % scatter of the thrust; with `mirror` port and starboard exchanged."""
     return [made_run(craft, 100 * seed + i, length, channels, mirror) for i in range(runs)]
@@ -171,9 +160,7 @@ def log(run: Run, folder: Path, name: str = "", **columns: object) -> Path:
         **{f"{name}_m_s": run.extras[name] for name in ("surge", "sway") if name in run.extras}, **columns,
     }  # fmt: skip
     path = folder / f"{name or run.name}.csv"
-    pd.DataFrame({key: column for key, column in table.items() if column is not None}).to_csv(
-        path, index=False
-    )
+    pd.DataFrame({key: column for key, column in table.items() if column is not None}).to_csv(path, index=False)
     return path
 
 

@@ -51,12 +51,7 @@ def mirrored(run: Run) -> Run:
 
 def written(run: Run, path: Path, **columns: Mapping[str, object]) -> Path:
     """The run as a CSV log with a wrapped heading; `columns` replace or add."""
-    table = {
-        "time_s": run.time,
-        "heading_deg": np.rad2deg(run.position) % 360,
-        "tau": run.moment,
-        **columns,
-    }
+    table = {"time_s": run.time, "heading_deg": np.rad2deg(run.position) % 360, "tau": run.moment, **columns}
     path.parent.mkdir(parents=True, exist_ok=True)
     pd.DataFrame(table).to_csv(path, index=False)
     return path

@@ -72,8 +72,7 @@ def twin(
         which = np.searchsorted(ends, fine + late, side="right")
         port, stbd = (np.array([one[k] for one in plan])[which] for k in (0, 1))
         thrust = [
-            np.where(n > 0, 4.0 * g * n**2, -2.5 * h * n**2)
-            for n, g, h in ((port, *gains[:2]), (stbd, *gains[2:]))
+            np.where(n > 0, 4.0 * g * n**2, -2.5 * h * n**2) for n, g, h in ((port, *gains[:2]), (stbd, *gains[2:]))
         ]
         thrust = [  # dead-band and limit [N m] of each thruster by itself
             np.sign(f) * np.minimum(np.maximum(np.abs(f) - width / ARM, 0.0), limit / ARM) for f in thrust

@@ -146,9 +146,7 @@ def judge_good_file(folder: Path, suffix: str) -> None:
     assert isinstance(table, LogTable)
     assert sorted(table.columns) == ["heading", "moment", "time"]
     np.testing.assert_allclose(table.columns["time"], GOOD["time_s"], rtol=1e-15)
-    np.testing.assert_allclose(
-        table.columns["heading"], np.deg2rad(np.array(GOOD["heading_deg"])), rtol=1e-15
-    )
+    np.testing.assert_allclose(table.columns["heading"], np.deg2rad(np.array(GOOD["heading_deg"])), rtol=1e-15)
     np.testing.assert_array_equal(table.columns["moment"], GOOD["tau"])
     np.testing.assert_array_equal(table.extras["water_temperature"], GOOD["water_temperature"])
     assert list(table.rows) == list(range(first, first + 40))
@@ -194,12 +192,8 @@ def judge_recording(folder: Path, suffix: str, mirrored: bool) -> None:
     volts = np.searchsorted(made.voltage_time, made.time, side="right") - 1
     np.testing.assert_allclose(table.columns["voltage"], made.voltage[volts], atol=2e-3)
     judge_states(table, made, told)
-    oldest = (
-        made.time - made.command_time[np.searchsorted(made.command_time, made.time, side="right") - 1]
-    ).max()
-    age = re.search(
-        rf"{re.escape(told.commands[0])} \S+ s old in the median, (\S+) s at most", " ".join(table.notes)
-    )
+    oldest = (made.time - made.command_time[np.searchsorted(made.command_time, made.time, side="right") - 1]).max()
+    age = re.search(rf"{re.escape(told.commands[0])} \S+ s old in the median, (\S+) s at most", " ".join(table.notes))
     assert age is not None and float(age[1]) == pytest.approx(oldest, rel=0.1, abs=0.01), table.notes
 
 

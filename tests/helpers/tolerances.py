@@ -16,24 +16,16 @@ class Tolerance:
 
 
 TOLERANCES = {
-    "same arithmetic": Tolerance(
-        1e-12, 1e-12, "the same sum in another order: round-off of a few hundred operations"
-    ),
+    "same arithmetic": Tolerance(1e-12, 1e-12, "the same sum in another order: round-off of a few hundred operations"),
     "closed form": Tolerance(
         1e-9, 1e-9, "two algebraic forms of one solution: round-off of exp, log and their quotients"
     ),
     "optimiser": Tolerance(1e-5, 1e-8, "a minimum found by steps: flat to the square root of round-off"),
     "solve_ivp": Tolerance(1e-6, 1e-7, "scipy's solver at rtol 1e-9, over some hundred steps"),
-    "rollout": Tolerance(
-        1e-4, 1e-5, "fixed steps of fourth order, sub-stepped to the dynamics, over one run [rad]"
-    ),
-    "fine rollout": Tolerance(
-        0.0, 2e-7, "the same with steps of 10 ms: fourth order, against DOP853 at 1e-11"
-    ),
+    "rollout": Tolerance(1e-4, 1e-5, "fixed steps of fourth order, sub-stepped to the dynamics, over one run [rad]"),
+    "fine rollout": Tolerance(0.0, 2e-7, "the same with steps of 10 ms: fourth order, against DOP853 at 1e-11"),
     "corners": Tolerance(
-        0.0,
-        5e-6,
-        "steps of 10 ms where velocities change sign: |v| v has a corner there, which no step ends at",
+        0.0, 5e-6, "steps of 10 ms where velocities change sign: |v| v has a corner there, which no step ends at"
     ),
     "printed": Tolerance(0.0, 5e-4, "half a unit of the last digit in a table that prints three decimals"),
     "paper": Tolerance(2e-3, 0.0, "the paper prints four digits and rounds on the way"),

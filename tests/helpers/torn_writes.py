@@ -21,17 +21,7 @@ from automarine_cli.errors import OutputError
 from automarine_cli.pipeline import staging
 from automarine_cli.pipeline.outputs import MANIFEST, result_folder
 
-STEPS = (
-    "open",
-    "os.listdir",
-    "os.scandir",
-    "os.mkdir",
-    "os.link",
-    "os.rename",
-    "os.remove",
-    "os.rmdir",
-    "os.chmod",
-)
+STEPS = ("open", "os.listdir", "os.scandir", "os.mkdir", "os.link", "os.rename", "os.remove", "os.rmdir", "os.chmod")
 FAULTS = (errno.ENOSPC, errno.EIO, errno.EROFS, errno.EACCES)
 OLD = {"a.csv": b"old", "sub/big.csv": b"old" * 10_000, "gone.csv": b"old"}
 NEW = {"a.csv": b"new", "sub/big.csv": b"new" * 10_000, "more/b.csv": b"new"}
@@ -65,18 +55,14 @@ class Trap:
 
 def write(out: Path, files: dict[str, bytes], *, overwrite: bool = True) -> None:
     """One result folder with these files."""
-    with result_folder(
-        out, command="fit-yaw", options={}, inputs=(), seed=None, overwrite=overwrite
-    ) as folder:
+    with result_folder(out, command="fit-yaw", options={}, inputs=(), seed=None, overwrite=overwrite) as folder:
         for name, data in files.items():
             folder.write(name, data)
 
 
 def content(folder: Path) -> dict[str, bytes]:
     """Every file of a folder by relative name."""
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()
-    }
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def with_theirs(out: Path) -> None:

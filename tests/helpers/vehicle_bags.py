@@ -14,9 +14,7 @@ STATE = "\n".join(
 )  # fmt: skip
 
 
-def bag(
-    suffix: str, dive: Dive, without: tuple[str, ...] = (), start: float = 1.7e9, skew: float = 0.0
-) -> bytes:
+def bag(suffix: str, dive: Dive, without: tuple[str, ...] = (), start: float = 1.7e9, skew: float = 0.0) -> bytes:
     """A bag of the dive: /imu/data and /battery with header stamps, /odom, commands of std_msgs without; recorded a
     little late, by a clock that is `skew` s ahead.
     """
@@ -51,9 +49,7 @@ def _writer(path: Path, suffix: str) -> Any:
     from rosbags.rosbag2 import StoragePlugin
     from rosbags.rosbag2 import Writer as Writer2
 
-    return Writer2(
-        path, version=9, storage_plugin=StoragePlugin.MCAP if suffix == ".mcap" else StoragePlugin.SQLITE3
-    )
+    return Writer2(path, version=9, storage_plugin=StoragePlugin.MCAP if suffix == ".mcap" else StoragePlugin.SQLITE3)
 
 
 def _messages(types: Any, dive: Dive, start: float, one: bool) -> list[tuple[float, str, Any]]:
@@ -67,9 +63,7 @@ def _messages(types: Any, dive: Dive, start: float, one: bool) -> list[tuple[flo
         half = (np.pi / 2 - np.deg2rad(psi)) / 2  # from east, counter-clockwise
         facing = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, np.sin(half), np.cos(half))
         turning = vector(0.0, 0.0, -np.deg2rad(rate))
-        imu = types["sensor_msgs/msg/Imu"](
-            header(t), facing, nine, turning, nine, vector(0.0, 0.0, 9.8), nine
-        )
+        imu = types["sensor_msgs/msg/Imu"](header(t), facing, nine, turning, nine, vector(0.0, 0.0, 9.8), nine)
         rows.append((t, "/imu/data", imu))
         pose = types["geometry_msgs/msg/Pose"](types["geometry_msgs/msg/Point"](0.0, 0.0, 0.0), facing)
         twist = types["geometry_msgs/msg/Twist"](vector(0.5, -0.25, 0.0), turning)
@@ -86,14 +80,10 @@ def _messages(types: Any, dive: Dive, start: float, one: bool) -> list[tuple[flo
     battery = types["sensor_msgs/msg/BatteryState"]
     for t, volt in zip(dive.voltage_time + start, dive.voltage):
         empty = np.zeros(0, np.float32)
-        rows.append(
-            (t, "/battery", battery(header(t), volt, *[0.0] * 6, 0, 0, 0, True, empty, empty, "", ""))
-        )
+        rows.append((t, "/battery", battery(header(t), volt, *[0.0] * 6, 0, 0, 0, True, empty, empty, "", "")))
     state = types["mavros_msgs/msg/State"]
     for t in np.arange(dive.modes[0][0], dive.time[-1], 0.5) if dive.modes else ():
         mode = [mode for since, mode in dive.modes if since <= t][-1]
         armed = [armed for since, armed in dive.arming if since <= t][-1]
-        rows.append(
-            (t + start, "/mavros/state", state(header(t + start), True, armed, False, True, MODES[mode], 0))
-        )
+        rows.append((t + start, "/mavros/state", state(header(t + start), True, armed, False, True, MODES[mode], 0)))
     return rows

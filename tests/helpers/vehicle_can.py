@@ -37,10 +37,7 @@ def frames(dive: Dive, without: tuple[str, ...] = ()) -> list[tuple[float, Any, 
         rows.append((t, "State", {"Mode": mode, "Armed": int(armed)}))
     rows = [row for row in rows if row[1] not in without]
     messages = {one.name: one for one in bus.messages}
-    return [
-        (t, messages[name], messages[name].encode(values))
-        for t, name, values in sorted(rows, key=lambda r: r[0])
-    ]
+    return [(t, messages[name], messages[name].encode(values)) for t, name, values in sorted(rows, key=lambda r: r[0])]
 
 
 def capture(suffix: str, dive: Dive, without: tuple[str, ...] = ()) -> bytes:
@@ -57,9 +54,7 @@ def capture(suffix: str, dive: Dive, without: tuple[str, ...] = ()) -> bytes:
             for at, message, data in sent:
                 extended = message.is_extended_frame
                 writer.on_message_received(
-                    can.Message(
-                        at, message.frame_id, is_extended_id=extended, data=data, channel=0, is_rx=True
-                    )
+                    can.Message(at, message.frame_id, is_extended_id=extended, data=data, channel=0, is_rx=True)
                 )
         return path.read_bytes()
 

@@ -113,9 +113,7 @@ def telemetry(dive: Dive, without: tuple[str, ...] = (), start: float = 1.7e9, d
     """
     from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-    vehicle, station, other = (
-        mavlink.MAVLink(None, srcSystem=system, srcComponent=1) for system in (1, 255, 2)
-    )
+    vehicle, station, other = (mavlink.MAVLink(None, srcSystem=system, srcComponent=1) for system in (1, 255, 2))
     rows: list[tuple[float, object, object]] = []
     for t, psi, rate in zip(dive.time, dive.heading, dive.rate):
         yaw = np.deg2rad((psi + 180) % 360 - 180)
@@ -125,9 +123,7 @@ def telemetry(dive: Dive, without: tuple[str, ...] = (), start: float = 1.7e9, d
             rows.append((t, other, mavlink.MAVLink_attitude_message(round(t * 1e3), 0, 0, 1.0, 0, 0, 0)))
     for t, port, stbd in zip(dive.command_time, dive.port, dive.stbd):
         servos = (int(port), int(stbd), 1500, *[0] * 5)
-        rows.append(
-            (t, vehicle, mavlink.MAVLink_servo_output_raw_message(round(t * 1e6) % 2**32, 0, *servos))
-        )
+        rows.append((t, vehicle, mavlink.MAVLink_servo_output_raw_message(round(t * 1e6) % 2**32, 0, *servos)))
     for t, volt in zip(dive.voltage_time, dive.voltage):
         status = mavlink.MAVLink_sys_status_message(0, 0, 0, 0, round(volt * 1e3), -1, -1, 0, 0, 0, 0, 0, 0)
         rows.append((t, vehicle, status))

@@ -17,10 +17,7 @@ STATES = {19: 0, 2: 1}  # ArduSub's MANUAL and ALT_HOLD -> PX4's MANUAL and ALTC
 
 
 def ulog(
-    dive: Dive,
-    without: tuple[str, ...] = (),
-    dropouts: tuple[tuple[float, int], ...] = (),
-    delay: float = 0.003,
+    dive: Dive, without: tuple[str, ...] = (), dropouts: tuple[tuple[float, int], ...] = (), delay: float = 0.003
 ) -> bytes:
     """A PX4 log (.ulg); motors as -1 to 1 about 1500 us, NaN while disarmed. Drop-outs are (time, milliseconds).
 

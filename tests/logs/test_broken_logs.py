@@ -26,9 +26,7 @@ Command = Callable[..., Result]
 
 EXPECTED: dict[str, dict[str, Any]] = tomllib.loads((HERE / "expected.toml").read_text(encoding="utf-8"))
 REFUSED, DOES_NOT_SERVE = EXPECTED["refused"], EXPECTED["does_not_serve"]
-ONE_OF_MANY, NOTED, NO_HALF_TURN = (
-    EXPECTED[key] for key in ("one_run_does_not_serve", "noted", "no_half_turn")
-)
+ONE_OF_MANY, NOTED, NO_HALF_TURN = (EXPECTED[key] for key in ("one_run_does_not_serve", "noted", "no_half_turn"))
 YAW_COMMANDS = ("check", "fit-yaw", "validate", "diagnose")
 # What is wrong with a yaw log only: a thruster test needs other columns.
 YAW_ONLY = {
@@ -124,8 +122,7 @@ def test_a_directory_with_a_logs_name(run: Command, broken: Path, monkeypatch: p
     endings = ", ".join(sorted(suffixes()))
     monkeypatch.chdir(broken)  # a long path would be cut short in the sentence
     is_refusal(
-        run("check", "directory.csv"),
-        f"'directory.csv': no logs in this directory; give files that end in {endings}",
+        run("check", "directory.csv"), f"'directory.csv': no logs in this directory; give files that end in {endings}"
     )
 
 
@@ -141,8 +138,7 @@ def test_found_it_is_set_aside_and_the_rest_goes_on(
     expected = everything_set_aside("broken")
     if command == "fit-yaw":
         expected += [
-            {"file": f"broken/{file.split('.')[0]}.csv", "run": file, "why": why}
-            for file, why in NO_HALF_TURN.items()
+            {"file": f"broken/{file.split('.')[0]}.csv", "run": file, "why": why} for file, why in NO_HALF_TURN.items()
         ]
     runs = json.loads(found.stdout)["runs"]
     assert runs["set_aside"] == expected
@@ -153,11 +149,7 @@ def test_found_it_is_set_aside_and_the_rest_goes_on(
     left = sum(one["why"] not in told for one in expected)
     assert lines[-1] == f"  and {left} more (-v lists all)" and len(lines) == 10
     unmoved = ("never_moves", "hour_long_gap.1", "hour_long_gap.2")
-    good = (
-        len(MOMENTS)
-        + len(ODD_NAMES)
-        + len(["same_name", "same_name_too", "twenty_thousand_columns", "2 whole"])
-    )
+    good = len(MOMENTS) + len(ODD_NAMES) + len(["same_name", "same_name_too", "twenty_thousand_columns", "2 whole"])
     assert runs["used"] == good + 1 + (0 if command == "fit-yaw" else len(unmoved))
 
 
@@ -183,8 +175,7 @@ def test_a_few_broken_ones_do_not_stop_a_diagnosis(
     assert found.exit_code == 0, found.stderr
     listed = json.loads((out / "diagnosis.json").read_text())["runs"]["set_aside"]
     assert listed == [
-        {"file": f"some/{file}", "run": stem(file), "why": (REFUSED | DOES_NOT_SERVE)[file]}
-        for file in sorted(files)
+        {"file": f"some/{file}", "run": stem(file), "why": (REFUSED | DOES_NOT_SERVE)[file]} for file in sorted(files)
     ]
     inputs = [one["file"] for one in json.loads((out / "manifest.json").read_text())["inputs"]]
     assert "some/truncated.parquet" in inputs and "some/dangling_link.csv" not in inputs
@@ -203,9 +194,7 @@ def test_thruster_tests_go_on_as_well(run: Command, broken: Path, tmp_path: Path
     assert runs["used"] == 1
     for file in (file for file in REFUSED if file not in YAW_ONLY):
         assert listed[f"broken/{file}"] == REFUSED[file]
-    assert listed["broken/stuck_compass.csv"].startswith(
-        "no control signal and force; found the columns time_s"
-    )
+    assert listed["broken/stuck_compass.csv"].startswith("no control signal and force; found the columns time_s")
 
 
 # Strict, and nothing left
@@ -228,10 +217,7 @@ def test_strict_refuses_with_every_command(
     run: Command, broken: Path, options: dict[str, list[object]], tmp_path: Path, command: str
 ) -> None:
     (tmp_path / "some").mkdir()
-    for name, content in (
-        ("good.csv", csv_of(good_table())),
-        ("bad.csv", (broken / "infinity.csv").read_bytes()),
-    ):
+    for name, content in (("good.csv", csv_of(good_table())), ("bad.csv", (broken / "infinity.csv").read_bytes())):
         (tmp_path / "some" / name).write_bytes(content)
     found = run(command, *options.get(command, ()), tmp_path / "some", "--strict")
     why = REFUSED["infinity.csv"]
@@ -285,9 +271,7 @@ def test_a_file_that_may_not_be_read(run: Command, tmp_path: Path, monkeypatch: 
     if os.geteuid() == 0:  # the superuser may read everything: the opener refuses instead
         opened, allowed = Path.open, os.access
         monkeypatch.setattr(Path, "open", lambda path, *a, **k: refuse_secret(path) or opened(path, *a, **k))
-        monkeypatch.setattr(
-            os, "access", lambda path, mode: Path(path).name != "secret.csv" and allowed(path, mode)
-        )
+        monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "secret.csv" and allowed(path, mode))
     why = "cannot be opened (Permission denied); check that it exists and that you may read it"
     is_refusal(run("fit-yaw", secret), f"secret.csv: {why}")
     found = run("validate", secret.parent, "--model", model_file(tmp_path / "m.json"), "-o", tmp_path / "out")
@@ -302,9 +286,7 @@ def refuse_secret(path: Path) -> None:
         raise PermissionError(13, "Permission denied", str(path))
 
 
-def test_a_directory_that_may_not_be_listed(
-    run: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_directory_that_may_not_be_listed(run: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "closed").mkdir()
     (tmp_path / "good.csv").write_bytes(csv_of(good_table()))
     scandir = os.scandir

@@ -44,9 +44,7 @@ def test_a_file_torn_twice_in_the_same_way_is_the_same() -> None:
 CELL = st.one_of(
     st.floats(width=64).map(repr),
     st.integers(-(10**25), 10**25).map(str),
-    st.sampled_from(
-        ["", "nan", "inf", "-", "x", "1,5", '"', "1e5", " 2 ", "#", "０", "1_0", "0x1", "\x00", "é", "="]
-    ),
+    st.sampled_from(["", "nan", "inf", "-", "x", "1,5", '"', "1e5", " 2 ", "#", "０", "1_0", "0x1", "\x00", "é", "="]),
     st.text(max_size=6),
 )
 NAME = st.one_of(
@@ -95,9 +93,7 @@ def test_any_bytes(tmp_path_factory: pytest.TempPathFactory, content: bytes, suf
 
 
 NUMBERS = st.one_of(
-    st.floats(-1e3, 1e3),
-    st.floats(),
-    st.sampled_from([0.0, 0.5, -0.5, 1e9, -9999.0, 1e-320, 1e300, np.nan, np.inf]),
+    st.floats(-1e3, 1e3), st.floats(), st.sampled_from([0.0, 0.5, -0.5, 1e9, -9999.0, 1e-320, 1e300, np.nan, np.inf])
 )
 
 
@@ -140,9 +136,7 @@ PARQUET_COLUMNS = st.one_of(
 
 @settings(max_examples=80)
 @given(columns=st.dictionaries(NAME, PARQUET_COLUMNS, max_size=4))
-def test_any_parquet_types(
-    tmp_path_factory: pytest.TempPathFactory, columns: dict[str, list[object]]
-) -> None:
+def test_any_parquet_types(tmp_path_factory: pytest.TempPathFactory, columns: dict[str, list[object]]) -> None:
     buffer = io.BytesIO()
     pq.write_table(pa.table(columns), buffer)
     path = tmp_path_factory.getbasetemp() / "types.parquet"

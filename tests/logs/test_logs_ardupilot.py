@@ -46,9 +46,7 @@ def test_the_gyro_stands_in_for_rate_and_events_for_arm(tmp_path: Path) -> None:
 
 def test_any_field_can_be_named(tmp_path: Path) -> None:
     content = dataflash(dive(), without=("EV",))
-    table = flash(
-        tmp_path, content, voltage_V="BAT[1].Volt", heading_deg="ATT.Yaw", yaw_rate_rad_s="IMU.GyrZ"
-    )
+    table = flash(tmp_path, content, voltage_V="BAT[1].Volt", heading_deg="ATT.Yaw", yaw_rate_rad_s="IMU.GyrZ")
     assert set(table.columns["voltage"][1:]) == {5.0}
     np.testing.assert_array_equal(table.columns["heading"], flash(tmp_path, content).columns["heading"])
     made = dive().rate

@@ -61,9 +61,7 @@ def test_multiplexed_signals_keep_to_their_frames(tmp_path: Path) -> None:
     table = read(tmp_path, capture(".slcan", dive()))
     assert set(table.extras["Battery.Amps"]) == {-3.0}
     assert 15.5 < table.columns["voltage"].min() <= table.columns["voltage"].max() <= 16
-    np.testing.assert_allclose(
-        table.extras["Thrusters.Depth"][1:], -0.5, atol=1e-12
-    )  # a sibling of what is named
+    np.testing.assert_allclose(table.extras["Thrusters.Depth"][1:], -0.5, atol=1e-12)  # a sibling of what is named
     assert "Battery (Volt" not in " ".join(table.notes) and "Battery (Which 0)" in table.notes[0]
 
 
@@ -80,9 +78,7 @@ def test_the_converter_s_clock_goes_on_over_the_minutes() -> None:
 
 
 def test_frames_without_a_time_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(
-        LogError, match=r"dive.slcan: the frames have no time; let the converter add it \(command Z1\)"
-    ):
+    with pytest.raises(LogError, match=r"dive.slcan: the frames have no time; let the converter add it \(command Z1\)"):
         read(tmp_path, slcan(frames(dive()), clock=False))
 
 
@@ -104,19 +100,11 @@ def test_without_a_dbc_the_identifiers_are_told(tmp_path: Path) -> None:
     assert '[can] with dbc = "vehicle.dbc"' in said
     part = DBC.read_text().replace("BO_ 291", "BO_ 292")
     (tmp_path / "part.dbc").write_text(part)
-    with pytest.raises(
-        LogError, match=r"no heading in it; found the CAN messages State \(41\).* 0x123 \(200\)"
-    ):
-        read(
-            tmp_path,
-            capture(".slcan", dive()),
-            columns=ColumnMap(CAN.columns, dbc=str(tmp_path / "part.dbc")),
-        )
+    with pytest.raises(LogError, match=r"no heading in it; found the CAN messages State \(41\).* 0x123 \(200\)"):
+        read(tmp_path, capture(".slcan", dive()), columns=ColumnMap(CAN.columns, dbc=str(tmp_path / "part.dbc")))
 
 
-def test_the_column_map_names_the_dbc_relative_to_itself(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_column_map_names_the_dbc_relative_to_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     home = tmp_path / "maps"
     home.mkdir()
     (home / "bus.dbc").write_bytes(DBC.read_bytes())
@@ -176,7 +164,5 @@ def test_a_signal_that_does_not_fit_its_message_is_left_out(tmp_path: Path) -> N
     (tmp_path / "wide.dbc").write_text(DBC.read_text().replace(
         "BO_ 768", ' SG_ Wide : 40|16@1+ (1,0) [0|1] "" Vehicle\nBO_ 768'
     ))  # fmt: skip
-    table = read(
-        tmp_path, capture(".slcan", dive()), columns=ColumnMap(CAN.columns, dbc=str(tmp_path / "wide.dbc"))
-    )
+    table = read(tmp_path, capture(".slcan", dive()), columns=ColumnMap(CAN.columns, dbc=str(tmp_path / "wide.dbc")))
     assert "Battery.Volt" in table.names and "Battery.Wide" not in table.names

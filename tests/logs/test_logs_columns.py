@@ -54,8 +54,7 @@ REFUSED = {
     "[columns]\ntau = 1": ": columns.tau is 1; expected the name of a column in quotes, or a table such as "
     '{ from = "yaw", unit = "rad", sign = -1 }',
     "[columns]\ntau = ''": ": columns.tau.from is ''; expected the name of a column in quotes",
-    "[columns]\ntau = { unit = 'nu' }": ": columns.tau.from is missing; expected the name of a column "
-    "in quotes",
+    "[columns]\ntau = { unit = 'nu' }": ": columns.tau.from is missing; expected the name of a column in quotes",
     "[columns]\ntau = { from = 'a', form = 1 }": ": columns.tau.form is not known; a column takes from, "
     "unit, sign, "
     "scale, offset",
@@ -64,18 +63,15 @@ REFUSED = {
     "[columns]\ntau = { from = 'a', unit = 'N m' }": ": columns.tau.unit is 'N m'; expected nu",
     "[columns]\nheading_deg = { from = 'a', unit = 'grad' }": ": columns.heading_deg.unit is 'grad'; "
     "expected deg or rad",
-    "[columns]\ntau = { from = 'a', scale = nan }": ": columns.tau.scale is nan; expected a finite "
-    "number other than 0",
-    "[columns]\ntau = { from = 'a', scale = 0 }": ": columns.tau.scale is 0; expected a finite number "
-    "other than 0",
+    "[columns]\ntau = { from = 'a', scale = nan }": ": columns.tau.scale is nan; expected a finite number other than 0",
+    "[columns]\ntau = { from = 'a', scale = 0 }": ": columns.tau.scale is 0; expected a finite number other than 0",
     "[columns]\ntau = { from = 'a', offset = 'x' }": ": columns.tau.offset is 'x'; expected a finite number",
     "[columns]\nrun = { from = 'a', sign = -1 }": ": columns.run names runs; unit, sign, scale and "
     "offset do not apply; leave them out",
     "[defaults]\narm = 1": ": defaults.arm is not known; [defaults] takes thrusters_per_test, arm_m",
     "[defaults]\narm_m = -1": ": defaults.arm_m is -1; expected a number above 0",
     "[defaults]\narm_m = inf": ": defaults.arm_m is inf; expected a number above 0",
-    "[defaults]\nthrusters_per_test = [2]": ": defaults.thrusters_per_test is a list; expected a number "
-    "above 0",
+    "[defaults]\nthrusters_per_test = [2]": ": defaults.thrusters_per_test is a list; expected a number above 0",
 }
 
 

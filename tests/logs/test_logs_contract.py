@@ -51,9 +51,7 @@ def test_damaged_bytes_give_an_answer_or_one_clear_line(tmp_path: Path, suffix: 
             if rng.random() < 0.6:
                 content[place] = rng.randrange(256)
             else:
-                content[place : place + rng.choice([1, 30])] = rng.choice(
-                    [b"", b'"', b"\n", b"\xff,", b"1e999"]
-                )
+                content[place : place + rng.choice([1, 30])] = rng.choice([b"", b'"', b"\n", b"\xff,", b"1e999"])
         try:
             require_motion(read_log(log(tmp_path, bytes(content), f"damaged{suffix}"), dof=YAW))
             outcomes.add("read")
@@ -74,10 +72,7 @@ def test_packed_text_that_is_damaged_or_no_log(tmp_path: Path) -> None:
     torn = refusal(log(tmp_path, good[:60] + bytes(20) + good[80:], "torn.csv.gz"))
     assert torn == "torn.csv.gz: the gzip data is damaged inside; copy the file again"
     bomb = refusal(log(tmp_path, gzip.compress(bytes(70 << 20), 6), "bomb.csv.gz"))
-    assert (
-        bomb
-        == "bomb.csv.gz: unpacks to more than 100 times its size, which no log does; look at what is in it"
-    )
+    assert bomb == "bomb.csv.gz: unpacks to more than 100 times its size, which no log does; look at what is in it"
 
 
 def test_parquet_that_was_cut_short(tmp_path: Path) -> None:

@@ -43,9 +43,7 @@ def test_every_column_of_a_record_is_known(dof: Dof) -> None:
 
 
 @pytest.mark.parametrize(("dof", "command"), WITH_COMMANDS, ids=named)
-def test_motions_that_share_a_position_are_told_apart_by_their_command(
-    tmp_path: Path, dof: Dof, command: str
-) -> None:
+def test_motions_that_share_a_position_are_told_apart_by_their_command(tmp_path: Path, dof: Dof, command: str) -> None:
     (position, _), *_ = dof.columns[dof.position]
     assert motion_of([position, command], []) is dof and motion_of([], [position, command]) is dof
     beside = [name for name in ("n_port", "n_stbd", "n_vert") if name not in dof.thrusters]
@@ -78,14 +76,7 @@ def test_a_motion_without_thrusters_is_not_whole_without_its_command(tmp_path: P
 def test_what_belongs_to_other_motions_keeps_its_name(tmp_path: Path) -> None:
     """Velocities in the plane serve tests of every motion there, everything else is a column of the file's own."""
     file = log(
-        tmp_path,
-        "distance_m",
-        "force_X_N",
-        "force_Y_N",
-        "heading_deg",
-        "yaw_rate_deg_s",
-        "sway_m_s",
-        "heave_m_s",
+        tmp_path, "distance_m", "force_X_N", "force_Y_N", "heading_deg", "yaw_rate_deg_s", "sway_m_s", "heave_m_s"
     )
     table = read_log(file, dof=SURGE)
     assert set(table.columns) == {"time", "distance", "force_X", "yaw_rate", "sway"}

@@ -253,10 +253,8 @@ def test_twenty_thousand_columns(tmp_path: Path) -> None:
 
 # content -> the sentence; what would take minutes and gigabytes is told before
 TOO_MUCH = {
-    ", row 1: found 40000 columns, expected at most 30000; check separators and line ends": b"," * 39_999
-    + b"\n1\n",
-    ", row 1: found 10000001 bytes in one line, expected a line of column names. Check the line ends": b"a"
-    * 10_000_001
+    ", row 1: found 40000 columns, expected at most 30000; check separators and line ends": b"," * 39_999 + b"\n1\n",
+    ", row 1: found 10000001 bytes in one line, expected a line of column names. Check the line ends": b"a" * 10_000_001
     + b"\n1\n",
     ": 1000000 lines of comments or blanks; expected a table of numbers. Take them out": b"time_s,tau\n"
     + b" \n" * 1_000_001,
@@ -289,9 +287,7 @@ def test_the_name_of_a_run_is_short(tmp_path: Path) -> None:
 def test_things_that_are_no_files(tmp_path: Path) -> None:
     (tmp_path / "folder.csv").mkdir()
     (tmp_path / "link.csv").symlink_to(tmp_path / "nowhere.csv")
-    sentences = [
-        refusal(LogFile(tmp_path / name, name, True)) for name in ("folder.csv", "link.csv", "no.csv")
-    ]
+    sentences = [refusal(LogFile(tmp_path / name, name, True)) for name in ("folder.csv", "link.csv", "no.csv")]
     assert sentences == [
         "folder.csv: a directory; expected a CSV file. Rename it, or leave it out",
         "link.csv: a link that leads nowhere; expected a CSV file. Copy the log here, or leave the link out",

@@ -107,14 +107,12 @@ def test_commands_that_begin_late_are_missing_until_then(tmp_path: Path, suffix:
     whole = dive()
     late = whole.command_time > 3.2
     content, told = made(
-        suffix,
-        replace(whole, command_time=whole.command_time[late], port=whole.port[late], stbd=whole.stbd[late]),
+        suffix, replace(whole, command_time=whole.command_time[late], port=whole.port[late], stbd=whole.stbd[late])
     )
     table = read_log(recorded(tmp_path, suffix, content), told.columns, dof=YAW)
     unknown = int(np.count_nonzero(whole.time < whole.command_time[late][0] - 1e-3))
     assert (
-        np.isnan(table.columns["n_port"][:unknown]).all()
-        and not np.isnan(table.columns["n_port"][unknown + 1 :]).any()
+        np.isnan(table.columns["n_port"][:unknown]).all() and not np.isnan(table.columns["n_port"][unknown + 1 :]).any()
     )
     assert f"none in {unknown} rows" in " ".join(table.notes)
 
@@ -141,10 +139,7 @@ def test_a_missing_library_is_told_with_what_installs_it(
         monkeypatch.setitem(sys.modules, module, None)
     file = recorded_without_library(tmp_path, suffix, content)
     sentence = refusal(file)
-    assert (
-        sentence.startswith(f"dive{suffix}: ")
-        and f"read by {told.package}, which is not installed" in sentence
-    )
+    assert sentence.startswith(f"dive{suffix}: ") and f"read by {told.package}, which is not installed" in sentence
     assert sentence.endswith(f"say pip install 'automarine[{told.extra}]'")
 
 
@@ -190,9 +185,7 @@ def test_one_bad_recording_in_a_folder_is_set_aside(tmp_path: Path, suffix: str)
 def pages_maps() -> list[dict[str, Any]]:
     """The column maps that the page about formats shows."""
     page = (ROOT / "automarine_cli" / "guide" / "vehicle-logs.md").read_text(encoding="utf-8")
-    return [
-        tomllib.loads(text) for text in re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    ]
+    return [tomllib.loads(text) for text in re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)]
 
 
 @pytest.mark.parametrize(
@@ -201,9 +194,7 @@ def pages_maps() -> list[dict[str, Any]]:
 def test_the_column_maps_of_the_page_work(tmp_path: Path, suffix: str, number: int) -> None:
     content, told = made(suffix)
     shown = pages_maps()[number]
-    columns = ColumnMap(
-        column_rules(shown["columns"], "columns.toml"), dbc=told.columns.dbc if "can" in shown else ""
-    )
+    columns = ColumnMap(column_rules(shown["columns"], "columns.toml"), dbc=told.columns.dbc if "can" in shown else "")
     table = read_log(recorded(tmp_path, suffix, content), columns, dof=YAW)
     require_motion(table)
     assert not any("the file has no such column" in note for note in table.notes)

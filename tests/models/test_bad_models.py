@@ -66,11 +66,7 @@ def test_no_data_at_all(ask: Callable[[str, bytes], list[Result]], name: str) ->
     open_ended = b'{"a":' if kind == "JSON" else b"a = ["
     say(ask(name, b"\xff\xfe" + b"a"), f"{name}: expected UTF-8 text, found other bytes; save it as UTF-8")
     say(ask(name, b" " * (most + 1)), f"{name}: more than {most} bytes; expected a file of a few kilobytes")
-    deep = (
-        b'{"a":' * 10_000 + b"1" + b"}" * 10_000
-        if kind == "JSON"
-        else b"a = " + b"[" * 10_000 + b"]" * 10_000
-    )
+    deep = b'{"a":' * 10_000 + b"1" + b"}" * 10_000 if kind == "JSON" else b"a = " + b"[" * 10_000 + b"]" * 10_000
     say(ask(name, deep), f"{name}: not valid {kind}: nested too deep")
     digits = b"9" * (most // 2)
     long = b'{"a": ' + digits + b"}" if kind == "JSON" else b"a = " + digits
@@ -142,9 +138,7 @@ def test_numbers_that_are_none(ask: Callable[[str, bytes], list[Result]], name: 
 def test_another_schema_and_unknown_keys(ask: Callable[[str, bytes], list[Result]], name: str) -> None:
     for found in ask(name, changed(GOOD[name], "schema", SCHEMA[name][:-1] + "2")):
         assert found.exit_code == 1
-        sentence = (
-            f'Error: {name}: schema: found "{SCHEMA[name][:-1]}2", expected "{SCHEMA[name]}"; give the '
-        )
+        sentence = f'Error: {name}: schema: found "{SCHEMA[name][:-1]}2", expected "{SCHEMA[name]}"; give the '
         assert found.stderr.startswith(sentence)
     for found in ask(name, changed(GOOD[name], "colour", 1)):
         assert found.exit_code == 1 and f'{name}: unknown key "colour"; known are schema, ' in found.stderr
@@ -174,9 +168,7 @@ SPECIFICATIONS = {
 
 
 @pytest.mark.parametrize(("old", "new"), SPECIFICATIONS, ids=lambda text: text[:25])
-def test_a_specification(
-    ask: Callable[[str, bytes], list[Result]], tmp_path: Path, old: str, new: str
-) -> None:
+def test_a_specification(ask: Callable[[str, bytes], list[Result]], tmp_path: Path, old: str, new: str) -> None:
     assert SPECIFICATION.count(old.encode()) == 1
     content = SPECIFICATION.replace(old.encode(), new.encode())
     say(ask("spec.toml", content), f"spec.toml: {SPECIFICATIONS[old, new]}")
@@ -199,10 +191,7 @@ COLUMN_MAPS = {
 @pytest.mark.parametrize(("old", "new"), COLUMN_MAPS, ids=lambda text: text[:25])
 def test_a_column_map(ask: Callable[[str, bytes], list[Result]], old: str, new: str) -> None:
     assert COLUMN_MAP.count(old.encode()) == 1
-    say(
-        ask("columns.toml", COLUMN_MAP.replace(old.encode(), new.encode())),
-        f"columns.toml: {COLUMN_MAPS[old, new]}",
-    )
+    say(ask("columns.toml", COLUMN_MAP.replace(old.encode(), new.encode())), f"columns.toml: {COLUMN_MAPS[old, new]}")
 
 
 def test_what_has_no_end_is_not_read_to_the_end(run: Command, tmp_path: Path) -> None:

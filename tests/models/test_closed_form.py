@@ -68,9 +68,7 @@ def test_printed_equations(tau: float) -> None:
     eight = np.sign(tau) * INERTIA / K_RR * np.log(np.cosh(x))
     assert_close(response(time, tau, INERTIA, 0.0, K_RR)[0], eight, "closed form")
     assert_close(
-        response(time, tau, INERTIA, 0.0, K_RR)[1],
-        np.sign(tau) * np.sqrt(abs(tau) / K_RR) * np.tanh(x),
-        "closed form",
+        response(time, tau, INERTIA, 0.0, K_RR)[1], np.sign(tau) * np.sqrt(abs(tau) / K_RR) * np.tanh(x), "closed form"
     )
 
 
@@ -122,9 +120,7 @@ def test_how_far_half_a_turn_goes(tau: float, seconds: float) -> None:
     assert half * np.sqrt(tau * K_RR) / INERTIA == pytest.approx(4.572, abs=5e-4)
     final = float(steady_rate(tau, 0.0, K_RR))
     for share, degrees in ((0.5, 6.7), (0.9, 38.5), (0.95, 54), (0.99, 91), (0.999, 144)):
-        t = brentq(
-            lambda t, share=share: float(response(t, tau, INERTIA, 0.0, K_RR)[1]) - share * final, 0, 30
-        )
+        t = brentq(lambda t, share=share: float(response(t, tau, INERTIA, 0.0, K_RR)[1]) - share * final, 0, 30)
         assert np.rad2deg(heading(t)) == pytest.approx(degrees, rel=0.01)
 
 

@@ -97,9 +97,7 @@ def test_a_key_of_another_motion_is_unknown_and_answered_with_the_own_one(dof: D
     with pytest.raises(ModelError) as refusal:
         lacking = {key: value for key, value in entry.items() if key != own.inertia}
         yaw_models_from_json(content | {"models": {"3": {**lacking, theirs.inertia: 2.0}}}, "m.json")
-    assert str(refusal.value) == (
-        f'm.json: models.3: unknown key "{theirs.inertia}"; did you mean "{own.inertia}"?'
-    )
+    assert str(refusal.value) == (f'm.json: models.3: unknown key "{theirs.inertia}"; did you mean "{own.inertia}"?')
     if other.words.force != dof.words.force:
         with pytest.raises(ModelError) as refusal:
             unit = {f"{dof.words.force}_unit": None, f"{other.words.force}_unit": "nu"}
@@ -150,9 +148,7 @@ def test_warnings_leave_the_names_of_runs_alone(surge: YawFit) -> None:
         for sentence in found:
             assert not strange_to(SURGE, sentence.replace(THEIRS, "")), sentence
     told = fit_warnings({**surge.output_error, "3": wild}, replace(surge.preference, number="3"), names)
-    assert any(
-        f"{THEIRS} " in sentence and sentence.endswith("look at its force and its unit.") for sentence in told
-    )
+    assert any(f"{THEIRS} " in sentence and sentence.endswith("look at its force and its unit.") for sentence in told)
     told = fit_warnings({**surge.output_error, "3": decided}, replace(surge.preference, number="3"), names)
     assert told[0].startswith(f"{THEIRS} 3 alone moves m_u of model 3 from ") and told[0].endswith(
         "whether its distance jumps."
@@ -184,9 +180,7 @@ def test_refusals_of_the_papers_method_speak_of_the_motion(dof: Dof) -> None:
     moments = [0.5, -0.5, 1.0, -1.0]
     ahead = [np.sign(m) * (0.3 + np.sqrt(abs(m) / 1.257) * time) for m in moments]
     for few in (1, 4):
-        data = step_data(
-            [str(m) for m in moments[:few]], [time] * few, ahead[:few], moments[:few], [0.1] * few, dof
-        )
+        data = step_data([str(m) for m in moments[:few]], [time] * few, ahead[:few], moments[:few], [0.1] * few, dof)
         with pytest.raises(FitError) as refusal:
             fit_velocity_error(data, np.zeros(few))
         assert not strange_to(dof, str(refusal.value).replace("runs ahead of", "")), refusal.value
@@ -203,9 +197,7 @@ def test_columns_that_people_named_stay_and_ours_are_the_motions() -> None:
     found = [column.name for column in columns(study, study.batch.position)]
     assert set(own) <= set(found)
     ours = [name for name in found if name not in own]
-    assert {"distance", "force", "force-size", "surge-speed", "distance-covered", "start-distance"} <= set(
-        ours
-    )
+    assert {"distance", "force", "force-size", "surge-speed", "distance-covered", "start-distance"} <= set(ours)
     for name in ours:
         assert not strange_to(SURGE, name.replace("-", " ")), name
 
@@ -214,16 +206,7 @@ def test_columns_that_people_named_stay_and_ours_are_the_motions() -> None:
 def test_advice_speaks_of_the_motion(dof: Dof) -> None:
     time = np.arange(0.0, 20.0, 0.1)
     runs = [
-        Run(
-            f"run {i}",
-            "made",
-            50.0 * i + time,
-            0.1 * time,
-            np.where(time > 2.0, size, 0.0),
-            "nu",
-            {},
-            dof=dof,
-        )
+        Run(f"run {i}", "made", 50.0 * i + time, 0.1 * time, np.where(time > 2.0, size, 0.0), "nu", {}, dof=dof)
         for i, size in enumerate((0.2, 0.5, 1.0))
     ]
     study = study_of(runs, model_of(dof))

@@ -45,11 +45,7 @@ class Cluster:
     def start(self, module: str, *arguments: str) -> "subprocess.Popen[bytes]":
         command = [sys.executable, "-m", module, *arguments]
         process = subprocess.Popen(
-            command,
-            cwd=self.folder,
-            env=self.environment,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+            command, cwd=self.folder, env=self.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
         self.processes.append(process)
         return process
@@ -118,9 +114,7 @@ def test_nothing_is_lost_with_a_worker_that_is_killed(cluster: Cluster) -> None:
     cluster.workers[0] = cluster.worker()
 
 
-def test_diagnosis_on_a_cluster_is_the_same_bytes_even_if_a_worker_dies(
-    cluster: Cluster, tmp_path: Path
-) -> None:
+def test_diagnosis_on_a_cluster_is_the_same_bytes_even_if_a_worker_dies(cluster: Cluster, tmp_path: Path) -> None:
     logs = str(ROOT / "sample_runs/hidden_one")
     run = partial(CliRunner().invoke, automarine, catch_exceptions=False)
     fitted = run(["fit-yaw", logs, "--fit-to", "whole-runs", "-o", str(tmp_path / "model"), "-q"])
@@ -139,9 +133,7 @@ def test_diagnosis_on_a_cluster_is_the_same_bytes_even_if_a_worker_dies(
         assert file.read_bytes() == (tmp_path / "there" / file.name).read_bytes(), file.name
 
 
-def test_campaigns_on_a_cluster_are_the_same_bytes_even_if_a_worker_dies(
-    cluster: Cluster, tmp_path: Path
-) -> None:
+def test_campaigns_on_a_cluster_are_the_same_bytes_even_if_a_worker_dies(cluster: Cluster, tmp_path: Path) -> None:
     first = make_small_campaign(tmp_path / "season" / "day_0")
     days = [first]
     for number in range(1, 6):
@@ -167,7 +159,5 @@ def test_campaigns_on_a_cluster_are_the_same_bytes_even_if_a_worker_dies(
 
 def test_no_scheduler_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("automarine_cli.pipeline.parallel.PATIENCE_S", 0.5)
-    with pytest.raises(
-        SettingError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9 .*dask scheduler"
-    ):
+    with pytest.raises(SettingError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9 .*dask scheduler"):
         ordered_map(slowly, [1], cluster="tcp://127.0.0.1:9")

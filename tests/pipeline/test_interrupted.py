@@ -54,9 +54,7 @@ def hidden(folder: Path) -> list[str]:
 @pytest.mark.parametrize("what", ["kill", "fault"])
 def test_each_step_killed_or_failing_leaves_old_or_new_whole(tmp_path: Path, what: str, how: str) -> None:
     """With folders exchanged in one step, and with two renames where a system cannot do that."""
-    every = (
-        "1" if what == "kill" else "3"
-    )  # of each fault every third; tests/benchmarks/interruptions.py has all
+    every = "1" if what == "kill" else "3"  # of each fault every third; tests/benchmarks/interruptions.py has all
     found = subprocess.run(
         [sys.executable, str(ROOT / "tests" / "helpers" / "torn_writes.py"), str(tmp_path), what, how, every],
         capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": str(ROOT)},
@@ -75,9 +73,7 @@ def test_the_command_killed_at_random_moments(tmp_path: Path) -> None:
     killed.next_run()
 
 
-def test_an_error_between_two_renames_puts_the_old_folder_back(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_between_two_renames_puts_the_old_folder_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "out"
     write(out, {"a": "old"})
     real, calls = Path.rename, []
@@ -98,12 +94,7 @@ def test_an_error_between_two_renames_puts_the_old_folder_back(
 
 def test_what_a_killed_run_left_goes_at_the_next_and_nothing_else(tmp_path: Path) -> None:
     write(tmp_path / "out", {"a": "1"})
-    for name in (
-        ".out.automarine-new",
-        ".out.automarine-old",
-        ".out.automarine-note",
-        ".other.automarine-new",
-    ):
+    for name in (".out.automarine-new", ".out.automarine-old", ".out.automarine-note", ".other.automarine-new"):
         (tmp_path / name / "deep").mkdir(parents=True)
     (tmp_path / ".out.automarine-new" / "deep").chmod(0o500)
     (tmp_path / ".out.automarine-lock").touch()
@@ -147,9 +138,7 @@ def test_a_second_writer_is_refused_and_disturbs_nothing(tmp_path: Path, place: 
 
 
 def test_neighbours_work_at_the_same_time(tmp_path: Path) -> None:
-    with result_folder(
-        tmp_path / "a", command="c", options={}, inputs=(), seed=None, overwrite=False
-    ) as folder:
+    with result_folder(tmp_path / "a", command="c", options={}, inputs=(), seed=None, overwrite=False) as folder:
         folder.write("one", "1")
         write(tmp_path / "b", {"two": "2"})
     assert (results(tmp_path / "a"), results(tmp_path / "b")) == ({"one": "1"}, {"two": "2"})
@@ -215,9 +204,7 @@ def test_a_folder_closed_to_writing_is_refused(tmp_path: Path) -> None:
     (tmp_path / "out").chmod(0o555)
     with pytest.raises(OutputError) as refused:
         write(tmp_path / "out", {"a": "new"}, overwrite=True)
-    assert str(refused.value) == (
-        "out is read-only; choose another folder with -o, or allow writing to this one"
-    )
+    assert str(refused.value) == ("out is read-only; choose another folder with -o, or allow writing to this one")
     assert results(tmp_path / "out") == {"a": "old"}
     (tmp_path / "out").chmod(0o755)
 
@@ -229,9 +216,7 @@ def small_disk(place: Path, options: str) -> Iterator[None]:
     if not mount or not unmount or os.geteuid() != 0:
         pytest.skip("mounting a small disk takes root")
     place.mkdir(exist_ok=True)
-    made = subprocess.run(
-        [mount, "-t", "tmpfs", "-o", options, "none", place], capture_output=True, check=False
-    )
+    made = subprocess.run([mount, "-t", "tmpfs", "-o", options, "none", place], capture_output=True, check=False)
     if made.returncode:
         pytest.skip("mounting a small disk is not allowed here")
     try:
@@ -245,9 +230,7 @@ def test_a_small_disk_that_runs_full_keeps_the_old_results(tmp_path: Path) -> No
     with small_disk(tmp_path / "disk", "size=256k"):
         out = tmp_path / "disk" / "out"
         write(out, {"a": "old" * 10_000})
-        with pytest.raises(
-            OutputError, match=r"no space left on device; nothing was changed there\. Make room"
-        ):
+        with pytest.raises(OutputError, match=r"no space left on device; nothing was changed there\. Make room"):
             write(out, {"a": "new" * 10_000, "b": "new" * 100_000}, overwrite=True)
         assert results(out) == {"a": "old" * 10_000}
         assert hidden(out.parent) == []
@@ -262,9 +245,7 @@ def test_a_disk_that_is_read_only_is_one_sentence(tmp_path: Path) -> None:
         subprocess.run(["mount", "-o", "remount,ro", tmp_path / "disk"], check=True)
         with pytest.raises(OutputError, match=r"(read-only file system|is read-only)"):
             write(tmp_path / "disk" / "out", {"a": "new"}, overwrite=True)
-        with pytest.raises(
-            OutputError, match=r"read-only file system; nothing was changed there\. Choose a folder"
-        ):
+        with pytest.raises(OutputError, match=r"read-only file system; nothing was changed there\. Choose a folder"):
             write(tmp_path / "disk" / "other", {"a": "new"})
         assert results(tmp_path / "disk" / "out") == {"a": "old"}
 
@@ -356,9 +337,7 @@ def test_what_is_ignored_stays_ignored() -> None:
     code = "import signal\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)\n" + DEAF.format(
         body="time.sleep(0.5); click.echo('done')"
     )
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, "try"], stdout=subprocess.PIPE, text=True, cwd=ROOT
-    )
+    process = subprocess.Popen([sys.executable, "-c", code, "try"], stdout=subprocess.PIPE, text=True, cwd=ROOT)
     assert process.stdout is not None
     process.stdout.readline()
     process.send_signal(signal.SIGHUP)

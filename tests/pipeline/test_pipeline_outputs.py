@@ -37,14 +37,7 @@ def test_new_folder_appears_with_its_manifest(tmp_path: Path) -> None:
     log = tmp_path / "run.csv"
     log.write_bytes(b"time_s,tau\n")
     out = tmp_path / "deep" / "er" / "out"
-    options = {
-        "arm": 0.44,
-        "model": tmp_path / "m.json",
-        "file": str(log),
-        "out": out,
-        "jobs": 4,
-        "overwrite": False,
-    }
+    options = {"arm": 0.44, "model": tmp_path / "m.json", "file": str(log), "out": out, "jobs": 4, "overwrite": False}
     write(out, {"b.csv": "1\n", "sub/a.csv": "ψ\n"}, options=options, inputs=[("steps/run.csv", log)], seed=3)
 
     assert content(out) == {"b.csv": "1\n", "sub/a.csv": "ψ\n"}
@@ -79,9 +72,7 @@ def test_manifest_says_nothing_of_the_machine(tmp_path: Path) -> None:
 def test_existing_results_are_refused_before_any_work(tmp_path: Path) -> None:
     out = tmp_path / "out"
     write(out, {"a": "old"})
-    with pytest.raises(
-        OutputError, match=r"already holds results of fit-yaw; give --overwrite to replace them"
-    ):
+    with pytest.raises(OutputError, match=r"already holds results of fit-yaw; give --overwrite to replace them"):
         write(out, {"a": "new"})
     assert content(out) == {"a": "old"}
 
@@ -168,9 +159,7 @@ def test_unfit_targets_are_refused_in_one_sentence(tmp_path: Path, monkeypatch: 
         write(Path(), {"a": "1"})
 
 
-def test_full_disk_is_one_sentence_and_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_full_disk_is_one_sentence_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "made" / "out"
 
     def no_room(number: int) -> None:
@@ -186,12 +175,8 @@ def test_full_disk_is_one_sentence_and_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    "problem", [KeyboardInterrupt(), ValueError("x"), FileNotFoundError(2, "No such log")]
-)
-def test_error_or_interrupt_inside_leaves_nothing_and_passes_unchanged(
-    tmp_path: Path, problem: BaseException
-) -> None:
+@pytest.mark.parametrize("problem", [KeyboardInterrupt(), ValueError("x"), FileNotFoundError(2, "No such log")])
+def test_error_or_interrupt_inside_leaves_nothing_and_passes_unchanged(tmp_path: Path, problem: BaseException) -> None:
     out = tmp_path / "made" / "out"
     with (
         pytest.raises(type(problem)) as caught,
@@ -206,18 +191,14 @@ def test_error_or_interrupt_inside_leaves_nothing_and_passes_unchanged(
 @pytest.mark.parametrize("name", ["", "/abs", "../up", "a/../../up", "back\\slash", "twice"])
 def test_names_stay_inside(tmp_path: Path, name: str) -> None:
     with pytest.raises(ValueError, match="expected a new relative name"):
-        write(
-            tmp_path / "out",
-            {"twice": "1"} | {name: "1"} if name != "twice" else {"twice": "1", "./twice": "2"},
-        )
+        write(tmp_path / "out", {"twice": "1"} | {name: "1"} if name != "twice" else {"twice": "1", "./twice": "2"})
     assert list(tmp_path.iterdir()) == []
 
 
 def test_json_has_one_form() -> None:
     data = {"b": np.float64(0.1), "a": [np.int64(2), np.bool_(True)], "ψ": np.array([1.0, 2.0]), "none": None}
     assert (
-        json_text(data)
-        == '{\n "b": 0.1,\n "a": [\n  2,\n  true\n ],\n "ψ": [\n  1.0,\n  2.0\n ],\n "none": null\n}\n'
+        json_text(data) == '{\n "b": 0.1,\n "a": [\n  2,\n  true\n ],\n "ψ": [\n  1.0,\n  2.0\n ],\n "none": null\n}\n'
     )
 
 

@@ -127,9 +127,7 @@ def test_interrupt_and_kill_end_every_process_soon(tmp_path: Path, how: int, wai
 
 def test_a_cluster_without_dask_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(
-        SettingError, match=r"not installed; install it with: pip install 'automarine\[cluster\]'"
-    ):
+    with pytest.raises(SettingError, match=r"not installed; install it with: pip install 'automarine\[cluster\]'"):
         ordered_map(square, [1], cluster="tcp://127.0.0.1:8786")
 
 

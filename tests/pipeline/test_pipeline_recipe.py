@@ -13,15 +13,7 @@ from hypothesis import strategies as st
 
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.recipe import (
-    FILLER,
-    from_mapping,
-    key_of,
-    keyed,
-    read_mapping,
-    to_mapping,
-    toml_text,
-)
+from automarine_cli.pipeline.recipe import FILLER, from_mapping, key_of, keyed, read_mapping, to_mapping, toml_text
 
 
 @dataclass(frozen=True)
@@ -100,10 +92,7 @@ def test_toml_reads_back_the_same(data: dict[str, Any]) -> None:
         ({"name": "a", "rest_s": True}, "rest_s: expected a number, found true"),
         ({"name": "a", "rest_s": float("nan")}, "rest_s: expected a number, found NaN"),
         ({"name": "a", "levels": {"tau": 1}}, "levels: expected a list, each entry a table"),
-        (
-            {"name": "a", "first": {"tau": 1, "repeats": 1.5}},
-            "first: repeats: expected a whole number, found 1",
-        ),
+        ({"name": "a", "first": {"tau": 1, "repeats": 1.5}}, "first: repeats: expected a whole number, found 1"),
         ({"name": "a", "span": [1.0]}, "span: expected a list of 2 values, found 1 values"),
         ({"name": "a", "span": [1, 0]}, "span must rise"),
         ({"name": "a", "columns": {"t": {"from": "x", "sign": 2}}}, "columns.t: expected a table or a text"),

@@ -20,9 +20,7 @@ from automarine_cli.pipeline.manifest import read_manifest
 
 pytestmark = pytest.mark.slow
 
-STEPS = [
-    f"steps/tau_{sign}{size}_a.csv" for sign in "+-" for size in ("0.1", "0.2", "0.3", "0.4", "0.5", "0.6")
-]
+STEPS = [f"steps/tau_{sign}{size}_a.csv" for sign in "+-" for size in ("0.1", "0.2", "0.3", "0.4", "0.5", "0.6")]
 MANOEUVRES = ["validation/short_pulses.csv", "validation/there_and_back.csv"]
 COLUMNS = '[columns]\nheading_deg = "yaw"\ntau = { from = "cmd", sign = -1 }\n[defaults]\narm_m = 0.3\n'
 
@@ -207,9 +205,7 @@ def test_missing_and_changed_inputs_are_refused_by_name(
     )
     assert not Path("again").exists()
     found = run("run", "--from", "pool")
-    assert (
-        found.stderr == "Error: pool: no manifest.json here; give a folder of results, or its manifest.json\n"
-    )
+    assert found.stderr == "Error: pool: no manifest.json here; give a folder of results, or its manifest.json\n"
 
 
 def test_other_bytes_and_other_versions_are_said(

@@ -157,8 +157,7 @@ def test_it_can_be_rehearsed(made: tuple[Plan, Path]) -> None:
 def test_thrusters_and_their_current(run: Run, model: Path, tmp_path: Path) -> None:
     """Commands go through the map, moments stay within it, and the battery is counted from the tests' current."""
     curves = {
-        side: {"a": a, "p": 2.0, "n_0": 0.0, "n_sat": None}
-        for side, a in (("forward", 2.6e-4), ("backward", 0.7e-4))
+        side: {"a": a, "p": 2.0, "n_0": 0.0, "n_sat": None} for side, a in (("forward", 2.6e-4), ("backward", 0.7e-4))
     }
     thrusters = write(tmp_path / "thrusters.json", {
         "schema": "automarine/thruster-map/1", "form": "square", "forward": {"a": {"value": 2.6e-4}},
@@ -228,9 +227,7 @@ def test_the_example_is_the_default(run: Run) -> None:
         f"{table}.{key}" for table, held in tomllib.loads(every.split("\n\n", 1)[1]).items()
         if isinstance(held, dict) for key in held
     }  # fmt: skip
-    told = {
-        f"{table}.{key}" for table, held in vars(Limits()).items() if table != "schema" for key in vars(held)
-    }
+    told = {f"{table}.{key}" for table, held in vars(Limits()).items() if table != "schema" for key in vars(held)}
     assert keys == told
 
 
@@ -253,18 +250,13 @@ def test_limits_are_refused(model: Path, tmp_path: Path, text: str, why: str) ->
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        (
-            {"schema": "automarine/yaw-model/1"},
-            "expected the diagnosis.json that `automarine diagnose` writes",
-        ),
+        ({"schema": "automarine/yaw-model/1"}, "expected the diagnosis.json that `automarine diagnose` writes"),
         ({"moment_unit": "N m"}, "a diagnosis of moments in"),
         ({"effects": [{"name": "gremlin", "parameters": {}}]}, r'effects\[0\]: name: found "gremlin"'),
         ({"effects": [{"name": "dead-band", "parameters": {}}]}, "width has no value"),
     ],
 )
-def test_a_wrong_diagnosis_is_refused(
-    model: Path, diagnosis: Path, change: dict[str, object], why: str
-) -> None:
+def test_a_wrong_diagnosis_is_refused(model: Path, diagnosis: Path, change: dict[str, object], why: str) -> None:
     write(diagnosis, json.loads(diagnosis.read_text()) | change)
     with pytest.raises(ModelError, match=why):
         am.plan(model, diagnosis=diagnosis)
@@ -282,9 +274,7 @@ def test_other_refusals(model: Path, tmp_path: Path) -> None:
         am.plan(write(tmp_path / "none.json", {"schema": "other"}))
 
 
-def test_a_rival_that_planned_runs_cannot_show_is_left_open(
-    model: Path, diagnosis: Path, limits: Path
-) -> None:
+def test_a_rival_that_planned_runs_cannot_show_is_left_open(model: Path, diagnosis: Path, limits: Path) -> None:
     told = json.loads(diagnosis.read_text())
     told["effects"][0]["rivals"] = [{"name": "cross-coupling"}]
     made: Plan = am.plan(model, diagnosis=write(diagnosis, told), limits=limits)

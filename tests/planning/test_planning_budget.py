@@ -7,14 +7,7 @@ import numpy as np
 import pytest
 
 from automarine_cli.errors import RunError, SettingError
-from automarine_cli.planning.candidates import (
-    Candidate,
-    Supply,
-    allowance,
-    costs,
-    in_order,
-    scheduled,
-)
+from automarine_cli.planning.candidates import Candidate, Supply, allowance, costs, in_order, scheduled
 from automarine_cli.planning.limits import Battery, Limits, Pool, Runs
 from automarine_cli.planning.vehicle import command_file, consumption, drive_of, in_words
 from automarine_cli.thrusters.forms import Curve
@@ -84,9 +77,7 @@ def test_a_map_of_one_direction_and_an_unknown_end_are_refused() -> None:
 def test_consumption_is_recovered_from_a_current() -> None:
     force = np.linspace(-6.0, 12.0, 40)
     power = 2.0 * (4.0 + np.where(force > 0, 1.5, 2.5) * np.abs(force / 2.0) ** 1.5)
-    one = Series(
-        "bollard.csv", "", force, force, voltage=np.full(40, 23.0), extras={"current_A": power / 23.0}
-    )
+    one = Series("bollard.csv", "", force, force, voltage=np.full(40, 23.0), extras={"current_A": power / 23.0})
     found = consumption([one], per_test=2, volts=24.0)
     assert (found.idle, found.ahead, found.astern) == pytest.approx((4.0, 1.5, 2.5), rel=1e-9)
     assert found.power(-4.0) == pytest.approx(2.5 * 8.0)
@@ -103,9 +94,7 @@ def test_a_command_file_holds_each_moment_until_the_next() -> None:
     rows = list(csv.reader(io.StringIO(command_file(coast, 3.0, "nu", None))))
     assert rows == [["time_s", "tau"], ["0", "0"], ["3", "-1.2"], ["5.5", "0"], ["10.5", "0"]]
     drive = drive_of(MAP, 0.11, 150.0, True, 1.0)
-    rows = list(
-        csv.reader(io.StringIO(command_file(Candidate("step", "s", ((0.1, 4.0),)), 3.0, "N m", drive)))
-    )
+    rows = list(csv.reader(io.StringIO(command_file(Candidate("step", "s", ((0.1, 4.0),)), 3.0, "N m", drive))))
     assert rows[0] == ["time_s", "n_port", "n_stbd"]
     port, starboard = (float(cell) for cell in rows[2][1:])
     assert float(MAP.moment(port, starboard, 0.11)) == pytest.approx(0.1, rel=1e-4)

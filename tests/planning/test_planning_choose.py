@@ -17,9 +17,7 @@ LINE = np.stack([np.ones(9), PLACES], axis=1)
 EACH = LINE[:, :, None] * LINE[:, None, :]
 
 
-def shop(
-    room: tuple[float, float, float, float], costs: Floats | None = None, most: float = 100.0
-) -> PlanBudget:
+def shop(room: tuple[float, float, float, float], costs: Floats | None = None, most: float = 100.0) -> PlanBudget:
     cost = np.ones((9, 4)) if costs is None else costs
     return PlanBudget(cost, np.array(room), np.zeros(9), np.full(9, most), np.arange(9)[::-1].copy())
 

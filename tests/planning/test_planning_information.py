@@ -12,14 +12,7 @@ from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.candidates import Candidate, candidates, mirrors
 from automarine_cli.planning.fitting import Fitting
-from automarine_cli.planning.information import (
-    ANGLE,
-    excursions,
-    information,
-    names_of,
-    predicted,
-    reported_covariance,
-)
+from automarine_cli.planning.information import ANGLE, excursions, information, names_of, predicted, reported_covariance
 from automarine_cli.planning.limits import Limits
 from automarine_cli.simulation.campaign import make_runs
 from automarine_cli.simulation.run_groups import SequenceRuns
@@ -100,12 +93,8 @@ def test_one_run_more_never_widens(fit: str) -> None:
 
 
 def test_more_noise_and_more_scatter_tell_less() -> None:
-    quiet, loud = (
-        information(Fitting(MODEL, "whole-runs", noise, SCATTER), MIXED) for noise in (NOISE, 2 * NOISE)
-    )
-    even, uneven = (
-        information(Fitting(MODEL, "whole-runs", NOISE, scatter), MIXED) for scatter in (0.0, 0.1)
-    )
+    quiet, loud = (information(Fitting(MODEL, "whole-runs", noise, SCATTER), MIXED) for noise in (NOISE, 2 * NOISE))
+    even, uneven = (information(Fitting(MODEL, "whole-runs", NOISE, scatter), MIXED) for scatter in (0.0, 0.1))
     for more, less in ((quiet, loud), (even, uneven)):
         assert np.linalg.eigvalsh((more - less).sum(axis=0)).min() > -1e-9 * np.abs(more).max()
 
@@ -126,12 +115,8 @@ def test_predicted_intervals_are_those_that_a_fit_reports(fit: str) -> None:
     """Over a few campaigns the mean square of the reported errors is the predicted one, to a fifth; over many it is
     within a tenth (tests/benchmarks/planning.py)."""
     steps = [side * size for size in (0.3, 0.6, 1.2) for side in (1, -1) for _ in range(2)]
-    runs = [
-        Candidate("step", f"{i}", ((moment, 5.0 / np.sqrt(abs(moment))),)) for i, moment in enumerate(steps)
-    ]
-    told = predicted(
-        Fitting(MODEL, fit, NOISE, SCATTER), information(Fitting(MODEL, fit, NOISE, SCATTER), runs)
-    )  # type: ignore[arg-type]
+    runs = [Candidate("step", f"{i}", ((moment, 5.0 / np.sqrt(abs(moment))),)) for i, moment in enumerate(steps)]
+    told = predicted(Fitting(MODEL, fit, NOISE, SCATTER), information(Fitting(MODEL, fit, NOISE, SCATTER), runs))  # type: ignore[arg-type]
     squares = np.mean([reported(runs, fit, seed) for seed in range(6)], axis=0)
     wanted = [told[name].stderr / told[name].value for name in ("I_r", "k_rr", ANGLE)]
     assert np.asarray(wanted[1:2]) / np.sqrt(squares[1:2]) == pytest.approx(1.0, abs=0.25)

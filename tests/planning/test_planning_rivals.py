@@ -68,8 +68,7 @@ def test_a_rival_that_imitates_best_by_vanishing_does_not_show() -> None:
 def test_mirrored_runs_split_as_well() -> None:
     pair = (explanation("dead-band", (0.03,)), explanation("coulomb-drag", (0.03,)))
     turned = tuple(
-        replace(one, commands=tuple((-moment, seconds) for moment, seconds in one.commands))
-        for one in STEPS[::2]
+        replace(one, commands=tuple((-moment, seconds) for moment, seconds in one.commands)) for one in STEPS[::2]
     )
     here, there = (splits([pair], runs)[0][0].misfit for runs in (STEPS[::2], turned))
     assert there == pytest.approx(here, rel=1e-3)

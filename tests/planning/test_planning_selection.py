@@ -20,9 +20,7 @@ LIMITS = Limits(
 
 
 def planned(limits: Limits = LIMITS, model: YawModel = MODEL, doubts: tuple[Doubt, ...] = ()) -> Campaign:
-    known = PriorResults(
-        StoredModels({"3": MODEL}, "3", "nu", 0.0, "model", YAW), model, {}, None, None, 0, doubts
-    )
+    known = PriorResults(StoredModels({"3": MODEL}, "3", "nu", 0.0, "model", YAW), model, {}, None, None, 0, doubts)
     return plan_campaign(known, limits, 1.2, Supply(0.3, 6.0, 1.2))
 
 
@@ -32,25 +30,19 @@ def plain() -> Campaign:
 
 
 def test_as_many_runs_to_one_side_as_to_the_other(plain: Campaign) -> None:
-    own = [
-        1 if one.commands[0][0] > 0 else -1 for one, why in zip(plain.candidates, plain.why) if why == NARROW
-    ]
+    own = [1 if one.commands[0][0] > 0 else -1 for one, why in zip(plain.candidates, plain.why) if why == NARROW]
     assert abs(sum(own)) <= 1
     assert plain.why[0] == plain.why[-1] == DRIFT
     assert plain.candidates[0].label == plain.candidates[-1].label
 
 
 def test_start_headings_come_in_turn_and_no_run_turns_far(plain: Campaign) -> None:
-    assert [one.start_heading for one in plain.candidates] == [
-        90.0 * (i % 4) for i in range(len(plain.slots))
-    ]
+    assert [one.start_heading for one in plain.candidates] == [90.0 * (i % 4) for i in range(len(plain.slots))]
     assert not any(one.turns for one in plain.candidates)
 
 
 def test_the_plan_needs_less_of_the_pool_than_the_grid_for_the_same_inertia(plain: Campaign) -> None:
-    reached = [
-        m for m, e in zip(plain.plan.minutes, plain.plan.percent["I_r"]) if e <= plain.grid.percent["I_r"][23]
-    ]
+    reached = [m for m, e in zip(plain.plan.minutes, plain.plan.percent["I_r"]) if e <= plain.grid.percent["I_r"][23]]
     assert reached and reached[0] < plain.grid.minutes[23]
 
 
@@ -71,8 +63,6 @@ def test_a_voltage_exponent_is_split_from_a_sag_by_runs_at_another_voltage() -> 
 
 def test_what_the_limits_do_not_split_is_said() -> None:
     limits = replace(LIMITS, pool=Pool(minutes=4, runs=3), runs=Runs(kinds=("step", "coast-down")))
-    made = planned(
-        limits, MODEL.with_effect("thruster-lag", (0.06,)), (Doubt("thruster-lag", "input-delay"),)
-    )
+    made = planned(limits, MODEL.with_effect("thruster-lag", (0.06,)), (Doubt("thruster-lag", "input-delay"),))
     assert made.splits[0].evidence < 20.0
     assert made.notes[0].startswith("Not split within these limits: thruster-lag from input-delay")

@@ -30,9 +30,7 @@ HOSTILE = (
 def hostile_log(folder: Path) -> Path:
     """One Parquet file whose runs, turning by turns either way, have all these names, and so has a column."""
     moments = (0.3, -0.3, 0.6, -0.6, 1.0, -1.0)
-    tables = [
-        good_table(moments[i % len(moments)], seed=i).assign(run=name) for i, name in enumerate(HOSTILE)
-    ]
+    tables = [good_table(moments[i % len(moments)], seed=i).assign(run=name) for i, name in enumerate(HOSTILE)]
     table = pd.concat(tables, ignore_index=True)
     table["$\\frac{|<b>`_x_\x1b[31m\x07"] = table["time_s"] % 7
     path = folder / "$x$ `|` <b> \\input{a}.parquet"

@@ -67,10 +67,7 @@ CASES = {
 
 def force_steps(motion: str) -> dict[str, object]:
     """A specification of six steps of surge or heave."""
-    of = {
-        "surge": {"m_u": 17.0, "X_uu": 24.0},
-        "heave": {"m_w": 22.0, "Z_ww": 50.0, "constant_force": 2.0},
-    }
+    of = {"surge": {"m_u": 17.0, "X_uu": 24.0}, "heave": {"m_w": 22.0, "Z_ww": 50.0, "constant_force": 2.0}}
     forces = [s * force for force in (8.0, 15.0, 30.0) for s in (1.0, -1.0)]
     return {
         "schema": SCHEMA,
@@ -153,9 +150,7 @@ def test_made_again_it_is_the_same_until_the_figure_is_there(
     assert (drawn.exit_code, drawn.stderr) == (1, "") and "thrusters.png (new)" in drawn.stdout
 
 
-def test_so_is_one_that_cannot_be_saved(
-    place: Path, run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_so_is_one_that_cannot_be_saved(place: Path, run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(FORMATS, "png", boom)  # type: ignore[arg-type]
     found = run("fit-yaw", "pool/steps", "-o", tmp_path / "out")
     expected = [SENTENCE.format(name) for name in ("half_turns", "drag", "inertia", "collapse")]
@@ -192,11 +187,7 @@ def written(result: YawDiagnosis, out: Path) -> str:
 
 @pytest.mark.parametrize("problem", [FitError("no drift"), ValueError("a shape")])
 def test_a_diagnosis_does_without_its_naming_key(
-    problem: Exception,
-    diagnosis: YawDiagnosis,
-    lenient_figures: None,
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
+    problem: Exception, diagnosis: YawDiagnosis, lenient_figures: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def fails(*of: object) -> None:
         raise problem
@@ -207,10 +198,7 @@ def test_a_diagnosis_does_without_its_naming_key(
     assert warned(tmp_path / "out") == [
         f"The naming key could not be formed ({kind}{problem}); everything else was written."
     ]
-    assert (
-        "The naming key (how the runs' own drag and inertia drift with the moment) could not be formed."
-        in text
-    )
+    assert "The naming key (how the runs' own drag and inertia drift with the moment) could not be formed." in text
     assert "Budget of the gap" in text and "with the moment beyond chance" not in text
 
 
@@ -271,9 +259,7 @@ def test_what_an_exception_says_stands_on_one_line() -> None:
         raise KeyError("a\x1b[31m")
 
     assert attempted("It failed", bare).warning == "It failed (ValueError); everything else was written."
-    assert attempted("It failed", long).warning == (
-        "It failed (KeyError: 'a\\x1b[31m'); everything else was written."
-    )
+    assert attempted("It failed", long).warning == ("It failed (KeyError: 'a\\x1b[31m'); everything else was written.")
 
 
 CALLS: Sequence[Callable[[], object]] = (
@@ -290,8 +276,6 @@ CALLS: Sequence[Callable[[], object]] = (
 
 
 @pytest.mark.parametrize("call", CALLS)
-def test_a_format_that_there_is_not_is_refused_before_any_work(
-    call: Callable[[], object], place: Path
-) -> None:
+def test_a_format_that_there_is_not_is_refused_before_any_work(call: Callable[[], object], place: Path) -> None:
     with pytest.raises(SettingError, match=r"^figure format 'gif' is not known; known are png, svg, pdf$"):
         call()

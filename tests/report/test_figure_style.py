@@ -27,9 +27,7 @@ def drawn() -> Figure:
     figure, axes = new_figure(2, 1, 3.0, 3.0, sharex=True)
     for model, colour in MODEL_COLOURS.items():
         x = np.linspace(-1.0, 1.0, 50)
-        axes[0, 0].plot(
-            x, x * float(model), color=colour, linestyle=MODEL_LINES[model], label=f"model {model}"
-        )
+        axes[0, 0].plot(x, x * float(model), color=colour, linestyle=MODEL_LINES[model], label=f"model {model}")
     axes[1, 0].plot([0, 1], [0, -1])
     axes[1, 0].set_xlabel(r"moment $\tau$")
     for ax in axes.flat:

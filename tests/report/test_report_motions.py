@@ -71,9 +71,7 @@ def test_a_fit_speaks_of_its_motion(fits: dict[str, YawFit], name: str) -> None:
     tables = [*yaw_report.tables(fit), *yaw_report.tables(fit, short=True)]
     for table in tables:
         refuse_strange(dof, [table.to_csv(), table.to_markdown()])
-        assert any(
-            sign in table.to_latex() for sign in (dof.symbols.quadratic_math, dof.symbols.inertia_math)
-        )
+        assert any(sign in table.to_latex() for sign in (dof.symbols.quadratic_math, dof.symbols.inertia_math))
     refuse_strange(dof, [*yaw_report.sentences(fit), *VIEW.lines(fit), *alternatives(dof).values()])
     keys = [key.replace("_", " ") for key in yaw_report.run_rows(fit).column_names]
     refuse_strange(dof, keys)
@@ -93,9 +91,7 @@ def test_only_drag_that_may_differ_is_told_by_way(fits: dict[str, YawFit], name:
 
 
 @EVERY_FORCE
-def test_figures_of_a_fit_are_labelled_in_letters_and_units_of_the_motion(
-    fits: dict[str, YawFit], name: str
-) -> None:
+def test_figures_of_a_fit_are_labelled_in_letters_and_units_of_the_motion(fits: dict[str, YawFit], name: str) -> None:
     fit, dof = fits[name], FORCES[name]
     drawn = yaw_report.drawings(fit)
     assert list(drawn) == ["steps", "drag", "inertia", "collapse"]

@@ -43,11 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     model, thrusters = made / "yaw" / "yaw_model.json", made / "thrusters" / "thrusters.json"
     am.validate(logs / "validation", model=model, out=made / "validation", figure_formats=figures)
     am.diagnose(
-        logs / "thrusters",
-        model=thrusters,
-        thrusters_per_test=2,
-        out=made / "diagnosis",
-        figure_formats=figures,
+        logs / "thrusters", model=thrusters, thrusters_per_test=2, out=made / "diagnosis", figure_formats=figures
     )
     return made
 
@@ -95,9 +91,7 @@ def test_the_same_bytes_from_anywhere(
     assert not [name for name, text in files.items() if str(folder.parent) in text or "elsewhere" in text]
 
 
-def test_sections_stand_in_order_and_hold_what_was_found(
-    folder: Path, files: dict[str, str], page: Elements
-) -> None:
+def test_sections_stand_in_order_and_hold_what_was_found(folder: Path, files: dict[str, str], page: Elements) -> None:
     headings = re.findall(r"^## (.*)$", files["report.md"], flags=re.MULTILINE)
     assert headings == [
         "Thruster map", "Yaw model", "Validation", "Diagnosis", "Logs", "Runs set aside", "What to run next",
@@ -107,16 +101,8 @@ def test_sections_stand_in_order_and_hold_what_was_found(
     low, high = model["models"][model["preferred"]]["I_r"]["ci95"]
     first = page.text.partition("Thruster map")[2]
     said = re.search(r"I\s*r = ([\d.]+) \[([\d.]+), ([\d.]+)\]", first)
-    assert (
-        said
-        and float(said[2]) == pytest.approx(low, abs=0.01)
-        and float(said[3]) == pytest.approx(high, abs=0.01)
-    )
-    for words in (
-        "Table 1. Identified yaw models: drag",
-        "Table 2. Identified yaw models: inertia",
-        "never moved",
-    ):
+    assert said and float(said[2]) == pytest.approx(low, abs=0.01) and float(said[3]) == pytest.approx(high, abs=0.01)
+    for words in ("Table 1. Identified yaw models: drag", "Table 2. Identified yaw models: inertia", "never moved"):
         assert words in page.text
     assert "the commands of 1 run that was not fitted" in page.text
     assert "newtons" in page.text  # this diagnosis is of the thruster map
@@ -125,14 +111,7 @@ def test_sections_stand_in_order_and_hold_what_was_found(
 def test_no_name_becomes_markup(files: dict[str, str], page: Elements) -> None:
     assert page.all("script") == [] == page.all("svg")
     assert [e for e in page.elements if any(key.startswith("on") for key in e[1])] == []
-    assert {tag for tag, _ in page.elements} & {
-        "iframe",
-        "object",
-        "embed",
-        "form",
-        "base",
-        "foreignobject",
-    } == set()
+    assert {tag for tag, _ in page.elements} & {"iframe", "object", "embed", "form", "base", "foreignobject"} == set()
     assert all((a.get("src") or "data:").startswith("data:") for a in page.all("img"))
     everything = " ".join([page.text, *(a["alt"] or "" for a in page.all("img"))])
     assert [name for name in HOSTILE if " ".join(name.split()) not in everything] == []
@@ -181,9 +160,7 @@ def test_png_serves_where_no_svg_was_drawn(folder: Path, tmp_path: Path) -> None
 
 
 def test_refusals_say_what_to_do(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(
-        OutputError, match=r"none of the folders check, thrusters, .* is here; give a folder that"
-    ):
+    with pytest.raises(OutputError, match=r"none of the folders check, thrusters, .* is here; give a folder that"):
         report_files(tmp_path)
     shutil.copytree(folder / "yaw", tmp_path / "yaw")
     model = tmp_path / "yaw" / "yaw_model.json"
@@ -191,9 +168,7 @@ def test_refusals_say_what_to_do(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"yaw/yaw_model.json: \w+ is missing; .* Run that step again"):
         report_files(tmp_path)
     model.write_text('{"schema": "other"}')
-    with pytest.raises(
-        OutputError, match=r"yaw/yaw_model.json: schema is 'other'; expected automarine/yaw-model/1"
-    ):
+    with pytest.raises(OutputError, match=r"yaw/yaw_model.json: schema is 'other'; expected automarine/yaw-model/1"):
         report_files(tmp_path)
 
 
@@ -205,9 +180,7 @@ def test_command_writes_beside_the_steps(folder: Path, tmp_path: Path, run: Call
     assert {path.name for path in tmp_path.iterdir()} == {"thrusters", "report.html", "report.md"}
     again = run("report", tmp_path)
     assert again.exit_code == 1 and "give --overwrite to replace it" in again.stderr
-    assert report(tmp_path, overwrite=True).files["report.md"] == (tmp_path / "report.md").read_text(
-        encoding="utf-8"
-    )
+    assert report(tmp_path, overwrite=True).files["report.md"] == (tmp_path / "report.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -217,14 +190,8 @@ def test_command_writes_beside_the_steps(folder: Path, tmp_path: Path, run: Call
             "named",
             "The model lacks <strong>dead-band</strong>: with it the gap falls from 3.00 to 1.00 degrees (from 4.00",
         ),
-        (
-            "nothing-missing",
-            "Nothing is missing that these runs could show: the gap is 3.00 degrees, the noise 0.90.",
-        ),
-        (
-            "unexplained",
-            "Something is missing that no effect of the library explains: the gap is 1.00 degrees",
-        ),
+        ("nothing-missing", "Nothing is missing that these runs could show: the gap is 3.00 degrees, the noise 0.90."),
+        ("unexplained", "Something is missing that no effect of the library explains: the gap is 1.00 degrees"),
     ],
 )
 def test_the_third_sentence_is_the_verdict(tmp_path: Path, verdict: str, says: str) -> None:
@@ -241,14 +208,10 @@ def test_the_third_sentence_is_the_verdict(tmp_path: Path, verdict: str, says: s
 
 def test_markdown_is_text_whatever_it_holds() -> None:
     body = to_html(
-        "# A <b>\n\nx \\*y\\* **z** `a<b` k_r\\|r\\| &lt; <i>\n\n| a | b |\n| --- | ---: |\n| \\| | 1 |\n",
-        str,
+        "# A <b>\n\nx \\*y\\* **z** `a<b` k_r\\|r\\| &lt; <i>\n\n| a | b |\n| --- | ---: |\n| \\| | 1 |\n", str
     )
     assert '<h1 id="a-b">A &lt;b&gt;' in body.html
-    assert (
-        "<p>x *y* <strong>z</strong> <code>a&lt;b</code> <var>k</var><sub>r|r|</sub> &lt; &lt;i&gt;</p>"
-        in body.html
-    )
+    assert "<p>x *y* <strong>z</strong> <code>a&lt;b</code> <var>k</var><sub>r|r|</sub> &lt; &lt;i&gt;</p>" in body.html
     assert '<th scope="row">|</th><td class="n">1</td>' in body.html
 
 
@@ -272,20 +235,10 @@ def test_a_browser_shows_it_without_a_word_to_anybody(tab: tuple[Tab, Path], wid
     shown.open(path, width=width, dark=dark, touch=width < 400)
     assert shown.problems == []
     assert {address.partition(":")[0] for address in shown.asked} <= {"file", "data"}
-    assert (
-        shown.asked.count(path.as_uri()) == sum(address.startswith("file:") for address in shown.asked) == 1
-    )
+    assert shown.asked.count(path.as_uri()) == sum(address.startswith("file:") for address in shown.asked) == 1
     assert shown.value("document.scrollingElement.scrollWidth") <= width
-    said = shown.value(
-        "document.querySelectorAll('details').forEach(d => { d.open = true }), document.body.innerText"
-    )
-    for words in (
-        "Thruster map",
-        "Table 1. Identified yaw models: drag",
-        "never moved",
-        HOSTILE[0],
-        HOSTILE[4],
-    ):
+    said = shown.value("document.querySelectorAll('details').forEach(d => { d.open = true }), document.body.innerText")
+    for words in ("Thruster map", "Table 1. Identified yaw models: drag", "never moved", HOSTILE[0], HOSTILE[4]):
         assert words in said
     paper, ink = (
         sum(map(int, re.findall(r"\d+", shown.value(f"getComputedStyle(document.body).{one}"))))

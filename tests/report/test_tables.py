@@ -80,13 +80,7 @@ def test_text_stands_in_columns() -> None:
     rows = (("1", "1.2", "x"), ("both", "-10.25", ""))
     table = Table("Drag", ("model", "k", "why"), rows, rules=(1,), notes=("N.",))
     assert table.to_text() == (
-        "Drag\n\n"
-        "model       k  why\n"
-        "------------------\n"
-        "1         1.2  x\n"
-        "------------------\n"
-        "both   -10.25\n\n"
-        "N.\n"
+        "Drag\n\nmodel       k  why\n------------------\n1         1.2  x\n------------------\nboth   -10.25\n\nN.\n"
     )
 
 

@@ -127,11 +127,7 @@ def test_half_turns_are_drawn_to_both_sides(fit: YawFit) -> None:
     is_complete(figure)
     port, starboard = figure.axes[:2]
     for ax, sign in ((port, -1), (starboard, 1)):
-        ends = [
-            float(np.asarray(line.get_ydata())[-1])
-            for line in ax.lines
-            if len(np.asarray(line.get_xdata())) > 20
-        ]
+        ends = [float(np.asarray(line.get_ydata())[-1]) for line in ax.lines if len(np.asarray(line.get_xdata())) > 20]
         assert len(ends) >= len(SIZES) and all(sign * end > -5 for end in ends)
         limit = [line for line in ax.lines if np.all(np.asarray(line.get_ydata()) == sign * 180.0)]
         assert limit
@@ -146,9 +142,7 @@ def test_drag_figure_has_points_three_curves_and_residuals(fit: YawFit) -> None:
     assert len(points) == 1 and lines_of_more_than(top, 300) == 3
     assert sum(len(np.asarray(line.get_xdata())) == len(fit.turns) for line in bottom.lines) == 3
     legend = top.get_legend()
-    assert legend is not None and {"model 1", "model 2", "model 3"} <= {
-        text.get_text() for text in legend.get_texts()
-    }
+    assert legend is not None and {"model 1", "model 2", "model 3"} <= {text.get_text() for text in legend.get_texts()}
 
 
 def test_inertia_figure_has_runs_means_and_both_methods(fit: YawFit) -> None:

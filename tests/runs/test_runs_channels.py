@@ -32,9 +32,7 @@ def changed(runs: Sequence[Run], make: Callable[[Run, Floats], Floats]) -> list[
 
 def mirrored(runs: Sequence[Run]) -> list[Run]:
     return [
-        replace(
-            run, position=-run.position, moment=-run.command, extras={"yaw_rate": -run.extras["yaw_rate"]}
-        )
+        replace(run, position=-run.position, moment=-run.command, extras={"yaw_rate": -run.extras["yaw_rate"]})
         for run in runs
     ]
 
@@ -118,9 +116,7 @@ def test_without_a_velocity_there_is_nothing_to_choose() -> None:
     assert choose_channels(runs, YAW).names is None and choose_channels(runs, YAW).verdicts == ()
     with pytest.raises(SettingError, match="no log holds yaw rate; name its column yaw_rate_deg_s"):
         choose_channels(runs, YAW, "yaw_rate")
-    with pytest.raises(
-        SettingError, match="'compass'; expected auto, position, all, or some of heading, yaw_rate"
-    ):
+    with pytest.raises(SettingError, match="'compass'; expected auto, position, all, or some of heading, yaw_rate"):
         choose_channels(runs, YAW, "compass")
 
 

@@ -68,9 +68,7 @@ def test_a_spike_of_a_turn_in_metres_is_a_spike() -> None:
 
 
 def test_a_log_of_both_is_read_as_asked(tmp_path: Path) -> None:
-    path = log(
-        tmp_path, "heading_deg,tau,depth_m,force_Z_N", way() * 100, way() * 0 + 1, way(), way() * 0 + 5
-    )
+    path = log(tmp_path, "heading_deg,tau,depth_m,force_Z_N", way() * 100, way() * 0 + 1, way(), way() * 0 + 5)
     as_yaw, as_heave = (read_log(LogFile(path, "log.csv", True), dof=dof) for dof in (YAW, HEAVE))
     assert "depth_m" in as_yaw.extras and as_yaw.moment_unit == "nu"
     assert set(as_heave.columns) == {"time", "depth", "force_Z"} and as_heave.moment_unit == "N"
@@ -141,11 +139,7 @@ def test_normalised_forces_make_normalised_results(tmp_path: Path) -> None:
         "runs": [{"kind": "step", "name": "Z", "forces": [-1.2, -0.8, -0.4, 0.4, 0.8, 1.2], "travel_m": 2.0}],
     }  # fmt: skip
     fit = identify(make_runs(specification_from(spec)))
-    assert (
-        fit.buoyancy is not None
-        and fit.buoyancy.ballast is None
-        and "unit of the command" in fit.buoyancy.says
-    )
+    assert fit.buoyancy is not None and fit.buoyancy.ballast is None and "unit of the command" in fit.buoyancy.says
     estimates = fit.output_error["3"].estimates
     assert estimates["m_w"].unit == "nu s²/m" and estimates["Z_ww"].unit == "nu s²/m²"
     low, high = estimates["constant_force"].ci95

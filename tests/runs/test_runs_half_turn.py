@@ -73,12 +73,7 @@ def test_trimming_twice_is_trimming_once(moment: float, rest: float, noise: floa
 def test_a_mirrored_turn_flips_signs(moment: float, rest: float, seed: int) -> None:
     run = step_run(moment, rest=rest, seed=seed)
     one, other = trimmed(run), trimmed(mirrored(run))
-    assert (one.kept, one.cut_by, one.steady, one.serves) == (
-        other.kept,
-        other.cut_by,
-        other.steady,
-        other.serves,
-    )
+    assert (one.kept, one.cut_by, one.steady, one.serves) == (other.kept, other.cut_by, other.steady, other.serves)
     assert one.turned == pytest.approx(-other.turned, abs=1e-12)
     assert one.start_position == pytest.approx(-other.start_position, abs=1e-12)
 
@@ -125,16 +120,12 @@ def test_reasons(way: int) -> None:
         "units look wrong: the step turned the vehicle 110 degrees against it. If the heading counts "
         "counter-clockwise, map it with sign = -1 in the --columns file"
     )
-    assert seen(step_run(0.5, rest=0.0, rate0=0.4, noise_deg=0.0)).startswith(
-        "not from rest: the step begins at "
-    )
+    assert seen(step_run(0.5, rest=0.0, rate0=0.4, noise_deg=0.0)).startswith("not from rest: the step begins at ")
     assert seen(step_run(0.5, length=0.6)) == (
-        "too short: the step has 6 samples (the log ended); at least 8 are needed. "
-        "Log faster or hold the moment longer"
+        "too short: the step has 6 samples (the log ended); at least 8 are needed. Log faster or hold the moment longer"
     )
     assert seen(replace(run, moment=np.sin(run.time))) == (
-        "no step: no constant moment is held for at least 5 samples. Hold the moment constant, or fit "
-        "whole runs"
+        "no step: no constant moment is held for at least 5 samples. Hold the moment constant, or fit whole runs"
     )
 
 

@@ -60,9 +60,7 @@ def test_a_step_from_rest_does_not_jump(moment: float, period: float) -> None:
     period=st.sampled_from([0.05, 0.1, 0.2, 0.5, 1.0]),
     seed=st.integers(0, 999),
 )
-def test_real_turns_do_not_jump(
-    rate: float, swing: float, pace: float, noise: float, period: float, seed: int
-) -> None:
+def test_real_turns_do_not_jump(rate: float, swing: float, pace: float, noise: float, period: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     time = np.cumsum(period * (1 + 0.1 * rng.uniform(-1, 1, 200)))
     heading = rate * time + swing * np.sin(pace * time) + np.deg2rad(noise) * rng.standard_normal(200)

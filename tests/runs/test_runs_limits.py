@@ -20,9 +20,7 @@ VEHICLES = {"small ROV": (0.4, 0.5), "ROV": (1.0, 1.5), "boat": (10.0, 3.0)}  # 
 TRANSLATIONS = [dof for dof in DOFS.values() if not dof.wraps]
 
 
-def driven(
-    speed: float, acceleration: float, rate: float, noise: float, seed: int
-) -> tuple[Floats, Floats, Floats]:
+def driven(speed: float, acceleration: float, rate: float, noise: float, seed: int) -> tuple[Floats, Floats, Floats]:
     """Clock, position [m] and command of a vehicle that starts from rest, stops, and comes back, for a minute."""
     time = np.arange(0.0, 60.0, 1 / rate)
     command = np.where(time < 5, 0.0, np.where(time < 30, 1.0, np.where(time < 40, 0.0, -1.0)))
@@ -36,9 +34,7 @@ def driven(
 @pytest.mark.parametrize("vehicle", VEHICLES)
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("noise", NOISES)
-def test_what_vehicles_do_is_no_glitch_no_jump_and_no_wrong_unit(
-    vehicle: str, rate: float, noise: float
-) -> None:
+def test_what_vehicles_do_is_no_glitch_no_jump_and_no_wrong_unit(vehicle: str, rate: float, noise: float) -> None:
     for seed in range(10):
         time, position, _ = driven(*VEHICLES[vehicle], rate, noise, seed)
         assert position_trouble(time, position, SURGE) is None

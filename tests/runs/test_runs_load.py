@@ -82,9 +82,7 @@ def test_what_a_compass_says_instead_of_nothing_is_dropped(tmp_path: Path) -> No
 def test_a_clock_coarser_than_the_log_is_told(tmp_path: Path) -> None:
     run = odd(loaded(tmp_path, lambda table: table.assign(time_s=np.floor(2 * table.time_s) / 2)))
     assert run.sample_period == 0.5
-    assert run.notes == (
-        f"{87 - len(run)} of 87 stamps repeat the one before: the clock is coarser than the log",
-    )
+    assert run.notes == (f"{87 - len(run)} of 87 stamps repeat the one before: the clock is coarser than the log",)
 
 
 def test_a_short_gap_is_flagged(tmp_path: Path) -> None:
@@ -179,15 +177,11 @@ def test_named_and_unreadable_is_refused_but_a_run_that_does_not_serve_is_set_as
     back, stuck = tmp_path / "back.csv", tmp_path / "stuck.csv"
     table.iloc[::-1].to_csv(back, index=False)
     table.assign(heading_deg=1.0).to_csv(stuck, index=False)
-    with pytest.raises(
-        RunError, match=r"^back\.csv, row 3, run 'back': the clock steps back from 1\S+ s to 1\S+ s"
-    ):
+    with pytest.raises(RunError, match=r"^back\.csv, row 3, run 'back': the clock steps back from 1\S+ s to 1\S+ s"):
         load_runs([good, back], dof=YAW)
     campaign = load_runs([good, stuck], dof=YAW)
     assert [run.name for run in campaign.runs] == ["good"] and campaign.set_aside[0].run == "stuck"
-    with pytest.raises(
-        RunError, match=r"^stuck\.csv, run 'stuck': compass stuck: .* \(refused because of --strict\)$"
-    ):
+    with pytest.raises(RunError, match=r"^stuck\.csv, run 'stuck': compass stuck: .* \(refused because of --strict\)$"):
         load_runs([good, stuck], strict=True, dof=YAW)
     with pytest.raises(RunError, match=r"^no run is left of 1 log: stuck\.csv: compass stuck: "):
         load_runs([stuck], dof=YAW)

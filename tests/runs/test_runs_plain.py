@@ -56,13 +56,7 @@ def both_ways(columns: Columns, monkeypatch: pytest.MonkeyPatch) -> tuple[object
     seed=st.integers(0, 1000),
 )
 def test_both_ways_agree(
-    moment: float,
-    noise: float,
-    wrap: str,
-    mirror: bool,
-    spikes: list[tuple[int, float]],
-    jitter: float,
-    seed: int,
+    moment: float, noise: float, wrap: str, mirror: bool, spikes: list[tuple[int, float]], jitter: float, seed: int
 ) -> None:
     run = step_run(moment, noise_deg=noise, seed=seed)
     columns = logged(mirrored(run) if mirror else run, wrap)

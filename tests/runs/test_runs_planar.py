@@ -150,14 +150,8 @@ def test_silence_and_a_stuck_sensor() -> None:
     [
         ({"force_X_N": None, "force_Y_N": None}, "no force in the log (force_X_N or force_Y_N)"),
         ({"tau_Nm": None}, "no yaw moment"),
-        (
-            {"force_X_N": None, "X": 0.5 + 0 * TIME},
-            "force X is normalised (X); motions that are coupled need",
-        ),
-        (
-            {"tau_Nm": None, "tau": 0.5 + 0 * TIME},
-            "moment is normalised (tau); motions that are coupled need",
-        ),
+        ({"force_X_N": None, "X": 0.5 + 0 * TIME}, "force X is normalised (X); motions that are coupled need"),
+        ({"tau_Nm": None, "tau": 0.5 + 0 * TIME}, "moment is normalised (tau); motions that are coupled need"),
     ],
 )
 def test_refusals(tmp_path: Path, more: dict[str, object], says: str) -> None:

@@ -90,12 +90,7 @@ def test_drifting_rest_is_cut_down_to_the_still_part() -> None:
 def test_mirrored_run_mirrored_step(moment: float, rest: float, seed: int) -> None:
     run = step_run(moment, rest=rest, seed=seed)
     for one, other in zip(find_steps(run), find_steps(mirrored(run)), strict=True):
-        assert (one.first, one.stop, one.rest, one.from_rest) == (
-            other.first,
-            other.stop,
-            other.rest,
-            other.from_rest,
-        )
+        assert (one.first, one.stop, one.rest, one.from_rest) == (other.first, other.stop, other.rest, other.from_rest)
         assert one.moment == -other.moment
         assert start_position(one) == pytest.approx(-start_position(other), abs=1e-12)
         assert one.start_rate == pytest.approx(-other.start_rate, abs=1e-12)
@@ -105,12 +100,7 @@ def test_mirrored_run_mirrored_step(moment: float, rest: float, seed: int) -> No
 def test_a_shifted_clock_changes_nothing(shift: float, moment: float, rest: float) -> None:
     run = step_run(moment, rest=rest)
     (one,), (other,) = find_steps(run), find_steps(replace(run, time=run.time + shift))
-    assert (one.first, one.stop, one.rest, one.from_rest) == (
-        other.first,
-        other.stop,
-        other.rest,
-        other.from_rest,
-    )
+    assert (one.first, one.stop, one.rest, one.from_rest) == (other.first, other.stop, other.rest, other.from_rest)
     assert other.switch_from - shift == pytest.approx(one.switch_from, abs=1e-8)
     assert start_position(one) == pytest.approx(start_position(other), abs=1e-7)
 

@@ -34,9 +34,7 @@ def test_a_run_that_others_outdo_with_less_is_stuck() -> None:
         assert [run.name for run in kept] == ["moved", "less"]  # 0.3 may lie within a dead band
         assert [one.run for one in aside] == ["as much", "more"]
         assert all("though run moved did under no more; check thrusters" in one.why for one in aside)
-        assert (
-            f"a moment of {some[1].command.sum() / abs(some[1].command.sum()) * 0.5:.4g} nu" in aside[0].why
-        )
+        assert f"a moment of {some[1].command.sum() / abs(some[1].command.sum()) * 0.5:.4g} nu" in aside[0].why
 
 
 @pytest.mark.parametrize(

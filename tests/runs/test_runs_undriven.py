@@ -124,9 +124,7 @@ def test_such_a_run_is_set_aside_beside_others_and_all_are_refused() -> None:
         assert [one.run for one in fit.set_aside] == ["strange"]
         assert "something that this log does not hold moved it" in fit.set_aside[0].why
     assert without_undriven([*good, strange])[0] == good
-    with pytest.raises(
-        RunError, match=r"none of 1 run serves for a fit.*strange: the moment commanded is 0 in 100 %"
-    ):
+    with pytest.raises(RunError, match=r"none of 1 run serves for a fit.*strange: the moment commanded is 0 in 100 %"):
         identify([strange])
 
 
@@ -158,11 +156,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 def test_every_command_refuses_it(model: Callable[[str], Path], tmp_path: Path) -> None:
     for i, run in enumerate(both_ways(moved(steered(0.3)))):
         log = written(run, tmp_path / f"steered_{i}.csv")
-        for arguments in (
-            ("fit-yaw",),
-            ("validate", "--model", model("nu")),
-            ("diagnose", "--model", model("nu")),
-        ):
+        for arguments in (("fit-yaw",), ("validate", "--model", model("nu")), ("diagnose", "--model", model("nu"))):
             said = answer(*arguments, log)
             assert "something that this log does not hold moved it" in said and "Traceback" not in said
 

@@ -23,20 +23,13 @@ def whole_turns_off(found: np.ndarray, true: np.ndarray) -> np.ndarray:
     start=st.floats(-10, 10),
     noise=st.sampled_from([0.0, 0.2, 1.0]),
     spikes=st.lists(
-        st.tuples(st.integers(0, 11), st.integers(1, 2), st.floats(0, 2 * np.pi)),
-        max_size=4,
-        unique_by=lambda s: s[0],
+        st.tuples(st.integers(0, 11), st.integers(1, 2), st.floats(0, 2 * np.pi)), max_size=4, unique_by=lambda s: s[0]
     ),
     gap=st.none() | st.integers(20, 120),
     seed=st.integers(0, 10_000),
 )
 def test_true_heading_comes_back(
-    moment: float,
-    start: float,
-    noise: float,
-    spikes: list[tuple[int, int, float]],
-    gap: int | None,
-    seed: int,
+    moment: float, start: float, noise: float, spikes: list[tuple[int, int, float]], gap: int | None, seed: int
 ) -> None:
     """Wraps, spikes of one or two samples and a hole of eight samples: no turn is invented or lost."""
     rng = np.random.default_rng(seed)

@@ -117,10 +117,7 @@ def test_order_of_convergence_is_four(water: tuple[float, float] | None) -> None
 @pytest.mark.parametrize("water", [None, (0.25, -0.15), (-0.4, 0.3)])
 def test_against_an_independent_solution(seed: int, water: tuple[float, float] | None) -> None:
     run = driven(seed, 7.0)
-    for model, own, keyword in (
-        (smooth(water), SMOOTH, "fine rollout"),
-        (resisted(water), RESISTED, "corners"),
-    ):
+    for model, own, keyword in ((smooth(water), SMOOTH, "fine rollout"), (resisted(water), RESISTED, "corners")):
         found = simulate(model, make_batch([run], 0.01, motion=PLANAR), start=START)
         positions, velocities = solved(own.in_current(water), run, POSITION, VELOCITY)
         assert_close(found.positions[0, 0], positions, keyword)
@@ -142,18 +139,14 @@ def test_port_and_starboard_are_alike() -> None:
     back = simulate(other, make_batch([flipped], 0.02, motion=PLANAR), start=start)
     np.testing.assert_allclose(back.positions, sides * there.positions, rtol=0, atol=1e-13)
     np.testing.assert_allclose(back.velocities, sides * there.velocities, rtol=0, atol=1e-13)
-    exact = solved(RESISTED.in_current(model.water).mirrored(), flipped, sides * POSITION, sides * VELOCITY)[
-        0
-    ]
+    exact = solved(RESISTED.in_current(model.water).mirrored(), flipped, sides * POSITION, sides * VELOCITY)[0]
     assert_close(back.positions[0, 0], exact, "rollout")
 
 
 def test_a_published_craft_with_two_thrusters() -> None:
     """The Otter's own equations, in matrices of Coriolis and over ground, beside ours: ahead, two turns, a stop."""
     time, current = np.arange(0, 40.05, 0.1), np.array([0.3, -0.2])
-    left, right = np.array([[100, 80, 60, -40, 0], [80, 100, 60, 50, 0]])[
-        :, np.minimum(time // 8, 4).astype(int)
-    ]
+    left, right = np.array([[100, 80, 60, -40, 0], [80, 100, 60, 50, 0]])[:, np.minimum(time // 8, 4).astype(int)]
     thrust = np.stack([Otter.thrust(left), Otter.thrust(right)])
     twin = Allocation.twin(Otter.arm)
     run = planar_run(time, *twin.forces(thrust))
@@ -169,9 +162,7 @@ def test_a_published_craft_with_two_thrusters() -> None:
     assert_close(found.velocities[0, 0], states[:, 3:], "corners")
     psi, ahead = states[:, 2], states[:, 3]
     assert ahead.max() > 1.0 and psi.max() > psi[0] + 0.5 and psi.min() < psi.max() - 0.5
-    np.testing.assert_allclose(
-        run.command, 0.395 * (thrust[0] - thrust[1]), atol=1e-12
-    )  # more to port turns clockwise
+    np.testing.assert_allclose(run.command, 0.395 * (thrust[0] - thrust[1]), atol=1e-12)  # more to port turns clockwise
 
 
 @pytest.mark.parametrize("number", ["1", "2", "3"])
@@ -180,9 +171,7 @@ def test_yaw_alone_is_the_limit(number: str) -> None:
     alone = YawModel.base(number, INERTIA, drags, "nu", YAW).with_effect("thruster-lag", (0.3,))
     alone = alone.with_effect("heading-moment", (0.05, -0.03)).with_effect("water-swirl", (0.2, 8.0))
     alone = alone.with_effect("compass-deviation", (0.06, -0.04, 0.03, 0.02))
-    together = PlanarModel(
-        Inertia(20.0, 30.0, INERTIA), surge=(Term("quadratic-drag", (9.0,)),), yaw=alone.terms
-    )
+    together = PlanarModel(Inertia(20.0, 30.0, INERTIA), surge=(Term("quadratic-drag", (9.0,)),), yaw=alone.terms)
     runs = [step_run(0.5), mirrored(step_run(0.9)), sequence_run()]
     planar = [replace(run, extras=dict.fromkeys(("force_X", "force_Y"), 0.0 * run.time)) for run in runs]
     gain = np.array([[0.1, -0.05, 0.0]])
@@ -208,9 +197,7 @@ def test_coriolis_does_no_work() -> None:
     rigid = Inertia.rigid(m, 0.7, x_g).matrix[None]
     c_13, c_23 = -m * (x_g * r + v), m * u
     expected = np.stack([c_13 * r, c_23 * r, -c_13 * u - c_23 * v])
-    np.testing.assert_allclose(
-        turning_of(product_with(rigid)(nu[:, :1]), nu[:, :1]), expected, rtol=1e-12, atol=1e-12
-    )
+    np.testing.assert_allclose(turning_of(product_with(rigid)(nu[:, :1]), nu[:, :1]), expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize(("u", "v"), [(0.8, 0.3), (0.8, -0.3), (-0.5, 0.2)])
@@ -246,9 +233,7 @@ def test_effects_see_the_ground_and_the_water() -> None:
     """A brake against the ground holds where drag lets go: Coulomb friction is on the velocity over ground."""
     time, zero = np.arange(0, 60, 0.5), np.zeros(120)
     model = PlanarModel(
-        BODY,
-        surge=(Term("linear-drag", (3.0,)), Term("coulomb-drag", (5.0, 0.0, 0.0, 0.1))),
-        water=(0.3, 0.0),
+        BODY, surge=(Term("linear-drag", (3.0,)), Term("coulomb-drag", (5.0, 0.0, 0.0, 0.1))), water=(0.3, 0.0)
     )
     batch = make_batch([planar_run(time, zero, zero, zero)], 0.05, motion=PLANAR)
     assert abs(simulate(model, batch).velocities[0, 0, -1, 0]) < 0.02  # 3 N s/m at 0.3 m/s are less than 5 N
@@ -282,18 +267,12 @@ def test_late_switches_move_all_commands() -> None:
     assert batch.interval.shape == (1, 3) and batch.force.shape[0] == 3
     late = np.array([0.15, -0.1, 0.05])
     moved = simulate(resisted(), batch, start=Start(switch_delay=late[None, None]))
-    changes = 1 + np.flatnonzero(
-        np.any(np.diff([run.extras["force_X"], run.extras["force_Y"], run.command]), axis=0)
-    )
+    changes = 1 + np.flatnonzero(np.any(np.diff([run.extras["force_X"], run.extras["force_Y"], run.command]), axis=0))
     instants = (time[changes - 1] + time[changes]) / 2 + late
-    dense = np.sort(
-        np.concatenate([time, instants - 1e-9, instants + 1e-9])
-    )  # samples that show each change at once
+    dense = np.sort(np.concatenate([time, instants - 1e-9, instants + 1e-9]))  # samples that show each change at once
     held = np.searchsorted(instants, dense)
     levels = np.array([[0, 9, 9, 9], [0, 0, -4, -4], [0, 2, 2, 0]], dtype=float)
-    exact = solved(
-        RESISTED.in_current(resisted().water), planar_run(dense, *levels[:, held]), (0, 0, 0), (0, 0, 0)
-    )[0]
+    exact = solved(RESISTED.in_current(resisted().water), planar_run(dense, *levels[:, held]), (0, 0, 0), (0, 0, 0))[0]
     assert_close(moved.positions[0, 0], exact[np.isin(dense, time)], "rollout")
 
 
@@ -352,9 +331,7 @@ def test_rigid_body_and_added_mass() -> None:
     turning = np.diag([0.0, 0.0, 0.5])
     np.testing.assert_allclose(body.matrix, 10.0 * lever.T @ lever + turning, atol=1e-15)
     model = PlanarModel.from_rigid_and_added(10.0, 0.5, Inertia(1.0, 6.0, 0.3, m_vr=0.4), x_g=0.2)
-    np.testing.assert_allclose(
-        model.inertia.matrix, [[11, 0, 0], [0, 16, 2.4], [0, 2.4, 0.5 + 0.4 + 0.3]], atol=1e-15
-    )
+    np.testing.assert_allclose(model.inertia.matrix, [[11, 0, 0], [0, 16, 2.4], [0, 2.4, 0.5 + 0.4 + 0.3]], atol=1e-15)
     for i, j in PLACES:
         assert model.inertia_matrix(model.theta[None])[0, i, j] == model.inertia.matrix[j, i]
     with pytest.raises(ModelError, match=r"m_v = -2.*positive definite"):
@@ -388,8 +365,6 @@ def test_thrusters_at_places_and_angles() -> None:
     np.testing.assert_allclose(vectored.forces(force)[2], np.einsum("t,tij->ij", arm, force), atol=1e-12)
     assert np.linalg.matrix_rank(vectored.matrix) == 3
     bow = Allocation((Thruster("bow", 0.5, 0.0, np.pi / 2),))
-    np.testing.assert_allclose(
-        bow.forces([4.0]), [0.0, 4.0, 2.0], atol=1e-15
-    )  # to starboard at the bow: clockwise
+    np.testing.assert_allclose(bow.forces([4.0]), [0.0, 4.0, 2.0], atol=1e-15)  # to starboard at the bow: clockwise
     with pytest.raises(ModelError, match=r"thrust of shape \(3,\) for 2 thrusters \(port, starboard\)"):
         twin.forces([1.0, 2.0, 3.0])

@@ -52,9 +52,7 @@ def files(folder: Path, names: Iterable[str]) -> list[tuple[str, bytes]]:
         {"LC_ALL": "de_DE.UTF-8", "TZ": "America/St_Johns", "PYTHONHASHSEED": "99"},
     ],
 )
-def test_sample_runs_are_made_again_byte_for_byte(
-    tmp_path: Path, place: dict[str, str], specification: str
-) -> None:
+def test_sample_runs_are_made_again_byte_for_byte(tmp_path: Path, place: dict[str, str], specification: str) -> None:
     asked = SAMPLE_RUNS / f"{specification}.toml"
     command = [sys.executable, "-m", "automarine_cli", "simulate", str(asked)]
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])

@@ -28,9 +28,7 @@ def test_noise_is_white_and_as_large_as_asked() -> None:
     assert abs(np.corrcoef(off[1:], off[:-1])[0, 1]) < 4 / np.sqrt(len(off))
 
 
-@pytest.mark.parametrize(
-    ("wrap", "low", "high"), [("0..360", 0, 360), ("-180..180", -180, 180), ("none", -1e6, 1e6)]
-)
+@pytest.mark.parametrize(("wrap", "low", "high"), [("0..360", 0, 360), ("-180..180", -180, 180), ("none", -1e6, 1e6)])
 def test_quantised_and_wrapped(wrap: str, low: float, high: float) -> None:
     logger = {"quantisation_deg": 0.5, "wrap": wrap}
     for made in make_campaign(pool_specification(moments=[1.0, -1.0], logger=logger), 3):

@@ -38,9 +38,7 @@ PLAIN: dict[str, Any] = {
     "runs": [{"name": "run", "commands": [[15, 0, 1, 5], [15, 8, -1, 6], [-5, 0, 0.5, 5]]}],
 }  # fmt: skip
 CRAFT = Craft(
-    np.diag([24.0, 36.0, 2.4]),
-    linear=np.array([[0, 0, 0], [0, 0, 0], [0, -6.0, 0]]),
-    by_own=np.diag([22.0, 70.0, 3.2]),
+    np.diag([24.0, 36.0, 2.4]), linear=np.array([[0, 0, 0], [0, 0, 0], [0, -6.0, 0]]), by_own=np.diag([22.0, 70.0, 3.2])
 )
 
 
@@ -73,9 +71,7 @@ def test_the_truth_is_that_of_another_solver() -> None:
     found, rounding = made.columns, 6e-4
     assert np.abs(np.column_stack([found["north_m"], found["east_m"]]) - positions[:, :2]).max() < rounding
     assert np.abs((found["heading_deg"] - np.rad2deg(positions[:, 2]) + 180) % 360 - 180).max() < rounding
-    assert (
-        np.abs(np.column_stack([found["surge_m_s"], found["sway_m_s"]]) - velocities[:, :2]).max() < rounding
-    )
+    assert np.abs(np.column_stack([found["surge_m_s"], found["sway_m_s"]]) - velocities[:, :2]).max() < rounding
     assert np.abs(found["yaw_rate_deg_s"] - np.rad2deg(velocities[:, 2])).max() < rounding
     assert np.ptp(positions[:, 2]) > 0.5 and np.abs(velocities[:, 1]).max() > 0.1
 
@@ -123,11 +119,7 @@ def test_a_slow_sensor_is_held_and_seen_through(tmp_path: Path) -> None:
         assert set(fresh % 5) == {0} and len(fresh) >= 38
         assert np.isfinite(run.extras["north"]).all() and run.moment_unit == "N m"
     table = pd.read_csv(tmp_path / "made" / "planar" / "driven_a.csv", comment="#")
-    assert (
-        len(table.columns) == 10
-        and table["tau_Nm"].abs().max() <= 3
-        and table["heading_deg"].between(0, 360).all()
-    )
+    assert len(table.columns) == 10 and table["tau_Nm"].abs().max() <= 3 and table["heading_deg"].between(0, 360).all()
 
 
 def test_seeds() -> None:

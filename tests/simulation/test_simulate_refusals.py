@@ -87,11 +87,7 @@ def test_an_effect_added_in_python_is_checked_too(tmp_path: Path) -> None:
     path = tmp_path / "spec.toml"
     path.write_text(GOOD)
     specification = read_specification(path).with_effect("bias-moment", b=-0.0275)
-    assert [term.name for term in specification.model().terms] == [
-        "quadratic-drag",
-        "bias-moment",
-        "bias-moment",
-    ]
+    assert [term.name for term in specification.model().terms] == ["quadratic-drag", "bias-moment", "bias-moment"]
     assert specification.model().theta.tolist() == [1.0, 1.2, 0.02, -0.0275]
     with pytest.raises(SettingError, match="has no parameter 'x'"):
         specification.with_effect("bias-moment", x=1.0)

@@ -58,9 +58,7 @@ def exactly(specification: Specification, made: SimulatedRun) -> Floats:
             return [y[1], (total - drag) / vehicle.inertia]
 
         inside = (time >= first) & (time < last)
-        found = solve_ivp(
-            slope, (first, last), state, "DOP853", [*time[inside], last], rtol=1e-10, atol=1e-11
-        )
+        found = solve_ivp(slope, (first, last), state, "DOP853", [*time[inside], last], rtol=1e-10, atol=1e-11)
         heading[inside], state = found.y[0, :-1], found.y[:, -1]
     return heading + drawn.zero
 
@@ -112,11 +110,7 @@ def test_a_turn_lasts_as_long_as_the_base_vehicle_needs() -> None:
 
 def test_mirrored_campaign_is_the_mirror_image(monkeypatch: pytest.MonkeyPatch) -> None:
     specification = pool_specification(
-        runs=ALL_KINDS,
-        noise_deg=0.0,
-        gain=0.05,
-        logger={"wrap": "none"},
-        scatter={"start_heading_deg": 0.0},
+        runs=ALL_KINDS, noise_deg=0.0, gain=0.05, logger={"wrap": "none"}, scatter={"start_heading_deg": 0.0}
     )
     there = make_campaign(specification, 8)
     plans = tuple(replace(p, moments=tuple(-m for m in p.moments)) for p in make_plans(specification, 8))
@@ -142,9 +136,7 @@ def test_switch_is_anywhere_in_the_interval_before_it_shows() -> None:
 
 def test_scatter_is_as_asked() -> None:
     settings = {"moment": 0.1, "heading_zero_deg": 2.0}
-    found = make_campaign(
-        pool_specification(moments=[0.6, -0.9], repeats=200, gain=0.05, scatter=settings), 6
-    )
+    found = make_campaign(pool_specification(moments=[0.6, -0.9], repeats=200, gain=0.05, scatter=settings), 6)
     four_sigma = 4 / np.sqrt(2 * len(found))  # of a standard deviation, in parts
     for values, expected in (
         ([made.drawn.log_gain for made in found], 0.05),
@@ -169,9 +161,7 @@ def test_moment_scatter_leaves_every_run_a_share_of_its_moment() -> None:
 
 def test_one_run_does_not_change_another() -> None:
     few = make_campaign(pool_specification(moments=[0.3, -0.5]), 9)
-    many = make_campaign(
-        pool_specification(moments=[-1.2, 0.3, 0.8, -0.5], repeats=3, campaign={"order": "listed"}), 9
-    )
+    many = make_campaign(pool_specification(moments=[-1.2, 0.3, 0.8, -0.5], repeats=3, campaign={"order": "listed"}), 9)
     by_name = {made.plan.name: made for made in many}
     for made in few:
         same = by_name[made.plan.name]
@@ -222,10 +212,7 @@ def test_rates_have_a_bias_a_run_that_the_truth_tells(motion: str, tmp_path: Pat
     else:
         vehicle = {"motion": "surge", "m_u": 20.0, "X_uu": 30.0, "force_unit": "N"}
         plain |= {"vehicle": vehicle, "runs": [held | {"forces": [20.0]}]}
-    sensed = {
-        **plain,
-        "logger": {"rate_hz": 10, noise: 0.0, f"{key}_noise_{unit}": 0.3, f"{key}_bias_{unit}": 0.5},
-    }
+    sensed = {**plain, "logger": {"rate_hz": 10, noise: 0.0, f"{key}_noise_{unit}": 0.3, f"{key}_bias_{unit}": 0.5}}
     still = {**plain, "logger": {"rate_hz": 10, noise: 0.0, f"{key}_noise_{unit}": 0.0}}
     out = simulate(specification_from(sensed), out=tmp_path / "sensed", seed=3)
     true = make_campaign(specification_from(still), 3)

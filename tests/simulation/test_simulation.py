@@ -30,9 +30,7 @@ def drags(number: str) -> dict[str, float]:
 
 
 def run_of(time: Floats, moment: Floats | float) -> Run:
-    return Run(
-        "run", "run.csv", time, np.zeros(len(time)), np.broadcast_to(moment, time.shape).copy(), "nu", dof=YAW
-    )
+    return Run("run", "run.csv", time, np.zeros(len(time)), np.broadcast_to(moment, time.shape).copy(), "nu", dof=YAW)
 
 
 def headings(number: str, run: Run, step: float = 0.02, **start: object) -> Floats:
@@ -61,9 +59,7 @@ def test_sequence_against_solve_ivp(number: str) -> None:
 def test_order_of_convergence_is_four(number: str) -> None:
     run = run_of(np.arange(0, 6.5, 0.8), 0.9)
     exact = response(run.time, 0.9, INERTIA, **drags(number), rate0=0.2)[0]
-    errors = [
-        np.abs(headings(number, run, step, velocity=0.2) - exact).max() for step in (0.4, 0.2, 0.1, 0.05)
-    ]
+    errors = [np.abs(headings(number, run, step, velocity=0.2) - exact).max() for step in (0.4, 0.2, 0.1, 0.05)]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert np.all((orders > 3.6) & (orders < 4.6)), orders
 
@@ -112,9 +108,7 @@ def test_each_switch_has_a_shift_of_its_own() -> None:
     late = np.linspace(-0.04, 0.04, len(STEPS))
     switches = (0.0, *(2.0 - 0.05 + 4.0 * np.arange(len(STEPS)) + late))
     exact = solved(switches, (0.0, *STEPS), run.time - run.time[0], 0.0, K_RR, 0.0)
-    assert_close(
-        simulate(model(), batch, start=Start(switch_delay=late[None, None])).position[0, 0], exact, "rollout"
-    )
+    assert_close(simulate(model(), batch, start=Start(switch_delay=late[None, None])).position[0, 0], exact, "rollout")
 
 
 def test_many_switches_move_together() -> None:
@@ -133,12 +127,8 @@ def test_shapes_are_parameter_sets_by_runs_by_samples() -> None:
     for p, values in enumerate(theta):
         for r, run in enumerate(runs):  # each as if alone: neither padding nor company changes anything
             alone = simulate(model().with_theta(values), make_batch([run], 0.05), start=Start(0.1 + 0.1 * r))
-            np.testing.assert_allclose(
-                found.position[p, r, : len(run)], alone.position[0, 0], rtol=0, atol=1e-14
-            )
-    starts = simulate(
-        model(), batch, start=Start(position=np.zeros((5, 3)), velocity=np.linspace(-1, 1, 5)[:, None])
-    )
+            np.testing.assert_allclose(found.position[p, r, : len(run)], alone.position[0, 0], rtol=0, atol=1e-14)
+    starts = simulate(model(), batch, start=Start(position=np.zeros((5, 3)), velocity=np.linspace(-1, 1, 5)[:, None]))
     assert starts.position.shape[:2] == (5, 3)
 
 

@@ -79,9 +79,7 @@ def value(result: ThrusterDiagnosis, parameter: str) -> float:
         (ahead_only, "dead-band", "n_0_forward", 0.12, 0.02),
     ],
 )
-def test_a_planted_effect_gets_its_name(
-    truth: Truth, name: str, parameter: str, expected: float, close: float
-) -> None:
+def test_a_planted_effect_gets_its_name(truth: Truth, name: str, parameter: str, expected: float, close: float) -> None:
     result = diagnose_thrusters(logs(truth), SQUARE)
     assert result.verdict == "named" and names(result) == [name]
     assert value(result, parameter) == pytest.approx(expected, abs=close)
@@ -158,8 +156,7 @@ def test_mirrored_data_say_the_same() -> None:
     # Other levels are held out of the mirrored data: the same but for the noise.
     assert value(mirrored, "n_0_backward") == pytest.approx(value(plain, "n_0_forward"), abs=0.02)
     whole = [
-        diagnose_thrusters(logs(ahead_only, sign=s), SQUARE, hold_out=logs(ahead_only, 1, sign=s))
-        for s in (1, -1)
+        diagnose_thrusters(logs(ahead_only, sign=s), SQUARE, hold_out=logs(ahead_only, 1, sign=s)) for s in (1, -1)
     ]
     assert whole[0].cross.after == pytest.approx(whole[1].cross.after, rel=1e-6)
     assert value(whole[1], "n_0_backward") == pytest.approx(value(whole[0], "n_0_forward"), rel=1e-6)
@@ -254,13 +251,7 @@ SPEED = '[columns]\nn = { from = "n_rev_s", unit = "rev/s" }\nforce_N = "force_n
     ],
 )
 def test_real_tables(
-    tmp_path: Path,
-    name: str,
-    columns: str,
-    volts: float | None,
-    expected: list[str],
-    before: float,
-    after: float,
+    tmp_path: Path, name: str, columns: str, volts: float | None, expected: list[str], before: float, after: float
 ) -> None:
     """Known: against a command the square law lacks an exponent and often more; against speed hardly anything."""
     result = on_table(tmp_path, name, columns, volts)

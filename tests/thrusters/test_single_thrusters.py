@@ -63,12 +63,8 @@ def test_the_parts_of_a_force_push_the_same_way() -> None:
 # Which effect it is
 
 
-@pytest.mark.parametrize(
-    ("seed", "truth"), [(1, (0.1, -0.06, 0.05)), (2, (-0.07, -0.07, 0.0)), (3, (0.0, 0.12, -0.1))]
-)
-def test_gains_are_recovered_and_their_mirror_is_mirrored(
-    seed: int, truth: tuple[float, float, float]
-) -> None:
+@pytest.mark.parametrize(("seed", "truth"), [(1, (0.1, -0.06, 0.05)), (2, (-0.07, -0.07, 0.0)), (3, (0.0, 0.12, -0.1))])
+def test_gains_are_recovered_and_their_mirror_is_mirrored(seed: int, truth: tuple[float, float, float]) -> None:
     runs = twin(plans(12, seed), gains_of(*truth), seed=seed)
     for told, signs in ((runs, (1, 1, 1)), ([swapped(run) for run in runs], (-1, -1, 1))):
         study = study_of(driven(told), BASE)
@@ -87,9 +83,7 @@ def test_dead_band_and_limit_of_each_are_recovered(name: str, parameter: str, tr
     study = study_of(driven(twin(plans(12, 6), seed=6, **{parameter: truth})), BASE)
     model = BASE.with_effect(name, (0.8 * truth,))
     fit = study.fit(model)
-    found = parameter_estimates(study, Trial((name,), model.with_theta(fit.theta[:-1]), fit, 0.0), name)[
-        parameter
-    ]
+    found = parameter_estimates(study, Trial((name,), model.with_theta(fit.theta[:-1]), fit, 0.0), name)[parameter]
     assert 0 < found.stderr < 0.05 * truth and abs(found.value - truth) < 3.5 * found.stderr
 
 
@@ -160,10 +154,7 @@ def test_without_thruster_commands_it_is_refused(tmp_path: Path, run: Callable[.
     model, _ = stored(tmp_path)
     found = run("validate", files(tmp_path / "logs", bare), "--model", model)
     assert found.exit_code == 1 and "Traceback" not in found.stderr
-    assert (
-        "needs the thruster commands n_port and n_stbd; log them, and give --thrusters MAP.json"
-        in found.stderr
-    )
+    assert "needs the thruster commands n_port and n_stbd; log them, and give --thrusters MAP.json" in found.stderr
 
 
 def test_exports_have_it_or_say_why_not(tmp_path: Path, run: Callable[..., Result]) -> None:
@@ -190,10 +181,7 @@ def allocated(count: int, seed: int, sign: float = 1.0) -> list[Run]:
         asked = sign * np.repeat(random.uniform(-2.6, 2.6, 10), 20)
         ahead = np.repeat(random.uniform(-1.0, 1.0, 5), 40)
         thrust = [ahead + asked / (2 * ARM), ahead - asked / (2 * ARM)]
-        n = [
-            np.clip(np.sign(f) * np.sqrt(np.abs(f) / np.where(f > 0, 4.0, 2.5)), -LIMIT, LIMIT)
-            for f in thrust
-        ]
+        n = [np.clip(np.sign(f) * np.sqrt(np.abs(f) / np.where(f > 0, 4.0, 2.5)), -LIMIT, LIMIT) for f in thrust]
         extras = {"n_port": n[0], "n_stbd": n[1]}
         name = f"run_{number}"
         found.append(Run(name, f"{name}.csv", time, np.zeros(200), asked, "N m", extras, dof=YAW))
@@ -275,8 +263,7 @@ def test_a_real_vehicle_at_its_limits_agrees_with_its_own_configuration() -> Non
     assert (limit.asked, dict(limit.thrusters)) == (764.3, {"rpm_stbd": -1500.0})
     for run in campaign.runs:
         lateral, port, stbd = (
-            0.00029112 * n * np.abs(n)
-            for n in (run.extras[f"rpm_{one}"] for one in ("lateral", "port", "stbd"))
+            0.00029112 * n * np.abs(n) for n in (run.extras[f"rpm_{one}"] for one in ("lateral", "port", "stbd"))
         )
         apart = np.abs(run.command - 0.4875 * lateral - 0.764 * (port - stbd))
         assert apart.max() < 8.0 and np.median(apart) < 0.2  # N m, of up to 764 asked

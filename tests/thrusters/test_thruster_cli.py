@@ -62,9 +62,7 @@ def test_equation_three_from_end_to_end(run: Run, log: Path, tmp_path: Path) -> 
     assert sorted(path.name for path in out.iterdir()) == sorted([*FILES, "manifest.json"])
     rows = list(csv.DictReader(io.StringIO((out / "thrusters.csv").read_text(encoding="utf-8"))))
     assert len(rows) == len(LEVELS)
-    assert float(rows[-1]["force_N"]) == pytest.approx(
-        float(rows[-1]["fitted_N"]) + float(rows[-1]["residual_N"])
-    )
+    assert float(rows[-1]["force_N"]) == pytest.approx(float(rows[-1]["fitted_N"]) + float(rows[-1]["residual_N"]))
     assert "**Forms side by side" in (out / "thrusters.md").read_text(encoding="utf-8")
     assert (out / "thrusters.png").read_bytes().startswith(b"\x89PNG")
 
@@ -85,9 +83,7 @@ def test_json_alone_and_the_column_maps_default(run: Run, log: Path, tmp_path: P
     columns.write_text("[defaults]\nthrusters_per_test = 2\n", encoding="utf-8")
     data = json.loads(run("fit-thrusters", log, "--columns", columns, "--json").stdout)
     assert data["thrusters_per_test"] == 2
-    overruled = json.loads(
-        run("fit-thrusters", log, "--columns", columns, "--thrusters-per-test", 1, "--json").stdout
-    )
+    overruled = json.loads(run("fit-thrusters", log, "--columns", columns, "--thrusters-per-test", 1, "--json").stdout)
     assert overruled["thrusters_per_test"] == 1
     assert overruled["forward"]["a"]["value"] == pytest.approx(2 * data["forward"]["a"]["value"])
 
@@ -143,9 +139,7 @@ def test_figure_has_measured_points_both_curves_and_residuals(log: Path) -> None
     labels = [text.get_text() for text in thrust.get_legend().get_texts()]
     assert {"square law (chosen)", "measured"} <= set(labels)
     curved = thruster_figure(fit_thrusters([log], form="power"))
-    assert {"square law", "chosen: power"} <= {
-        text.get_text() for text in curved.axes[0].get_legend().get_texts()
-    }
+    assert {"square law", "chosen: power"} <= {text.get_text() for text in curved.axes[0].get_legend().get_texts()}
     for axes in figure.axes:
         for line in axes.get_lines():
             assert np.all(np.isfinite(np.asarray(line.get_ydata(), dtype=float)))
@@ -174,11 +168,7 @@ def test_other_logs_in_a_folder_are_set_aside_or_refused(run: Run, log: Path, tm
     assert data["runs"]["set_aside"][0]["file"].endswith("yaw.csv")
     for arguments in ([folder, "--strict"], [folder / "yaw.csv"]):
         refused = run("fit-thrusters", *arguments)
-        assert (
-            refused.exit_code == 1
-            and refused.stderr.startswith("Error: ")
-            and refused.stderr.count("\n") == 1
-        )
+        assert refused.exit_code == 1 and refused.stderr.startswith("Error: ") and refused.stderr.count("\n") == 1
 
 
 def test_refusals_are_one_line(run: Run, tmp_path: Path) -> None:

@@ -32,9 +32,7 @@ def test_equation_three_comes_back_from_its_own_data() -> None:
     analysis, _ = analyse(points(BOTH, paper(BOTH)), None, 0.0, "")
     assert analysis.square["forward"].value == pytest.approx(AHEAD, rel=EXACT)
     assert analysis.square["backward"].value == pytest.approx(ASTERN, rel=EXACT)
-    assert analysis.square["forward"].value / analysis.square["backward"].value == pytest.approx(
-        3.9405, abs=1e-4
-    )
+    assert analysis.square["forward"].value / analysis.square["backward"].value == pytest.approx(3.9405, abs=1e-4)
     assert analysis.selection.chosen.form.name == "square"
     assert analysis.r2 == pytest.approx(1.0, abs=EXACT)
     assert analysis.map.force(150.0) == pytest.approx(5.89, abs=0.005)
@@ -259,12 +257,8 @@ def test_clean_noisy_data_have_no_contradictions() -> None:
     flags = 0
     for seed in range(40):
         noise = np.random.default_rng(seed).standard_normal(len(BOTH))
-        flags += np.count_nonzero(
-            flag_contradictions(points(BOTH, paper(BOTH) + 0.2 * noise), None).flag != ""
-        )
-        flags += np.count_nonzero(
-            flag_contradictions(points(BOTH, paper(BOTH) * (1 + 0.03 * noise)), None).flag != ""
-        )
+        flags += np.count_nonzero(flag_contradictions(points(BOTH, paper(BOTH) + 0.2 * noise), None).flag != "")
+        flags += np.count_nonzero(flag_contradictions(points(BOTH, paper(BOTH) * (1 + 0.03 * noise)), None).flag != "")
     assert flags <= 4  # of 2400 points
 
 

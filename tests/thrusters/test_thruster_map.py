@@ -28,15 +28,12 @@ def test_port_ahead_turns_clockwise() -> None:
 
 def test_dead_band_and_saturation() -> None:
     curve = Curve(10.0, 1.5, 0.1, 0.6)
-    assert curve.thrust(np.array([0.05, 0.1, 0.6, 1.0])) == pytest.approx(
-        [0.0, 0.0, 10 * 0.5**1.5, 10 * 0.5**1.5]
-    )
+    assert curve.thrust(np.array([0.05, 0.1, 0.6, 1.0])) == pytest.approx([0.0, 0.0, 10 * 0.5**1.5, 10 * 0.5**1.5])
     assert len(FORMS) == 8 and [form.parameters for form in FORMS.values()] == [1, 2, 2, 3, 2, 3, 3, 4]
 
 
 @pytest.mark.parametrize(
-    "thruster_map",
-    [MAP, ThrusterMap("dead-band-power-saturation", Curve(30.0, 1.4, 0.08, 0.7), None, "rev/s")],
+    "thruster_map", [MAP, ThrusterMap("dead-band-power-saturation", Curve(30.0, 1.4, 0.08, 0.7), None, "rev/s")]
 )
 def test_json_there_and_back(thruster_map: ThrusterMap) -> None:
     text = json.dumps(thruster_map.to_json(), allow_nan=False)
@@ -50,24 +47,20 @@ BREAKAGES = {
     r"unknown key \"thrust\"": lambda d: d.update(thrust=1),
     r"parameters: unknown key \"sideways\"": lambda d: d["parameters"].update(sideways={}),
     r"parameters\.forward: unknown key \"b\"": lambda d: d["parameters"]["forward"].update(b=1.0),
-    r"parameters\.forward\.a: found NaN, expected a finite number": lambda d: d["parameters"][
-        "forward"
-    ].update(a=float("nan")),
-    r"parameters\.backward\.a\.value: found -1, expected more than 0": lambda d: d["parameters"][
-        "backward"
-    ].update(a={"value": -1.0}),
-    r"parameters\.backward\.a: found nothing, expected a number": lambda d: d["parameters"]["backward"].pop(
-        "a"
+    r"parameters\.forward\.a: found NaN, expected a finite number": lambda d: d["parameters"]["forward"].update(
+        a=float("nan")
     ),
+    r"parameters\.backward\.a\.value: found -1, expected more than 0": lambda d: d["parameters"]["backward"].update(
+        a={"value": -1.0}
+    ),
+    r"parameters\.backward\.a: found nothing, expected a number": lambda d: d["parameters"]["backward"].pop("a"),
     r"parameters\.forward\.n_0: found -1, expected a dead band of zero or more": lambda d: d["parameters"][
         "forward"
     ].update(n_0=-1.0),
     r"parameters\.forward\.n_sat: found 1, expected more than the dead band, 2": lambda d: d["parameters"][
         "forward"
     ].update(n_0=2.0, n_sat=1.0),
-    r"parameters\.forward\.p: found \"two\", expected a number": lambda d: d["parameters"]["forward"].update(
-        p="two"
-    ),
+    r"parameters\.forward\.p: found \"two\", expected a number": lambda d: d["parameters"]["forward"].update(p="two"),
     r"form: found \"cubic\", expected one of square": lambda d: d.update(form="cubic"),
     r"key \"parameters\" is missing": lambda d: d.pop("parameters"),
     r"neither a forward nor a backward": lambda d: d.update(parameters={}),

@@ -5,12 +5,7 @@ import pytest
 
 from automarine_cli.thrusters.analysis import analyse
 from automarine_cli.thrusters.contradictions import flag_contradictions
-from automarine_cli.thrusters.plateaus import (
-    constant_segments,
-    reduce_series,
-    settled_from,
-    standard_error,
-)
+from automarine_cli.thrusters.plateaus import constant_segments, reduce_series, settled_from, standard_error
 from automarine_cli.thrusters.points import Points
 from automarine_cli.thrusters.records import Series
 from automarine_cli.thrusters.tare import subtract_tare
@@ -117,9 +112,7 @@ def test_a_record_without_rest_takes_the_tare_of_the_others() -> None:
         noise = 0.05 * np.random.default_rng(seed).standard_normal(50)
         return Series("log.csv", run, np.full(50, n), force + noise)
 
-    records = [held("tare", 0.0, 1.5, 0)] + [
-        held(f"{n}", n, A * n * n + 1.5, i) for i, n in enumerate((0.3, 0.6, 1.0))
-    ]
+    records = [held("tare", 0.0, 1.5, 0)] + [held(f"{n}", n, A * n * n + 1.5, i) for i, n in enumerate((0.3, 0.6, 1.0))]
     tared, tare = subtract_tare(reduce_series(records).points)
     assert tare.value == pytest.approx(1.5, abs=0.05)
     assert tared.force == pytest.approx([0.0, A * 0.09, A * 0.36, A], abs=0.05)
@@ -168,9 +161,7 @@ def test_tables_stay_tables() -> None:
 
 def test_still_changing_thrust_is_said() -> None:
     n = np.repeat([0.2, 0.6, 1.0], 100)
-    force = (
-        A * n * n + np.tile(np.linspace(0, 3, 100), 3) + 0.02 * np.random.default_rng(1).standard_normal(300)
-    )
+    force = A * n * n + np.tile(np.linspace(0, 3, 100), 3) + 0.02 * np.random.default_rng(1).standard_normal(300)
     assert "still changing" in reduce_series([Series("slow.csv", "", n, force)]).notes[0]
 
 
@@ -218,12 +209,9 @@ def measured_speed(
 
 
 @pytest.mark.parametrize(
-    ("refresh", "hold", "levels", "sign"),
-    [(1, 500, 13, 1.0), (1, 500, 13, -1.0), (5, 600, 13, 1.0), (1, 250, 25, 1.0)],
+    ("refresh", "hold", "levels", "sign"), [(1, 500, 13, 1.0), (1, 500, 13, -1.0), (5, 600, 13, 1.0), (1, 250, 25, 1.0)]
 )
-def test_a_measured_speed_is_reduced_by_its_own_steadiness(
-    refresh: int, hold: int, levels: int, sign: float
-) -> None:
+def test_a_measured_speed_is_reduced_by_its_own_steadiness(refresh: int, hold: int, levels: int, sign: float) -> None:
     truth, series = measured_speed(4, refresh=refresh, hold=hold, levels=levels, sign=sign)
     reduction = reduce_series([series])
     points = reduction.points

@@ -29,20 +29,9 @@ def test_heave_has_steps_and_a_report_of_its_own(tmp_path: Path) -> None:
     file.write_text(HEAVE)
     made = run_campaign(file, out=out, until="validate-heave")
     did = {one.step: one.did for one in made.news}
-    assert list(did) == [
-        "check",
-        "fit-thrusters",
-        "fit-yaw",
-        "validate",
-        "diagnose",
-        "fit-heave",
-        "validate-heave",
-    ]
+    assert list(did) == ["check", "fit-thrusters", "fit-yaw", "validate", "diagnose", "fit-heave", "validate-heave"]
     assert (did["fit-heave"], did["validate-heave"], did["fit-yaw"]) == ("made", "made", "skipped")
-    assert (
-        made.says["fit-heave"].startswith("model 3: Z_w|w| 45")
-        and "cm free run" in made.says["validate-heave"]
-    )
+    assert made.says["fit-heave"].startswith("model 3: Z_w|w| 45") and "cm free run" in made.says["validate-heave"]
     options = json.loads((out / "heave" / "manifest.json").read_text())["options"]
     assert options["tail"] == 1.1 and options["depths"] == [0, 3.6]
     again = run_campaign(file, out=out, until="validate-heave")

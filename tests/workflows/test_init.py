@@ -51,9 +51,7 @@ def test_what_is_named_canonically_needs_no_question(tmp_path: Path) -> None:
     assert found.questions == ()
     assert data["logs"] == {"thrusters": [], "steps": ["steps"], "manoeuvres": [], "validation": []}
     assert data["columns"] == {}
-    assert (
-        "# heading_deg" in found.text and "wraps at 360; turns with the moment in 4 of 4 steps" in found.text
-    )
+    assert "# heading_deg" in found.text and "wraps at 360; turns with the moment in 4 of 4 steps" in found.text
     assert "4 runs, -0.800 to 0.800 nu" in found.text
     known = read_campaign(tmp_path / "pool" / "campaign.toml")
     assert [file.name for file in known.files("steps")] == [f"steps/run_0{i}.csv" for i in range(4)]
@@ -128,11 +126,7 @@ def test_a_sign_that_contradicts_the_moment_is_asked_about(tmp_path: Path) -> No
 
 
 def test_what_a_moment_is_in_is_asked(tmp_path: Path) -> None:
-    renamed = {
-        "time_s": CANONICAL["time_s"],
-        "heading_deg": CANONICAL["heading_deg"],
-        "torque": CANONICAL["tau"],
-    }
+    renamed = {"time_s": CANONICAL["time_s"], "heading_deg": CANONICAL["heading_deg"], "torque": CANONICAL["tau"]}
     write_logs(tmp_path / "pool" / "logs", renamed)
     found, data = asked(tmp_path / "pool")
     assert data["columns"] == {"tau": "?"}
@@ -184,9 +178,7 @@ def test_results_are_no_logs_and_what_cannot_be_read_is_told(tmp_path: Path) -> 
     found, data = asked(pool, overwrite=True)
     assert data["logs"]["steps"] == ["steps"]
     assert found.to_json()["logs"] == 4
-    assert (
-        "# Not used: 1\n#   pool/broken.csv, run broken: row 2, column heading_deg: found 'x'" in found.text
-    )
+    assert "# Not used: 1\n#   pool/broken.csv, run broken: row 2, column heading_deg: found 'x'" in found.text
     with pytest.raises(LogError, match="the only logs here are in folders of results"):
         init(pool / "out")
 
@@ -238,9 +230,7 @@ def test_timestamps_are_a_clock_and_plain_numbers_called_time_are_judged(tmp_pat
     for log in logs.iterdir():
         _, *rows = log.read_text(encoding="utf-8").splitlines()
         cells = [row.split(",") for row in rows]
-        stamped = [
-            f"2026-05-01T12:{int(float(c[1]) + 9) // 60:02d}:{(float(c[1]) + 9) % 60:06.3f}" for c in cells
-        ]
+        stamped = [f"2026-05-01T12:{int(float(c[1]) + 9) // 60:02d}:{(float(c[1]) + 9) % 60:06.3f}" for c in cells]
         lines = [f"{name},heading_deg,tau", *(",".join([t, *c[2:]]) for t, c in zip(stamped, cells))]
         log.write_text("\n".join(lines), encoding="utf-8")
     found, data = asked(tmp_path)

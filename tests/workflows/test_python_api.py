@@ -116,16 +116,12 @@ def test_more_than_one_argument_without_a_name_is_refused(logs: Path) -> None:
         ("automarine_cli/guide/developers.md", "Planar motion", 12),
     ],
 )
-def test_sections_do_what_they_show(
-    page: str, heading: str, least: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_sections_do_what_they_show(page: str, heading: str, least: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     text = (ROOT / page).read_text(encoding="utf-8")
     section = text.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
     test = doctest.DocTestParser().get_doctest(section, {}, heading, page, 0)
     assert len(test.examples) >= least
     told: list[str] = []
-    doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE).run(
-        test, out=told.append
-    )
+    doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE).run(test, out=told.append)
     assert not told, "".join(told)

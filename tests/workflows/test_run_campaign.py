@@ -41,9 +41,7 @@ def reasons(result: CampaignRun) -> dict[str, str]:
 
 def tree(folder: Path) -> dict[str, bytes]:
     """Every file below a folder."""
-    return {
-        p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
-    }
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 def edit(place: Path, old: str, new: str) -> None:
@@ -79,9 +77,7 @@ def test_whole_campaign(whole: Whole) -> None:
         ("fit-yaw", "kept"), ("validate", "starts"), ("validate", "made"),
     ]  # fmt: skip
     found = tree(place / "out")
-    assert {"report.html", "report.md", "run.json", "manifest.json", "yaw/drag.svg", "yaw/drag.png"} <= set(
-        found
-    )
+    assert {"report.html", "report.md", "run.json", "manifest.json", "yaw/drag.svg", "yaw/drag.png"} <= set(found)
     assert first.says["check"] == "10 logs, 10 runs, 1 without a half-turn"
     assert first.says["fit-yaw"].startswith("model 3: k_r|r| 1.2")
     assert first.says["diagnose"].startswith("nothing missing")  # though one run never moved
@@ -162,9 +158,7 @@ def test_steps_without_logs_are_skipped_and_their_former_results_go(place: Path)
     edit(place, 'thrusters = ["thrusters"]\n', "")
     found = again(place)
     assert fates(found)["fit-thrusters"] == "skipped"
-    assert reasons(found)["fit-thrusters"] == (
-        "the campaign names no thruster tests; its former result was removed"
-    )
+    assert reasons(found)["fit-thrusters"] == ("the campaign names no thruster tests; its former result was removed")
     assert not (place / "out" / "thrusters").exists()
 
 
@@ -200,19 +194,11 @@ def test_moments_of_the_thrusters(place: Path) -> None:
     [
         ("[logs]", "[log]", "campaign.toml: unknown key 'log' (did you mean 'logs'?)"),
         ("per_test = 2", "per_tests = 2", "campaign.toml: thrusters: unknown key 'per_tests'"),
-        (
-            "per_test = 2",
-            'per_test = "?"',
-            "campaign.toml: 1 question is still open: thrusters.per_test; write",
-        ),
+        ("per_test = 2", 'per_test = "?"', "campaign.toml: 1 question is still open: thrusters.per_test; write"),
         ("campaign/1", "campaign/9", "expected 'automarine/campaign/1'"),
         ("per_test = 2", "per_test = 0", "campaign.toml: thrusters: per_test is 0; expected 1 or more"),
         ('["steps"]', '["step"]', "campaign.toml: logs.steps: "),
-        (
-            "[thrusters]",
-            "[columns]\nheading = 'yaw'\n[thrusters]",
-            "campaign.toml: columns.heading is no column",
-        ),
+        ("[thrusters]", "[columns]\nheading = 'yaw'\n[thrusters]", "campaign.toml: columns.heading is no column"),
     ],
 )
 def test_campaign_files_are_refused_by_key(
@@ -232,9 +218,7 @@ def test_results_of_others_are_not_replaced(place: Path) -> None:
 
 def test_another_campaign_needs_overwrite(tmp_path: Path) -> None:
     first = make_small_campaign(tmp_path / "pool")
-    first.write_text(
-        CAMPAIGN.replace('steps = ["steps"]\nmanoeuvres = ["driving/*.csv"]\n', ""), encoding="utf-8"
-    )
+    first.write_text(CAMPAIGN.replace('steps = ["steps"]\nmanoeuvres = ["driving/*.csv"]\n', ""), encoding="utf-8")
     made = run_campaign(first, out=tmp_path / "out")
     assert fates(made) == {
         "check": "made", "fit-thrusters": "made", "fit-yaw": "skipped", "validate": "skipped",
@@ -276,9 +260,7 @@ def test_wrong_usage(place: Path, run: Callable[..., Result]) -> None:
 
 
 def test_json_is_the_result_file(place: Path, run: Callable[..., Result]) -> None:
-    found = run(
-        "run", place / "pool" / "campaign.toml", "-o", place / "out", "--until", "check", "--json", "-v"
-    )
+    found = run("run", place / "pool" / "campaign.toml", "-o", place / "out", "--until", "check", "--json", "-v")
     content = json.loads(found.stdout)
     assert (content["schema"], content["title"]) == ("automarine/run/1", "A small campaign")
     assert found.stderr.splitlines() == ["1/1 check: kept (inputs, settings and versions unchanged)"]

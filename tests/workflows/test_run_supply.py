@@ -35,9 +35,7 @@ def campaign(folder: Path, volts: tuple[float, ...], supply: str) -> Path:
 
 @pytest.mark.parametrize("supply", [12.0, 14.0, 16.0, 16.3, 11.7])
 def test_a_supply_within_the_tests_is_no_news(tmp_path: Path, supply: float) -> None:
-    found = run_campaign(
-        campaign(tmp_path / "pool", (12.0, 16.0), f"supply_V = {supply}"), out=tmp_path / "out"
-    )
+    found = run_campaign(campaign(tmp_path / "pool", (12.0, 16.0), f"supply_V = {supply}"), out=tmp_path / "out")
     assert found.cautions == ()
     assert "Caution" not in (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
 
@@ -50,9 +48,7 @@ def test_a_supply_beyond_the_tests_is_told_with_what_to_expect(
     done = run("run", place, "-o", out)
     assert done.exit_code == 0, done.output
     (said,) = json.loads((out / "run.json").read_text(encoding="utf-8"))["cautions"]
-    assert said.startswith(
-        f"The thrusters were tested at 12.0 to 16.0 V, the vehicle's supply is {supply:.3g}"
-    )
+    assert said.startswith(f"The thrusters were tested at 12.0 to 16.0 V, the vehicle's supply is {supply:.3g}")
     assert said.endswith("Test at the supply voltage.") and said in " ".join(done.stdout.split())
     words = said.split()
     power, times = float(words[words.index("power") + 1].rstrip(",")), float(words[words.index("times") - 1])

@@ -39,9 +39,7 @@ def slice_(*arguments: object) -> Result:
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_constant_moments_bring_the_rest_before_them(tmp_path: Path, sign: int) -> None:
-    log = table(
-        tmp_path, day([(0, 50), (sign * 0.5, 40), (0, 10), (-sign * 0.5, 30), (sign * 0.2, 3), (0, 30)])
-    )
+    log = table(tmp_path, day([(0, 50), (sign * 0.5, 40), (0, 10), (-sign * 0.5, 30), (sign * 0.2, 3), (0, 30)]))
     found, passed = find_slices(log, "moment", lead=2.0)
     assert [(one.first, one.stop) for one in found] == [(30, 90), (90, 130)]
     assert [one.state for one in found] == [f"{sign * 0.5:+g}", f"{-sign * 0.5:+g}"]
@@ -57,13 +55,8 @@ def test_a_command_right_after_another_is_told_apart(tmp_path: Path) -> None:
     made = am.slice_log(tmp_path / "day.csv", by="moment", lead=0.0, out=tmp_path / "out")
     assert [cut.moving for cut in made.cuts] == [False, True, True, False]
     assert [file.partition("/")[0] for file in made.files] == ["runs", "moving", "moving", "runs"]
-    assert sorted(path.name for path in (tmp_path / "out/moving").iterdir()) == [
-        "day_2_-0.8.csv",
-        "day_3_+0.4.csv",
-    ]
-    assert (
-        am.slice_log(tmp_path / "day.csv", by="moment").tables()[0].notes[0].startswith("2 of 4 begin while")
-    )
+    assert sorted(path.name for path in (tmp_path / "out/moving").iterdir()) == ["day_2_-0.8.csv", "day_3_+0.4.csv"]
+    assert am.slice_log(tmp_path / "day.csv", by="moment").tables()[0].notes[0].startswith("2 of 4 begin while")
 
 
 def test_two_thrusters_change_together_or_alone(tmp_path: Path) -> None:
@@ -71,10 +64,7 @@ def test_two_thrusters_change_together_or_alone(tmp_path: Path) -> None:
     frame["n_port"] = [0.0] * 20 + [0.3] * 70
     frame["n_stbd"] = [0.0] * 20 + [-0.3] * 40 + [0.3] * 30
     found, _ = find_slices(table(tmp_path, frame), "moment", lead=0)
-    assert [(one.first, one.stop, one.state) for one in found] == [
-        (20, 60, "+0.3_-0.3"),
-        (60, 90, "+0.3_+0.3"),
-    ]
+    assert [(one.first, one.stop, one.state) for one in found] == [(20, 60, "+0.3_-0.3"), (60, 90, "+0.3_+0.3")]
 
 
 def test_modes_and_arming_of_a_table(tmp_path: Path) -> None:
@@ -135,12 +125,7 @@ def test_runs_come_back_as_they_were_in_the_log(tmp_path: Path) -> None:
 
 
 def test_every_column_of_the_log_goes_along(tmp_path: Path) -> None:
-    odd = {
-        "depth, m": np.linspace(1, 2, 60),
-        "mode": ["A"] * 60,
-        "heading_rad": [0.1] * 60,
-        "run": ["x"] * 60,
-    }
+    odd = {"depth, m": np.linspace(1, 2, 60), "mode": ["A"] * 60, "heading_rad": [0.1] * 60, "run": ["x"] * 60}
     table(tmp_path, day([(0.5, 60)], **odd).drop(columns="heading_deg"))
     assert slice_(tmp_path / "day.csv", "--by", "mode", "-o", tmp_path / "out").exit_code == 0
     (made,) = find_logs([tmp_path / "out/runs"])
@@ -166,9 +151,7 @@ def test_a_log_of_another_motion_is_cut_by_its_force(tmp_path: Path) -> None:
 
 def test_a_log_that_does_not_tell_is_refused(tmp_path: Path) -> None:
     log = table(tmp_path, day([(0.5, 60)]))
-    with pytest.raises(
-        LogError, match=r'no flight mode; found the columns time_s, heading_deg, tau; .* mode = "NAME"'
-    ):
+    with pytest.raises(LogError, match=r'no flight mode; found the columns time_s, heading_deg, tau; .* mode = "NAME"'):
         find_slices(log, "mode")
     refused = slice_(tmp_path / "day.csv", "--by", "arm", "-o", tmp_path / "out")
     assert refused.exit_code == 1 and "no arming state" in refused.stderr and not (tmp_path / "out").exists()
@@ -181,9 +164,7 @@ def test_a_log_that_does_not_tell_is_refused(tmp_path: Path) -> None:
     assert slice_(tmp_path, "--by", "moment", "--strict").exit_code == 1
 
 
-def test_slices_are_made_again_from_their_manifest_and_fitted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_slices_are_made_again_from_their_manifest_and_fitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     levels = [(sign * size, 90) for size in (0.3, 0.5, 0.8) for sign in (1, -1)]
     table(tmp_path, day([part for level in levels for part in ((0, 30), level)], mode=["M"] * 720))
     monkeypatch.chdir(tmp_path)

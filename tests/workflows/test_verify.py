@@ -66,9 +66,7 @@ def test_from_elsewhere_the_inputs_beside_the_results_are_found(
          "out/one/new\\nline.csv: extra: not among the files that were written"),
     ],
 )  # fmt: skip
-def test_each_change_is_named_and_status_1(
-    pool: Path, run: Run, harm: Callable[[Path], object], line: str
-) -> None:
+def test_each_change_is_named_and_status_1(pool: Path, run: Run, harm: Callable[[Path], object], line: str) -> None:
     harm(pool / "out/one")
     found = run("verify", "out/one")
     assert (found.exit_code, found.stderr) == (1, f"{line}\n")
@@ -79,22 +77,13 @@ def test_each_change_is_named_and_status_1(
 def test_a_changed_input_is_named_and_a_lost_one_is_told(pool: Path, run: Run) -> None:
     (pool / "logs/a.csv").write_text("other\n")
     found = run("verify", "out/one")
-    assert (found.exit_code, found.stderr) == (
-        1,
-        "out/one: input logs/a.csv: changed; logs/a.csv has other content\n",
-    )
+    assert (found.exit_code, found.stderr) == (1, "out/one: input logs/a.csv: changed; logs/a.csv has other content\n")
     (pool / "logs/a.csv").unlink()
     found = run("verify", "out/one")
-    assert (found.exit_code, found.stderr) == (
-        0,
-        "out/one: input logs/a.csv: not found here or beside the results\n",
-    )
+    assert (found.exit_code, found.stderr) == (0, "out/one: input logs/a.csv: not found here or beside the results\n")
     assert "2 of 3 inputs found as recorded" in found.stdout
     found = run("verify", "out/one", "--inputs", "logs", "--inputs", "model.json")
-    assert (found.exit_code, found.stderr) == (
-        1,
-        "out/one: input logs/a.csv: not found under logs, model.json\n",
-    )
+    assert (found.exit_code, found.stderr) == (1, "out/one: input logs/a.csv: not found under logs, model.json\n")
 
 
 def test_json(pool: Path, run: Run) -> None:
@@ -131,9 +120,7 @@ def test_results_in_a_folder_of_results_are_not_extra(pool: Path, run: Run) -> N
      "give a manifest as automarine wrote it\n"),
     ],
 )  # fmt: skip
-def test_a_folder_without_a_sound_manifest_is_refused(
-    pool: Path, run: Run, text: str | None, sentence: str
-) -> None:
+def test_a_folder_without_a_sound_manifest_is_refused(pool: Path, run: Run, text: str | None, sentence: str) -> None:
     manifest = pool / "out/one/manifest.json"
     manifest.unlink()
     if text is not None:

@@ -6,17 +6,15 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.budget import LEFT, SCATTER, noise_of
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.verdict import NAMED
 from automarine_cli.fits.run_effects import GAIN
+from automarine_cli.quantities import Floats
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, in_words
 from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure
-
-Floats = NDArray[np.float64]
 
 MOST_RUNS_SHOWN = 4
 WIDEST, WIDEST_LEGEND = 104, 128
@@ -42,12 +40,7 @@ def before_after_figure(diagnosis: Diagnosis, shares: Mapping[str, float] | None
         measured = dof.shown(heading - heading[0])
         top.plot(time, measured, "o", color=MEASURED, markersize=1.6, label="measured")
         top.plot(
-            time,
-            measured - dof.shown(before),
-            color=BEFORE,
-            linewidth=1.0,
-            linestyle="--",
-            label=f"base model{ahead}",
+            time, measured - dof.shown(before), color=BEFORE, linewidth=1.0, linestyle="--", label=f"base model{ahead}"
         )
         top.plot(time, measured - dof.shown(after), color=AFTER, linewidth=1.0, label=f"after{ahead}")
         top.set_title(title, fontsize=6.5, parse_math=False)
@@ -82,9 +75,7 @@ def _sizes_in_words(diagnosis: Diagnosis) -> str:
     parts = []
     for gap, word in ((diagnosis.gap, "fitted"), (diagnosis.held_out_gap, "held out")):
         if gap is not None:
-            parts.append(
-                f"runs {word} {dof.shown(gap.before):.2f} → {dof.shown(gap.after):.2f} {dof.units.shown}"
-            )
+            parts.append(f"runs {word} {dof.shown(gap.before):.2f} → {dof.shown(gap.after):.2f} {dof.units.shown}")
     names = " and ".join(diagnosis.found.final.added)
     word = "Added" if diagnosis.verdict == NAMED else "With what is only suspected"
     added = f"{word}: {names}" if names else "Nothing added"
@@ -131,13 +122,10 @@ def _sizes(axes: Axes, diagnosis: Diagnosis) -> None:
             continue
         count = study.batch.seen.sum(axis=1)
         before, after = (
-            dof.shown(np.sqrt((r**2).sum(axis=1) / count))
-            for r in (gap.residuals_before, gap.residuals_after)
+            dof.shown(np.sqrt((r**2).sum(axis=1) / count)) for r in (gap.residuals_before, gap.residuals_after)
         )
         fill = AFTER if marker == "o" else "none"
-        axes.plot(
-            before, after, marker, color=AFTER, markerfacecolor=fill, markersize=3.5, label=f"runs {word}"
-        )
+        axes.plot(before, after, marker, color=AFTER, markerfacecolor=fill, markersize=3.5, label=f"runs {word}")
         top = max(top, float(before.max()), float(after.max()))
     axes.plot([0, 1.05 * top], [0, 1.05 * top], color="0.4", linewidth=0.7, linestyle=":")
     axes.axhline(
@@ -175,15 +163,9 @@ def _by_variable(axes: Axes, diagnosis: Diagnosis) -> None:
     have = np.isfinite(column.values)
     which = np.where(have, np.digitize(np.nan_to_num(column.values), variable.edges[1:-1]), -1)
     axes.axhline(0.0, color="0.3", linewidth=0.6)
-    for values, colour, style, label in (
-        (pairs[0], BEFORE, "o--", "before"),
-        (pairs[1], AFTER, "o-", "after"),
-    ):
+    for values, colour, style, label in ((pairs[0], BEFORE, "o--", "before"), (pairs[1], AFTER, "o-", "after")):
         means = np.array(
-            [
-                np.mean(values[which == b]) if (which == b).any() else np.nan
-                for b in range(len(variable.middle))
-            ]
+            [np.mean(values[which == b]) if (which == b).any() else np.nan for b in range(len(variable.middle))]
         )
         axes.plot(variable.middle, means, style, color=colour, markersize=2.5, linewidth=1.0, label=label)
     axes.set_xlabel(in_words(variable, where.dof), labelpad=1, parse_math=False)

@@ -4,7 +4,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.bins import SIZE, THRUST, Row, Variable
 from automarine_cli.diagnosis.diagnose import Diagnosis
@@ -12,8 +11,6 @@ from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import Dof
 from automarine_cli.report.figures.diagnosis_words import BEFORE, MARK, in_words, verdict
 from automarine_cli.report.figures.style import PAGE_IN, house_style, new_figure
-
-Floats = NDArray[np.float64]
 
 MOST_PANELS = 12
 COLUMNS = 4
@@ -28,9 +25,7 @@ def where_figure(diagnosis: Diagnosis) -> Figure:
 def where_panels(where: Where, words: str, units: str = "runs", less: str = "simulated") -> Figure:
     """The same with the verdict in any `words`; `units` are what chance turns the sign of, `less` is what the measured
     is compared with."""
-    shown = sorted(where.variables, key=lambda v: (v.p_value, -float(np.abs(v.telling.t).max())))[
-        :MOST_PANELS
-    ]
+    shown = sorted(where.variables, key=lambda v: (v.p_value, -float(np.abs(v.telling.t).max())))[:MOST_PANELS]
     rows = -(-len(shown) // COLUMNS)
     heights = (*(1.55 for _ in range(rows)), 2.6)
     figure, grid = new_figure(rows + 1, COLUMNS, PAGE_IN, sum(heights) + 0.5, height_ratios=heights)
@@ -75,9 +70,7 @@ def _bins(axes: Axes, variable: Variable, dof: Dof) -> None:
     have = np.isfinite(row.mean)
     colour = BEFORE if out else "0.45"
     axes.axhline(0.0, color="0.3", linewidth=0.6, zorder=1)
-    x = np.where(
-        np.isfinite(variable.middle), variable.middle, 0.5 * (variable.edges[1:] + variable.edges[:-1])
-    )
+    x = np.where(np.isfinite(variable.middle), variable.middle, 0.5 * (variable.edges[1:] + variable.edges[:-1]))
     axes.fill_between(
         x[have], (row.mean - 2 * row.error)[have], (row.mean + 2 * row.error)[have],
         color=colour, alpha=0.3, linewidth=0,
@@ -117,9 +110,7 @@ def _heat_map(figure: Figure, axes: Axes, where: Where, less: str) -> None:
     for line, i in enumerate(order):
         time, gap = where.time[i][where.seen[i]], dof.shown(where.residual[i][where.seen[i]])
         width = max(1, round(len(time) / 60))
-        smooth = np.convolve(gap, np.ones(width), "same") / np.convolve(
-            np.ones(len(gap)), np.ones(width), "same"
-        )
+        smooth = np.convolve(gap, np.ones(width), "same") / np.convolve(np.ones(len(gap)), np.ones(width), "same")
         image[line] = np.where(grid <= time[-1], np.interp(grid, time, smooth, left=np.nan), np.nan)
     most = max(float(np.nanquantile(np.abs(image), 0.99)), dof.shown(where.floor))
     mesh = axes.imshow(

@@ -8,17 +8,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.naming_key import NamingKey
 from automarine_cli.diagnosis.trials import LEVEL
 from automarine_cli.diagnosis.verdict import SUSPECTED
 from automarine_cli.dofs import Dof
+from automarine_cli.quantities import Floats
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE, verdict
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, new_figure
-
-Floats = NDArray[np.float64]
 
 
 @house_style
@@ -33,10 +31,7 @@ def why_figure(diagnosis: Diagnosis, key: NamingKey | None) -> Figure:
         axes.remove()
     _evidence(figure.add_subplot(place[:, 0]), diagnosis)
     _drifts(grid[0, 1], grid[1, 1], key, diagnosis.study.base.dof, bool(diagnosis.found.final.added))
-    handles = [
-        *_handles(diagnosis),
-        *grid[0, 1].get_legend_handles_labels()[0],
-    ]
+    handles = [*_handles(diagnosis), *grid[0, 1].get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     figure.suptitle(f"Which missing effect would explain the gap. Verdict: {verdict(diagnosis)}")
     return figure
@@ -71,9 +66,7 @@ def _evidence(axes: Axes, diagnosis: Diagnosis) -> None:
     gains = np.array([first.gain(trial) for trial in trials])
     names = [trial.added[-1] for trial in trials]
     rivals = {rival.name for rival in found.rivals}
-    colours = [
-        AFTER if name in found.final.added else COLOURS["sky"] if name in rivals else "0.72" for name in names
-    ]
+    colours = [AFTER if name in found.final.added else COLOURS["sky"] if name in rivals else "0.72" for name in names]
     axes.barh(np.arange(len(trials)), gains, color=colours, height=0.72)
     axes.axvline(first.threshold, color=BEFORE, linewidth=1.2, linestyle="--")
     axes.axvline(0.0, color="0.3", linewidth=0.6)
@@ -89,9 +82,7 @@ def _evidence(axes: Axes, diagnosis: Diagnosis) -> None:
         label.set_fontweight("bold" if name in found.final.added else "normal")
     for at, gain in enumerate(gains):
         if gain > 0.4 * first.threshold:
-            axes.annotate(
-                f"{gain:.0f}", (gain, at), (3, 0), textcoords="offset points", va="center", fontsize=6.5
-            )
+            axes.annotate(f"{gain:.0f}", (gain, at), (3, 0), textcoords="offset points", va="center", fontsize=6.5)
     axes.set_xlabel("evidence gained over the base model [deviance]")
     axes.grid(False, axis="y")
     axes.margins(y=0.01)
@@ -125,10 +116,7 @@ def _key(
     axes.axhline(0.0, color="0.3", linewidth=0.6)
     have = np.isfinite(key.moment)
     there, back = dof.words.to_ways
-    for side, marker, colour, name in (
-        (1, ">", COLOURS["orange"], there),
-        (-1, "<", COLOURS["green"], back),
-    ):
+    for side, marker, colour, name in ((1, ">", COLOURS["orange"], there), (-1, "<", COLOURS["green"], back)):
         here = have & (np.sign(key.moment) == side)
         axes.errorbar(
             np.abs(key.moment[here]), 100 * log[here], 200 * error[here], fmt=marker, color=colour, markersize=3.5,
@@ -139,16 +127,7 @@ def _key(
             at = [here & np.isclose(np.abs(key.moment), size) for size in sizes]
             curve = [np.average(predicted[these], weights=1.0 / (error[these] ** 2 + 1e-8)) for these in at]
             label = "final model predicts" if side == 1 else None
-            axes.plot(
-                sizes,
-                100 * np.array(curve),
-                "-",
-                color=AFTER,
-                linewidth=1.6,
-                alpha=0.9,
-                label=label,
-                zorder=3,
-            )
+            axes.plot(sizes, 100 * np.array(curve), "-", color=AFTER, linewidth=1.6, alpha=0.9, label=label, zorder=3)
     best = key.best(quantity)
     force = dof.words.force
     note = f"no drift with the {force} beyond chance"

@@ -36,13 +36,8 @@ def driven_runs_figure(fit: YawFit, use: Use) -> Figure:
         axes[2 * row + 1, 0].set_ylabel(f"{dof.words.force.capitalize()}\n[{fit.moment_unit}]")
     for column in range(columns):
         axes[-1, column].set_xlabel("Time in the run [s]")
-    handles = [
-        *zip(*axes[0, 0].get_legend_handles_labels()),
-        *zip(*axes[1, 0].get_legend_handles_labels()),
-    ]
-    figure.legend(
-        [one for one, _ in handles], [name for _, name in handles], loc="outside lower center", ncols=3
-    )
+    handles = [*zip(*axes[0, 0].get_legend_handles_labels()), *zip(*axes[1, 0].get_legend_handles_labels())]
+    figure.legend([one for one, _ in handles], [name for _, name in handles], loc="outside lower center", ncols=3)
     figure.suptitle(
         f"Model {fit.preference.number}: predictions start from filtered states, which know the readings until then;\n"
         f"the disturbance is what the filter makes of the runs, no measurement",
@@ -76,9 +71,7 @@ def _positions(axes: Axes, fit: YawFit, use: Use, i: int) -> None:
 def _forces(axes: Axes, fit: YawFit, use: Use, i: int) -> None:
     run, end = fit.runs[i], int((use.course.length[i] > 0).sum()) + 1
     command = fit.dof.words.force
-    axes.step(
-        run.time - run.time[0], run.command, where="post", color="0.6", lw=0.6, label=f"{command} commanded"
-    )
+    axes.step(run.time - run.time[0], run.command, where="post", color="0.6", lw=0.6, label=f"{command} commanded")
     axes.plot(
         use.course.time[i, :end], use.disturbance[i, :end], color=COLOURS["green"], lw=1.0,
         label="disturbance that was needed",

@@ -30,9 +30,7 @@ def learned_figure(diagnosis: Diagnosis, curve: LearnedCurve) -> Figure:
     axes.plot(curve.x, scale * curve.y, color=COLOURS["blue"], label="learned curve")
     formula = formula_of(curve, len(diagnosis.study.runs))
     if formula is not None:
-        axes.plot(
-            curve.x, scale * formula.y, color=COLOURS["vermilion"], linestyle="--", label=f"{formula.text}"
-        )
+        axes.plot(curve.x, scale * formula.y, color=COLOURS["vermilion"], linestyle="--", label=f"{formula.text}")
     axes.axhline(0.0, color="0.3", linewidth=0.6)
     unit, size = f" [{curve.unit}]" if curve.unit else "", "size of " * curve.sized
     axes.set_xlabel(f"{size}{curve.variable}{unit}", parse_math=False)

@@ -3,13 +3,11 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from automarine_cli.comparison.planar import DEGREES, PlanarFree
 from automarine_cli.dofs import SURGE, SWAY, YAW
+from automarine_cli.quantities import Floats
 from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure
-
-Floats = NDArray[np.float64]
 
 LONGEST_TITLE = 90
 CROWD = 400  # more samples than this are drawn smaller

@@ -7,7 +7,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from automarine_cli.diagnosis.planar import HEAD_START, PlanarSearch
 from automarine_cli.diagnosis.planar_candidates import Candidate
@@ -19,8 +18,6 @@ from automarine_cli.fits.planar_structure import PLACES
 from automarine_cli.report.figures.diagnosis_where import where_panels
 from automarine_cli.report.figures.diagnosis_words import AFTER, BEFORE
 from automarine_cli.report.figures.style import COLOURS, MEASURED, PAGE_IN, house_style, new_figure
-
-Floats = NDArray[np.float64]
 
 MOST_RUNS = 4
 RIVAL, TRIED, PROMISED = COLOURS["sky"], "0.55", "0.85"
@@ -62,13 +59,7 @@ def why_figure(search: PlanarSearch) -> Figure:
         rivals = {each.candidate.added for each in one.rivals}
         best = one.best.candidate.added if one.best else None
         colours = [
-            AFTER
-            if c.added == best
-            else RIVAL
-            if c.added in rivals
-            else TRIED
-            if c.added in fitted
-            else PROMISED
+            AFTER if c.added == best else RIVAL if c.added in rivals else TRIED if c.added in fitted else PROMISED
             for c, _ in order
         ]
         place = np.arange(len(order))
@@ -150,12 +141,7 @@ def _heading(top: Axes, bottom: Axes, search: PlanarSearch, ahead: Sequence[Pred
         target = one.target[one.run == r]
         time, error = course.time[r, target], one.error[one.run == r]
         top.plot(
-            time,
-            YAW.shown(channel.values[r, target] - error),
-            ".",
-            color=colour,
-            ms=1.5,
-            label=f"predicted, {word}",
+            time, YAW.shown(channel.values[r, target] - error), ".", color=colour, ms=1.5, label=f"predicted, {word}"
         )
         bottom.plot(time, YAW.shown(error), color=colour, lw=0.8)
     bottom.axhline(0.0, color="0.3", linewidth=0.6)
@@ -197,13 +183,7 @@ def _sizes(axes: Axes, search: PlanarSearch, ahead: Sequence[Predicted]) -> None
         (slice(0, search.fitted), "o", AFTER, "fitted"), (slice(search.fitted, count), "s", "none", "held out"),
     ):  # fmt: skip
         axes.plot(
-            before[own],
-            after[own],
-            marker,
-            color=AFTER,
-            markerfacecolor=fill,
-            markersize=3.5,
-            label=f"runs {word}",
+            before[own], after[own], marker, color=AFTER, markerfacecolor=fill, markersize=3.5, label=f"runs {word}"
         )
     top = 1.08 * float(np.nanmax([before, after]))
     axes.plot([0, top], [0, top], color="0.4", linewidth=0.7, linestyle=":", label="no change")

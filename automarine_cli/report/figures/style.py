@@ -64,22 +64,11 @@ _OURS = {
     "savefig.dpi": float(DPI),
 }
 # Settings of programs that show windows; everything else goes back to matplotlib's own defaults first.
-_LEFT_ALONE = (
-    "backend",
-    "backend_fallback",
-    "interactive",
-    "toolbar",
-    "timezone",
-    "webagg",
-    "tk",
-    "docstring",
-)
+_LEFT_ALONE = ("backend", "backend_fallback", "interactive", "toolbar", "timezone", "webagg", "tk", "docstring")
 
 
 def _settings() -> Any:
-    defaults = {
-        key: value for key, value in dict.items(matplotlib.rcParamsDefault) if not key.startswith(_LEFT_ALONE)
-    }
+    defaults = {key: value for key, value in dict.items(matplotlib.rcParamsDefault) if not key.startswith(_LEFT_ALONE)}
     return defaults | _OURS
 
 

@@ -27,13 +27,9 @@ def where_figure(result: ThrusterDiagnosis) -> Figure:
         for index, region in enumerate(marked):
             pad = 0.02 * np.ptp(values) if region.low == region.high else 0.0
             label = "stands out against chance" if index == 0 else "_"
-            panel.axvspan(
-                region.low - pad, region.high + pad, color=COLOURS["yellow"], alpha=0.45, lw=0, label=label
-            )
+            panel.axvspan(region.low - pad, region.high + pad, color=COLOURS["yellow"], alpha=0.45, lw=0, label=label)
         panel.axhline(0.0, color="0.5", linewidth=0.6)
-        panel.axhspan(
-            -2 * result.gap.floor, 2 * result.gap.floor, color="0.8", lw=0, label="± 2 × noise floor"
-        )
+        panel.axhspan(-2 * result.gap.floor, 2 * result.gap.floor, color="0.8", lw=0, label="± 2 × noise floor")
         rest = gap_against(base, name)
         panel.plot(values, rest, "o", color=COLOURS["grey"], markersize=2.0, alpha=0.5, label="a level")
         _binned(panel, values, rest)
@@ -41,9 +37,7 @@ def where_figure(result: ThrusterDiagnosis) -> Figure:
         panel.set_xlabel(f"{LABEL[name]}{shown}")
         panel.set_ylabel("Measured − map [N]" if name == "n" else "Pulls more than the map [N]")
     legend(axes[0, 0], loc="best", ncols=2)
-    figure.suptitle(
-        f"Where the {result.given.form} map is wrong: {_percent(result, result.gap.before)} of full scale"
-    )
+    figure.suptitle(f"Where the {result.given.form} map is wrong: {_percent(result, result.gap.before)} of full scale")
     return figure
 
 
@@ -54,8 +48,7 @@ def _binned(axes: Axes, values: np.ndarray, rest: np.ndarray) -> None:
     centre = [float(np.mean(values[index])) for index in members]
     mean = [float(np.mean(rest[index])) for index in members]
     error = [
-        2.0 * float(np.std(rest[index], ddof=1) / np.sqrt(len(index))) if len(index) > 1 else 0.0
-        for index in members
+        2.0 * float(np.std(rest[index], ddof=1) / np.sqrt(len(index))) if len(index) > 1 else 0.0 for index in members
     ]
     style: dict[str, Any] = {"color": COLOURS["black"], "markersize": 4.0, "capsize": 2.0, "linewidth": 0.8}
     axes.errorbar(centre, mean, yerr=error, fmt="o-", label="mean of a bin ± 2 standard errors", **style)
@@ -153,19 +146,11 @@ def _errors(axes: Axes, result: ThrusterDiagnosis, found: Fitted, colour: str) -
 
 
 def _points(
-    axes: Axes,
-    data: BollardData,
-    values: np.ndarray,
-    label: str,
-    *,
-    hollow: bool,
-    colour: str = COLOURS["black"],
+    axes: Axes, data: BollardData, values: np.ndarray, label: str, *, hollow: bool, colour: str = COLOURS["black"]
 ) -> None:
     style: dict[str, Any] = {"color": colour, "markeredgewidth": 0.7, "zorder": 3 if hollow else 2}
     size, face = 2.0 if len(data.points) > 60 else 3.5, "none" if hollow else colour
-    axes.plot(
-        data.points.n, values, "o", markerfacecolor=face, markersize=size + hollow, label=label, **style
-    )
+    axes.plot(data.points.n, values, "o", markerfacecolor=face, markersize=size + hollow, label=label, **style)
     flagged = data.points.flag != ""
     if np.any(flagged):
         n, own = data.points.n[flagged], values[flagged]

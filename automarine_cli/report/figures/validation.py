@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from automarine_cli.comparison.simulated_runs import FreeRun
+from automarine_cli.quantities import Floats
 from automarine_cli.report.figures.style import (
     COLOURS,
     MEASURED,
@@ -20,7 +20,6 @@ from automarine_cli.report.figures.style import (
 from automarine_cli.report.tables import number
 from automarine_cli.runs.clean import GAP_IN_PERIODS
 
-Floats = NDArray[np.float64]
 LONGEST_TITLE = 90
 CROWD = 400  # more samples than this are drawn smaller
 
@@ -38,11 +37,7 @@ def validation_figure(free: Mapping[str, FreeRun], floor: float) -> Figure:
     shown = {model: one for model, one in free.items() if not one.diverged}
     for model, one in shown.items():
         error = dof.shown(one.error)
-        style = {
-            "color": MODEL_COLOURS[model],
-            "linestyle": MODEL_LINES[model],
-            "zorder": 4 if model == "2" else 3,
-        }
+        style = {"color": MODEL_COLOURS[model], "linestyle": MODEL_LINES[model], "zorder": 4 if model == "2" else 3}
         label = f"model {model}: rmse {number(float(np.sqrt(np.mean(error**2))), 2)} {dof.units.shown}"
         positions.plot(*_broken(time, dof.shown(one.position), run.sample_period), label=label, **style)
         errors.plot(*_broken(time, error, run.sample_period), linewidth=1.0, **style)
@@ -58,9 +53,7 @@ def validation_figure(free: Mapping[str, FreeRun], floor: float) -> Figure:
         band = f"± 2 × noise floor of {number(floor, 2)} {dof.units.shown}"
         errors.axhspan(-2 * floor, 2 * floor, color="0.92", linewidth=0, zorder=0, label=band)
     command.axhline(0.0, color="0.4", linewidth=0.7, zorder=1)
-    command.plot(
-        *_broken(time, run.command, run.sample_period), color=COLOURS["green"], drawstyle="steps-mid"
-    )
+    command.plot(*_broken(time, run.command, run.sample_period), color=COLOURS["green"], drawstyle="steps-mid")
     letters, unit = dof.symbols, dof.units.shown
     positions.set_ylabel(f"{dof.position.capitalize()} ${letters.position_math}$ [{unit}]")
     errors.set_ylabel(f"Measured − simulated [{unit}]")

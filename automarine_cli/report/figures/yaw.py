@@ -49,28 +49,17 @@ def half_turns_figure(fit: YawFit) -> Figure:
             zero = dof.shown(turn.start_position)
             for part, style in ((slice(first, turn.kept.start + 1), "-"), (after, "-")):
                 ax.plot(
-                    run.time[part] - start,
-                    dof.shown(run.position[part]) - zero,
-                    style,
-                    color="0.82",
-                    lw=0.7,
-                    zorder=1,
+                    run.time[part] - start, dof.shown(run.position[part]) - zero, style, color="0.82", lw=0.7, zorder=1
                 )
             ax.plot(
-                turn.time - start,
-                dof.shown(turn.position) - zero,
-                color=colours(abs(turn.moment)),
-                lw=0.9,
-                zorder=2,
+                turn.time - start, dof.shown(turn.position) - zero, color=colours(abs(turn.moment)), lw=0.9, zorder=2
             )
         if dof.wraps:
             ax.axhline(sign * 180.0, color=COLOURS["vermilion"], lw=0.9, ls="--", zorder=3)
         ax.set_title(side)
         ax.set_xlabel("Time since the step [s]")
     x = dof.symbols.position_print
-    axes[0, 0].set_ylabel(
-        f"{words.position.capitalize()} less start {words.position} {x} − {x}₀ [{dof.units.shown}]"
-    )
+    axes[0, 0].set_ylabel(f"{words.position.capitalize()} less start {words.position} {x} − {x}₀ [{dof.units.shown}]")
     axes[0, 1].plot([], [], color="0.82", label="rest, and what was cut")
     if dof.wraps:
         axes[0, 1].plot([], [], color=COLOURS["vermilion"], ls="--", label=words.reach)
@@ -88,16 +77,7 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     top, bottom = axes[:, 0]
     moment, rate = np.array([turn.moment for turn in fit.turns]), seed.tails.rate
     grid = np.linspace(min(moment.min(), 0.0), max(moment.max(), 0.0), 401) * 1.03
-    top.plot(
-        moment,
-        dof.shown(rate),
-        "o",
-        mfc="none",
-        mec=MEASURED,
-        mew=0.8,
-        label="measured, one run each",
-        zorder=2,
-    )
+    top.plot(moment, dof.shown(rate), "o", mfc="none", mec=MEASURED, mew=0.8, label="measured, one run each", zorder=2)
     for number in ("1", "2", "3"):
         if number not in seed.drag:
             continue
@@ -110,9 +90,7 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
             **look,
         )
         shift = (int(number) - 2) * 0.006 * np.ptp(grid)
-        bottom.plot(
-            moment + shift, seed.drag[number].residuals, "^os"[int(number) - 1], ms=2.6, mec="none", **look
-        )
+        bottom.plot(moment + shift, seed.drag[number].residuals, "^os"[int(number) - 1], ms=2.6, mec="none", **look)
     top.set_ylabel(f"Steady {dof.words.rate} {dof.symbols.velocity} [{dof.units.shown}/s]")
     bottom.set_ylabel(f"Residual [{fit.moment_unit}]")
     bottom.set_xlabel(_full_force(fit))
@@ -184,11 +162,7 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     heavy, drag = own.inertia_math, own.quadratic_math
     name = rf"$({heavy}/{drag})\,\ln\cosh\,(s\,{drag}^{{1/2}}/{heavy})$"
     top.plot(
-        grid,
-        dof.shown(response(grid, 1.0, inertia, 0.0, k_rr)[0]),
-        color=COLOURS["vermilion"],
-        lw=1.4,
-        label=name,
+        grid, dof.shown(response(grid, 1.0, inertia, 0.0, k_rr)[0]), color=COLOURS["vermilion"], lw=1.4, label=name
     )
     bottom.axhline(0.0, color=COLOURS["vermilion"], lw=1.0)
     x, force, unit = own.position_print, own.force_print, dof.units.shown

@@ -103,9 +103,7 @@ def _spans(text: str) -> str:
         parts.append(_symbols(run))
         run = ""
         parts.append(
-            f"<code>{escape(found[1])}</code>"
-            if found[1] is not None
-            else f"<strong>{_spans(found[2])}</strong>"
+            f"<code>{escape(found[1])}</code>" if found[1] is not None else f"<strong>{_spans(found[2])}</strong>"
         )
     return "".join([*parts, _symbols(run + unescape(text[at:]))])
 
