@@ -241,6 +241,7 @@ def test_the_likelihood_knows_the_law(name: str) -> None:
 
 
 @BY_LAW
+@pytest.mark.slow
 def test_a_diagnosis_names_the_effect_and_its_law(name: str) -> None:
     plans = short_plans() if name == "dead-band" else long_plans()
     runs = measured(BASE.with_effect(name, SECOND_LAWS[name]), [unmeasured(p, i) for i, p in enumerate(plans)], seed=5)
@@ -294,6 +295,7 @@ def test_amplitude_and_period_of_such_waves_are_recovered(seed: int) -> None:
     assert found["B"].value == 0.0
 
 
+@pytest.mark.slow
 def test_such_waves_are_named() -> None:
     """Among what they are mistaken for: `make blind` has them among all."""
     among = {"periodic-disturbance", "heading-moment", "dead-band", "bias-moment"}

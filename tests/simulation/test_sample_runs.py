@@ -44,6 +44,7 @@ def files(folder: Path, names: Iterable[str]) -> list[tuple[str, bytes]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("specification", MADE)
 @pytest.mark.parametrize(
     "place",

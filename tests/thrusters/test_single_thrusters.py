@@ -98,6 +98,7 @@ def test_each_has_its_own_name(made: dict[str, object], name: str) -> None:
     assert [one.name for one in found.effects] == [name]
 
 
+@pytest.mark.slow
 def test_spins_alone_are_a_tie_and_the_advice_is_each_thruster_alone() -> None:
     runs = driven(twin(spins(14, 5), gains_of(0.1, -0.06, 0.05), seed=5))
     with few_candidates(LOOK_ALIKES):
