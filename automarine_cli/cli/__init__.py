@@ -107,9 +107,9 @@ class CommandFolder(click.Group):
             return Refusal("not enough memory; give fewer logs at a time, or --jobs 1")
         _show_traceback(ctx)
         if isinstance(problem, OSError):
-            return Refusal(f"{problem}; check the place, your rights there and the room that is left")
+            return Refusal(f"{problem}; check the path, its permissions and the free disk space")
         what = f"{type(problem).__name__}: {problem}".replace("\n", " ")
-        return Refusal(f"{what}; this is a defect of automarine, please report it (-vv shows where)")
+        return Refusal(f"{what}; this is a bug in automarine, please report it (-vv shows where)")
 
 
 def _show_traceback(ctx: click.Context) -> None:
@@ -129,7 +129,7 @@ def _forget_stdout() -> None:
 @verbosity
 @click.option(
     "--version", is_flag=True, is_eager=True, expose_value=False, callback=versions,
-    help="Show the versions of automarine and of the libraries below it, and exit.",
+    help="Show the versions of automarine and its libraries, and exit.",
 )  # fmt: skip
 def automarine() -> None:
     """From pool logs of an ROV or AUV to its thruster map and yaw model, and to why they disagree.

@@ -7,7 +7,7 @@ import click
 from automarine_cli.cli import options
 
 
-@click.command("compare", short_help="Results side by side: do they differ?")
+@click.command("compare", short_help="Compare results and test their differences.")
 @click.argument(
     "results", nargs=-1, required=True, metavar="DIR DIR...",
     type=click.Path(exists=True, file_okay=False, path_type=Path),
@@ -15,7 +15,7 @@ from automarine_cli.cli import options
 @options.ending()
 def compare(**given: object) -> object:
     """Put results of fit-thrusters, fit-yaw or diagnose side by side, each against the first: another vehicle,
-    another day, another battery. Differences have intervals, and words that say whether they may be chance.
+    another day, another battery. Each difference has a confidence interval, and a word on its significance.
 
     \b
     Example:

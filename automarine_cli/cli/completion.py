@@ -23,7 +23,7 @@ class Completion:
         return {"schema": "automarine/completion/1", "shell": self.shell, "script": self.script}
 
 
-@click.command("completion", short_help="Let the shell complete commands and options.")
+@click.command("completion", short_help="Print a shell completion script.")
 @click.argument("shell", type=click.Choice(("bash", "zsh", "fish")))
 @options.json_option
 @options.verbosity

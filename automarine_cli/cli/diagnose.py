@@ -10,7 +10,7 @@ from automarine_cli.cli import options
 @options.model_option
 @click.option(
     "--hold-out", multiple=True, type=click.Path(readable=False), metavar="LOG",
-    help="A log that is never fitted, to show the gap on; may be given again. Else a quarter of the runs.",
+    help="A log kept out of the fit, to test the model on; may be repeated. By default a quarter of the runs.",
 )  # fmt: skip
 @options.columns_option
 @options.thrusters_option
@@ -20,9 +20,9 @@ from automarine_cli.cli import options
 def diagnose(**given: object) -> object:
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
 
-    Every effect of the library is tried on whole runs with everything refitted; what chance would reach on the
-    same runs is the bar. The verdict is a name (with the rivals that the runs cannot exclude), a suspicion that
-    the left-out runs do not bear out, nothing missing, or unexplained. What no effect of the library explains is
+    Every effect of the library is tried on whole runs with everything refitted; an effect counts if it gains more
+    than chance would on the same runs. The verdict is a name (with the rivals that the runs cannot exclude), a
+    suspicion that the held-out runs do not confirm, nothing missing, or unexplained. What no effect explains is
     learned as a curve over one variable or logged column. With a thruster map as the model, bollard tests are
     diagnosed in the same way.
 

@@ -201,7 +201,7 @@ def echo_result(
         listed = f": {', '.join(there)}" if there else ""
         click.echo(folded(f"Results are in {out}{listed}", width))
     elif keep_hint is not None:
-        click.echo(f"Nothing was written; {keep_hint} keeps the results.")
+        click.echo(f"No files were written; use {keep_hint} to save the results.")
 
 
 def _warnings_in(out: Path | None) -> Sequence[str]:

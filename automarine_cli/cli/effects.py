@@ -8,7 +8,7 @@ from automarine_cli.cli import options
 from automarine_cli.cli.echo import echo_result
 
 
-@click.command("effects", short_help="The library of effects, and the card of each.")
+@click.command("effects", short_help="List the library of effects, or show one.")
 @click.argument("name", required=False, metavar="[NAME]")
 @click.option(
     "--motion", metavar="NAME",
@@ -18,9 +18,8 @@ from automarine_cli.cli.echo import echo_result
     "--new",
     type=click.Path(path_type=Path),
     metavar="FILE.py",
-    help="Try an effect of your own, which runs this file, and keep a copy of it among your effects: the folder that "
-    "AUTOMARINE_EFFECTS names, else automarine/effects among your settings. What lies there is run whenever effects "
-    "are looked at.",
+    help="Test an effect of your own (this runs the file) and copy it into your effects folder: "
+    "AUTOMARINE_EFFECTS, else automarine/effects in your settings. Files in it are run whenever effects are loaded.",
 )
 @options.overwrite_option
 @options.json_option

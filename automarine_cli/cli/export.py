@@ -15,8 +15,8 @@ _ABOVE_ZERO = click.FloatRange(min=0, min_open=True)
 @click.argument("model", metavar="[MODEL.json]", required=False, type=options.FILE)
 @click.option("--to", metavar="NAME", help="The target: see --list.")
 @click.option("--list", "show_list", is_flag=True, help="List the targets, their forms and frames, and exit.")
-@click.option("--form", metavar="NAME", help="Which of the target's forms; by default the one FILE's ending tells.")
-@click.option("--number", metavar="N", help="Which of the file's yaw models.  [default: the preferred one]")
+@click.option("--form", metavar="NAME", help="Form of the target; by default from FILE's extension.")
+@click.option("--number", metavar="N", help="Number of the yaw model in the file.  [default: the preferred one]")
 @click.option("--frame", metavar="NAME", help="ENU or NED.  [default: the target's own]")
 @click.option(
     "--rigid-inertia", type=_ABOVE_ZERO, metavar="VALUE",

@@ -5,7 +5,7 @@ import click
 from automarine_cli.cli import options
 
 
-@click.command("fit-heave", short_help="Step runs to drag, mass and a heave model.")
+@click.command("fit-heave", short_help="Identify drag, mass and a heave model.")
 @click.option(
     "--depths", nargs=2, type=float, metavar="FROM TO",
     help="Follow each step while the depth is between so many metres, clear of surface and bottom.",

@@ -5,7 +5,7 @@ import click
 from automarine_cli.cli import options
 
 
-@click.command("fit-planar", short_help="Driven runs to surge, sway and yaw together.")
+@click.command("fit-planar", short_help="Identify surge, sway and yaw together.")
 @options.logs_argument
 @options.columns_option
 @options.thrusters_option
@@ -15,7 +15,7 @@ def fit_planar(**given: object) -> object:
     """Identify surge, sway and yaw together, and what couples them.
 
     The logs hold the heading and the speed ahead or the position on the water. Drags, couplings and a current
-    are chosen by evidence; what the logs do not tell is tied to assumptions that are named.
+    are chosen by evidence; what the logs cannot determine is set by stated assumptions.
 
     \b
     Example:

@@ -5,7 +5,7 @@ import click
 from automarine_cli.cli import options
 
 
-@click.command("fit-sway", short_help="Step runs to drag, mass and a sway model.")
+@click.command("fit-sway", short_help="Identify drag, mass and a sway model.")
 @click.option(
     "--within", type=click.FloatRange(min=0, min_open=True), metavar="METRES",
     help="Follow each step for so many metres, before the wall is felt; without it to its end.",

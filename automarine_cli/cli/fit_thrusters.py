@@ -8,7 +8,7 @@ FORM_NAMES = ("square", "dead-band", "power", "dead-band-power")
 FORMS = (*FORM_NAMES, *(f"{name}-saturation" for name in FORM_NAMES))
 
 
-@click.command("fit-thrusters", short_help="Bollard tests to a thruster map.")
+@click.command("fit-thrusters", short_help="Fit a thruster map to bollard tests.")
 @options.logs_argument
 @options.columns_option
 @click.option(

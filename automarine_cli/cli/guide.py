@@ -21,7 +21,7 @@ def topics(ctx: click.Context, param: click.Parameter, begun: str) -> list[Compl
     return [CompletionItem(name) for name in (*pages.commands(), *pages.pages()) if name.startswith(begun)]
 
 
-@click.command("guide", short_help="The pages of the guide, or one of them.")
+@click.command("guide", short_help="List the pages of the guide, or show one.")
 @click.argument("topic", required=False, metavar="[TOPIC]", shell_complete=topics)
 @options.json_option
 @options.verbosity

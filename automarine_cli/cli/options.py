@@ -27,18 +27,18 @@ def _count_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> 
 
 def _finite(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
     if value is not None and not math.isfinite(value):
-        raise click.BadParameter(f"{value} is no finite number; give one")
+        raise click.BadParameter(f"{value} is not a finite number; give one")
     return value
 
 
 def verbosity(function: Function) -> Function:
     """-v and -q; kept in the context (see `verbosity_level`), not handed to the command."""
     quiet = click.option(
-        "-q", "--quiet", count=True, expose_value=False, callback=_count_verbosity, help="Say only what went wrong."
+        "-q", "--quiet", count=True, expose_value=False, callback=_count_verbosity, help="Print errors only."
     )
     verbose = click.option(
         "-v", "--verbose", count=True, expose_value=False, callback=_count_verbosity,
-        help="Say more; twice shows where a defect is.",
+        help="Print more details; -vv adds tracebacks.",
     )  # fmt: skip
     return quiet(verbose(function))
 
@@ -60,13 +60,13 @@ overwrite_option = click.option("--overwrite", is_flag=True, help="Replace resul
 """`overwrite`: bool."""
 
 seed_option = click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N", help="Seed of everything random."
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N", help="Random seed."
 )
 """`seed`: int."""
 
 inputs_option = click.option(
     "--inputs", multiple=True, type=click.Path(exists=True, path_type=Path), metavar="FOLDER",
-    help="Look for the recorded inputs in this folder and below; may be given again.",
+    help="Look for the recorded inputs in this folder and below; may be repeated.",
 )  # fmt: skip
 """`inputs`: Paths."""
 
@@ -142,12 +142,12 @@ def fit_options(steps: str, unit: str, *own: Callable[..., Any]) -> Callable[[Fu
     where = " enough runs have them" if steps == "half-turns" else " there are enough"
     fit_to = click.option(
         "--fit-to", type=click.Choice(("auto", steps, "whole-runs")), default="auto", show_default=True,
-        help=f"What of the runs is fitted; auto takes {steps} where{where}.",
+        help=f"Part of the runs to fit; auto takes {steps} where{where}.",
     )  # fmt: skip
     tail = click.option(
         "--tail", type=float, callback=_finite, metavar=unit,
-        help="Where the tails of the paper's method start; without it where drag and inertia are expected to be off "
-        "least.",
+        help="Start of the steady tails of the paper's method; by default where the expected error of drag and inertia "
+        "is smallest.",
     )  # fmt: skip
     every = (columns_option, thrusters_option, *own, fit_to, tail, channels_option, with_option)
     return _all(logs_argument, *every, ending("strict", "jobs"))

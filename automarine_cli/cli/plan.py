@@ -13,23 +13,25 @@ def _print_example(ctx: click.Context, param: click.Parameter, value: bool) -> N
         ctx.exit()
 
 
-@click.command("plan", short_help="The next campaign: the fewest runs that tell the most.")
+@click.command("plan", short_help="Plan the next campaign.")
 @click.argument("model", type=options.FILE, metavar="MODEL.json")
 @click.option(
-    "--diagnosis", type=options.FILE, metavar="FILE", help="A diagnosis.json whose rivals are to be told apart."
+    "--diagnosis", type=options.FILE, metavar="FILE", help="A diagnosis.json whose rivals the runs should separate."
 )
-@click.option("--limits", type=options.FILE, metavar="FILE.toml", help="What the day at the pool allows.")
+@click.option(
+    "--limits", type=options.FILE, metavar="FILE.toml", help="Limits of time, battery and moments at the pool."
+)
 @click.option(
     "--example-limits", is_flag=True, is_eager=True, expose_value=False, callback=_print_example,
     help="Print a limits file with every setting and its default, and exit.",
 )  # fmt: skip
 @click.option(
     "--parameter", "parameters", multiple=True, metavar="NAME",
-    help="Shrink the interval of this parameter (k_rr, I_r, ...); may be given again.  [default: all]",
+    help="Shrink the interval of this parameter (k_rr, I_r, ...); may be repeated.  [default: all]",
 )  # fmt: skip
 @click.option(
     "--thruster-tests", multiple=True, type=click.Path(readable=False), metavar="LOG",
-    help="Bollard tests with a current or power column, for the battery; may be given again.",
+    help="Bollard tests with a current or power column, for the battery; may be repeated.",
 )  # fmt: skip
 @options.thrusters_option
 @options.arm_option
@@ -38,8 +40,8 @@ def _print_example(ctx: click.Context, param: click.Parameter, value: bool) -> N
 def plan(**given: object) -> object:
     """The next pool campaign for a yaw model: which runs, in which order, and what intervals to expect of them.
 
-    Runs are chosen for what they will tell (Fisher information, with all that differs from run to run), within the
-    time, the battery and the moments that the limits allow. With a diagnosis, runs that tell its rivals apart come
+    Runs are chosen by Fisher information (with all that differs from run to run), within the
+    time, the battery and the moments that the limits allow. With a diagnosis, runs that separate its rivals come
     first.
 
     \b

@@ -8,7 +8,7 @@ from automarine_cli.cli import options
 from automarine_cli.cli.echo import echo_result
 
 
-@click.command("report", short_help="One page of all that a campaign's steps found.")
+@click.command("report", short_help="Write one report of a campaign's results.")
 @click.argument("folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--title", show_default="such as Yaw identification", help="Heading of the page.")
 @options.overwrite_option

@@ -13,7 +13,7 @@ OF_TRANSLATIONS = tuple(f"{step}-{name}" for name in TRANSLATIONS for step in ("
 STEPS = ("check", "fit-thrusters", "fit-yaw", "validate", "diagnose", *OF_TRANSLATIONS, "report")
 
 
-@click.command("run", short_help="Every step of a campaign, and one report.")
+@click.command("run", short_help="Run every step of a campaign and report.")
 @click.argument(
     "campaigns", nargs=-1, metavar="[CAMPAIGN.toml]...", type=click.Path(exists=True, dir_okay=False, path_type=Path)
 )  # fmt: skip
@@ -31,10 +31,10 @@ def run(ctx: click.Context, **given: Any) -> object:
     [surge], [sway] or [heave] its fit, validation and diagnosis too.
 
     Each step has a folder of its own in DIR. A step is kept if its result is there and its inputs, settings and
-    versions have not changed; for every other the reason is told. `automarine init` writes a campaign file.
+    versions have not changed; for every other the reason is printed. `automarine init` writes a campaign file.
 
     Several campaigns, a fleet or a season, have a folder each in DIR and an overview of all; --jobs N does so many at
-    a time, --cluster ADDRESS sends them with their logs to a Dask scheduler. One that is refused stops no other.
+    a time, --cluster ADDRESS sends them with their logs to a Dask scheduler. One that fails does not stop the others.
 
     With --from instead, a recorded result is made again from its manifest: inputs are found by name and content
     under --inputs (by default here), and exit status 0 says that every file has the bytes recorded.

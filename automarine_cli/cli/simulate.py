@@ -25,7 +25,7 @@ def simulate(**given: object) -> object:
 
     The specification says what vehicle is tested, what acts on it that a model may not know of, what the logger
     loses, and which runs are made: steps, coast-downs, reversals, sequences, ramps, rests, bollard tests. The
-    same specification and seed make the same bytes. truth.json, beside the logs, holds all that was drawn.
+    same specification and seed give identical files. truth.json, beside the logs, holds the true values.
 
     \b
     Example:

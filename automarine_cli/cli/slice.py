@@ -12,18 +12,18 @@ from automarine_cli.cli import options
     help="Cut where a flight mode, an arming state, or a constant command begins and ends.",
 )  # fmt: skip
 @options.columns_option
-@click.option("--keep", multiple=True, metavar="MODE", help="Keep only this flight mode; may be given again.")
+@click.option("--keep", multiple=True, metavar="MODE", help="Keep only this flight mode; may be repeated.")
 @click.option(
     "--lead", type=click.FloatRange(min=0), default=2.0, show_default=True, metavar="S",
-    help="Seconds of the rest before a constant command that come along.",
+    help="Seconds of rest to keep before a constant command.",
 )  # fmt: skip
 @click.option(
     "--shortest", type=click.FloatRange(min=0), default=1.0, show_default=True, metavar="S",
-    help="Seconds that a run lasts at least.",
+    help="Minimum duration of a run in seconds.",
 )  # fmt: skip
 @click.option(
     "--format", "form", type=click.Choice(["csv", "csv.gz", "parquet"]), default="csv", show_default=True,
-    help="What the runs are written as.",
+    help="File format of the runs.",
 )  # fmt: skip
 @options.ending("strict", "jobs")
 def slice_(**given: object) -> object:

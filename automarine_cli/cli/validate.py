@@ -18,7 +18,7 @@ def validate(**given: object) -> object:
     """Simulate each log with each model of a yaw_model.json, and compare the headings.
 
     The models see the commands only. Scores, for each run and over all: heading error of the free run, of a run
-    restarted at each change of moment, yaw-rate error, fit percent, and the noise floor beside them. With -o a
+    restarted at each change of moment, yaw-rate error, fit percent, and the noise level beside them. With -o a
     figure a run: headings, errors, moment.
 
     \b

@@ -8,7 +8,7 @@ from automarine_cli.cli import options
 from automarine_cli.cli.echo import echo_result
 
 
-@click.command("verify", short_help="Are results still what was written?")
+@click.command("verify", short_help="Check that results are unchanged.")
 @click.argument(
     "folders", nargs=-1, required=True, metavar="DIR...",
     type=click.Path(exists=True, file_okay=False, path_type=Path),

@@ -25,7 +25,7 @@ NOISE = {"heading": 0.02, "yaw_rate": 0.02, "surge": 0.03, "sway": 0.03, "north"
 """What readings of a start count for [rad, m, s]."""
 ROUNDS, NUDGE, LOOSE = 4, 1e-4, 3.0
 FAR = 1e6
-"""m, or rad: a simulation that gets there runs away."""
+"""m, or rad: a simulation that gets there diverges."""
 DEGREES = 180.0 / np.pi
 SCORES = (
     "heading_rmse_deg", "heading_max_abs_deg", "position_rmse_m", "position_max_abs_m", "surge_rmse_m_s",
@@ -56,7 +56,7 @@ class PlanarFree:
 
     @property
     def diverged(self) -> bool:
-        """Whether the simulation runs away."""
+        """Whether the simulation diverges."""
         return any(not np.isfinite(one).all() or np.abs(one).max() > FAR for one in self.simulated.values())
 
     def error(self, channel: str) -> Floats | None:
@@ -75,7 +75,7 @@ class PlanarFree:
 
     @cached_property
     def scores(self) -> dict[str, float | None]:
-        """Every one of `SCORES`; None where the log lacks the channel, or the simulation runs away."""
+        """Every one of `SCORES`; None where the log lacks the channel, or the simulation diverges."""
         if self.diverged:
             return dict.fromkeys(SCORES)
         heading, distance = self.error("heading"), self.distance

@@ -56,7 +56,7 @@ def roll(
     `switch_offset` is the share of a sample interval by which commands act later than mid-interval. With `step`
     [s] that step is used as it is; without it the step is halved until positions settle to 0.01 degrees or cm, four
     times at most. Returns
-    positions and rates (P, R, N), padded; not finite where the model runs away. Raises RunError as `make_batch`.
+    positions and rates (P, R, N), padded; not finite where the model diverges. Raises RunError as `make_batch`.
     """
     if step is not None:
         return _once(model, runs, position, rate, switch_offset, step)

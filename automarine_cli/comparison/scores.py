@@ -68,7 +68,7 @@ def fit_percent(square: float, spread: float) -> float | None:
 
 
 def score(free: FreeRun, restarted: Floats) -> RunScore:
-    """Score a free run and its restarted errors (N,) [rad or m]; no restarted score where a restart runs away."""
+    """Score a free run and its restarted errors (N,) [rad or m]; no restarted score where a restart diverges."""
     if free.diverged:
         nothing = dict.fromkeys(SUMMED, 0)
         return RunScore(free.start, True, 0.0, nothing, nothing, 0.0)
@@ -122,12 +122,12 @@ def rate_window(run: Run) -> int:
 
 
 def noise_floor(run: Run) -> float:
-    """White noise of the position, in the unit that people see, measured apart from any model."""
+    """White noise of the position, in the unit that people see, estimated without a model."""
     return float(run.dof.shown(position_noise(run.time, run.position)))
 
 
 def pooled_floor(runs: Sequence[Run]) -> float:
-    """Noise floor of all runs together, weighted as a pooled rmse is."""
+    """Noise level of all runs together, weighted as a pooled rmse is."""
     sizes = np.array([len(run) for run in runs])
     floors = np.array([noise_floor(run) for run in runs])
     return float(np.sqrt(sizes @ floors**2 / sizes.sum()))

@@ -24,7 +24,7 @@ from automarine_cli.runs.velocity_sensor import unbiased_velocity
 @dataclass(frozen=True)
 class FreeRun:
     """One run simulated from its start to its end: positions as the sensor shows them [rad or m] and true rates
-    [rad/s or m/s] at the samples, (N,); not finite from where the model runs away.
+    [rad/s or m/s] at the samples, (N,); not finite from where the model diverges.
     """
 
     run: Run

@@ -103,7 +103,7 @@ def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: 
 def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str, Scored], dof: Dof) -> str:
     """One sentence: which model follows the runs best, and whether its lead could be chance."""
     if best is None:
-        return "No model follows these runs: every simulation runs away."
+        return "No model follows these runs: every simulation diverges."
     parts = []
     for number, gap in leads.items():
         part = f"{_digits(gap.value)} {dof.units.shown} below model {number}"
@@ -113,7 +113,7 @@ def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str
         parts.append(part)
     told = ["; ".join(parts)] if parts else []
     told += [
-        f"model {number} runs away in {len(m.diverged)} of {len(m.free)} runs"
+        f"model {number} diverges in {len(m.diverged)} of {len(m.free)} runs"
         for number, m in models.items()
         if m.diverged
     ]

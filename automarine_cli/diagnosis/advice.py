@@ -66,7 +66,7 @@ def suggest(study: Study, final: Trial, rival: Trial, name: str, rival_name: str
         )
     else:
         clearly = "clearly" if sigma > CLEAR else f"by {sigma:.0f} standard errors"
-        sentence = f"{kind} would tell {name} from {rival_name} {clearly}"
+        sentence = f"{kind} would separate {name} from {rival_name} {clearly}"
     return Advice(kind, sentence)
 
 
@@ -210,7 +210,7 @@ def general_advice(study: Study) -> tuple[str, ...]:
     dof = study.base.dof
     words, advice = dof.words, []
     if coasts < 2:
-        advice.append("Add two coast-downs: they part a dead-band from Coulomb drag and show thrust loss.")
+        advice.append("Add two coast-downs: they separate a dead-band from Coulomb drag and show thrust loss.")
     if reversals < 2:
         advice.append(f"Add two reversals at full {words.force}: lags, delay and swirl show most there.")
     if even > 0.7 and dof.wraps:
@@ -225,5 +225,5 @@ def general_advice(study: Study) -> tuple[str, ...]:
             f"Add one rest record of a minute: bias, current and {words.rate_sensor} drift show without any model."
         )
     if not set(study.signals) - set(PARTS):
-        advice.append("Log the supply voltage: without it a sag is told from drag only by chance.")
-    return tuple(advice) or ("The campaign has every kind of run; more of the same narrows the intervals.",)
+        advice.append("Log the supply voltage: without it a sag can hardly be separated from drag.")
+    return tuple(advice) or ("The campaign has every kind of run; more runs of the same kinds narrow the intervals.",)

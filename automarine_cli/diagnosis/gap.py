@@ -17,7 +17,7 @@ class Gap:
     """Root mean square of measured less simulated heading [rad] over all samples of a set of runs.
 
     Each run's own start heading, start rate, thrust gain and switch instants are taken at their posterior means: what
-    is left is what the model lacks, and noise. `floor` is the noise of the heading measured apart from any model.
+    is left is what the model lacks, and noise. `floor` is the noise of the heading estimated without a model.
     `residuals_before` and `residuals_after` (R, N) are the headings' own, zero in the padding.
     """
 

@@ -1,7 +1,7 @@
 """A controller's limit cycle: command and position that swing together, as a loop with a lag or a dead-band does.
 
 A wave would show in the position first, and the command would answer it; in a limit cycle neither comes from outside.
-The two cannot be told apart by their period, so that there a periodic disturbance is the last thing to believe.
+The two cannot be distinguished by their period, so that there a periodic disturbance is the last thing to believe.
 """
 
 from collections.abc import Sequence

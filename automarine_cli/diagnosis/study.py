@@ -117,7 +117,7 @@ class Study:
 
     @cached_property
     def sensor_floor(self) -> float:
-        """Noise of the first sensor that counts, measured apart from any model, root mean square over runs."""
+        """Noise of the first sensor that counts, estimated without a model, root mean square over runs."""
         noise, weight = [], []
         channel = next(one for one in self.batch.channels if one.counts)
         for run, values, seen in zip(self.runs, channel.values, channel.seen):

@@ -115,14 +115,14 @@ def verdict_of(study: Study, found: Found, where: Where, held_out: Study | None,
         return Verdict(SUSPECTED, last, doubt)
     if kept is None or study.driven or not _something_left(kept):
         return Verdict(NAMED, found)
-    left = f"Something else is left: on the runs that were held out the gap is {kept.in_noises}."
+    left = f"A residual remains: on the held-out runs the gap is {kept.in_noises}."
     return Verdict(NAMED, found, left=left)
 
 
 def _beyond_chance(doubtful: Found) -> str:
     """How often chance does as well as what it reaches more often than a name may leave."""
     (p_value,) = doubtful.p_values.values()
-    return f"Chance would gain as much in {100 * p_value:.1f} of 100 campaigns laid out like this one."
+    return f"Chance would gain as much in {100 * p_value:.1f} of 100 campaigns like this one."
 
 
 def _borne_out(study: Study, found: Found, held_out: Study | None, kept: Gap | None, ahead: Outlook | None) -> str:
@@ -132,13 +132,13 @@ def _borne_out(study: Study, found: Found, held_out: Study | None, kept: Gap | N
         return found.compensating[0].says
     if study.driven:
         doubt = "" if ahead is None else ahead.doubt(study.base.dof)
-        return f"The runs that were held out do not bear it out: {doubt}." if doubt else ""
+        return f"The held-out runs do not confirm it: {doubt}." if doubt else ""
     gained = _heard(found.final.fit.predictive - found.base.fit.predictive)
     if held_out is not None:
         more = _heard(log_density(held_out, found.final) - log_density(held_out, found.base))
         if _beyond_doubt(-more):
             worse = f"{(more < 0).sum()} of {len(more)} are less likely with it"
-            return f"The runs that were held out speak against it: {worse}."
+            return f"The held-out runs contradict it: {worse}."
         gained = np.concatenate([gained, more])
     if not _beyond_doubt(gained):
         return (
@@ -146,7 +146,7 @@ def _borne_out(study: Study, found: Found, held_out: Study | None, kept: Gap | N
             f"{len(gained)} are more likely with it, and chance gains as much in more than {100 * WEAK:.0f} of 100."
         )
     if kept is not None and _something_left(kept) and kept.above(kept.after) > MOST_LEFT * kept.above(kept.before):
-        return f"Most of the gap stays on the runs that were held out: it is {kept.in_noises}."
+        return f"Most of the gap of the held-out runs remains: it is {kept.in_noises}."
     return ""
 
 
@@ -174,20 +174,20 @@ def _unexplained(study: Study, found: Found, where: Where, kept: Gap | None) -> 
     """
     final = found.final
     if kept is not None and kept.after > ASTRAY * kept.before:
-        return f"What explains the fitted runs leads those astray that were held out: their gap is {kept.in_noises}."
+        return f"What explains the fitted runs makes the held-out runs worse: their gap is {kept.in_noises}."
     excess = [max((trial.fit.noise / study.sensor_floor) ** 2 - 1.0, 0.0) for trial in (found.base, final)]
     margin = max(WELL_ABOVE, 3.0 * FLOOR_ERROR / float(np.sqrt(study.batch.seen.sum())))
     times = final.fit.noise / study.sensor_floor
     closed = bool(final.added) and excess[1] <= LEFT_OVER * excess[0] and times <= STANDS
     if times > 1.0 + margin and not closed and hangs_together(study, final):
-        return f"What is left hangs together in time and is {times:.2f} times the noise{_beside(where)}."
+        return f"The residual is correlated in time and is {times:.2f} times the noise{_beside(where)}."
     scatter = [trial.fit.factor(GAIN) ** 2 for trial in (found.base, final)]
     unnamed = not final.added or scatter[1] > LEFT_OVER * scatter[0]
     if unnamed and gains_wander(study, final):
-        return f"The runs' own thrust wanders with the campaign's clock more than chance allows{_beside(where)}."
+        return f"The thrust of single runs drifts over the campaign more than chance allows{_beside(where)}."
     if found.more or (len(final.added) == MOST_EFFECTS and excess[0] < MANY):
         more = " or more" if found.more else ""
-        return f"The runs would take {MOST_EFFECTS} effects{more}, which is more than they can vouch for."
+        return f"The runs would take {MOST_EFFECTS} effects{more}, more than they can support."
     if not final.added and found.doubtful is None and (regions := _outstanding(where)):
         return f"The error is beyond chance {_stretch(regions[0])}."
     return ""
@@ -215,8 +215,8 @@ def _nearest(study: Study, found: Found) -> str:
     names, dof = " and ".join(found.final.added), study.base.dof
     before, after = (dof.shown(trial.fit.noise) for trial in (found.base, found.final))
     return (
-        f"What comes nearest is {names}, which takes what is left of the fitted runs from {before:.2g} to {after:.2g} "
-        f"{dof.words.units}."
+        f"The best candidate is {names}, which reduces the residual of the fitted runs from {before:.2g} to "
+        f"{after:.2g} {dof.words.units}."
     )
 
 

@@ -27,7 +27,7 @@ class Course:
     lies in fine step `at` (R, K + 1), at the share `part` of it. `before` (D, R, 1) was held before, `start` (R,) is
     the clock of the first sample [s], `signals` (R, M) other logged columns on the fine grid. `channels` are the
     readings, (R, K + 1) each, `still` (R,) says which runs begin at rest, `fastest` (D,) the largest velocities
-    [per s], as means over a second, and `noise` (C,) of each channel, measured apart from any model.
+    [per s], as means over a second, and `noise` (C,) of each channel, estimated without a model.
     """
 
     motion: Motion

@@ -34,7 +34,7 @@ def channels_json(choice: ChannelChoice, fit: Outcome, dof: Dof) -> dict[str, ob
 
 
 def measured_noises(runs: Sequence[Run], dof: Dof) -> dict[str, Estimate]:
-    """Noise of each sensor measured apart from any model, pooled over the runs that have it."""
+    """Noise of each sensor estimated without a model, pooled over the runs that have it."""
     found = {}
     for name in dof.channels:
         squares, count = 0.0, 0

@@ -102,7 +102,8 @@ def _refuse_runaways(model: YawModel, found: InnovationsFit, course: Course) -> 
         return
     raise FitError(
         dof.fill(
-            f"these runs leave the model open: {what}. They hold too little {{moving}} that the {{force}} made; add "
+            f"these runs do not determine the model: {what}. They hold too little {{moving}} that the {{force}} "
+            "made; add "
             "runs with larger and quicker commands to both sides, best without a controller in the loop, and check "
             "that the logged commands are those of this vehicle"
         )

@@ -53,7 +53,7 @@ class Use:
         if one.of_use:
             return f"The model predicts {one.beside(dof)} ({of})."
         return (
-            f"This model is of no use: it predicts {one.beside(dof)} ({of}). Do not simulate or control with it; "
+            f"This model is not usable: it predicts {one.beside(dof)} ({of}). Do not simulate or control with it; "
             "`automarine diagnose` looks for what it lacks."
         )
 
@@ -67,7 +67,7 @@ class Use:
             f"{name} ({effects.get(name).card(dof).says.rstrip('.').lower()}) gains {gain:.0f} in deviance"
             for name, gain in self.proposed.items()
         )
-        return (*found, f"The evidence asks for more than drag: {asks}. Fit it with --with {names}.")
+        return (*found, f"The data need more than drag: {asks}. Fit it with --with {names}.")
 
 
 def judged_of(worth: Sequence[Worth]) -> Worth | None:

@@ -84,7 +84,7 @@ def identify_turns(
     if fit_to == "half-turns" and not enough:
         steps = f"{_counted(len(turns), dof.words.step)} at {_counted(sizes, 'size')} of {dof.words.force}"
         raise RunError(
-            f"{steps} serve, and at least {FEWEST_STEPS} at 2 are needed; "
+            f"{steps} are usable, and at least {FEWEST_STEPS} at 2 are needed; "
             f"{_reasons(set_aside)}give more step runs, or --fit-to whole-runs"
         )
     if not with_effects and (fit_to == "half-turns" or (fit_to == "auto" and enough and 2 * len(turns) >= runs)):
@@ -185,8 +185,7 @@ def _fit_whole(
     short += undriven + stuck
     if not moving:
         raise RunError(
-            f"none of {_counted(len(runs), 'run')} serves for a fit; {_reasons(short)}look at them with "
-            "`automarine check`"
+            f"none of {_counted(len(runs), 'run')} can be fitted; {_reasons(short)}look at them with `automarine check`"
         )
     dof = moving[0].dof
     at_rest = np.array([starts_at_rest(run) for run in moving])

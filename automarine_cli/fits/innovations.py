@@ -31,7 +31,7 @@ SIZES = {GAIN: "gain-scatter"}
 """What run effects are called whose sizes are parameters."""
 LEAST_DAMPING, MOST_DAMPING, SHARES = 1e-4, 1e3, (1.0, 30.0)
 """Share of the curvature that is added to it, and multiples of that which are tried together."""
-NO_START = "no start of the fit gives a finite likelihood; check the units of command, position and time"
+NO_START = "no starting point of the fit has a finite likelihood; check the units of command, position and time"
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,7 @@ class DrivenProblem:
         return follow(self.model, self.course, theta[:, :own], self.noises(theta), keep)
 
     def value(self, phi: Floats) -> Floats:
-        """Log density of all runs with the prior, (P,); minus infinity where a filter runs away."""
+        """Log density of all runs with the prior, (P,); minus infinity where a filter diverges."""
         density = self.follow(phi).log_density.sum(axis=1) + self.prior(phi)
         return np.where(np.isfinite(density), density, -np.inf)
 
@@ -170,7 +170,7 @@ class Slopes:
     information: Floats
 
     def value(self, problem: DrivenProblem, phi: Floats) -> float:
-        """Log density of all runs with the prior; minus infinity where a filter runs away."""
+        """Log density of all runs with the prior; minus infinity where a filter diverges."""
         total = float(self.density.sum() + problem.prior(phi))
         return total if np.isfinite(total) else -np.inf
 

@@ -24,7 +24,7 @@ from automarine_cli.fits.gram import Gram, Grams
 from automarine_cli.fits.run_effects import RunEffects
 from automarine_cli.quantities import Floats
 
-NO_MOTION = "the runs show no motion that a model could be fitted to; look at the logs with `automarine check`"
+NO_MOTION = "the runs show no motion to fit a model to; check the logs with `automarine check`"
 SMALLEST_FACTOR = 1e-5
 FEW = 4
 """Run effects up to which equations are solved row by row, all runs at once."""
@@ -39,8 +39,8 @@ class NotFinite(FitError):
 def not_finite(position: str, force: str) -> str:
     """The sentence, by what the position and what drives it are called."""
     return (
-        f"no motion of a vehicle fits these runs: simulated {position}s run out of all bounds; look at the logs with "
-        f"`automarine check` for gaps, a wrong clock, or wrong units or signs of {position} and {force} (--columns)"
+        f"no motion of a vehicle fits these runs: simulated {position}s diverge; check the logs with `automarine "
+        f"check` for gaps, a wrong clock, or wrong units or signs of {position} and {force} (--columns)"
     )
 
 

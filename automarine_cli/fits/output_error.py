@@ -260,7 +260,9 @@ def _prefer_in_one_run(fits: Mapping[str, OutputErrorFit], parameters: Mapping[s
         f"model {number}'s is higher by {cost[number] - cost[best]:.1f}" for number in sorted(fits) if number != best
     ]
     return Preference(
-        best, f"One run leaves none to predict; by Akaike's criterion model {best} is best, {' and '.join(others)}."
+        best,
+        f"With one run there is no cross-validation; by Akaike's criterion model {best} is best, "
+        f"{' and '.join(others)}.",
     )
 
 

@@ -230,7 +230,7 @@ class PlanarFit(Shown):
         """What a user must not miss."""
         found = [] if self.use is None or self.use.of_use else [self.use.sentences[0]]
         if not self.found.converged:
-            found.append("The search for the best parameters ended before it settled; give more or longer runs.")
+            found.append("The fit did not converge; give more or longer runs.")
         loose = [
             name
             for name, one in self.estimates.items()
@@ -238,7 +238,7 @@ class PlanarFit(Shown):
         ]
         if loose:
             found.append(
-                f"The logs hardly tell {', '.join(loose)}: its standard error is more than half of it. Runs in which "
-                "the commands change more often would."
+                f"The logs hardly determine {', '.join(loose)}: the standard error is more than half the value. Add "
+                "runs in which the commands change more often."
             )
         return (*found, *self.limits)

@@ -66,7 +66,8 @@ def observed(runs: Sequence[Run]) -> Observed:
     if len(found.dofs) == 1:
         raise FitError(
             "the logs hold no surge or sway speed (surge_m_s, sway_m_s) and no position on the water (north_m and "
-            "east_m): what couples them with yaw cannot be told. Name the columns with --columns, or give the logs to "
+            "east_m): their coupling with yaw cannot be identified. Name the columns with --columns, or give "
+            "the logs to "
             "automarine fit-yaw"
         )
     return found

@@ -61,11 +61,11 @@ class PlanarUse:
         first = (
             f"The model predicts {beside}."
             if one.of_use
-            else f"This model is of no use: it predicts {beside}. Do not simulate or control with it."
+            else f"This model is not usable: it predicts {beside}. Do not simulate or control with it."
         )
         alone = _judged(self.yaw_only)
         if alone is None:
-            return (first, "Yaw alone makes no model of these runs: nothing to compare with.")
+            return (first, "A model of yaw alone could not be fitted to these runs: no comparison.")
         return (first, f"A model of yaw alone predicts it to {YAW.shown(alone.error):.3g} deg.")
 
     def to_json(self) -> dict[str, object]:

@@ -82,8 +82,8 @@ def fit_velocity_error(
     time, words = data.time - offset * data.interval[:, None], data.dof.words
     if len(data.moment) < 3 or len(np.unique(np.abs(data.moment))) < 2:
         raise FitError(
-            f"{len(data.moment)} {words.step}s at {len(np.unique(np.abs(data.moment)))} sizes of {words.force} cannot "
-            "carry Table 1; "
+            f"{len(data.moment)} {words.step}s at {len(np.unique(np.abs(data.moment)))} sizes of {words.force} are "
+            "too few for Table 1; "
             f"run at least 3 steps at 2 {words.force}s"
         )
     found = _settled(time, data, start_heading, tail)

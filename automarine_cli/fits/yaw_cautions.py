@@ -74,10 +74,10 @@ def _stuck(fit: OutputErrorFit, role: str) -> str:
     name, remedy = dof.parameters[role], dof.fill(REMEDY[role])
     i = list(fit.estimates).index(name)
     if i in fit.mixed.at_bound:
-        return f"{name} stands at a bound of its range, so its interval says nothing; {remedy}."
+        return f"{name} stands at a bound of its range, so its interval is meaningless; {remedy}."
     value, start = float(fit.mixed.theta[i]), float(fit.start[i])
     if abs(value - start) <= UNMOVED * abs(start) or fit.covariance[i, i] <= 0.0:
-        return f"{name} never moved from its start, {value:.3g}: these runs do not show it; {remedy}."
+        return f"{name} never moved from its start, {value:.3g}: these runs hold no information on it; {remedy}."
     return ""
 
 
@@ -99,7 +99,7 @@ def _wide(role: str, estimate: Estimate, dof: Dof) -> str:
         return ""
     return (
         f"{dof.parameters[role]} is {estimate.value:.3g} [{low:.3g}, {high:.3g}], an interval wider than the value; "
-        f"these runs hardly show it: {dof.fill(REMEDY[role])}."
+        f"these runs hold little information on it: {dof.fill(REMEDY[role])}."
     )
 
 
@@ -134,14 +134,14 @@ def _combination(pair: tuple[str, str], share: float, dof: Dof) -> str:
     """What of a correlated pair is known, and what would part them."""
     force, speed = dof.words.force, dof.words.speed
     if set(pair) == set(DRAG):
-        return f"these runs show little but their joint drag: add runs at much smaller and much larger {force}s."
+        return f"these runs determine only their total drag: add runs at much smaller and much larger {force}s."
     if share > 0:
         return (
             "only their ratio is well determined, as where the thrust scatters from run to run: add runs, "
             "or measure thrust or voltage."
         )
     return (
-        f"these runs hardly tell them apart: hold each {force} until the {speed} is steady, and "
+        f"these runs hardly separate them: hold each {force} until the {speed} is steady, and "
         f"{dof.fill(REMEDY[pair[0]])}."
     )
 
@@ -156,8 +156,8 @@ def seed_cautions(seed: VelocityErrorFit, gain_scatter: float, dof: Dof) -> list
                 "",
                 EVERY,
                 f"Thrust scatters by {100 * gain_scatter:.1f} % from run to run: least squares of the commanded "
-                f"{words.force} on the {words.speed} take it for drag that is too small. That was taken off, as if the "
-                "scatter were normal and of the thrust alone; the maximum likelihood needs no such correction.",
+                f"{words.force} on the {words.speed} underestimate the drag. This bias was removed, "
+                "assuming normal scatter of the thrust alone; the maximum likelihood needs no such correction.",
             )
         )
     for number, drag in sorted(seed.drag.items()):
@@ -194,7 +194,7 @@ def design_cautions(levels: Sequence[float], unit: str, dof: Dof, of_steps: bool
                 "",
                 EVERY,
                 f"Every run {words.moves} {here}: a {force} that always acts, or thrusters that push less one way, "
-                f"would go into {words.inertia} and drag unseen; add runs {there} at the same {force}s.",
+                f"would bias {words.inertia} and drag unnoticed; add runs {there} at the same {force}s.",
             )
         )
     if len(sizes) == 1:

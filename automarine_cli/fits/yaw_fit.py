@@ -149,7 +149,7 @@ class YawFit(Shown):
             content["sides"] = fit.ways.to_json()
         seed = self.seed_method
         if seed is None or number not in seed.drag:
-            why = self.why_no_seed_method or f"too few {dof.words.step}s to carry two drag terms"
+            why = self.why_no_seed_method or f"too few {dof.words.step}s for two drag terms"
             return content | {"sse": None, "velocity_error": None, "why": why}
         drag, table = seed.drag[number], seed.inertia.get(number)
         if table is None:
@@ -222,7 +222,7 @@ class Buoyancy:
         low, high = self.force.ci95
         force = f"{abs(self.force.value):.3g} {self.force.unit}"
         if low < 0 < high:
-            return f"Buoyancy: none shown; a constant force of {low:.2g} to {high:.2g} {self.force.unit} down may act."
+            return f"Buoyancy: not significant; the force is {low:.2g} to {high:.2g} {self.force.unit} down."
         up = self.force.value < 0
         sure = sorted((abs(low), abs(high)))
         text = f"Buoyancy: a constant force of {force} [{sure[0]:.3g}, {sure[1]:.3g}] {'up' if up else 'down'}"

@@ -41,9 +41,9 @@ def step_warnings(turns: Sequence[HalfTurn], seed: VelocityErrorFit, dof: Dof) -
     found, words = [], dof.words
     if not seed.steady:
         found.append(
-            f"{words.reach.capitalize()} is not enough to get steady: every tail is off by more than "
-            f"{100 * BIAS_LIMIT:.1f} % by itself, that from {dof.shown(seed.tail_from):.0f} {dof.units.shown} on by "
-            f"{100 * max(map(abs, seed.bias)):.1f} %, which was taken off by a rough model; trust the maximum "
+            f"{words.reach.capitalize()} is too short for a steady speed: every tail is biased by more than "
+            f"{100 * BIAS_LIMIT:.1f} % by itself, the one from {dof.shown(seed.tail_from):.0f} {dof.units.shown} on by "
+            f"{100 * max(map(abs, seed.bias)):.1f} %, which was removed with a rough model; trust the maximum "
             "likelihood, which needs no tail."
         )
     unsteady = [turn.name for turn in turns if not turn.steady]
@@ -83,8 +83,8 @@ def fit_warnings(
     if position_noise and fit.noise and fit.noise > UNEXPLAINED * position_noise:
         found.append(
             f"Model {preference.number} leaves {dof.shown(fit.noise):.2g}{mark} of the {words.position}s unexplained, "
-            f"which scatter by {dof.shown(position_noise):.2g}{mark} about smooth curves: something acts that it "
-            "lacks, a delay perhaps; `automarine diagnose` looks for it."
+            f"which scatter by {dof.shown(position_noise):.2g}{mark} about smooth curves: an effect is missing, "
+            "perhaps a delay; look for it with `automarine diagnose`."
         )
     turn = fit.inertial_turn_angle or (fits["3"].inertial_turn_angle if "3" in fits else None)
     low, high = dof.limits.plausible
@@ -115,8 +115,8 @@ def _one_run_that_decides(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> 
     name, estimate = list(fit.estimates.items())[i]
     without = np.exp(mixed.left_out[run, i]) if mixed.positive[i] else mixed.left_out[run, i]
     return [
-        f"{names_of_runs[run]} alone moves {name} of model {fit.number} from {without:.3g} to {estimate.value:.3g} "
-        f"{estimate.unit}, more than all other runs together: look at its log, and whether its "
+        f"{names_of_runs[run]} alone changes {name} of model {fit.number} from {without:.3g} to {estimate.value:.3g} "
+        f"{estimate.unit}, more than all other runs together: check its log, and whether its "
         f"{fit.model.dof.words.position} jumps."
     ]
 
@@ -130,6 +130,6 @@ def _wild_gains(fit: OutputErrorFit, names_of_runs: Sequence[str]) -> list[str]:
     force = fit.model.dof.words.force
     return [
         f"The thrust seems to scatter by {100 * fit.gain_scatter.value:.0f} % from run to run, and "
-        f"{names_of_runs[odd]} has {gains[odd] / np.median(gains):.2g} times the gain of the others: look at its "
+        f"{names_of_runs[odd]} has {gains[odd] / np.median(gains):.2g} times the gain of the others: check its "
         f"{force} and its unit."
     ]

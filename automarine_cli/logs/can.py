@@ -47,7 +47,9 @@ def decoded(path: Path, name: str, columns: ColumnMap, reader: Reader) -> RawLog
     with unsound_is_refused(name, "CAN"):
         captured, notes = reader(path, name)
     if not captured:
-        raise LogError(f"{name}: found no CAN frames, expected some by the name; copy the file again, or rename it")
+        raise LogError(
+            f"{name}: found no CAN frames, expected some from its extension; copy the file again, or rename it"
+        )
     unknown = tuple(f"0x{number:x} ({len(frames)})" for (number, _), (_, frames) in sorted(captured.items()))
     if columns.database is None:
         raise LogError(
@@ -120,7 +122,7 @@ def _guarded(reader: Any) -> Any:
 
 def _slcan(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:
     time, names, frames, bad = read_slcan(path.read_bytes(), name)
-    return grouped(time, names, frames), (f"{bad} lines that are no frames were passed over",) if bad else ()
+    return grouped(time, names, frames), (f"{bad} line{'s' * (bad != 1)} skipped: not a CAN frame",) if bad else ()
 
 
 def _database(library: Any, columns: ColumnMap) -> list[Any]:
@@ -135,7 +137,7 @@ def _database(library: Any, columns: ColumnMap) -> list[Any]:
         ) from None
     except Exception as problem:
         said = printable(str(problem).partition("\n")[0])
-        raise LogError(f"{name}: is no DBC that can be read ({said}); export it again") from None
+        raise LogError(f"{name}: is not a readable DBC ({said}); export it again") from None
 
 
 def _streams(message: Any, time: Floats, frames: list[bytes], columns: ColumnMap) -> Iterator[Stream]:

@@ -28,4 +28,4 @@ def _candump(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:
     good = [line for line in lines if LINE.fullmatch(line)]
     bad = len(lines) - len(good)
     captured, _ = frames_of(can.CanutilsLogReader(io.StringIO("\n".join(good))))
-    return captured, (f"{bad} lines that are no frames were passed over",) if bad else ()
+    return captured, (f"{bad} line{'s' * (bad != 1)} skipped: not a CAN frame",) if bad else ()

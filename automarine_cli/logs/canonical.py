@@ -119,7 +119,7 @@ def foreign(dof: Dof, motion: Motion | None = None) -> frozenset[str]:
 def motions_in(held: Set[str]) -> list[Dof]:
     """The motions of which a log that holds these quantities is whole: position, and command or every thruster.
 
-    Motions that share a position are told apart by their commands: who has his own comes before who has thrusters.
+    Motions that share a position are distinguished by their commands: who has his own comes before who has thrusters.
     """
     whole = [dof for dof in DOFS.values() if dof.position in held and (dof.command in held or driven(dof, held))]
     places = {dof.position: i for i, dof in reversed(list(enumerate(whole)))}

@@ -71,7 +71,8 @@ def _content(path: Path, name: str) -> bytes:
         with path.open("rb") as packed:
             if packed.read(2) != b"\x1f\x8b":
                 raise LogError(
-                    f"{name}: found no gzip data, expected some by the name; drop .gz from the name if it is plain text"
+                    f"{name}: found no gzip data, expected some from its extension; drop .gz from the name if "
+                    "it is plain text"
                 )
         with gzip.open(path) as file:
             data = file.read(limit + 1)
@@ -101,7 +102,7 @@ def _prepared(data: bytes, name: str) -> tuple[bytes, int]:
     head = data[: _BINARY[0]]
     if len(head) - len(head.translate(None, _CONTROL)) > _BINARY[1] * len(head):
         raise LogError(
-            f"{name}: found bytes that are no text, expected a table of text. The file is binary or was damaged "
+            f"{name}: found binary data, expected a table of text. The file is binary or was damaged "
             "while it was written; copy it again, or give the log as text"
         )
     if b"\r" in data and b"\n" not in data:

@@ -41,10 +41,10 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
         messages, lost = _messages(path.read_bytes(), library.FORMAT_TO_STRUCT)
         if not messages:
             raise LogError(
-                f"{name}: found no ArduPilot dataflash messages, expected some by the name; copy "
+                f"{name}: found no ArduPilot dataflash messages, expected some from its extension; copy "
                 "the file again, or rename it"
             )
-        notes = (f"{lost} bytes that are no messages were passed over",) if lost else ()
+        notes = (f"{lost} byte{'s' * (lost != 1)} skipped: not a message",) if lost else ()
         return on_one_clock(_recording(messages, columns, notes), columns, name)
 
 

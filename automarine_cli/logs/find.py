@@ -65,7 +65,7 @@ def _meant_by(argument: str) -> list[LogFile]:
         return logs
     if os.path.lexists(path):
         if suffix_of(path.name) is None:
-            raise LogError(f"{quoted(path.name)}: not a log by its name; give one that ends in {endings}")
+            raise LogError(f"{quoted(path.name)}: unknown log format; give a file that ends in {endings}")
         return [LogFile(path, printable(path.name), named=True)]
     if glob.has_magic(argument):
         return _matching(argument, endings)
@@ -97,8 +97,8 @@ def _begins_as_a_log(path: Path) -> bool:
 def _refuse_closed(problem: OSError) -> NoReturn:
     """Logs in a directory that cannot be listed would be passed over in silence."""
     raise LogError(
-        f"{quoted(str(problem.filename))}: the directory cannot be listed ({problem.strerror}), so its logs would "
-        "be passed over; make it readable, or name the logs that are meant"
+        f"{quoted(str(problem.filename))}: the directory cannot be listed ({problem.strerror}), so its logs "
+        "would be missed; make it readable, or name the logs that are meant"
     )
 
 

@@ -65,7 +65,7 @@ def most_unpacked(path: Path) -> int:
 
 def too_well_packed(name: str) -> str:
     """The sentence for a file that would unpack to more."""
-    return f"{name}: unpacks to more than {MOST_TIMES} times its size, which no log does; look at what is in it"
+    return f"{name}: unpacks to more than {MOST_TIMES} times its size, which no log does; check its content"
 
 
 def too_many_columns(where: str, count: int) -> str:

@@ -36,7 +36,9 @@ def _refuse_foreign(path: Path, name: str) -> None:
         file.seek(max(0, path.stat().st_size - 4))
         ends = file.read(4) == _MAGIC
     if not begins:
-        raise LogError(f"{name}: found no Parquet data, expected some by the name; if it is text, name it .csv or .tsv")
+        raise LogError(
+            f"{name}: found no Parquet data, expected some from its extension; if it is text, name it .csv or .tsv"
+        )
     if not ends or path.stat().st_size < 12:
         raise LogError(f"{name}: the Parquet data ends too early; the file was cut short, copy it again")
 

@@ -73,16 +73,15 @@ def _read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
     name, path = file.name, file.path
     form = format_of(path.name)
     if form is None:
-        raise LogError(f"{name}: not a log by its name; give one that ends in {', '.join(sorted(suffixes()))}")
+        raise LogError(f"{name}: unknown log format; give a file that ends in {', '.join(sorted(suffixes()))}")
     try:
         if path.is_symlink() and not path.exists():
             raise LogError(
-                f"{name}: a link that leads nowhere; expected a {form.name} file. Copy the log "
-                "here, or leave the link out"
+                f"{name}: a broken link; expected a {form.name} file. Copy the log here, or leave the link out"
             )
         if not path.is_file():
             raise LogError(
-                f"{name}: {'a directory' if path.is_dir() else 'no regular file'}; "
+                f"{name}: {'a directory' if path.is_dir() else 'not a regular file'}; "
                 f"expected a {form.name} file. Rename it, or leave it out"
             )
         if path.stat().st_size == 0:

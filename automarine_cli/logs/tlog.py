@@ -43,9 +43,9 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
         messages, bad = _messages(path.read_bytes(), known)
         if not messages:
             raise LogError(
-                f"{name}: found no MAVLink packets, expected some by the name; copy the file again, or rename it"
+                f"{name}: found no MAVLink packets, expected some from its extension; copy the file again, or rename it"
             )
-        notes = (f"{bad} packets with a wrong checksum were passed over",) if bad else ()
+        notes = (f"{bad} packet{'s' * (bad != 1)} skipped: wrong checksum",) if bad else ()
         return on_one_clock(_recording(messages, columns, notes), columns, name)
 
 

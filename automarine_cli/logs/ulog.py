@@ -40,7 +40,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     with path.open("rb") as file, unsound_is_refused(name, "ULog"):
         if file.read(len(HEAD)) != HEAD:
             raise LogError(
-                f"{name}: found no PX4 log (ULog), expected one by the name; copy the file again, or rename it"
+                f"{name}: found no PX4 log (ULog), expected one from its extension; copy the file again, or rename it"
             )
         file.seek(0)
         log = library.ULog(file, None, True)
@@ -64,7 +64,7 @@ def _notes(log: Any) -> tuple[str, ...]:
         notes = (
             f"{len(lengths)} drop-out{many} of the logger of up to {lengths.max():g} ms, {lengths.sum():g} ms in all",
         )
-    return (*notes, "damaged data were passed over") if log.file_corruption else notes
+    return (*notes, "damaged data were skipped") if log.file_corruption else notes
 
 
 def _recording(topics: Topics, notes: tuple[str, ...], columns: ColumnMap) -> Recording:

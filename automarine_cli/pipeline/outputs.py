@@ -46,7 +46,7 @@ def json_text(data: object) -> str:
         text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False, default=_as_plain) + "\n"
     except ValueError as problem:
         place = _first_not_finite(data) or str(problem)
-        raise OutputError(f"{place} is not a finite number; this is a defect, please report it") from None
+        raise OutputError(f"{place} is not a finite number; this is a bug, please report it") from None
     # a byte of a file's name that is not UTF-8 has no letter, only an escape
     return re.sub("[\ud800-\udfff]", lambda lone: f"\\u{ord(lone[0]):04x}", text)
 

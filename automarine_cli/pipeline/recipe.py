@@ -85,7 +85,7 @@ def to_mapping(recipe: object) -> dict[str, Any]:
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
-    """The table in a TOML or JSON file (told apart by the ending `.json`). Raises SettingError."""
+    """The table in a TOML or JSON file (distinguished by the extension `.json`). Raises SettingError."""
     return read_plain(path, "JSON" if path.suffix == ".json" else "TOML", SettingError)
 
 

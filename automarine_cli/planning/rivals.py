@@ -77,8 +77,8 @@ class Contest:
 
 @dataclass(frozen=True)
 class Splitting(Objective):
-    """Explanations to split: `contests`, each settled from its misfit of `enough` (C,) on; worth is the shares of them
-    that are settled."""
+    """Explanations to separate: `contests`, each settled from its misfit of `enough` (C,) on; worth is the shares
+    of them that are settled."""
 
     contests: tuple[Contest, ...]
     enough: Floats

@@ -39,7 +39,7 @@ def alternatives(dof: Dof) -> dict[str, str]:
         "where": f"Where the gap between simulated and measured {words.position} is: against each variable that stands "
         "out",
         "why": f"Evidence for each effect of the library, and how the runs' own drag and {words.inertia} drift",
-        "learned": "What no effect of the library does: the curve that was learned, with its 95 % band",
+        "learned": "Learned curve, which no effect of the library explains, with its 95 % confidence band",
         "before_after": "The gap before and after the missing effect was added, against the noise of the "
         f"{words.position}",
     }
@@ -180,7 +180,7 @@ def _logs(steps: Steps) -> list[str]:
         return []
     used, count = step.at("runs", "used"), step.at("logs")
     return [
-        f"{count} logs with {used} runs and thruster tests were looked at.",
+        f"{count} log{'s' * (count != 1)} with {used} run{'s' * (used != 1)} or thruster tests checked.",
         *_listed("Every run", body, "check/check.md"),
     ]
 
@@ -192,7 +192,7 @@ def _set_aside(steps: Steps) -> list[str]:
             key = tuple(str(run.get(name, "")) for name in ("file", "run", "why"))
             rows.setdefault((key[0], key[1], key[2]), []).append(step.name)
     if not rows:
-        return ["None: every run served in every step."]
+        return ["None: every run was used in every step."]
     table = Table(
         "", ("log", "run", "why", "left out of"), tuple((*key, ", ".join(names)) for key, names in rows.items())
     )
@@ -205,7 +205,11 @@ def _next(steps: Steps) -> list[str]:
     diagnoses = [folder_of(dof, "diagnosis") for dof in DOFS.values()]
     blocks = [_bullets(said), *(_without_next(steps[name])[1] for name in diagnoses if name in steps)]
     lines = [block.strip() for block in blocks if block.strip()]
-    return ["\n".join(lines)] if lines else ["Nothing stands out; a diagnosis would say what these runs cannot show."]
+    return (
+        ["\n".join(lines)]
+        if lines
+        else ["No further runs are suggested; a diagnosis would say what these runs cannot show."]
+    )
 
 
 def _bullets(lines: Sequence[str]) -> str:
@@ -226,8 +230,8 @@ def _made(steps: Steps) -> list[str]:
     return [
         Table("", header, tuple(rows)).to_markdown(),
         *(f"Versions: {escape(line)}." for line in sorted(versions)),
-        "`automarine verify` on each folder says whether anything in it changed since; `automarine run --from` makes "
-        "it again.",
+        "`automarine verify` on each folder says whether anything in it has changed; `automarine run --from` "
+        "reproduces it.",
         *_listed("Every input and its SHA-256", _files(known), "manifest.json"),
     ]
 

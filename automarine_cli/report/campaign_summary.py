@@ -127,7 +127,7 @@ def _predicts(step: StepResult | None, fitted: StepResult | None) -> str:
     score, words, unit = step.at("models", model), step.dof.words, step.dof.units.key
     runs = f"{used} run{'s' * (used != 1)}{_seen(step, fitted)}"
     if score.get(f"rmse_{unit}") is None:
-        return f"Driven by the commands of {runs}, model {escape(model)} runs away."
+        return f"Driven by the commands of {runs}, model {escape(model)} diverges."
     again = score.get(f"restarted_rmse_{unit}")
     restarted = f", by {number(again, 3)} {words.units} when restarted within them" if again is not None else ""
     better = f" (best is model {escape(best)} with {_bracketed(step, best)})" if best != model else ""

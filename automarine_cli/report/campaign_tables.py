@@ -84,7 +84,9 @@ def cautions(thrusters: Path, supply: float | None) -> list[str]:
 def _check(data: dict[str, Any], _: Dof) -> str:
     used, aside = data["runs"]["used"], len(data["runs"]["set_aside"])
     idle = sum(run["half_turn"] is None for run in data["yaw_runs"])
-    said = f"{data['logs']} logs, {used} runs" + (f", {idle} without a half-turn" if idle else "")
+    said = f"{data['logs']} log{'s' * (data['logs'] != 1)}, {used} run{'s' * (used != 1)}" + (
+        f", {idle} without a half-turn" if idle else ""
+    )
     return said + (f", {aside} set aside" if aside else "")
 
 

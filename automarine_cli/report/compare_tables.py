@@ -6,8 +6,8 @@ from automarine_cli.comparison.side_by_side import ALIKE, DIFFERS, Difference, S
 from automarine_cli.report.tables import MISSING, Table, interval, number
 
 NOTE = (
-    "Each result less the first. “differs”: also when the number of comparisons is allowed for (Holm); “may differ”: "
-    "the 95 % interval leaves out zero, which that of one comparison in twenty does by chance."
+    "Each result less the first. “differs”: significant after Holm's correction for the number of comparisons; "
+    "“may differ”: the 95 % interval excludes zero, as one in twenty does by chance."
 )
 
 

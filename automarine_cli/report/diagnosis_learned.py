@@ -12,13 +12,13 @@ def learned_lines(curve: LearnedCurve, runs: int, dof: Dof) -> list[str]:
     lines = ["![What was learned](learned.png)", "The curve as a table is in diagnosis.json, under `learned`."]
     formula = formula_of(curve, runs)
     if formula is None:
-        return [*lines, "No formula of the small grammar that was tried runs within the curve's band."]
+        return [*lines, "None of the formulas tried stays within the curve's 95 % band."]
     told = "; ".join(f"{name} = {interval(estimate)}" for name, estimate in formula.parameters.items())
     return [
         *lines,
-        f"The plainest formula within its band is y = `{formula.text}`, with {told}, in the equation of motion "
-        f"`{dof.fill(equation_of(curve, formula))}`. It is a proposal: a curve says "
-        "nothing of the cause. As an effect of your own it is the file below; keep it with "
+        f"The simplest formula within its band is y = `{formula.text}`, with {told}, in the equation of motion "
+        f"`{dof.fill(equation_of(curve, formula))}`. It is a proposal: a curve does "
+        "not show the cause. As an effect of your own it is the file below; keep it with "
         f"`automarine effects --new {file_name(curve, formula)}` and diagnose again.",
         f"```python\n{effect_file(curve, formula)}```",
     ]

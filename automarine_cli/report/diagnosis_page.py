@@ -39,7 +39,7 @@ CERTAIN_DRIFT = 0.01
 
 
 def page(diagnosis: Diagnosis, key: NamingKey | None, budget: Mapping[str, float] | None) -> str:
-    """The whole page in Markdown; `budget` in shares of one. Either may be None, where it could not be worked out."""
+    """The whole page in Markdown; `budget` in shares of one. Either may be None, where it could not be computed."""
     dof = diagnosis.study.base.dof
     sensors, ahead = (fit_sentences(diagnosis.channels, diagnosis.found.final.fit, dof), outlook_table(diagnosis))
     parts = [f"# Diagnosis of the {dof.name} model", _summary(diagnosis), escape(" ".join(sensors))]
@@ -53,7 +53,7 @@ def page(diagnosis: Diagnosis, key: NamingKey | None, budget: Mapping[str, float
         gap_table(diagnosis).to_markdown(),
         "" if ahead is None else ahead.to_markdown(),
         "![Before and after](before_after.png)",
-        "The budget of the gap could not be worked out." if budget is None else budget_table(budget).to_markdown(),
+        "The budget of the gap could not be computed." if budget is None else budget_table(budget).to_markdown(),
     ]
     parts += ["## What remains", _remains(diagnosis)]
     parts += ["## What to run next", _next(diagnosis)]
@@ -120,11 +120,11 @@ def _effect(diagnosis: Diagnosis, effect: NamedEffect) -> str:
     smallest = 1.0 / (1 + len(diagnosis.found.rounds[0].scores.null))
     chance = "at most" if effect.p_value <= 1.01 * smallest else "about"
     sure = (
-        f"Chance alone would gain as much in {chance} {100 * effect.p_value:.2g} of 100 campaigns laid out like this "
-        f"one. Confidence that it is this effect: {effect.confidence:.0%}."
+        f"Chance alone would gain as much in {chance} {100 * effect.p_value:.2g} of 100 campaigns like "
+        f"this one. Confidence that it is this effect: {effect.confidence:.0%}."
     )
     if not effect.rivals:
-        sure += " No other effect of the library comes near."
+        sure += " No other effect of the library fits nearly as well."
     law = effects.get(effect.name).law_at([e.value for e in effect.parameters.values()])
     told = table.to_markdown() if effect.learned is None else ""  # the knots of a curve are in the file
     lines = [effect.says, f"`{diagnosis.study.base.dof.fill(law.equation)}`", *filter(None, [told]), sure]
@@ -160,14 +160,15 @@ def _why(diagnosis: Diagnosis, key: NamingKey | None) -> str:
         "", ("candidate added to the base model", "evidence gained [deviance]"),
         tuple((trial.added[-1], number(first.gain(trial), 3)) for trial in best),
         notes=(
-            f"Chance reaches {number(first.threshold, 2)} in {1000 * LEVEL:.0f} of 1000 campaigns. "
+            f"Significance threshold: {number(first.threshold, 2)}, which chance reaches in {1000 * LEVEL:.0f} of 1000 "
+            "campaigns. "
             f"Every candidate was fitted together with the base model by {how}.",
         ),
     )  # fmt: skip
     dof = diagnosis.study.base.dof
     ratio = f"{dof.words.inertia} over drag"
     drift = f"how the runs' own drag and {dof.words.inertia} drift with the {dof.words.force}"
-    said = [f"The naming key ({drift}) could not be formed."]
+    said = [f"The naming key ({drift}) could not be computed."]
     if driven:
         said = ["Driven runs hold no steps, and so no naming key."]
         if diagnosis.study.cycle is not None:
@@ -216,7 +217,8 @@ def _moves(diagnosis: Diagnosis) -> str:
             moved.append(_called(name, dof))
     table = Table("", ("parameter", "base model", "with what was missing", "change", "unit"), tuple(rows))
     said = (
-        f"{' and '.join(moved)} moved by more than the uncertainty: the base model had been absorbing what is missing."
+        f"{' and '.join(moved)} moved by more than the uncertainty: the base model had absorbed part of "
+        "what is missing."
         if moved
         else "No base parameter moved by more than its uncertainty."
     )
@@ -234,14 +236,14 @@ def _remains(diagnosis: Diagnosis) -> str:
     position = dof.words.position
     if diagnosis.study.driven:
         return (
-            f"Predictions {JUDGED:g} s ahead still miss by {dof.shown(gap.after):.2g} {dof.words.units}: what pushes "
-            "the vehicle and is not logged, and what the model lacks, hold the rest."
+            f"Predictions {JUDGED:g} s ahead still miss by {dof.shown(gap.after):.2g} {dof.words.units}: the rest "
+            "is disturbances that are not logged, and what the model lacks."
         )
     ratio = gap.after / max(gap.floor, 1e-12)
-    text = f"The gap that is left is {ratio:.2f} times the noise of the {position}."
+    text = f"The remaining gap is {ratio:.2f} times the noise of the {position}."
     if ratio < 1.0 + WELL_ABOVE:
-        return text + " That is the floor: these runs hold nothing more that could be fitted."
-    return text + " Something is left that no candidate closes; where.png shows where."
+        return text + " That is the noise level: nothing more can be fitted to these runs."
+    return text + " A residual remains that no candidate explains; see where.png."
 
 
 def _next(diagnosis: Diagnosis) -> str:

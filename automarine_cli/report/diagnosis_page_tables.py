@@ -101,7 +101,7 @@ def detectable_table(diagnosis: Diagnosis) -> Table:
         rows.append((name, told.name, number(size, 2), told.unit or MISSING))
     return Table(
         "", ("effect", "parameter", "smallest size seen", "unit"), tuple(rows),
-        notes=("Sizes that these runs would have shown four times in five, from the value at which it is off.",),
+        notes=("Sizes that these runs detect with 80 % power, measured from the value at which the effect is off.",),
     )  # fmt: skip
 
 

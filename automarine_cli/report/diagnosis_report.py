@@ -20,9 +20,9 @@ def write(folder: ResultFolder, diagnosis: Diagnosis, formats: Sequence[str] = (
     without naming key or budget of the gap where these cannot be worked out: the verdict does not hang on them."""
     found = diagnosis.found
     key = folder.attempt(
-        "The naming key could not be formed", lambda: naming_key(diagnosis.study, found.base, found.final)
+        "The naming key could not be computed", lambda: naming_key(diagnosis.study, found.base, found.final)
     )
-    shares = folder.attempt("The budget of the gap could not be worked out", lambda: budget(diagnosis))
+    shares = folder.attempt("The budget of the gap could not be computed", lambda: budget(diagnosis))
     folder.write("diagnosis.md", page(diagnosis, key, shares))
     drawings: dict[str, Draw] = {
         "where": lambda: where_figure(diagnosis),

@@ -130,7 +130,10 @@ def tables(diagnosis: Diagnosis) -> tuple[Table, ...]:
     evidence = Table(
         "Candidates", ("effect", "evidence gained"),
         tuple((trial.added[-1], number(found.gain(trial), 3)) for trial in best),
-        notes=(f"Chance reaches {number(found.threshold, 2)} in {1000 * LEVEL:.0f} of 1000 campaigns.",),
+        notes=(
+            f"Significance threshold: {number(found.threshold, 2)}, which chance reaches in {1000 * LEVEL:.0f} of "
+            "1000 campaigns.",
+        ),
     )  # fmt: skip
     effects = Table("Effects", ("effect", "parameter", "estimate", "unit", "confidence"), tuple(rows))
     ahead = outlook_table(diagnosis)

@@ -42,12 +42,12 @@ def page(campaign: Campaign, model: str, source: str, rehearsal: str) -> str:
     parts += [
         "Play `commands/NAME.csv` for each run, or command it by hand, and log time, heading and command of the "
         "whole run, "
-        "rest included. Repeat a run that went wrong at once; the order is random on purpose, keep it."
+        "rest included. Repeat a failed run at once; keep the order, which is random on purpose."
     ]
-    parts += ["## What it will tell", _fitted(campaign, model)]
+    parts += ["## Expected precision", _fitted(campaign, model)]
     parts += [table.to_markdown().rstrip() for table in plan_tables.tables(campaign)[1:]]
     parts += ["![Precision against minutes in the pool](plan.png)"]
-    parts += ["## What it rests on", *_assumptions(campaign, source, rehearsal)]
+    parts += ["## Assumptions", *_assumptions(campaign, source, rehearsal)]
     return "\n\n".join(parts) + "\n"
 
 

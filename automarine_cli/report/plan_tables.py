@@ -93,10 +93,10 @@ def split_table(campaign: Campaign) -> Table:
     note = (
         f"Expected difference in evidence (deviance, penalties included) where the first is true; from {enough:g} "
         "on the two "
-        "count as split, below 10 as tied."
+        "count as separated, below 10 as tied."
     )
     header = ("if it is", "and not", "this plan", "the paper's grid")
-    return Table("Explanations to split", header, tuple(rows), notes=(note,))
+    return Table("Explanations to separate", header, tuple(rows), notes=(note,))
 
 
 def compared_table(campaign: Campaign) -> Table:

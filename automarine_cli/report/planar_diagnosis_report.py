@@ -54,7 +54,9 @@ def why(search: PlanarSearch) -> str:
     names = [label(one.candidate) for one in search.suspected]
     if not names:
         return ""
-    return f"The fitted runs ask for {' or '.join(names)}, but runs held out are no likelier with it."
+    return (
+        f"The fitted runs ask for {' or '.join(names)}, but the likelihood of held-out runs does not improve with it."
+    )
 
 
 def verdict_sentence(search: PlanarSearch) -> str:
@@ -80,7 +82,7 @@ def tables(search: PlanarSearch) -> list[Table | str]:
     for one in search.steps:
         if one.best is not None:
             told.append(f"{one.best.candidate.name}: {says(one.best.candidate)}")
-        told += [f"Not excluded is {label(rival.candidate)}: {split_by(rival.candidate)}" for rival in one.rivals]
+        told += [f"Cannot be excluded: {label(rival.candidate)}: {split_by(rival.candidate)}" for rival in one.rivals]
     return [*told, _evidence(search), *_predictions(search)]
 
 
@@ -97,8 +99,8 @@ def _evidence(search: PlanarSearch) -> Table:
     header = ("look", "effect", "deviance gained", "held-out log likelihood gained", "is")
     rest = sum(len(one.promised) - len(one.tried) for one in search.rounds)
     notes = (
-        f"The bar is a deviance of {HEAD_START:g} beyond the penalty. Not fitted were {rest} whose score, the slope of "
-        "the likelihood, promised less than others, or less than the bar.",
+        f"The threshold is a deviance of {HEAD_START:g} beyond the penalty. Not fitted were {rest} whose score, "
+        "the slope of the likelihood, promised less than others, or less than the threshold.",
     )
     return Table("Evidence", header, tuple(rows), notes=notes)
 

@@ -54,17 +54,17 @@ def verdict_sentence(result: ThrusterDiagnosis) -> str:
         ]
         limit = f" These levels would have shown {listed(seen)}." if seen else ""
         return f"Nothing is missing from the {result.given.form} map that these levels could show.{limit}"
-    near = f" It resembles {result.closest} most, which does not close it." if result.closest else ""
+    near = f" It resembles {result.closest} most, which does not explain it." if result.closest else ""
     return (
-        f"Unexplained: residuals of {number(result.gap.before, 3)} N stand well above the noise floor of "
-        f"{number(result.gap.floor, 3)} N and hang together along the control signal, and no effect closes "
-        f"the gap.{near}"
+        f"Unexplained: residuals of {number(result.gap.before, 3)} N are well above the noise level of "
+        f"{number(result.gap.floor, 3)} N and are correlated along the control signal, and no effect "
+        f"explains them.{near}"
     )
 
 
 def sure(confidence: float) -> str:
     """How sure, in words that claim no more than a percent."""
-    return "More than 99 % sure" if confidence > 0.99 else f"{100 * confidence:.0f} % sure"
+    return "Confidence above 99 %" if confidence > 0.99 else f"Confidence {100 * confidence:.0f} %"
 
 
 def listed(names: list[str]) -> str:
@@ -73,25 +73,26 @@ def listed(names: list[str]) -> str:
 
 
 def remains(result: ThrusterDiagnosis) -> str:
-    """What is left over the noise floor."""
+    """What is left over the noise level."""
     gap = result.gap
     above = gap.after > WELL_ABOVE * gap.floor and result.verdict != "unexplained"
     more = " No other effect of the library closes what is above it." if above else ""
     return (
         f"What remains is {number(gap.after, 3)} N ({number(result.percent(gap.after), 2)} % of full scale) against "
-        f"a noise floor of {number(gap.floor, 3)} N, read from {result.floor_from}.{more}"
+        f"a noise level of {number(gap.floor, 3)} N, read from {result.floor_from}.{more}"
     )
 
 
 def advice(result: ThrusterDiagnosis) -> tuple[str, ...]:
     """The pulls that would split rivals, or measure again what is not to be trusted."""
     said = [
-        f"{rival.name} could stand in for {effect.name} ({100 * rival.confidence:.0f} %). {rival.split_by}"
+        f"{rival.name} cannot be excluded as an alternative to {effect.name} ({100 * rival.confidence:.0f} %). "
+        f"{rival.split_by}"
         for effect in result.effects
         for rival in effect.rivals
     ]
     if any(fault.kind == "faulty-stretch" for fault in result.faults):
-        said.append("Measure the faulty readings again; they weigh little in these fits.")
+        said.append("Measure the faulty readings again; they have little weight in these fits.")
     if result.verdict == "unexplained" and result.where:
         region = max(result.where, key=lambda one: one.gap)
         said.append(
@@ -120,7 +121,7 @@ def gaps(result: ThrusterDiagnosis) -> Table:
         notes.append("Too few levels to hold any out: cross-validation leaves each out in turn.")
     return Table(
         "Gap between map and measurement (root mean square)",
-        ("levels", "before [N]", "after [N]", "before [% of full scale]", "after [%]", "noise floor [N]"),
+        ("levels", "before [N]", "after [N]", "before [% of full scale]", "after [%]", "noise level [N]"),
         tuple(rows),
         notes=tuple(notes),
     )
@@ -149,7 +150,7 @@ def where(result: ThrusterDiagnosis) -> Table:
         )
         for one in result.where
     )  # fmt: skip
-    return Table("Where the gap stands out", ("against", "from", "to", "unit", "gap [N]", "share", "p"), rows)
+    return Table("Where the gap is significant", ("against", "from", "to", "unit", "gap [N]", "share", "p"), rows)
 
 
 def candidates(result: ThrusterDiagnosis) -> Table:
@@ -167,7 +168,9 @@ def candidates(result: ThrusterDiagnosis) -> Table:
         for trial in trials
     )
     chance = number(look.scores.least_evidence, 3)
-    note = f"Chance reaches an evidence of {chance} in one of a hundred maps without any effect."
+    note = (
+        f"Significance threshold: an evidence of {chance}, which chance reaches in one of 100 maps without any effect."
+    )
     header = ("effect", "direction", "evidence", "p", "cross-validated error [% of full scale]")
     return Table("Candidates alone", header, rows, notes=(note,))
 
@@ -180,7 +183,7 @@ def markdown(result: ThrusterDiagnosis) -> str:
     blocks += [effects(result).to_markdown().rstrip("\n")] if result.effects else []
     blocks.append("![Before and after](before_after.png)")
     blocks += ["## Where the map goes wrong"]
-    blocks += [where(result).to_markdown().rstrip("\n")] if result.where else ["Nowhere more than by chance."]
+    blocks += [where(result).to_markdown().rstrip("\n")] if result.where else ["Nowhere beyond chance."]
     blocks += ["![Where](where.png)", "## Why", candidates(result).to_markdown().rstrip("\n"), "![Why](why.png)"]
     blocks += ["## What remains, and what to measure next", remains(result)]
     blocks += [f"- {fault.says}" for fault in result.faults[:SHOWN]]

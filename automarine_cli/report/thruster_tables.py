@@ -167,7 +167,7 @@ def flagged(result: ThrusterFit) -> Table:
         for i in order[:SHOWN]
     )  # fmt: skip
     more = (f"and {len(order) - SHOWN} more, see thrusters.csv",) if len(order) > SHOWN else ()
-    title = f"{len(order)} of {len(points)} points weigh less: they contradict their neighbours"
+    title = f"{len(order)} of {len(points)} points have reduced weight: outliers from their neighbours"
     return Table(title, ("log", "n", "thrust [N]", "weight", "why"), rows, notes=more)
 
 

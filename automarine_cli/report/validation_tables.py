@@ -14,7 +14,7 @@ HEADINGS = {
     "restarted_rmse": "restarted rmse {shown_unit}",
     "rate_rmse": "{speed} rmse {shown_unit}/s",
 }
-DIVERGED = "runs away"
+DIVERGED = "diverged"
 
 
 def overall_table(comparison: Comparison) -> Table:
@@ -37,7 +37,7 @@ def _dof(comparison: Comparison) -> Dof:
 
 
 def run_table(comparison: Comparison) -> Table:
-    """One line for each run: noise floor, then free-run and restarted rmse of each model."""
+    """One line for each run: noise level, then free-run and restarted rmse of each model."""
     numbers, dof = tuple(comparison.models), _dof(comparison)
     header = (
         "run",
@@ -133,15 +133,15 @@ def _notes(comparison: Comparison) -> list[str]:
         f"Measured {dof.words.rate} from {rate}the smoothed {dof.position}."
         if logged < len(starts)
         else f"Measured {dof.words.rate} from the logs.",
-        f"Noise floor of the {dof.position}, measured apart from any model: {number(comparison.floor, 3)} "
+        f"Noise level of the {dof.position}, estimated without a model: {number(comparison.floor, 3)} "
         f"{dof.units.shown}.",
     ]
     if comparison.afresh:
         begins = "begin" if len(comparison.afresh) > 1 else "begins"
         notes.insert(
             2,
-            f"At a restart {' and '.join(comparison.afresh)} {begins} anew, which in the water nothing does: "
-            "judge by the free run.",
+            f"At a restart {' and '.join(comparison.afresh)} {begins} from zero, as nothing does in the "
+            "water: judge by the free run.",
         )
     if len(comparison.runs) >= 3:
         notes.append("In brackets: 95 % intervals, runs resampled.")

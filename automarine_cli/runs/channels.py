@@ -121,14 +121,14 @@ def trouble_of(found: Agreement, dof: Dof, late_position: bool = False) -> str:
     if found.follows is not None and found.follows > FOLLOWS:
         return (
             f"The {rate} was computed from the {position}, or both come out of one estimator "
-            f"({100 * found.follows:.0f} % of its noise is that of the {position}): it tells nothing new."
+            f"({100 * found.follows:.0f} % of its noise is that of the {position}): it adds no information."
         )
     if not found.moving:
         return _stuck_in(found, dof)
     if abs(found.correlation) < RELATED:
         return (
             f"The {rate} does not follow the {position} (correlation {found.correlation:.2f}): it is of another "
-            f"motion or another time; look which column is meant by {column}."
+            f"motion or another time; check which column is meant by {column}."
         )
     if abs(found.correlation) < SURELY_RELATED and not np.isfinite(found.scale_error):
         return ""

@@ -164,7 +164,7 @@ def none_left(files: int, aside: Sequence[SetAside]) -> RunError:
     )
     left = len(aside) - sum(len(names) for _, names in told)
     more = f"; and {left} more" if left else ""
-    return RunError(f"no run is left of {files} log{'s' * (files != 1)}: {reasons}{more}")
+    return RunError(f"no usable run in {files} log{'s' * (files != 1)}: {reasons}{more}")
 
 
 @contextlib.contextmanager

@@ -62,7 +62,7 @@ class Run:
             if column.shape != self.time.shape:
                 raise RunError(
                     f"{self.source}, run {self.name!r}: column {name!r} has {column.shape} values "
-                    f"for {self.time.shape} samples; this is a defect, please report it"
+                    f"for {self.time.shape} samples; this is a bug, please report it"
                 )
         if self.moment is not None and self.moment.shape != self.time.shape:
             raise RunError(f"{self.source}, run {self.name!r}: one {self.dof.words.force} for each sample expected")

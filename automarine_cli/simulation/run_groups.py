@@ -72,7 +72,7 @@ class RunGroup:
     """What all kinds share: where the logs go and what is wrong with them on purpose.
 
     Files are `folder/LABEL.format` with a letter for the repeat (or `suffix`); with `together` all runs of the
-    group go into the one file of that name, told apart by a column `run`. `wait_after_s` takes the place of the
+    group go into the one file of that name, distinguished by a column `run`. `wait_after_s` takes the place of the
     campaign's wait after each of these runs.
     """
 

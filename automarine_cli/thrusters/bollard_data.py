@@ -20,7 +20,7 @@ FEWEST_LEVELS = 5
 FEWEST_TO_HOLD_OUT = 10
 """Levels in a direction from which a quarter of them is held out."""
 REPEATS = 6
-"""Degrees of freedom among repeats from which their own scatter is the noise floor."""
+"""Degrees of freedom among repeats from which their own scatter is the noise level."""
 BINS = 4
 ROBUST = 1.4826
 SAME = 1e-6
@@ -169,7 +169,7 @@ def held_out_levels(data: BollardData, seed: int) -> np.ndarray:
 
 
 def noise_level(data: BollardData) -> tuple[float, str]:
-    """Noise of a point [N] measured apart from any model, and where it was read.
+    """Noise of a point [N] estimated without a model, and where it was read.
 
     Repeats at one command where there are enough; else what the neighbouring levels do not say: each level against a
     smooth local curve through the three levels on either side, freed of that curve's own error. Never less than the

@@ -23,7 +23,7 @@ SCHEMA = "automarine/diagnosis/1"
 
 @dataclass(frozen=True)
 class ThrusterGap:
-    """Root mean square of measured less fitted thrust [N] of one thruster: base, extended, noise floor."""
+    """Root mean square of measured less fitted thrust [N] of one thruster: base, extended, noise level."""
 
     before: float
     after: float

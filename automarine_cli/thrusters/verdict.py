@@ -13,7 +13,7 @@ from automarine_cli.thrusters.search import Rival, Search
 from automarine_cli.thrusters.shapes import ASYMMETRY, SAG, VOLTAGE, Fitted, Shape, form_of, multiplier_columns
 
 WELL_ABOVE = 1.5
-"""Residual over the noise floor from which a map may lack something; the floor itself is known to some 20 %."""
+"""Residual over the noise level from which a map may lack something; the floor itself is known to some 20 %."""
 LEFT_OVER = 0.3
 """Share of the excess of squares over the floor that may stay when effects are named."""
 MATERIAL = 0.005

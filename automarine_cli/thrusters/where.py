@@ -21,7 +21,7 @@ SWEEP = 0.98
 SHORTEST = 3
 """Readings in sequence that make a stretch."""
 STEP, STEPS = 0.03, 6.0
-"""How sharply a faulty stretch begins and ends: share of full scale, and multiples of the noise floor."""
+"""How sharply a faulty stretch begins and ends: share of full scale, and multiples of the noise level."""
 COMPUTED, DEGREE = 2e-4, 4
 """A direction that a polynomial of this degree meets to this share of full scale was computed, not measured."""
 

@@ -54,7 +54,7 @@ def _open(key: str, comment: str) -> str:
 def _head(look: Look) -> Iterator[str]:
     count = sum(len(layout.files) for layout in look.layouts)
     yield f"# A campaign of {count} log{'s' * (count != 1)}, written by `automarine init` for `automarine run`."
-    yield f'# Look through it. A value "{OPEN}" is a question; `run` refuses the file until it is answered.'
+    yield f'# Check this file. A value "{OPEN}" is a question; `run` refuses the file until it is answered.'
     yield ""
     yield toml_line("schema", SCHEMA)
     yield _beside(toml_line("title", printable(look.folder.resolve().name)), "heading of the report")

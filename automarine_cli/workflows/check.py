@@ -112,7 +112,7 @@ def _look_at(file: LogFile, columns: ColumnMap) -> tuple[list[RunSeen], list[Thr
 
 def _lines(result: Check) -> Iterator[str]:
     runs, tests = counted(len(result.runs), "yaw run"), counted(len(result.tests), "thruster test")
-    yield f"Look at {counted(result.logs, 'log')}: {runs}, {tests}; {len(result.set_aside)} set aside"
+    yield f"Checked {counted(result.logs, 'log')}: {runs}, {tests}; {len(result.set_aside)} set aside"
     yield from (f"  {one.file}, run {one.run}: {one.why}" for one in result.set_aside)
 
 

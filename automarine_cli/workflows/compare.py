@@ -114,7 +114,7 @@ def _compare(asked: CompareOptions, runner: Runner) -> ResultComparison:
     apart = differences(sides)
     if not apart:
         raise SettingError(
-            f"{listed(side.name for side in sides)}: no parameter stands in the first and in another one; "
+            f"{listed(side.name for side in sides)}: the first has no parameter in common with another one; "
             "compare results that have the same model or form"
         )
     result = ResultComparison(found[0].kind, sides, apart, (*_notes(found, sides), *_shared_logs(found)))
@@ -218,7 +218,7 @@ def _shared_logs(found: Sequence[_Found]) -> list[str]:
             logs[one.name] = {entry.sha256 for entry in entries if entry.role == "log" and entry.sha256}
     return [
         f"{a} and {b} share {_logs(len(logs[a] & logs[b]))}: the intervals of their differences, "
-        "which take them as independent, tend to be too wide."
+        "which assume independent results, tend to be too wide."
         for a, b in combinations(logs, 2)
         if logs[a] & logs[b]
     ]

@@ -121,7 +121,7 @@ class YawDiagnosis(Shown):
         for effect in self.diagnosis.effects:
             lines.append(f"{effect.name}: {effect.says}")
             lines += [
-                f"Not excluded is {rival.name} (weight {rival.confidence:.0%}): {rival.split_by}"
+                f"Cannot be excluded: {rival.name} (weight {rival.confidence:.0%}): {rival.split_by}"
                 for rival in effect.few_rivals
             ]
             lines += filter(None, [effect.other_rivals])

@@ -124,7 +124,7 @@ class Targets:
         rows = tuple(
             (one.name, one.says, _taken(one), ", ".join(one.forms), ", ".join(one.frames)) for one in self.targets
         )
-        note = "The first form and the first frame are taken where none is asked for; --json tells the effects of each."
+        note = "The first form and the first frame are taken where none is asked for; --json lists the effects of each."
         return (Table("Targets", ("target", "writes", "models of", "forms", "frames"), rows, notes=(note,)),)
 
 

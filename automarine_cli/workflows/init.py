@@ -63,7 +63,7 @@ class Started:
         columns = tuple((one.source, one.key, one.seen, one.open or "sure") for one in self.look.columns)
         count = len(self.questions)
         asked = f"{count} question{'s' * (count != 1)} to answer: {', '.join(self.questions)}." if count else (
-            "Nothing is left to ask; look through it all the same."
+            "No open questions; check the file before running it."
         )  # fmt: skip
         return (
             Table("Logs", ("kind", "logs"), kinds),

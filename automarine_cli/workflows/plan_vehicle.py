@@ -69,7 +69,7 @@ def supply_for(
         return Supply(battery.idle_A, battery.full_A, largest), why
     if drive is None:
         raise SettingError(
-            "thruster tests tell the current only with the thrusters' map; give --thrusters MAP.json and --arm METRES"
+            "thruster tests give the current only with the thrusters' map; give --thrusters MAP.json and --arm METRES"
         )
     used = consumption(records, per_test, battery.volts)
     ahead, astern = drive.forces(largest)

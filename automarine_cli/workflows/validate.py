@@ -255,7 +255,7 @@ def _lines(result: Validation) -> Iterator[str]:
         score = scored.overall["rmse"]
         ends = "" if score.ci95 is None else f" [{number(score.ci95[0], 3)}, {number(score.ci95[1], 3)}]"
         error = f"{dof.position} rmse {number(score.value, 3)}{ends} {dof.units.shown}"
-        said = "runs away" if score.value is None else error
+        said = "diverged" if score.value is None else error
         yield f"  model {model}  {said}"
     yield f"  noise of the {dof.position} {number(found.floor, 3)} {dof.units.shown}"
 

@@ -77,7 +77,7 @@ class PlanarValidation(Shown):
             (
                 one.run.name,
                 number(float(one.run.time[-1] - one.run.time[0]), 3),
-                *(("runs away", *[MISSING] * 6) if one.diverged else _cells(one.scores)),
+                *(("diverged", *[MISSING] * 6) if one.diverged else _cells(one.scores)),
             )
             for one in self.free
         ]

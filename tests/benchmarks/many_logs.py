@@ -36,7 +36,7 @@ def small_csv(folder: Path, count: int) -> list[Path]:
 
 
 def large_csv(folder: Path, total_bytes: int, files: int = 4) -> list[Path]:
-    """Files of many runs of 5,000 samples, `total_bytes` together, the runs told apart by a column."""
+    """Files of many runs of 5,000 samples, `total_bytes` together, the runs distinguished by a column."""
     folder.mkdir(parents=True)
     runs = _endless(5000)
     for i in range(files):

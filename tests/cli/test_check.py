@@ -83,7 +83,7 @@ def test_refused(campaign: Path, run: Callable[..., Result]) -> None:
     with pytest.raises(LogError, match="no control signal; found the columns u, force_N"):
         (campaign / "f.csv").write_text("u,force_N\n1,2\n")
         check([campaign / "f.csv"])
-    with pytest.raises(RunError, match="no run is left of 1 log: "):
+    with pytest.raises(RunError, match="no usable run in 1 log: "):
         (campaign / "sub").mkdir()
         (campaign / "d_broken.csv").rename(campaign / "sub/d.csv")
         check([campaign / "sub"])

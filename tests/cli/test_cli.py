@@ -160,7 +160,7 @@ def test_defect_is_one_line_and_its_place_only_with_vv() -> None:
     found = fails_with(KeyError("heading"))
     assert found.exit_code == 1
     assert found.stderr == (
-        "Error: KeyError: 'heading'; this is a defect of automarine, please report it (-vv shows where)\n"
+        "Error: KeyError: 'heading'; this is a bug in automarine, please report it (-vv shows where)\n"
     )
     assert "Traceback" not in fails_with(KeyError("heading"), "-v").stderr
     assert "Traceback (most recent call last)" in fails_with(KeyError("heading"), "-vv").stderr
@@ -170,7 +170,7 @@ def test_trouble_of_the_machine_is_one_line() -> None:
     full = fails_with(OSError(28, "No space left on device"))
     assert (full.exit_code, full.stderr) == (
         1,
-        "Error: [Errno 28] No space left on device; check the place, your rights there and the room that is left\n",
+        "Error: [Errno 28] No space left on device; check the path, its permissions and the free disk space\n",
     )
     memory = fails_with(MemoryError())
     assert memory.exit_code == 1
@@ -260,7 +260,7 @@ def say(*flags: str) -> Result:
 def test_tables_then_where_the_files_are() -> None:
     found = say("-o", "out")
     assert found.stdout == TABLE + "\nOne.\nTwo.\n\nResults are in out: a.json\n"
-    assert say().stdout.endswith("\nNothing was written; -o DIR keeps the results.\n")
+    assert say().stdout.endswith("\nNo files were written; use -o DIR to save the results.\n")
 
 
 def test_json_is_all_there_is_on_standard_output() -> None:

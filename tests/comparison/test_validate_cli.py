@@ -88,7 +88,7 @@ def test_json_alone_on_standard_output(pool: Path, run: Run) -> None:
     assert result.exit_code == 0
     assert json.loads(result.stdout) == validate([pool / "logs"], model=model).to_json()
     told = run("validate", pool / "logs", "--model", model)
-    assert told.stdout.rstrip().endswith("Nothing was written; -o DIR keeps the results.")
+    assert told.stdout.rstrip().endswith("No files were written; use -o DIR to save the results.")
 
 
 @pytest.mark.slow
@@ -130,7 +130,7 @@ def test_refusals(pool: Path, run: Run, tmp_path: Path) -> None:
     thrusters = tmp_path / "thrusters.json"
     thrusters.write_text(json.dumps(ThrusterMap("square", Curve(1.0), Curve(1.0)).to_json()))
     none = refused(logs, "--model", model, "--thrusters", thrusters, "--arm", 0.4)
-    assert none.startswith("Error: no run is left of 4 logs: ") and "no thruster command n_port or n_stbd" in none
+    assert none.startswith("Error: no usable run in 4 logs: ") and "no thruster command n_port or n_stbd" in none
     for alone in (("--thrusters", thrusters), ("--arm", 0.4)):
         assert run("validate", logs, "--model", model, *alone).exit_code == 2
     assert run("validate", logs).exit_code == 2
@@ -179,7 +179,7 @@ def test_a_model_that_runs_away_is_written_not_crashed(run: Run, tmp_path: Path)
     models = {"2": {"I_r": 1e-3, "k_rr": 0.0, "k_r": -50.0}, "3": {"I_r": 1.018, "k_rr": 1.257}}
     model = model_file(tmp_path / "m.json", models=models)
     result = run("validate", path, "--model", model, "-o", tmp_path / "out")
-    assert result.exit_code == 0 and "runs away" in result.stdout
+    assert result.exit_code == 0 and "diverged" in result.stdout
     data = json.loads((tmp_path / "out" / "validation.json").read_text())
     assert data["models"]["2"]["rmse_deg"] is None and data["models"]["2"]["diverged"] == ["log"]
     assert data["models"]["2"]["runs"]["log"]["diverged"] is True and data["best"] == "3"
@@ -208,4 +208,4 @@ def test_figure(tmp_path: Path) -> None:
     np.testing.assert_array_equal(moment.lines[-1].get_ydata(), sequence.command)
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert labels[0] == "measured" and labels[1].startswith("model 1: rmse ") and len(labels) == 5
-    assert labels[-1] == "± 2 × noise floor of 1.0 deg"
+    assert labels[-1] == "± 2 × noise level of 1.0 deg"

@@ -87,9 +87,9 @@ def test_channels_that_are_not_logged_have_no_score() -> None:
 def test_a_model_that_runs_away_is_said_to() -> None:
     driving = replace(MODEL, surge=(Term("linear-drag", (-80.0,)),))
     found = PlanarValidation(None, free_runs(driving, [logged(0)]), ())  # type: ignore[arg-type]
-    assert found.free[0].diverged and found.tables()[0].rows[0][2] == "runs away"
+    assert found.free[0].diverged and found.tables()[0].rows[0][2] == "diverged"
     assert set(overall(found.free).values()) == {None} and found.to_json()["models"]["planar"]["diverged"]
-    assert "runs away" in planar_figure(found.free[0]).get_suptitle()
+    assert "diverges" in planar_figure(found.free[0]).get_suptitle()
 
 
 def test_the_figure_shows_heading_track_velocities_and_commands() -> None:

@@ -232,10 +232,10 @@ def test_a_model_that_runs_away_is_told_of(stored: StoredModels) -> None:
     wild = YawModel.base("2", 1e-3, (0.0, -50.0), "nu", YAW)
     found = compare(replace(stored, models={"2": wild, "3": TRUE}), noisy(3))
     assert found.models["2"].diverged == ("run 0", "run 1", "run 2") and found.best == "3"
-    assert found.because.endswith(": model 2 runs away in 3 of 3 runs.")
+    assert found.because.endswith(": model 2 diverges in 3 of 3 runs.")
     nothing = compare(replace(stored, models={"2": wild}, preferred="2"), noisy(2))
     assert nothing.best is None and nothing.models["2"].diverged == ("run 0", "run 1")
-    assert nothing.because == "No model follows these runs: every simulation runs away."
+    assert nothing.because == "No model follows these runs: every simulation diverges."
     assert all(score.value is None for score in nothing.models["2"].overall.values())
 
 

@@ -90,7 +90,7 @@ def test_the_model_is_of_use(nominal: YawFit) -> None:
 
 
 def test_the_delay_of_the_thrusters_is_proposed(nominal: YawFit) -> None:
-    (asks,) = [warning for warning in nominal.warnings if "The evidence asks for more than drag" in warning]
+    (asks,) = [warning for warning in nominal.warnings if "The data need more than drag" in warning]
     assert "input-delay" in asks and "--with " in asks
 
 

@@ -319,14 +319,14 @@ def test_an_empty_folder_is_refused(run: Command, tmp_path: Path) -> None:
 
 def test_runs_that_all_stand_still_are_refused(run: Command, tmp_path: Path) -> None:
     runs = [one.with_moment(np.zeros(len(one)), "nu") for one in campaign([0.5, -0.5, 0.8], seed=1)]
-    one_sentence(run("fit-yaw", write_logs(runs, tmp_path / "logs")), "none of 3 runs serves for a fit")
+    one_sentence(run("fit-yaw", write_logs(runs, tmp_path / "logs")), "none of 3 runs can be fitted")
 
 
 def test_half_turns_of_one_size_of_moment_are_refused_when_asked_for(run: Command, tmp_path: Path) -> None:
     folder = write_logs(campaign([0.5, -0.5, 0.5, -0.5], seed=1), tmp_path / "logs")
     one_sentence(
         run("fit-yaw", folder, "--fit-to", "half-turns"),
-        "4 half-turns at 1 size of moment serve", "at least 3 at 2 are needed", "--fit-to whole-runs",
+        "4 half-turns at 1 size of moment are usable", "at least 3 at 2 are needed", "--fit-to whole-runs",
     )  # fmt: skip
 
 

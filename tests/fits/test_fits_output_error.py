@@ -287,7 +287,7 @@ def test_step_runs_fitted_whole_agree_with_their_half_turns() -> None:
 def test_half_turns_that_are_asked_for_and_not_there_are_refused() -> None:
     runs, _, _ = moving(2)
     with pytest.raises(
-        RunError, match=r"half-turns at \d sizes? of moment serve, and at least 3 .*--fit-to whole-runs"
+        RunError, match=r"half-turns at \d sizes? of moment are usable, and at least 3 .*--fit-to whole-runs"
     ):
         identify(runs, fit_to="half-turns")
 
@@ -295,7 +295,7 @@ def test_half_turns_that_are_asked_for_and_not_there_are_refused() -> None:
 def test_runs_without_any_moment_are_refused() -> None:
     run = campaign([0.5])[0]
     still = run.with_moment(np.zeros(len(run)), "nu")
-    with pytest.raises(RunError, match=r"none of 1 run serves for a fit.*no moment acts in this run"):
+    with pytest.raises(RunError, match=r"none of 1 run can be fitted.*no moment acts in this run"):
         identify([still], fit_to="whole-runs")
 
 
@@ -321,7 +321,9 @@ def test_whole_runs_that_turn_against_their_moment_are_refused() -> None:
 def test_one_run_is_judged_by_akaikes_criterion_and_has_no_scatter() -> None:
     fit = identify(moving(2)[0][1:], "whole-runs")
     assert fit.preference.number == "3"
-    assert fit.preference.because.startswith("One run leaves none to predict; by Akaike's criterion model 3 is best")
+    assert fit.preference.because.startswith(
+        "With one run there is no cross-validation; by Akaike's criterion model 3 is best"
+    )
     assert fit.preferred.gain_scatter.ci95 == (0.0, 0.0)
     for name, true in TRUTH.items():
         assert abs(fit.preferred.estimates[name].value - true) < 4 * fit.preferred.estimates[name].stderr
@@ -344,7 +346,7 @@ def test_a_run_that_decides_alone_is_named() -> None:
     preference = Preference("3", "")
     assert not any("alone" in warning for warning in fit_warnings({"3": fit}, preference, names))
     (found,) = [warning for warning in fit_warnings({"3": moved}, preference, names) if "alone" in warning]
-    assert found.startswith("run_04 alone moves I_r of model 3 from ") and "look at its log" in found
+    assert found.startswith("run_04 alone changes I_r of model 3 from ") and "check its log" in found
 
 
 def test_a_delay_of_the_thrusters_is_noticed() -> None:
@@ -354,12 +356,12 @@ def test_a_delay_of_the_thrusters_is_noticed() -> None:
         )
         for run in campaign(seed=1)
     ]
-    assert said(identify(runs), "of the headings unexplained", "a delay perhaps", "automarine diagnose")
+    assert said(identify(runs), "of the headings unexplained", "perhaps a delay", "automarine diagnose")
 
 
 def test_drag_that_hardly_acts_is_said_to() -> None:
     fit = identify(campaign(both_ways((0.2, 0.5, 0.8)), vehicle=Vehicle(1.0, 0.0, 0.001), seed=1))
-    assert said(fit, "Half a turn is not enough to get steady")
+    assert said(fit, "Half a turn is too short for a steady speed")
     assert said(fit, "inertial turn angle", "outside 0.05 to 3 rad")
 
 

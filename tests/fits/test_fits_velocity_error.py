@@ -290,8 +290,10 @@ def test_half_a_turn_is_not_enough_for_a_heavy_vehicle_and_that_is_said() -> Non
     assert not fit.steady and max(map(abs, fit.bias)) > BIAS_LIMIT
     assert fit.inertia["3"].overall.value == pytest.approx(1.65, rel=1e-4)  # all the same: the rest was taken off
     found = identify(campaign(vehicle=heavy, noise_deg=0.3, seed=1))
-    (warning,) = (one for one in found.warnings if one.startswith("Half a turn is not enough to get steady"))
-    assert re.search(r"every tail is off by more than 0\.5 % by itself, that from \d+ deg on by \d\.\d %", warning)
+    (warning,) = (one for one in found.warnings if one.startswith("Half a turn is too short for a steady speed"))
+    assert re.search(
+        r"every tail is biased by more than 0\.5 % by itself, the one from \d+ deg on by \d\.\d %", warning
+    )
     likely = found.output_error["3"].estimates["I_r"]  # which needs no tail
     assert abs(likely.value - 1.65) < 4 * likely.stderr
 
@@ -308,7 +310,7 @@ def test_headings_that_run_ahead_of_their_line_are_refused() -> None:
 def test_too_few_runs_or_moments_are_refused() -> None:
     data = noise_free(sizes=(0.5,))
     with pytest.raises(
-        FitError, match=r"2 half-turns at 1 size.* cannot carry Table 1; run at least 3 steps at 2 moments"
+        FitError, match=r"2 half-turns at 1 size.* are too few for Table 1; run at least 3 steps at 2 moments"
     ):
         fitted(data)
 

@@ -174,7 +174,7 @@ def unrelated() -> list[Run]:
 
 def test_commands_that_move_nothing_give_no_model() -> None:
     course = make_course(unrelated(), np.zeros(3, dtype=bool))
-    with pytest.raises(FitError, match=r"these runs leave the model open: .* add runs with larger and quicker"):
+    with pytest.raises(FitError, match=r"these runs do not determine the model: .* add runs with larger and quicker"):
         fit_driven(course, base(), "3")
 
 
@@ -184,7 +184,7 @@ def test_the_command_line_says_so(run: Callable[..., Result], tmp_path: Path) ->
     result = run("fit-yaw", tmp_path / "logs", "--fit-to", "whole-runs", "-o", tmp_path / "out")
     assert result.exit_code == 1
     told = " ".join(result.stderr.split())
-    assert "these runs leave the model open" in told or "no motion of a vehicle fits these runs" in told
+    assert "these runs do not determine the model" in told or "no motion of a vehicle fits these runs" in told
     assert not (tmp_path / "out" / "yaw_model.json").exists()
 
 

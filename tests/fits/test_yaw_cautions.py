@@ -163,7 +163,7 @@ def test_thrust_that_scatters_is_told_where_least_squares_suffer() -> None:
     assert seed is not None
     (caution,) = [one for one in seed_cautions(seed, 0.18, YAW) if one.model == ""]
     assert caution.sentence.startswith("Thrust scatters by 18.0 % from run to run: least squares")
-    assert "That was taken off, as if the scatter were normal and of the thrust alone" in caution.sentence
+    assert "This bias was removed, assuming normal scatter of the thrust alone" in caution.sentence
     assert not [one for one in seed_cautions(seed, 0.03, YAW) if one.model == ""]
 
 

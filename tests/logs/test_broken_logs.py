@@ -115,7 +115,7 @@ def test_named_alone_no_run_is_left(
     run: Command, broken: Path, options: dict[str, list[object]], command: str, file: str
 ) -> None:
     found = run(command, *options.get(command, ()), broken / file)
-    is_refusal(found, f"no run is left of 1 log: {named(file, DOES_NOT_SERVE[file])}")
+    is_refusal(found, f"no usable run in 1 log: {named(file, DOES_NOT_SERVE[file])}")
 
 
 def test_a_directory_with_a_logs_name(run: Command, broken: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -231,14 +231,14 @@ def test_nothing_left_says_why(run: Command, broken: Path, tmp_path: Path) -> No
     reasons = "; ".join(
         named(f"{tmp_path.name}/{file}", REFUSED[file]).replace(", row", ": row") for file in different[:3]
     )
-    is_refusal(run("fit-yaw", tmp_path), f"no run is left of 7 logs: {reasons}; and 4 more")
+    is_refusal(run("fit-yaw", tmp_path), f"no usable run in 7 logs: {reasons}; and 4 more")
 
 
 def test_what_is_wrong_with_many_is_said_once(run: Command, broken: Path, tmp_path: Path) -> None:
     for name in ("a", "b", "c"):
         shutil.copy(broken / "header_only.csv", tmp_path / f"{name}.csv")
     why = named(f"{tmp_path.name}/a.csv and 2 more", REFUSED["header_only.csv"])
-    is_refusal(run("fit-yaw", tmp_path), f"no run is left of 3 logs: {why}")
+    is_refusal(run("fit-yaw", tmp_path), f"no usable run in 3 logs: {why}")
 
 
 def test_too_few_left_says_what_was_set_aside(

@@ -89,7 +89,7 @@ def test_lines_that_are_no_frames_are_counted(tmp_path: Path, suffix: str) -> No
     lines = good.split(end)
     lines[40] = lines[40][:-3]
     table = read(tmp_path, end.join(lines), f"dive{suffix}")
-    assert "1 lines that are no frames were passed over" in table.notes
+    assert "1 line skipped: not a CAN frame" in table.notes
 
 
 def test_without_a_dbc_the_identifiers_are_told(tmp_path: Path) -> None:
@@ -129,7 +129,7 @@ def test_the_column_map_names_the_dbc_relative_to_itself(tmp_path: Path, monkeyp
 def test_a_dbc_that_is_none_is_refused(tmp_path: Path) -> None:
     content = capture(".slcan", dive())
     for name, text, sentence in (
-        ("bad.dbc", "BO_ what", r"bad.dbc: is no DBC that can be read \("),
+        ("bad.dbc", "BO_ what", r"bad.dbc: is not a readable DBC \("),
         ("lost.dbc", None, r"the column map: can.dbc is lost.dbc, which cannot be opened \(No such file"),
     ):
         if text is not None:

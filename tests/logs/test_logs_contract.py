@@ -67,12 +67,12 @@ def test_packed_text_that_is_damaged_or_no_log(tmp_path: Path) -> None:
     assert cut == "cut.csv.gz: the gzip data ends too early; the file was cut short, copy it again"
     plain = refusal(log(tmp_path, WRITERS[".csv"](GOOD), "plain.csv.gz"))
     assert plain == (
-        "plain.csv.gz: found no gzip data, expected some by the name; drop .gz from the name if it is plain text"
+        "plain.csv.gz: found no gzip data, expected some from its extension; drop .gz from the name if it is plain text"
     )
     torn = refusal(log(tmp_path, good[:60] + bytes(20) + good[80:], "torn.csv.gz"))
     assert torn == "torn.csv.gz: the gzip data is damaged inside; copy the file again"
     bomb = refusal(log(tmp_path, gzip.compress(bytes(70 << 20), 6), "bomb.csv.gz"))
-    assert bomb == "bomb.csv.gz: unpacks to more than 100 times its size, which no log does; look at what is in it"
+    assert bomb == "bomb.csv.gz: unpacks to more than 100 times its size, which no log does; check its content"
 
 
 def test_parquet_that_was_cut_short(tmp_path: Path) -> None:
@@ -87,14 +87,14 @@ def test_a_parquet_file_that_would_fill_the_memory(tmp_path: Path) -> None:
     for columns in ({"time_s": np.zeros(rows), "tau": np.zeros(rows), "n": np.zeros(rows)}, {"run": word}):
         pq.write_table(pa.table(columns), tmp_path / "bomb.parquet")
         assert refusal(LogFile(tmp_path / "bomb.parquet", "bomb.parquet", True)) == (
-            "bomb.parquet: unpacks to more than 100 times its size, which no log does; look at what is in it"
+            "bomb.parquet: unpacks to more than 100 times its size, which no log does; check its content"
         )
 
 
 def test_what_is_no_regular_file_does_not_hang(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.csv")
     assert refusal(LogFile(tmp_path / "pipe.csv", "pipe.csv", True)) == (
-        "pipe.csv: no regular file; expected a CSV file. Rename it, or leave it out"
+        "pipe.csv: not a regular file; expected a CSV file. Rename it, or leave it out"
     )
 
 

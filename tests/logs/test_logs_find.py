@@ -94,7 +94,7 @@ def test_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").touch()
     endings = ", ".join(sorted(suffixes()))
     sentences = {
-        "notes.txt": f"'notes.txt': not a log by its name; give one that ends in {endings}",
+        "notes.txt": f"'notes.txt': unknown log format; give a file that ends in {endings}",
         "no.csv": "no.csv': no such file or directory; check the spelling and the folder you are in",
         ".": f"': no logs in this directory; give files that end in {endings}",
         "*.csv": f"*.csv': no logs match; give files that end in {endings}",

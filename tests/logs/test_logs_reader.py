@@ -290,8 +290,8 @@ def test_things_that_are_no_files(tmp_path: Path) -> None:
     sentences = [refusal(LogFile(tmp_path / name, name, True)) for name in ("folder.csv", "link.csv", "no.csv")]
     assert sentences == [
         "folder.csv: a directory; expected a CSV file. Rename it, or leave it out",
-        "link.csv: a link that leads nowhere; expected a CSV file. Copy the log here, or leave the link out",
-        "no.csv: no regular file; expected a CSV file. Rename it, or leave it out",
+        "link.csv: a broken link; expected a CSV file. Copy the log here, or leave the link out",
+        "no.csv: not a regular file; expected a CSV file. Rename it, or leave it out",
     ]
 
 

@@ -60,4 +60,4 @@ def test_damaged_data_are_told(tmp_path: Path) -> None:
     good = bytearray(ulog(dive()))
     at = good.find(b"D\x00\x00", 5000)
     good[at + 1 : at + 3] = b"\xee\xee"  # data of a topic that nobody announced
-    assert "damaged data were passed over" in read(tmp_path, bytes(good)).notes
+    assert "damaged data were skipped" in read(tmp_path, bytes(good)).notes

@@ -196,9 +196,9 @@ def test_a_diagnosis_does_without_its_naming_key(
     text = written(diagnosis, tmp_path / "out")
     kind = "" if isinstance(problem, FitError) else f"{type(problem).__name__}: "
     assert warned(tmp_path / "out") == [
-        f"The naming key could not be formed ({kind}{problem}); everything else was written."
+        f"The naming key could not be computed ({kind}{problem}); everything else was written."
     ]
-    assert "The naming key (how the runs' own drag and inertia drift with the moment) could not be formed." in text
+    assert "The naming key (how the runs' own drag and inertia drift with the moment) could not be computed." in text
     assert "Budget of the gap" in text and "with the moment beyond chance" not in text
 
 
@@ -208,9 +208,9 @@ def test_a_diagnosis_does_without_the_budget_of_the_gap(
     monkeypatch.setattr(diagnosis_report, "budget", boom)
     text = written(diagnosis, tmp_path / "out")
     assert warned(tmp_path / "out") == [
-        "The budget of the gap could not be worked out (RuntimeError: no ink); everything else was written."
+        "The budget of the gap could not be computed (RuntimeError: no ink); everything else was written."
     ]
-    assert "\nThe budget of the gap could not be worked out.\n" in text
+    assert "\nThe budget of the gap could not be computed.\n" in text
 
 
 @pytest.mark.parametrize("several", [False, True], ids=["one campaign", "several"])

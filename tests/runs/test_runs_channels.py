@@ -65,7 +65,7 @@ FAULTS: dict[str, tuple[Callable[[Run, Floats], Floats], tuple[str, ...]]] = {
     "parabolas": (
         lambda run, rate: savgol_filter(run.position, 7, 2, deriv=1, delta=0.1), ("computed from the heading",),
     ),
-    "low-pass": (lambda run, rate: low_pass(run, 0.3), ("computed from the heading", "nothing new")),
+    "low-pass": (lambda run, rate: low_pass(run, 0.3), ("computed from the heading", "no information")),
 }  # fmt: skip
 
 

@@ -183,7 +183,7 @@ def test_named_and_unreadable_is_refused_but_a_run_that_does_not_serve_is_set_as
     assert [run.name for run in campaign.runs] == ["good"] and campaign.set_aside[0].run == "stuck"
     with pytest.raises(RunError, match=r"^stuck\.csv, run 'stuck': compass stuck: .* \(refused because of --strict\)$"):
         load_runs([good, stuck], strict=True, dof=YAW)
-    with pytest.raises(RunError, match=r"^no run is left of 1 log: stuck\.csv: compass stuck: "):
+    with pytest.raises(RunError, match=r"^no usable run in 1 log: stuck\.csv: compass stuck: "):
         load_runs([stuck], dof=YAW)
     (tmp_path / "text.csv").write_text("time_s,heading_deg,tau\n0,north,0\n")
     with pytest.raises(LogError, match=r"^text\.csv, row 2, column heading_deg: found 'north'"):

@@ -124,7 +124,7 @@ def test_such_a_run_is_set_aside_beside_others_and_all_are_refused() -> None:
         assert [one.run for one in fit.set_aside] == ["strange"]
         assert "something that this log does not hold moved it" in fit.set_aside[0].why
     assert without_undriven([*good, strange])[0] == good
-    with pytest.raises(RunError, match=r"none of 1 run serves for a fit.*strange: the moment commanded is 0 in 100 %"):
+    with pytest.raises(RunError, match=r"none of 1 run can be fitted.*strange: the moment commanded is 0 in 100 %"):
         identify([strange])
 
 

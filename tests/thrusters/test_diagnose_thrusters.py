@@ -144,7 +144,7 @@ def test_a_gap_that_no_effect_closes_is_unexplained() -> None:
     result = diagnose_thrusters(logs(lambda n: square(n) + 2.5 * np.sin(14.0 * n)), SQUARE)
     assert result.verdict == "unexplained" and result.effects == ()
     assert result.gap.before == result.gap.after > 3 * result.gap.floor
-    assert "stand well above the noise floor" in sentences(result)[0]
+    assert "are well above the noise level" in sentences(result)[0]
 
 
 def test_mirrored_data_say_the_same() -> None:

@@ -101,7 +101,7 @@ def test_flagged_points_are_printed_and_kept(run: Run, tmp_path: Path) -> None:
     force[26] = 0.0
     log = write(tmp_path / "faulty.csv", "n,force_N", LEVELS, force)
     result = run("fit-thrusters", log)
-    assert "1 of 31 points weigh less" in result.stdout and "dropped out" in result.stdout
+    assert "1 of 31 points have reduced weight" in result.stdout and "dropped out" in result.stdout
     data = json.loads(run("fit-thrusters", log, "--json").stdout)
     assert data["flagged"][0]["n"] == 110.0 and data["flagged"][0]["weight"] < 0.01
     assert data["forward"]["points"] == 15

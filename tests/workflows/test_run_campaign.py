@@ -247,7 +247,7 @@ def test_run_is_made_again_from_its_manifest(
 def test_without_out_nothing_is_kept(place: Path, run: Callable[..., Result]) -> None:
     found = run("run", place / "pool" / "campaign.toml", "--until", "check")
     assert found.exit_code == 0
-    assert "Nothing was written" in found.stdout
+    assert "No files were written" in found.stdout
     assert found.stderr.splitlines()[:1] == []  # no bar and no news in a pipe
 
 

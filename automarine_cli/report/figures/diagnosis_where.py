@@ -46,7 +46,7 @@ def where_panels(where: Where, words: str, units: str = "runs", less: str = "sim
         else f"The error depends on none of {len(where.variables)} variables"
     )
     handles = [
-        Patch(color=MARK, alpha=0.45, label="stands out against chance"),
+        Patch(color=MARK, alpha=0.45, label="significant"),
         Patch(color=BEFORE, alpha=0.3, label=f"mean ± 2 standard errors ({units} as units)"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)

@@ -50,7 +50,7 @@ def _evidence_alone(diagnosis: Diagnosis, count: int) -> Figure:
 
 def _handles(diagnosis: Diagnosis) -> list[Any]:
     """What the colours of the bars mean, and the threshold."""
-    chance = f"reached by chance in {1000 * LEVEL:.0f} of 1000 campaigns"
+    chance = f"significance threshold ({1000 * LEVEL:.0f} of 1000 campaigns by chance)"
     return [
         Patch(color=AFTER, label="suspected" if diagnosis.verdict == SUSPECTED else "named"),
         Patch(color=COLOURS["sky"], label="rival not excluded"),
@@ -93,7 +93,7 @@ def _drifts(top: Axes, bottom: Axes, key: NamingKey | None, dof: Dof, named: boo
     if key is None:
         for axes in (top, bottom):
             axes.set_axis_off()
-        top.set_title("the naming key could not be formed", fontsize=7)
+        top.set_title("the naming key could not be computed", fontsize=7)
         return
     _key(top, dof, key, "k", "drag over thrust, k", key.log_k, key.log_k_error, key.predicted_k, named)
     _key(bottom, dof, key, "I/k", f"{dof.words.inertia} over drag, I / k", key.log_ratio, key.log_ratio_error,

@@ -45,7 +45,7 @@ def planar_figure(free: PlanarFree) -> Figure:
     commands.set_ylabel("Command [N, N m]")
     commands.set_xlabel("Time from the start of the run [s]")
     title = run.name if len(run.name) <= LONGEST_TITLE else f"{run.name[: LONGEST_TITLE - 1]}…"
-    figure.suptitle(f"{title}{': the simulation runs away' * free.diverged}", parse_math=False)
+    figure.suptitle(f"{title}{': the simulation diverges' * free.diverged}", parse_math=False)
     handles = [*axes[0, 0].get_legend_handles_labels()[0], *commands.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure

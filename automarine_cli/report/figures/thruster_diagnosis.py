@@ -26,10 +26,10 @@ def where_figure(result: ThrusterDiagnosis) -> Figure:
         marked = [region for region in result.where if region.variable == name]
         for index, region in enumerate(marked):
             pad = 0.02 * np.ptp(values) if region.low == region.high else 0.0
-            label = "stands out against chance" if index == 0 else "_"
+            label = "significant" if index == 0 else "_"
             panel.axvspan(region.low - pad, region.high + pad, color=COLOURS["yellow"], alpha=0.45, lw=0, label=label)
         panel.axhline(0.0, color="0.5", linewidth=0.6)
-        panel.axhspan(-2 * result.gap.floor, 2 * result.gap.floor, color="0.8", lw=0, label="± 2 × noise floor")
+        panel.axhspan(-2 * result.gap.floor, 2 * result.gap.floor, color="0.8", lw=0, label="± 2 × noise level")
         rest = gap_against(base, name)
         panel.plot(values, rest, "o", color=COLOURS["grey"], markersize=2.0, alpha=0.5, label="a level")
         _binned(panel, values, rest)
@@ -94,13 +94,13 @@ def _evidence(axes: Axes, result: ThrusterDiagnosis, looks: list) -> None:
             colours.append(AFTER if taken else COLOURS["grey"])
     place = np.arange(len(labels))
     axes.barh(place, widths, color=colours, height=0.7)
-    axes.axvline(1.0, color=BEFORE, linestyle=(0, (5, 1.5)), label="chance reaches this in 1 of 100")
+    axes.axvline(1.0, color=BEFORE, linestyle=(0, (5, 1.5)), label="significance threshold (1 in 100 by chance)")
     axes.set_yticks(place, labels)
     axes.set_ylim(-0.6, len(labels) + 1.4)
     axes.invert_yaxis()
     axes.set_xscale("symlog", linthresh=1.0)
     axes.set_xlim(0.0, 2.0 * max([1.0, *widths]))
-    axes.set_xlabel("Evidence over what chance reaches")
+    axes.set_xlabel("Evidence over significance threshold")
     axes.set_title("Candidates, look by look (blue: taken)")
     axes.grid(visible=False, axis="y")
     legend(axes, loc="lower right")

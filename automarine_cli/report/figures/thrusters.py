@@ -86,7 +86,7 @@ def _measured(axes: Axes, result: ThrusterFit) -> None:
         )
     if not np.all(good):
         style: dict[str, Any] = {"markersize": 6.0, "markeredgewidth": 1.4, "zorder": 4}
-        label = "contradicts its neighbours"
+        label = "outlier from its neighbours"
         axes.plot(points.n[~good], points.force[~good], "x", color=COLOURS["vermilion"], label=label, **style)
 
 

@@ -42,7 +42,7 @@ def validation_figure(free: Mapping[str, FreeRun], floor: float) -> Figure:
         positions.plot(*_broken(time, dof.shown(one.position), run.sample_period), label=label, **style)
         errors.plot(*_broken(time, error, run.sample_period), linewidth=1.0, **style)
     for model in (model for model in free if model not in shown):
-        label = f"model {model} runs away"
+        label = f"model {model} diverges"
         positions.plot([], [], color=MODEL_COLOURS[model], linestyle=MODEL_LINES[model], label=label)
     low, high = float(measured.min()), float(measured.max())
     span, most = max(high - low, 1.0), max(3 * floor, 0.5)
@@ -50,7 +50,7 @@ def validation_figure(free: Mapping[str, FreeRun], floor: float) -> Figure:
     _limits(errors, [dof.shown(one.error) for one in shown.values()], -most, most, 2 * span)
     errors.axhline(0.0, color="0.4", linewidth=0.7, zorder=1)
     if floor > 0:
-        band = f"± 2 × noise floor of {number(floor, 2)} {dof.units.shown}"
+        band = f"± 2 × noise level of {number(floor, 2)} {dof.units.shown}"
         errors.axhspan(-2 * floor, 2 * floor, color="0.92", linewidth=0, zorder=0, label=band)
     command.axhline(0.0, color="0.4", linewidth=0.7, zorder=1)
     command.plot(*_broken(time, run.command, run.sample_period), color=COLOURS["green"], drawstyle="steps-mid")
