@@ -147,7 +147,7 @@ def test_from_python(model: Path) -> None:
 def test_refusals(tmp_path: Path, model: Path) -> None:
     with pytest.raises(SettingError, match="every channel of its logs is compared; leave --channels out"):
         validate([SAMPLE_RUNS / "planar"], model=model, channels="position")
-    with pytest.raises(RunError, match="no run is left"):
+    with pytest.raises(RunError, match="no usable run in"):
         validate([SAMPLE_RUNS / "surge"], model=model)
     (tmp_path / "wrong.json").write_text(json.dumps(planar_json(MODEL) | {"force_unit": "nu"}))
     with pytest.raises(Exception, match="coupled motions are in newtons"):

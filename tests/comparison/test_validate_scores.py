@@ -100,9 +100,9 @@ def test_what_begins_anew_at_a_restart_is_said(stored: StoredModels) -> None:
         stored, models={"3": TRUE.with_effect("water-swirl", (0.1, 10.0))}, effects=("bias-moment", "water-swirl")
     )
     notes = overall_table(compare(swirling, noisy(3))).notes
-    (told,) = (note for note in notes if "anew" in note)
-    assert told.startswith("At a restart water-swirl begins anew") and "free run" in told
-    assert not any("anew" in note for note in overall_table(compare(stored, noisy(3))).notes)
+    (told,) = (note for note in notes if "from zero" in note)
+    assert told.startswith("At a restart water-swirl begins from zero") and "free run" in told
+    assert not any("from zero" in note for note in overall_table(compare(stored, noisy(3))).notes)
 
 
 def test_mirrored_runs_score_the_same(stored: StoredModels) -> None:

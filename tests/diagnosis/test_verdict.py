@@ -48,7 +48,7 @@ def test_runs_that_contradict_a_name_take_it_back(monkeypatch: pytest.MonkeyPatc
     held = [mirrored(run) for run in campaign(NAME, seed=2)[:6]]  # of a vehicle with the other side the weaker one
     found = diagnosed(campaign(NAME), held, monkeypatch)
     assert found.verdict == "unexplained" and found.effects == () and found.found.final is found.found.base
-    assert "astray" in found.said.why and NAME in found.said.why
+    assert "makes the held-out runs worse" in found.said.why and NAME in found.said.why
     assert found.gap.after == found.gap.before and found.said.why in verdict_sentence(found)
 
 
@@ -64,7 +64,7 @@ def test_what_stays_beside_a_name_is_said(monkeypatch: pytest.MonkeyPatch) -> No
         for run in campaign(NAME, seed=2)[:6]
     ]
     found = diagnosed(campaign(NAME), tied, monkeypatch)
-    assert found.verdict == "named" and "Something else is left" in found.said.left
+    assert found.verdict == "named" and "A residual remains" in found.said.left
     assert f"{found.held_out_gap.after / found.held_out_gap.floor:.1f} times" in verdict_sentence(found)  # type: ignore[union-attr]
 
 

@@ -148,7 +148,7 @@ def test_warnings_leave_the_names_of_runs_alone(surge: YawFit) -> None:
         for sentence in found:
             assert not strange_to(SURGE, sentence.replace(THEIRS, "")), sentence
     told = fit_warnings({**surge.output_error, "3": wild}, replace(surge.preference, number="3"), names)
-    assert any(f"{THEIRS} " in sentence and sentence.endswith("look at its force and its unit.") for sentence in told)
+    assert any(f"{THEIRS} " in sentence and sentence.endswith("check its force and its unit.") for sentence in told)
     told = fit_warnings({**surge.output_error, "3": decided}, replace(surge.preference, number="3"), names)
     assert told[0].startswith(f"{THEIRS} 3 alone changes m_u of model 3 from ") and told[0].endswith(
         "whether its distance jumps."
