@@ -38,7 +38,7 @@ class Saturation(Effect):
     def deliver(self, commands: Commands, values: tuple[Floats, ...]) -> Floats:
         tau_max, law = values
         size = np.abs(commands.force)
-        most = np.minimum(tau_max, 1e9 * (1.0 + size))  # a limit that is off is infinite
+        most = np.clip(tau_max, 1e-9 * (1.0 + size), 1e9 * (1.0 + size))  # off it is infinite, at its bound zero
         left = choose(law, lambda: np.minimum(size, tau_max), lambda: most * np.tanh(size / most))
         return np.sign(commands.force) * left
 

@@ -25,13 +25,18 @@ class Struck:
     took_s: float
 
 
+def as_on_a_terminal() -> None:
+    """A hang-up is heard, even where the tests themselves run under nohup."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 def start(arguments: list[str], folder: Path, halt_at: str = "") -> "subprocess.Popen[str]":
     """`automarine ...` in that folder, in a process group of its own as a terminal makes it; see `halting`."""
     path = [str(ROOT), *([str(Path(__file__).with_name("halting"))] if halt_at else [])]
     more = {"PYTHONPATH": os.pathsep.join(path), "OPENBLAS_NUM_THREADS": "1", "HALT_AT": halt_at}
     return subprocess.Popen(
         [sys.executable, "-m", "automarine_cli", *arguments], cwd=folder, env=os.environ | more,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=as_on_a_terminal,
     )  # fmt: skip
 
 
