@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 from automarine_cli.errors import ModelError, RunError, SettingError
-from automarine_cli.logs import ColumnMap, Logs, given_columns
+from automarine_cli.logs import Logs, given_columns
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import Source, read_plain
 from automarine_cli.report import thruster_diagnosis as page
@@ -16,7 +16,7 @@ from automarine_cli.thrusters.diagnosis import diagnose_thrusters as diagnose_po
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import ThrusterLogs, load_thruster_logs
 from automarine_cli.workflows.command import HOLD_OUT, SELDOM, Command, Runner, reads
-from automarine_cli.workflows.fit_thrusters import cells
+from automarine_cli.workflows.fit_thrusters import cells, thrusters_pulling
 from automarine_cli.workflows.shared import Columns, Ending, Judged, OfLogs
 from automarine_cli.workflows.view import Figures, Row, View
 
@@ -63,7 +63,7 @@ def _diagnose(asked: DiagnoseThrustersOptions, runner: Runner) -> ThrusterDiagno
         held = load_thruster_logs(asked.hold_out, names, strict=strict, progress=progress)
         loaded = _apart(loaded, held)
         asked = replace(asked, logs=loaded.inputs)
-    count = _thrusters(asked.thrusters_per_test, names, of_map)
+    count = thrusters_pulling(asked.thrusters_per_test, names, of_map)
     rule = names.columns.get("n")
     n_unit = (rule.unit or "") if rule is not None else ""
 
@@ -110,14 +110,6 @@ def _apart(loaded: ThrusterLogs, held: ThrusterLogs) -> ThrusterLogs:
     if not records:
         raise RunError("every log is held out; give at least one that is not named with --hold-out")
     return ThrusterLogs(records, loaded.set_aside, inputs, loaded.missing)
-
-
-def _thrusters(given: int | None, columns: ColumnMap, of_map: int) -> int:
-    """Equal thrusters that pulled together: the option, else the column map's default, else as in the map's tests."""
-    value = columns.defaults.get("thrusters_per_test", of_map) if given is None else given
-    if isinstance(value, str) or value != int(value) or value < 1:
-        raise SettingError(f"thrusters_per_test is {value!r}; expected a whole number of thrusters, 1 or more")
-    return int(value)
 
 
 def _rows(result: ThrusterDiagnosis) -> Iterator[Row]:

@@ -47,7 +47,7 @@ def _fit_thrusters(asked: FitThrustersOptions, runner: Runner) -> ThrusterFit:
     loaded = load_thruster_logs(asked.logs, names, strict=asked.strict, progress=runner.progress)
 
     def work() -> ThrusterFit:
-        count, rule = _thrusters(asked.thrusters_per_test, names), names.columns.get("n")
+        count, rule = thrusters_pulling(asked.thrusters_per_test, names), names.columns.get("n")
         n_unit = (rule.unit or "") if rule is not None else ""
         with told_beside(loaded.set_aside):
             return fit_records(loaded, count, n_unit, asked.form, runner.jobs, runner.progress)
@@ -61,9 +61,9 @@ def _fit_thrusters(asked: FitThrustersOptions, runner: Runner) -> ThrusterFit:
     return runner.results(asked, work, write)
 
 
-def _thrusters(given: int | None, columns: ColumnMap) -> int:
-    """Equal thrusters that pulled together: the option, else the column map's default, else 1."""
-    value = columns.defaults.get("thrusters_per_test", 1) if given is None else given
+def thrusters_pulling(given: int | None, columns: ColumnMap, usual: int = 1) -> int:
+    """Equal thrusters that pulled together: the option, else the column map's default, else the usual number."""
+    value = columns.defaults.get("thrusters_per_test", usual) if given is None else given
     if isinstance(value, str) or value != int(value) or value < 1:
         raise SettingError(f"thrusters_per_test is {value!r}; expected a whole number of thrusters, 1 or more")
     return int(value)
