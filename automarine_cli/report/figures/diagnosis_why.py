@@ -50,7 +50,7 @@ def _evidence_alone(diagnosis: Diagnosis, count: int) -> Figure:
 
 def _handles(diagnosis: Diagnosis) -> list[Any]:
     """What the colours of the bars mean, and the threshold."""
-    chance = f"significance threshold ({1000 * LEVEL:.0f} of 1000 campaigns by chance)"
+    chance = f"threshold ({1000 * LEVEL:.0f} in 1000 by chance)"
     return [
         Patch(color=AFTER, label="suspected" if diagnosis.verdict == SUSPECTED else "named"),
         Patch(color=COLOURS["sky"], label="rival not excluded"),

@@ -94,7 +94,7 @@ def _evidence(axes: Axes, result: ThrusterDiagnosis, looks: list) -> None:
             colours.append(AFTER if taken else COLOURS["grey"])
     place = np.arange(len(labels))
     axes.barh(place, widths, color=colours, height=0.7)
-    axes.axvline(1.0, color=BEFORE, linestyle=(0, (5, 1.5)), label="significance threshold (1 in 100 by chance)")
+    axes.axvline(1.0, color=BEFORE, linestyle=(0, (5, 1.5)), label="threshold (1 in 100 by chance)")
     axes.set_yticks(place, labels)
     axes.set_ylim(-0.6, len(labels) + 1.4)
     axes.invert_yaxis()
