@@ -1,8 +1,8 @@
 """What a command cannot do without: `require` refuses a table that lacks it, and says how to name it."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 
-from automarine_cli.dofs import DOFS
+from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, driven, likely_canonical, likely_column, motions_in, names_of
 from automarine_cli.logs.table import LogTable
@@ -55,10 +55,16 @@ def require_thruster(table: LogTable) -> None:
 
 def is_thruster_test(table: LogTable) -> bool:
     """Whether the table is, or seems meant as, a thruster test rather than a log of a motion."""
-    position = table.dof.position
-    if position in table.columns or (is_velocity_only(table) and is_commanded(table)):
+    return means_thruster_test(table.columns.keys(), table.names, table.dof)
+
+
+def means_thruster_test(held: Set[str], names: Sequence[str], dof: Dof) -> bool:
+    """The same of a log of a motion that holds these quantities in columns of these names."""
+    commanded = dof.command in held or driven(dof, held)
+    if dof.position in held or (dof.velocity in held and commanded):
         return False
-    return "force" in table.columns or (_guess(table, "force") is not None and _guess(table, position) is None)
+    free = [name for name in names if name and (name not in CANONICAL or name == "time")]
+    return "force" in held or (likely_column("force", free) is not None and likely_column(dof.position, free) is None)
 
 
 def _sentence(table: LogTable, lacking: Sequence[str]) -> str:

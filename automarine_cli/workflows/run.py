@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from automarine_cli.errors import AutomarineError, OutputError, SettingError
+from automarine_cli.logs import with_joined
 from automarine_cli.pipeline.manifest import MANIFEST, Input, given_as, sha256
 from automarine_cli.pipeline.outputs import json_text, refuse_unfit, result_folder
 from automarine_cli.pipeline.reuse import manifest_of, remove_results, why_made_again
@@ -192,7 +193,7 @@ def _content(campaign: Campaign, out: Path, done: Mapping[str, News]) -> dict[st
 
 def _report(campaign: Campaign, out: Path, content: dict[str, Any], force: bool, number: int, tell: Tell) -> News:
     """The last step: one page of what is in the step folders, and the record of the whole run."""
-    logs = campaign.every_log()
+    logs = with_joined(campaign.every_log(), campaign.columns)
     inputs = [Input(campaign.path.name, campaign.path, "campaign")]
     inputs += [Input(file.name, file.path) for file in logs if has_bytes(file)]
     inputs += given_as(**campaign.beside)
