@@ -29,9 +29,9 @@ def directed(
         found = _neutral(signal, pull)
         if found is None:
             return _turned_by(n, force, columns, seen), force
-        n = _about(n, *found)
+        n = _about(n, *found, (float(signal.min()) + float(signal.max())) / 2)
     elif signal.min() >= 0 and is_pulses(n.source, seen[n.source]):
-        n = _about(n, PULSES[1], PULSES[1])
+        n = _about(n, PULSES[1], PULSES[1], PULSES[1])
     neutral = n.more.get("subtract", 0.0)
     assert isinstance(neutral, int | float)
     return n, _signed(force, n, signal - neutral, pull)
@@ -55,19 +55,19 @@ def _neutral(signal: Floats, pull: Floats) -> tuple[float, float] | None:
     return (float(value[best]), float(value[best + 1])) if len(share) and share[best] >= APART else None
 
 
-def _about(n: Recognised, low: float, high: float) -> Recognised:
-    """The signal less its neutral, which lies between two values."""
+def _about(n: Recognised, low: float, high: float, middle: float) -> Recognised:
+    """The signal less its neutral, which lies between two values: that of pulses, or the middle of the range."""
     seen, usual = n.seen.partition(",")[0], PULSES[1]
+    told = "pulses about 1500" if low == high else f"the force changes sign between {low:.5g} and {high:.5g}"
     if PULSES[0] <= low - NEAR <= usual <= high + NEAR:
-        told = "pulses about 1500" if low == high else f"the force changes sign between {low:.5g} and {high:.5g}"
         return replace(n, unit="us", open="", ask="", more={"subtract": usual}, seen=f"{seen}, {told}")
+    if low <= middle <= high:
+        return replace(n, open="", ask="", more={"subtract": middle}, seen=f"{seen}, {told}")
     why = f"the force changes sign between {low:.4g} and {high:.4g}: at which value does the thruster stop?"
     return replace(n, open=why, more={"subtract": float(f"{(low + high) / 2:.3g}")}, ask="subtract")
 
 
-def _turned_by(
-    n: Recognised, force: Recognised, columns: Mapping[str, Floats], seen: Mapping[str, Span]
-) -> Recognised:
+def _turned_by(n: Recognised, force: Recognised, columns: Mapping[str, Floats], seen: Mapping[str, Span]) -> Recognised:
     """The unsigned signal with the sign of a command beside it that goes the way of the force, else of the force."""
     pull, other = columns[force.source], _signed_by(force.source, 0)
     strong = np.abs(pull) > LITTLE * np.nanmax(np.abs(pull))

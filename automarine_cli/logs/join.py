@@ -53,8 +53,8 @@ class Join:
         lost = next((name for name in names if not (base / name).is_file()), None)
         if lost is not None:
             raise LogError(
-                f"{printable(path.name)}: no {printable(lost)} beside it, which join expects; copy it there, or correct "
-                "the names in join"
+                f"{printable(path.name)}: no {printable(lost)} beside it, which join expects; copy it there, or "
+                "correct the names in join"
             )
         return tuple(base / name for name in names)
 

@@ -14,9 +14,9 @@ from automarine_cli.logs.columns import ColumnMap, ColumnRule
 from automarine_cli.logs.find import LogFile
 from automarine_cli.logs.formats import RawLog, format_of, suffixes
 from automarine_cli.logs.labels import run_names, states
-from automarine_cli.logs.table import LogTable
 from automarine_cli.logs.stamps import first_not_a_stamp, read_stamps
 from automarine_cli.logs.streams import joined
+from automarine_cli.logs.table import LogTable
 from automarine_cli.logs.text import decoded, first_not_a_number
 from automarine_cli.pipeline.words import listed, printable, quoted
 from automarine_cli.quantities import Floats

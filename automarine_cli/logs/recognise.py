@@ -44,7 +44,23 @@ EXACT = {
     "voltage": ("voltage", "volts", "vbat", "battery_voltage"),
     **{quantity: names for dof in DOFS.values() for quantity, names in dof.plain_names.items()},
 }
-ABOUT = {"n", "cmd", "command", "pwm", "rpm", "rps", "us", "esc", "thruster", "motor", "throttle", "thr", "effort", "pct", "percent"}
+ABOUT = {
+    "n",
+    "cmd",
+    "command",
+    "pwm",
+    "rpm",
+    "rps",
+    "us",
+    "esc",
+    "thruster",
+    "motor",
+    "throttle",
+    "thr",
+    "effort",
+    "pct",
+    "percent",
+}
 """Words in names of thruster commands that do not say which thruster it is."""
 UNIT_WORDS = {"deg", "rad", "s", "ms", "us", "sec", "v", "mv", "nm", "pct", "percent", *FORCE}
 
@@ -118,6 +134,8 @@ def words_of(name: str) -> list[str]:
 def _named_exactly(quantity: str, source: str) -> bool:
     """Whether the name, without its unit, is a word for the quantity."""
     words = words_of(source)
+    if quantity == "voltage" and len(words) > 1 and words[-1] in ("v", "mv", "volt", "volts"):
+        return True
     aside = UNIT_WORDS | (ABOUT if quantity in COMMANDS and quantity != "n" else set())
     bare = "_".join(word for word in words if word not in aside or len(words) == 1)
     whole = "_".join(words)

@@ -61,7 +61,7 @@ def read_stamps(array: pa.ChunkedArray, day_first: bool | None = None) -> Stamps
     if part["one"][dated].min() > 31:  # a year
         days = _days(part["one"], part["two"], part["three"])
         return None if days is None else Stamps(days * DAY + clock, "year first")
-    ways = {True: (part["two"], part["one"]), False: part and (part["one"], part["two"])}
+    ways = {True: (part["two"], part["one"]), False: (part["one"], part["two"])}
     good = {}
     for first, (month, day) in ways.items():
         days = _days(part["three"], month, day) if day_first in (None, first) else None

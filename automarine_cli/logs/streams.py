@@ -231,9 +231,7 @@ def joined(
         if name and name != column and name not in raw.names and not pa.types.is_timestamp(array.type)
     }
     told = f"joined to the clock of {printable(names[0])}: {_age(stream, master, held, moving.issuperset(found))}"
-    return replace(
-        raw, names=(*raw.names, *found), arrays=(*raw.arrays, *found.values()), notes=(*raw.notes, told)
-    )
+    return replace(raw, names=(*raw.names, *found), arrays=(*raw.arrays, *found.values()), notes=(*raw.notes, told))
 
 
 def _plain(array: pa.ChunkedArray) -> NDArray[Any]:

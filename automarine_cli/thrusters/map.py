@@ -1,6 +1,6 @@
 """`ThrusterMap`: control signal -> thrust of one thruster, forward and backward apart; plain data."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
@@ -11,6 +11,7 @@ from automarine_cli.models.entries import needed, number_at, object_at
 from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.quantities import Floats
+from automarine_cli.runs.command_range import CommandRange
 from automarine_cli.thrusters.forms import FORMS, SIDES, SQUARE, Curve, thrust_both_ways
 
 SCHEMA = "automarine/thruster-map/1"
@@ -18,7 +19,7 @@ _REQUIRED = ("schema", "forward", "backward", "form", "parameters")
 _ALLOWED = (
     *_REQUIRED,
     "per_test", "thrusters_per_test", "r2", "rmse_N", "rmse_percent_of_full_scale", "cv_rmse_N", "full_scale_N",
-    "forms", "chosen", "chosen_because", "n_unit", "tare", "flagged", "voltages", "voltage_range_V",
+    "forms", "chosen", "chosen_because", "n_unit", "n_range", "tare", "flagged", "voltages", "voltage_range_V",
     "voltage_exponent", "notes", "runs", "points",
 )  # fmt: skip
 
@@ -28,13 +29,21 @@ class ThrusterMap:
     """Thrust of one thruster at rest in the water against its control signal n.
 
     `forward` holds for n > 0, `backward` for n < 0 (None where that direction was never measured);
-    `n_unit` is the unit of n as logged ("" where the logs do not say).
+    `n_unit` is the unit of n as logged ("" where the logs do not say), `n_range` from where to where it was measured
+    (None in maps of old).
     """
 
     form: str
     forward: Curve | None
     backward: Curve | None
     n_unit: str = ""
+    n_range: tuple[float, float] | None = None
+
+    def compared(self, names: Sequence[str], commands: Sequence[Floats]) -> CommandRange | None:
+        """The range of commands (N,) of thrusters beside the map's own; None for a map that does not say its own."""
+        if self.n_range is None or not len(commands[0]):
+            return None
+        return CommandRange.of(commands, names, self.n_range, self.n_unit)
 
     def force(self, n: Floats | float) -> Floats:
         """Thrust [N] of one thruster, any shape of n; positive drives the vehicle ahead.
@@ -72,6 +81,7 @@ class ThrusterMap:
             "form": self.form,
             "parameters": {"forward": _curve_json(self.forward), "backward": _curve_json(self.backward)},
             "n_unit": self.n_unit,
+            **({} if self.n_range is None else {"n_range": list(self.n_range)}),
         }
 
     @classmethod
@@ -101,7 +111,7 @@ class ThrusterMap:
         unit = top.get("n_unit", "")
         if not isinstance(unit, str):
             raise ModelError(f"{where}: n_unit: found {told(unit)}, expected text")
-        return cls(form, curves["forward"], curves["backward"], unit)
+        return cls(form, curves["forward"], curves["backward"], unit, _range_from(top.get("n_range"), where))
 
     @classmethod
     def load(cls, path: Source) -> "ThrusterMap":
@@ -146,6 +156,17 @@ def _known(data: Mapping[str, object], allowed: tuple[str, ...], where: str) -> 
     unknown = sorted(str(key) for key in data if key not in allowed)
     if unknown:
         raise ModelError(f"{where}: unknown key {told(unknown[0])}; known are {', '.join(allowed)}")
+
+
+def _range_from(data: object, where: str) -> tuple[float, float] | None:
+    if data is None:
+        return None
+    if not isinstance(data, list) or len(data) != 2:
+        raise ModelError(f"{where}: n_range: found {told(data)}, expected two numbers, from the lowest to the highest")
+    low, high = (number_at(one, f"{where}: n_range", "thrusters") for one in data)
+    if not low < high:
+        raise ModelError(f"{where}: n_range: found {low:g} and {high:g}, expected the lower one first")
+    return low, high
 
 
 def _positive(entry: object, where: str) -> float:

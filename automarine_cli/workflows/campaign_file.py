@@ -288,7 +288,9 @@ def read_campaign(path: Path) -> Campaign:
     asked: Settings = from_mapping(CampaignFile, data, name)
     join = asked.logs.join if isinstance(asked.logs.join, tuple) else (asked.logs.join,)
     own = columns_of(asked.columns_of, name)
-    return Campaign(path, asked, ColumnMap(column_rules(asked.columns, name), {}, "", database(asked.can, path), own, join))
+    return Campaign(
+        path, asked, ColumnMap(column_rules(asked.columns, name), {}, "", database(asked.can, path), own, join)
+    )
 
 
 def open_questions(data: object) -> list[str]:

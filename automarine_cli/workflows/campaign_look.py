@@ -89,21 +89,24 @@ def look_at(
 ) -> Look:
     """Look at every log: its columns first (as `given` where the user has a map), then which files are one log, then
     its runs by what the columns are taken for, then its kind."""
-    look = partial(ordered_map, jobs=jobs, progress=progress, stage="looking at columns")
     logs = whole_logs(files, given)
-    seen = look(partial(_columns_of, columns=given), logs)
-    join = given.join or joins_of(_layouts(logs, seen), folder)
-    if join and not given.join:
-        given = replace(given, join=join)
-        whole = whole_logs(files, given)
-        again = {file for file in whole if _beside(given, file)}
-        found = dict(zip(logs, seen)) | {file: _columns_of(file, given) for file in again}
-        logs, seen = whole, [found[file] for file in whole]
+    names = partial(_columns_of, columns=given)
+    seen = ordered_map(names, logs, jobs, progress=progress, stage="looking at columns")
+    beside: list[Layout] = []
+    if not given.join:
+        apart = [one for one in _recognised(_layouts(logs, seen), given) if one.dof.wraps]
+        given = replace(given, join=joins_of(apart, folder))
+        clocks = maps_of([one.clock for one in apart], logs, folder, given).columns()
+        found = dict(zip(logs, seen))
+        logs = whole_logs(logs, given)
+        beside = [one.clock for one in apart if not set(one.files) & set(logs)]
+        found |= {file: _columns_of(file, clocks) for file in logs if _joined(given, file)}
+        seen = [found[file] for file in logs]
     aside = [one for one in seen if isinstance(one, SetAside)]
     every = _recognised(_layouts(logs, seen), given)
     strange = [one for one in every if one.foreign] if any(not one.foreign for one in every) else []
     layouts = tuple(one for one in every if one not in strange)
-    maps = maps_of([one for one in layouts if one.dof.wraps], logs, folder, given)
+    maps = maps_of([*(one for one in layouts if one.dof.wraps), *beside], files, folder, given)
     columns = maps.columns()
     tests = [file for layout in layouts if layout.bollard for file in layout.files]
     aside += [bad for bad in ordered_map(partial(_test_of, columns=columns), tests, jobs) if bad]
@@ -118,12 +121,13 @@ def look_at(
     strangers = tuple(file for layout in strange for file in layout.files)
     good_runs = dict(zip(yaw, (good for good, _ in runs)))
     ordered = tuple(file for file in yaw if file in unread)
-    found_look = Look(folder, every, maps, good_runs, tuple(aside), unread=ordered, strangers=strangers)
+    found_look = Look(folder, tuple(every), maps, good_runs, tuple(aside), unread=ordered, strangers=strangers)
     kept = [file for file in logs if file not in tests or file.name not in bad_tests]
     return _with_planar(_with_forces(_placed(found_look, kept, set(tests)), logs))
 
 
-def _beside(columns: ColumnMap, file: LogFile) -> bool:
+def _joined(columns: ColumnMap, file: LogFile) -> bool:
+    """Whether other files are joined to a log, or would be if they were there."""
     try:
         return bool(columns.beside(file.path))
     except LogError:

@@ -49,6 +49,12 @@ class Layout:
         return column_rules({one.key: one.rule for one in self.columns if not one.as_named}, "")
 
     @property
+    def clock(self) -> "Layout":
+        """The same with nothing but its time."""
+        times = tuple(one for one in self.columns if CANONICAL[one.key].quantity == "time")
+        return replace(self, columns=times, lacking=(), names=tuple(one.source for one in times))
+
+    @property
     def foreign(self) -> bool:
         """Whether it is no log of a vehicle: nothing that moves and nothing that drives."""
         of_vehicle = {YAW.position, YAW.velocity, YAW.command, *YAW.thrusters}
@@ -271,4 +277,3 @@ def together(seen: Sequence[Mapping[str, Span]]) -> dict[str, Span]:
 def quantities_of(names: Iterable[str]) -> set[str]:
     """What columns of these names hold by themselves."""
     return {CANONICAL[name].quantity for name in names if name in CANONICAL}
-

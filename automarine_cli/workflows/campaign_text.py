@@ -180,7 +180,9 @@ def _map(layouts: Sequence[Layout], look: Look) -> Iterator[str]:
         names = listed(next(layout.names for layout in layouts if quantity in layout.lacking))
         sides = " and ".join(YAW.thrusters)
         other = f" (or {sides}{_of_pulses(layouts)})" if quantity == YAW.command else ""
-        yield _open(keys[0], f"no column looks like the {_IN_WORDS.get(quantity, quantity)}{other}; the logs have {names}")
+        yield _open(
+            keys[0], f"no column looks like the {_IN_WORDS.get(quantity, quantity)}{other}; the logs have {names}"
+        )
 
 
 def _of_pulses(layouts: Sequence[Layout]) -> str:

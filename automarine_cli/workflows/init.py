@@ -63,9 +63,7 @@ class Started:
         kinds = tuple((kind, str(len(files))) for kind, files in self.look.placed.items())
         for motion, placed in self.look.forces.items():
             kinds += tuple((f"{motion}: {kind}", str(len(files))) for kind, files in placed.items() if files)
-        columns = tuple(
-            (one.source, _taken(one), one.seen, one.open or "sure") for one in self.look.columns
-        )
+        columns = tuple((one.source, _taken(one), one.seen, one.open or "sure") for one in self.look.columns)
         count = len(self.questions)
         asked = f"{count} question{'s' * (count != 1)} to answer: {', '.join(self.questions)}." if count else (
             "No open questions; check the file before running it."

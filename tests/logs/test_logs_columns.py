@@ -59,10 +59,10 @@ REFUSED = {
     "unit, sign, "
     "scale, offset, subtract, sign_from, day_first",
     "[columns]\ntau = { from = 'a', subtract = true }": ": columns.tau.subtract is true; expected a finite number",
-    "[columns]\nn = { from = 'a', sign_from = 1 }": ": columns.n.sign_from is 1; expected the name of a column in quotes, "
-    'or a table such as { from = "pwm", subtract = 1500 }',
-    "[columns]\nn = { from = 'a', sign_from = { from = '' } }": ": columns.n.sign_from.from is ''; expected the name of a "
-    "column in quotes",
+    "[columns]\nn = { from = 'a', sign_from = 1 }": ": columns.n.sign_from is 1; expected the name of a column in "
+    'quotes, or a table such as { from = "pwm", subtract = 1500 }',
+    "[columns]\nn = { from = 'a', sign_from = { from = '' } }": ": columns.n.sign_from.from is ''; expected the name "
+    "of a column in quotes",
     "[columns]\ntime = { from = 'a', day_first = 1 }": ": columns.time.day_first is 1; expected true or false",
     "[columns]\ntau = { from = 'a', day_first = true }": ": columns.tau.day_first goes with time, a column of dates, "
     "only; leave it out",
@@ -72,8 +72,8 @@ REFUSED = {
     "[logs]\nsteps = ['a']": ": logs.steps is not known; [logs] of a column map takes join",
     "[logs]\njoin = { logs = 'a' }": ": logs.join[0]: key 'with' is missing; expected a text in quotes or a list, each "
     "entry a text in quotes",
-    "[logs]\njoin = { logs = 'nav_*', with = '*_cmd_*' }": ': logs.join[0]: join of "nav_*" with "*_cmd_*": expected as '
-    "many stars in both, or none in the second; a star stands for the same letters in both names",
+    "[logs]\njoin = { logs = 'nav_*', with = '*_cmd_*' }": ': logs.join[0]: join of "nav_*" with "*_cmd_*": expected '
+    "as many stars in both, or none in the second; a star stands for the same letters in both names",
     "[columns]\ntau = { from = 'a', sign = 2 }": ": columns.tau.sign is 2; expected 1 or -1",
     "[columns]\ntau = { from = 'a', sign = true }": ": columns.tau.sign is true; expected 1 or -1",
     "[columns]\ntau = { from = 'a', unit = 'N m' }": ": columns.tau.unit is 'N m'; expected nu",
