@@ -73,10 +73,10 @@ def _turned_by(n: Recognised, force: Recognised, columns: Mapping[str, Floats], 
     strong = np.abs(pull) > LITTLE * np.nanmax(np.abs(pull))
     for name, values in columns.items():
         neutral = PULSES[1] if is_pulses(name, seen[name]) else 0
-        if name not in (n.source, force.source):
-            if np.mean(np.sign(values[strong] - neutral) == np.sign(pull[strong])) >= APART:
-                other = _signed_by(name, neutral)
-                break
+        agree = np.mean(np.sign(values[strong] - neutral) == np.sign(pull[strong]))
+        if name not in (n.source, force.source) and agree >= APART:
+            other = _signed_by(name, neutral)
+            break
     told = f"never below 0 while {force.source} goes from {np.nanmin(pull):.4g} to {np.nanmax(pull):.4g}: unsigned"
     return replace(n, open="", ask="", seen=f"{n.seen}, {told}", more={"sign_from": other})
 
