@@ -19,6 +19,7 @@ from automarine_cli.logs.spans import Span, spans
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report.tables import number
+from automarine_cli.runs.command_range import CommandRange, misfit_of
 from automarine_cli.runs.kinds import RunKind, kind_of
 from automarine_cli.runs.load import read_runs, unreadable
 from automarine_cli.runs.run import SetAside
@@ -69,6 +70,19 @@ class Look:
         """The columns of the commands of both thrusters, none where the logs do not hold both."""
         found = {one.key: one.source for one in self.columns if one.key in YAW.thrusters}
         return tuple(found.values()) if driven(YAW, found.keys()) else ()
+
+    @property
+    def misfit(self) -> str:
+        """How the commands of the logs do not fit those of the bollard tests, which would make their map; "" where
+        they do."""
+        ends = {one.key: end for layout in self.layouts for one in layout.columns
+                if (end := layout.ends(one)) is not None}  # fmt: skip
+        if not {"n", *YAW.thrusters} <= ends.keys():
+            return ""
+        (*tests, _), unit = ends["n"], next(one.rule.get("unit", "") for one in self.columns if one.key == "n")
+        seen = [CommandRange(*ends[side], YAW.thrusters, (tests[0], tests[1]), str(unit)) for side in YAW.thrusters]
+        found = misfit_of(seen)
+        return found.sentence if found else ""
 
     @property
     def turns(self) -> tuple[int, int]:

@@ -54,6 +54,16 @@ class Layout:
         times = tuple(one for one in self.columns if CANONICAL[one.key].quantity == "time")
         return replace(self, columns=times, lacking=(), names=tuple(one.source for one in times))
 
+    def ends(self, one: Recognised) -> tuple[float, float, float] | None:
+        """The lowest, the highest and the usual value of a column as its rule reads it."""
+        span, rule = self.seen.get(one.source), self.rules.get(one.key, ColumnRule(one.source))
+        if span is None or rule.sign_from is not None:
+            largest = None if span is None else abs(rule.scale) * span.high
+            return None if largest is None else (-largest, largest, 0.0)
+        read = [rule.sign * (rule.scale * (value - rule.subtract) + rule.offset)
+                for value in (span.low, span.high, span.middle)]  # fmt: skip
+        return min(read[:2]), max(read[:2]), read[2]
+
     @property
     def foreign(self) -> bool:
         """Whether it is no log of a vehicle: nothing that moves and nothing that drives."""

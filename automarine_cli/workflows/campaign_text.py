@@ -1,6 +1,7 @@
 """The commented campaign file that `init` writes: what was seen beside every value, a question where it is not sure."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from textwrap import wrap
 
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
@@ -238,6 +239,8 @@ def _settings(look: Look, entries: Mapping[str, Sequence[str]]) -> Iterator[str]
         yield ""
     yield "[yaw]"
     moment = "thrusters" if look.thrusters_drive else "logged"
+    if look.misfit:
+        yield from wrap(printable(look.misfit), WIDEST, initial_indent="# ", subsequent_indent="# ")
     both = "logged, or thrusters: made of n_port and n_stbd by a thruster map and vehicle.arm_m"
     yield _beside(toml_line("moment", moment), both)
     yield _beside(toml_line("fit_to", "auto"), "auto, half-turns or whole-runs")

@@ -72,6 +72,7 @@ class Started:
             Table("Logs", ("kind", "logs"), kinds),
             Table("Columns", ("column", "taken for", "values", "sure or asked"), columns),
             asked,
+            *([f"Commands and bollard tests do not fit: {self.look.misfit}."] if self.look.misfit else ()),
         )
 
 

@@ -24,6 +24,8 @@ from automarine_cli.workflows.view import View
 SCHEMA = "automarine/run/1"
 COMMAND = "run"
 
+NO_PAGE = "no step has a result to show"
+
 Did = Literal["starts", "made", "kept", "skipped", "refused"]
 
 
@@ -62,7 +64,8 @@ class CampaignRun:
         """Folders and files that a person may want to open, the report first."""
         folders = {step.name: f"{step.folder}/" for step in STEPS}
         done = [one.step for one in self.news if one.did in ("made", "kept")]
-        return (*(("report.html", "report.md") if REPORT in done else ()), *(folders[s] for s in done if s in folders))
+        pages = ("report.html", "report.md") if REPORT in done else (RESULT,) * (REPORT in {n.step for n in self.news})
+        return (*pages, *(folders[s] for s in done if s in folders))
 
     def to_json(self) -> dict[str, Any]:
         """The result file: schema automarine/run/1. It does not say what was kept: the bytes are the same."""
@@ -201,16 +204,19 @@ def _report(campaign: Campaign, out: Path, content: dict[str, Any], force: bool,
     if why is None and (out / RESULT).read_text(encoding="utf-8") != json_text(content):
         why = "results of the steps changed"
     if why is None and not force:
-        last = News(REPORT, number, number, "kept", "results of the steps unchanged")
+        kept = any("folder" in step for step in content["steps"])
+        unchanged = "results of the steps unchanged"
+        last = News(REPORT, number, number, *(("kept", unchanged) if kept else ("skipped", NO_PAGE)))
         tell(last)
         return last
     why = why or "--force"
     tell(News(REPORT, number, number, "starts", why))
     with result_folder(out, command=COMMAND, options={}, inputs=inputs, seed=None, overwrite=True) as folder:
         folder.write_json(RESULT, content)
-        for name, page in _pages(out, campaign.title, content).items():
+        pages = _pages(out, campaign.title, content)
+        for name, page in pages.items():
             folder.write(name, page)
-    last = News(REPORT, number, number, "made", why)
+    last = News(REPORT, number, number, "made", why) if pages else News(REPORT, number, number, "skipped", NO_PAGE)
     tell(last)
     return last
 

@@ -35,7 +35,7 @@ def test_another_column_says_the_direction(tmp_path: Path, way: object) -> None:
 
 
 def test_a_direction_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="n takes its sign from 'pwm'; the file has no such column. Correct sign_from"):
+    with pytest.raises(LogError, match=r"n takes its sign from 'pwm'; the file has no such column\. Correct sign_from"):
         bench(tmp_path, {"n": {"from": "rpm", "sign_from": "pwm"}})
 
 
