@@ -74,6 +74,12 @@ class ColumnMap:
         """The DBC's file, if one is named."""
         return Path(self.dbc) if self.dbc else None
 
+    @property
+    def sources(self) -> set[str]:
+        """Every column of a file that a rule reads."""
+        rules = list(self.columns.values())
+        return {one.source for one in (*rules, *(rule.sign_from for rule in rules)) if one is not None}
+
     def source_of(self, name: str) -> str:
         """The column of the file that a canonical name stands for."""
         return self.columns[name].source if name in self.columns else name

@@ -14,6 +14,8 @@ INSIDE, FAR_INSIDE, HALF = 0.1, 0.02, 0.5
 """The same towards zero, shares of the range; below half of it the largest command must not be exactly 1 or 100."""
 SHARES = {1.0: "normalised (-1 to 1)", 100.0: "like percent"}
 """What commands are whose largest value comes near one of these."""
+LITTLE = 0.1
+"""Share of the largest force below which a force says no direction."""
 PULSES = (800.0, 1500.0, 2200.0)  # us: shortest, neutral, longest
 
 
@@ -93,6 +95,28 @@ def _remedy(rule: str, most: float, size: float) -> str:
     return (
         f"bring them to the map's unit with {rule}scale = {example} }} under [columns], or give the map of this signal"
     )
+
+
+def usual_neutral(low: float, high: float, seen: float) -> float:
+    """The neutral of a signal that goes from `low` to `high` and gives nothing at `seen`: 1500 where it is pulses."""
+    pulses = PULSES[0] <= low and high <= PULSES[2] and abs(seen - PULSES[1]) <= 100.0
+    return PULSES[1] if pulses else seen
+
+
+def undirected(n: Floats, force: Floats) -> str:
+    """What is wrong with the control signal of a thruster test, arrays (N,); "" where it can be right."""
+    low, high = float(n.min()), float(n.max())
+    if PULSES[0] <= low and PULSES[1] <= high <= PULSES[2] and low > 0.4 * high:
+        return (
+            f"the control signal goes from {low:.4g} to {high:.4g}, as pulses about 1500 do; if it is that, write n = "
+            '{ from = "NAME", subtract = 1500 } under [columns]'
+        )
+    if low >= 0 and force.min() < -LITTLE * force.max() < 0:
+        return (
+            'the control signal is never negative while the force goes both ways; write n = { from = "NAME", sign_from '
+            '= "COLUMN" } with a column that says the direction, or subtract its neutral, under [columns]'
+        )
+    return ""
 
 
 def warnings_of(ranges: Iterable[CommandRange]) -> tuple[str, ...]:
