@@ -16,7 +16,7 @@ from scipy import optimize
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.planning.candidates import POWER_LAW, Candidate
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.command_range import misfit_of
+from automarine_cli.runs.command_range import FAR_BEYOND
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import Series
@@ -105,10 +105,12 @@ def drive_of(known: ThrusterMap, arm: float, most: float | None, equal_thrust: b
             "the thruster map does not say how far the control signal goes; give thrusters.largest_command in "
             "the limits"
         )
-    for one in (known.compared(("largest_command",), [np.array([0.0, largest])]),):
-        unfit = None if one is None else misfit_of([one])
-        if unfit is not None and unfit.impossible:
-            raise SettingError(f"thrusters.largest_command: {unfit.sentence}")
+    if known.n_range is not None and largest > FAR_BEYOND * max(map(abs, known.n_range)):
+        low, high = known.n_range
+        raise SettingError(
+            f"thrusters.largest_command is {largest:g}, but the thruster map was measured from {low:.4g} to {high:.4g}"
+            f"{f' {known.n_unit}' * bool(known.n_unit)}; give it in the map's own unit"
+        )
     return Drive(known.forward, known.backward, arm, largest, equal_thrust, unit)
 
 

@@ -154,7 +154,8 @@ def _tests(
             n = Recognised("n", throttle, f"{span.low:.5g} to {span.high:.5g}, a throttle beside {force.source}")
     if n is None or force is None or n.source == force.source or known.keys() & {"n", "force"}:
         return {"n": None if n is not None and force is not None and n.source == force.source else n, "force": force}
-    n, force = directed(n, force, _numbers(layout), layout.seen)
+    if not force.open or force.unit_open:
+        n, force = directed(n, force, _numbers(layout), layout.seen)
     return {"n": n, "force": force}
 
 

@@ -92,6 +92,14 @@ SIGNALS: list[tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = [
     ({"thrust": (PWM - 1500) / 400, "load_kg": FORCE / 9.80665}, {"n": "thrust", "force_kgf": "load_kg"}, ()),
     # and asked about where none is
     ({"PWM_us": PWM, "thrust": (PWM - 1500) / 400}, {"n": PULSES, "force_N": "?"}, ("columns.force_N",)),
+    # volts of a load cell are no supply and no force
+    ({"PWM_us": PWM, "load_V": 0.013 + 1e-4 * FORCE}, {"n": PULSES, "force_N": "?"}, ("columns.force_N",)),
+    # a supply under load is
+    (
+        {"PWM_us": PWM, "force_N": FORCE, "v_load_V": 16 - 0.01 * np.abs(FORCE)},
+        {"n": PULSES, "voltage_V": "v_load_V"},
+        (),
+    ),
     # ahead is logged as negative force
     (
         {"PWM_us": PWM, "force_N": -FORCE},
