@@ -249,12 +249,13 @@ def _drives(layout: Layout) -> bool:
 
 
 def _gap(layout: Layout) -> float:
-    """The longest time [s] between two rows."""
+    """The longest time [s] between two rows of a file that is written seldom; none of one that pauses now and then."""
     clock = recognise("time", layout.names, layout.seen)
     if clock is None:
         return 0.0
     unit = {"time_ms": 1e-3, "time_us": 1e-6}.get(clock.key, 1.0)
-    return unit * layout.seen[clock.source].largest_step
+    span = layout.seen[clock.source]
+    return unit * span.largest_step if 3 * unit * span.median_step > OLDEST else 0.0
 
 
 def _pattern(one: Path, other: Path) -> tuple[str, str] | None:
