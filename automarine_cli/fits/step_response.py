@@ -15,7 +15,8 @@ from automarine_cli.fits.run_effects import GAIN, START_POSITION, SWITCHES, Bloc
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import base_roles, main_drag
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.half_turn import MOST_REST, HalfTurn
+from automarine_cli.runs.half_turn import HalfTurn
+from automarine_cli.runs.trimmed import MOST_REST
 from automarine_cli.simulation.batch import Channel
 
 MOST_OFFSET = 2.5

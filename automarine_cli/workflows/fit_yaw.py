@@ -113,6 +113,8 @@ FitOptions = FitYawOptions | FollowedOptions | WindowedOptions
 def _fit(dof: Dof, asked: FitOptions, runner: Runner) -> YawFit:
     """The fit of any motion."""
     trim, start = asked.trim, asked_tail(asked.tail, dof)
+    if asked.fit_to not in (*FIT_TO, STEPS):
+        raise SettingError(f"fit_to: found {asked.fit_to!r}, expected {', '.join(FIT_TO[:2])} or {FIT_TO[2]}")
     if asked.tail is not None and asked.fit_to == FIT_TO[2]:
         raise SettingError("tail is given, but whole runs have no tails; leave it out, or fit to steps")
     wanted_channels(asked.channels, dof)
