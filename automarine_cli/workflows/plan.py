@@ -7,9 +7,10 @@ from typing import Any
 
 from automarine_cli.fits.estimate import Estimate
 from automarine_cli.logs import Logs, given_columns
+from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import Source
-from automarine_cli.pipeline.recipe import to_mapping, toml_text
+from automarine_cli.pipeline.recipe import toml_text
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.planning.campaign import Campaign, plan_campaign, specification
 from automarine_cli.planning.candidates import Slot
