@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.logs import Logs, given_columns
 from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.outputs import ResultFolder
@@ -22,6 +21,7 @@ from automarine_cli.report import plan_page, plan_tables
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.tables import Table
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import load_thruster_logs
 from automarine_cli.workflows.command import Command, Runner, reads
