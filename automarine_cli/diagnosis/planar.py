@@ -184,7 +184,7 @@ def _begin(stored: StoredPlanar, seen: Observed) -> tuple[Tied, Estimated]:
     """The stored model, and what its fit knew of what is random, if it says so: one start is enough for what somebody
     took for the vehicle."""
     base = base_of(stored, seen)
-    return base, Estimated(base, np.zeros((0, 0)), 0.0, 0, random=stored.file.random)
+    return base, Estimated(base, np.zeros((0, 0)), 0.0, 0, random=stored.random)
 
 
 def _promised(likelihood: PlanarLikelihood, here: Estimated, seen: Observed) -> list[tuple[Candidate, Promise]]:

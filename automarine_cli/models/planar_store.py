@@ -34,7 +34,6 @@ from automarine_cli.pipeline.codec import Codec
 from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import LONGEST, printable
 from automarine_cli.results.kinds import PLANAR_MODEL
-from automarine_cli.results.models import PlanarFile
 
 SCHEMA = PLANAR_MODEL.schema
 PARAMETERS = ("parameters",)
@@ -44,11 +43,13 @@ CURRENT = ("current.north", "current.east")
 
 @dataclass(frozen=True)
 class StoredPlanar:
-    """The model of one file; `source` is its name, `file` all that it says."""
+    """The model of one file; `source` is its name, `free` are the parameters that its fit had free (none where the file
+    does not say), `random` the sizes of what is random by name."""
 
     model: PlanarModel
     source: str
-    file: PlanarFile = field(repr=False, compare=False)
+    free: tuple[str, ...] = field(default=(), repr=False)
+    random: Mapping[str, float] = field(default_factory=dict, repr=False)
 
 
 def load_planar_model(path: Source) -> StoredPlanar:
@@ -70,7 +71,8 @@ def planar_from_json(data: Mapping[str, object], where: str = "planar model") ->
         if (found := getattr(file, key)) != unit:
             raise codec.refusal((key,), f"found {told(found)}, expected {told(unit)}: coupled motions are in newtons")
     values = {name: number_at(one, codec, (*PARAMETERS, name)) for name, one in file.parameters.items()}
-    return StoredPlanar(_model(values, codec), where, file)
+    free = file.covariance.parameters if file.covariance else ()
+    return StoredPlanar(_model(values, codec), where, free, file.random)
 
 
 def units(model: PlanarModel) -> dict[str, str]:
