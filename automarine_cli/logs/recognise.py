@@ -12,6 +12,7 @@ import numpy as np
 
 from automarine_cli.dofs import DOFS
 from automarine_cli.logs.canonical import CANONICAL, NORMALISED, ROTATIONS, TIMESTAMP, UNITS, likely_column, names_of
+from automarine_cli.logs.mixing import WISHES
 from automarine_cli.logs.table import LogTable
 from automarine_cli.quantities import Floats
 
@@ -40,11 +41,13 @@ class Span:
     high: float
     median_step: float
     largest_step: float
+    made_from: str = ""  # of which outputs it was worked back, where no file holds it
 
     def __add__(self, other: "Span") -> "Span":
         return Span(
             min(self.low, other.low), max(self.high, other.high),
             float(np.median([self.median_step, other.median_step])), max(self.largest_step, other.largest_step),
+            self.made_from or other.made_from,
         )  # fmt: skip
 
 
@@ -87,7 +90,8 @@ def spans(table: LogTable) -> dict[str, Span]:
             steps = np.abs(np.diff(good))
             moved = steps[steps > 0]
             median = float(np.median(moved)) if len(moved) else 0.0
-            found[name] = Span(float(good.min()), float(good.max()), median, float(steps.max(initial=0.0)))
+            made = table.origin.made_from if name in WISHES else ""
+            found[name] = Span(float(good.min()), float(good.max()), median, float(steps.max(initial=0.0)), made)
     return found
 
 
@@ -141,7 +145,8 @@ def _named_exactly(quantity: str, source: str) -> bool:
 
 
 def _range(span: Span) -> str:
-    return f"{span.low:.5g} to {span.high:.5g}"
+    made = f", worked back from {span.made_from}" if span.made_from else ""
+    return f"{span.low:.5g} to {span.high:.5g}{made}"
 
 
 def _time(quantity: str, source: str, span: Span) -> Recognised:

@@ -157,6 +157,13 @@ def readings(runs: Iterable[Run]) -> dict[str, list[dict[str, object]]]:
     return {"readings": [{"file": file, "notes": list(notes)} for file, notes in told.items()]} if told else {}
 
 
+def shared_readings(runs: Iterable[Run]) -> tuple[str, ...]:
+    """What the reading of the logs tells of more than half of them, once each."""
+    told = {run.source: dict.fromkeys(run.reading) for run in runs}
+    times = Counter(note for notes in told.values() for note in notes)
+    return tuple(note for note, count in times.items() if 2 * count > len(told))
+
+
 NAMED_APART = "another run of this campaign has the same name; the file's name was put in front"
 
 
