@@ -8,18 +8,20 @@ import numpy as np
 import pytest
 from made_outputs import WISHED, mixed, stepped, sub_dive, sub_parameters, told, wishes
 from reader_contract import log
+from repository import DATA
 from tolerances import assert_close
 from vehicle_logs import Dive, dataflash, dive, telemetry
 
 import automarine_cli as am
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
-from automarine_cli.logs import ColumnMap, ColumnRule, LogTable, read_log, require_motion
+from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, LogTable, read_log, require_motion
 from automarine_cli.logs.ardupilot import FRAMES, asked_of_pulses
 from automarine_cli.logs.mixing import Told
 from automarine_cli.report import yaw_report
 
 pytest.importorskip("pymavlink", reason="the extra automarine[ardupilot] is not installed")
+REAL = DATA / "ardusub"
 PULSE = 1 / 400  # of a wish: pulses are whole microseconds
 WRITERS: dict[str, Callable[[Dive], bytes]] = {"dive.bin": dataflash, "dive.tlog": telemetry}
 
@@ -198,3 +200,24 @@ def test_a_dive_is_fitted_without_a_column_map(tmp_path: Path, mirrored: bool) -
     assert "worked back from SERVO_OUTPUT_RAW by the mixing of ArduSub's frame vectored 6 DOF" in said
     used = fit.runs[0].command
     assert used.max() == pytest.approx(tau.max(), abs=PULSE) and used.min() == pytest.approx(tau.min(), abs=PULSE)
+
+
+@pytest.mark.real_data(REAL)
+@pytest.mark.parametrize(("name", "frame"), [("small.tlog", 2), ("small.BIN", 1)])
+def test_a_real_dive_needs_no_column_map(name: str, frame: int) -> None:
+    table = read_log(LogFile(REAL / name, name, True), dof=YAW)
+    require_motion(table)
+    assert set(found(table)) == set(WISHED) and f"(FRAME_CONFIG {frame})" in table.origin.made_from
+    assert np.nanmax(np.abs(table.columns["moment"])) < 0.2
+
+
+@pytest.mark.real_data(REAL)
+def test_a_real_dive_moves_as_its_pilot_wished() -> None:
+    """The pilot's sticks (RC_CHANNELS 3 up, 5 ahead, 6 to starboard) against the forces worked back."""
+    sticks = {"n_port": "RC_CHANNELS.chan3_raw", "n_stbd": "RC_CHANNELS.chan5_raw", "n": "RC_CHANNELS.chan6_raw"}
+    file = LogFile(REAL / "small.tlog", "small.tlog", True)
+    made = read_log(file, dof=YAW)
+    piloted = read_log(file, ColumnMap({name: ColumnRule(source) for name, source in sticks.items()}), dof=YAW)
+    for force, stick, sign in (("Z", "n_port", -1), ("X", "n_stbd", 1), ("Y", "n", 1)):
+        both = np.isfinite(made.extras[force]) & np.isfinite(piloted.columns[stick])
+        assert sign * np.corrcoef(made.extras[force][both], piloted.columns[stick][both])[0, 1] > 0.3
