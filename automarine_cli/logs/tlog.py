@@ -49,7 +49,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
                 f"{name}: found no MAVLink packets, expected some from its extension; copy the file again, or rename it"
             )
         notes = (f"{bad} packet{'s' * (bad != 1)} skipped: wrong checksum",) if bad else ()
-        return on_one_clock(_recording(messages, columns, notes), columns, name)
+        return on_one_clock(recording(messages, columns, notes), columns, name)
 
 
 FORMAT = Format("MAVLink telemetry", (".tlog",), read)
@@ -67,7 +67,7 @@ def _messages(data: bytes, known: Mapping[int, Any]) -> tuple[dict[str, Message]
         bad += len(starts) - int(np.count_nonzero(good))
         if good.any():
             found[kind.msgname] = packets.only(good).fields(kind)
-    return _of_the_vehicle(found), bad
+    return of_the_vehicle(found), bad
 
 
 def _indexed(data: bytes, known: Mapping[int, Any]) -> dict[int, list[int]]:
@@ -162,7 +162,7 @@ def _type(character: str) -> str:
     return f"<{np.dtype(character).str[1:]}"
 
 
-def _of_the_vehicle(found: dict[str, Message]) -> dict[str, Message]:
+def of_the_vehicle(found: dict[str, Message]) -> dict[str, Message]:
     """Only what the sender of most attitudes says: the ground station and other vehicles talk too."""
     senders = found["ATTITUDE"]["sender"] if "ATTITUDE" in found else np.concatenate(
         [message["sender"] for message in found.values()] or [np.zeros(1, np.int64)]
@@ -176,7 +176,8 @@ def _of_the_vehicle(found: dict[str, Message]) -> dict[str, Message]:
     }
 
 
-def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple[str, ...]) -> Recording:
+def recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple[str, ...]) -> Recording:
+    """What a vehicle's messages hold: by name, with when each was `received` [s], in whatever file they are."""
     starts = _starts(messages)
     streams, asked = [], Asked()
     for name, message in messages.items():
