@@ -208,10 +208,10 @@ def test_normalised_moments_need_their_size_where_the_target_is_in_si(tmp_path: 
 
 
 REFUSALS: list[tuple[dict[str, Any], str]] = [
-    ({"to": "gazebo"}, "--to gazebo: no such target; known are card, gz-sim, labust, mss, python, stonefish, "
+    ({"to": "gazebo"}, "--to gazebo: no such target; known are card, gz-sim, labust, mjcf, mss, python, stonefish, "
                        "thrusters, uuv"),
-    ({"to": "gz"}, "--to gz: no such target; known are card, gz-sim, labust, mss, python, stonefish, thrusters, uuv. "
-                   "Did you mean gz-sim?"),
+    ({"to": "gz"}, "--to gz: no such target; known are card, gz-sim, labust, mjcf, mss, python, stonefish, thrusters, "
+                   "uuv. Did you mean gz-sim?"),
     ({"to": "uuv", "form": "sdf"}, "--form of uuv: found sdf, expected urdf or controller"),
     ({"to": "uuv", "number": "4"}, "--number: found 4, expected 1 or 2 or 3"),
     ({"to": "uuv", "symmetrise": True}, "--symmetrise means nothing to uuv; it is for thrusters, so leave it out"),

@@ -1,4 +1,4 @@
-"""Exports in what the package registries have of the simulators: DART, Gazebo's engine, and readers of URDF and YAML.
+"""Exports in what the package registries have of the simulators: DART, Gazebo's engine, MuJoCo, readers of URDF, YAML.
 
 Gazebo Sim, uuv_simulator, Stonefish and MSS themselves are in no registry of Python packages; with
 `pip install --group simulators` these tests run, without it they are skipped.
@@ -14,6 +14,11 @@ from export_readers import fall_time, number_in, rise_time, yaml_of
 from numpy.typing import NDArray
 from test_export import model_file, ours
 
+from automarine_cli.dofs import YAW
+from automarine_cli.models.store import load_yaw_models
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.batch import make_batch
+from automarine_cli.simulation.rollout import Start, simulate
 from automarine_cli.workflows.export import export
 
 Floats = NDArray[np.float64]
@@ -78,3 +83,60 @@ def test_yaml_is_read_as_we_read_it(tmp_path: Path, target: str, form: str) -> N
     yaml: Any = pytest.importorskip("yaml")
     text = export(model_file(tmp_path), to=target, form=form, rigid_inertia=0.9).text
     assert yaml.safe_load(text) == yaml_of(text)
+
+
+# MuJoCo
+
+SEQUENCE = ((0.0, 2.0), (1.2, 8.0), (-1.2, 10.0), (0.5, 10.0), (0.0, 5.0), (-0.7, 10.0), (0.9, 15.0))  # N m, s
+LAG = {"T": 0.3, "law": 1.0, "tau_ref": 1.0, "fall": 1.0}
+WITH: dict[str, dict[str, dict[str, float]]] = {
+    "drag": {},
+    "cubic": {"cubic-drag": {"k_rrr": 0.4}},
+    "delay and lag": {"input-delay": {"t_d": 0.35}, "thruster-lag": LAG},
+    "dry friction": {"coulomb-drag": {"c": 0.15}},
+    "limit and bias": {"saturation": {"tau_max": 0.8}, "bias-moment": {"b": 0.1}},
+    "tether": {"tether-spring": {"kappa": 0.02, "law": 2.0, "kappa_3": 1e-4}},
+    "all": {
+        "input-delay": {"t_d": 0.2}, "thruster-lag": LAG, "cubic-drag": {"k_rrr": 0.3}, "bias-moment": {"b": -0.05},
+        "tether-spring": {"kappa": 0.03}, "saturation": {"tau_max": 1.0},
+    },
+}  # fmt: skip
+
+
+def in_mujoco(text: str, moments: Floats, step: float) -> Floats:
+    """Positions of the file's joint at the ends of steps over which controls are held, in MuJoCo itself."""
+    mujoco = pytest.importorskip("mujoco", minversion="3.7")
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    assert model.opt.density == model.opt.viscosity == 0  # no fluid acts
+    found = [0.0]
+    for moment in moments:
+        data.ctrl[0] = moment
+        for _ in range(round(step / model.opt.timestep)):
+            mujoco.mj_step(model, data)
+        found.append(float(data.qpos[0]))
+    return np.array(found)
+
+
+def commanded(step: float) -> Floats:
+    """The moments of `SEQUENCE`, 60 s, one each step."""
+    return np.concatenate([np.full(round(seconds / step), moment) for moment, seconds in SEQUENCE])
+
+
+@pytest.mark.parametrize("frame", ["ENU", "NED"])
+@pytest.mark.parametrize("case", WITH)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_mujoco_moves_the_file_as_we_do(tmp_path: Path, case: str, frame: str, sign: float) -> None:
+    """Within 0.1 degrees over 60 s of steps and reversals."""
+    path = model_file(tmp_path, WITH[case])
+    step = 0.05
+    moments = sign * commanded(step)
+    turn = -1.0 if frame == "ENU" else 1.0
+    text = export(path, to="mjcf", frame=frame, rigid_inertia=0.9).text
+    halves = np.append(np.repeat(moments, 2)[1:], moments[-1])  # we switch in the middle between two samples
+    theirs = turn * in_mujoco(text, turn * halves, step / 2)[::2]
+    time = step * np.arange(len(moments) + 1)
+    run = Run("run", "", time, 0 * time, np.append(moments, moments[-1]), "N m", dof=YAW)
+    own = simulate(load_yaw_models(path).models["2"], make_batch([run], 0.01), start=Start()).position[0, 0]
+    assert np.ptp(np.rad2deg(own)) > 60
+    assert np.abs(np.rad2deg(theirs - own)).max() < 0.1
