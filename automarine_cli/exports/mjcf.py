@@ -19,7 +19,7 @@ AXES = ("1 0 0", "0 1 0", "0 0 1")
 SOFTEST = 1e-4  # MuJoCo's least impedance of a constraint (mjMINIMP)
 HARDENING = 2  # the law of a tether that pulls with the cube of the way as well
 VERSION = "Needs MuJoCo 3.7 or newer, which reads damping and stiffness of higher order."
-FREE = "The joint leaves {0} free alone: for a vehicle that moves otherwise, merge joint and actuator with your model."
+FREE = "Only {0} is identified, and the joint leaves nothing else free: merge it and the actuator with your model."
 STICKS = "Dry friction is as soft near rest as in automarine; without solreffriction and solimpfriction it would stick."
 HEAVY = "Gravity is 0: weight and buoyancy are not part of the model."
 LACKS = {
@@ -51,10 +51,8 @@ def write(subject: YawSubject) -> Written:
         **_friction(subject),
         "stiffness": row(stiffness) if any(stiffness) else "",
     }
-    equation = (
-        f"(inertia + armature) {dof.symbols.velocity}' = {dof.symbols.force} + passive forces of the joint: damping d0 "
-        "d1 d2 is -(d0 + d1 |v| + d2 v^2) v"
-    )
+    v = dof.symbols.velocity
+    equation = f"(inertia + armature) {v}' = {dof.symbols.force} - (d0 + d1 |{v}| + d2 {v}^2) {v}, d of damping"
     notes = [subject.about_inertia(), FREE.format(dof.name), VERSION]
     notes += [STICKS] * ("frictionloss" in joint) + [HEAVY] * (not dof.levered)
     mass, moment = (1.0, rigid) if dof.wraps else (rigid, 1.0)

@@ -13,9 +13,11 @@ import pytest
 from export_readers import fall_time, number_in, rise_time, yaml_of
 from numpy.typing import NDArray
 from test_export import model_file, ours
+from test_export_motions import LINEAR, MASS, OWN, QUADRATIC, written
 
 from automarine_cli.dofs import YAW
 from automarine_cli.models.store import load_yaw_models
+from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import Start, simulate
@@ -123,9 +125,8 @@ def commanded(step: float) -> Floats:
     return np.concatenate([np.full(round(seconds / step), moment) for moment, seconds in SEQUENCE])
 
 
-@pytest.mark.parametrize("frame", ["ENU", "NED"])
 @pytest.mark.parametrize("case", WITH)
-@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("frame", "sign"), [("ENU", 1.0), ("NED", -1.0)])
 def test_mujoco_moves_the_file_as_we_do(tmp_path: Path, case: str, frame: str, sign: float) -> None:
     """Within 0.1 degrees over 60 s of steps and reversals."""
     path = model_file(tmp_path, WITH[case])
@@ -140,3 +141,20 @@ def test_mujoco_moves_the_file_as_we_do(tmp_path: Path, case: str, frame: str, s
     own = simulate(load_yaw_models(path).models["2"], make_batch([run], 0.01), start=Start()).position[0, 0]
     assert np.ptp(np.rad2deg(own)) > 60
     assert np.abs(np.rad2deg(theirs - own)).max() < 0.1
+
+
+@pytest.mark.parametrize(("motion", "axis"), [("surge", "1 0 0"), ("sway", "0 1 0"), ("heave", "0 0 1")])
+@pytest.mark.parametrize("frame", ["ENU", "NED"])
+def test_mujoco_slides_along_the_motions_axis(motion: str, axis: str, frame: str) -> None:
+    """Forces ahead push ahead, and every other one by the frame: y is to port and z up in MuJoCo."""
+    mujoco = pytest.importorskip("mujoco", minversion="3.7")
+    model = mujoco.MjModel.from_xml_string(written(motion, "mjcf", "joint", frame=frame).text)
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 5.0
+    mujoco.mj_step(model, data, nstep=20_000)
+    steady = float(steady_rate(5.0, LINEAR, QUADRATIC))
+    assert data.qvel[0] == pytest.approx(steady, rel=1e-4)
+    turned = frame == "NED" and motion != "surge"
+    way = np.array([float(x) for x in axis.split()]) * (-1 if turned else 1)
+    np.testing.assert_allclose(data.xpos[1] / np.linalg.norm(data.xpos[1]), way, atol=1e-9)
+    assert model.body_mass[1] == OWN and model.dof_armature[0] == pytest.approx(MASS - OWN)
