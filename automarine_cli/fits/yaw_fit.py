@@ -11,7 +11,6 @@ from automarine_cli.dofs import Dof
 from automarine_cli.fits.channel_noise import channels_json
 from automarine_cli.fits.drag import nested_test
 from automarine_cli.fits.driven_use import Use
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.innovations import InnovationsFit, random_estimates
 from automarine_cli.fits.output_error import OutputErrorFit, Preference, estimate_of
 from automarine_cli.fits.step_response import StepData
@@ -22,6 +21,7 @@ from automarine_cli.models.store import model_json
 from automarine_cli.pipeline.outputs import json_document
 from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice
 from automarine_cli.runs.half_turn import HalfTurn
 from automarine_cli.runs.run import Run, SetAside, readings

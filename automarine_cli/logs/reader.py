@@ -14,6 +14,7 @@ from automarine_cli.logs.columns import ColumnMap, ColumnRule
 from automarine_cli.logs.find import LogFile
 from automarine_cli.logs.formats import RawLog, format_of, suffixes
 from automarine_cli.logs.labels import run_names, states
+from automarine_cli.logs.parquet import read_table
 from automarine_cli.logs.table import LogTable
 from automarine_cli.logs.text import first_not_a_number, first_not_a_timestamp, seconds_of_timestamps
 from automarine_cli.pipeline.words import listed, printable, quoted
@@ -72,6 +73,8 @@ def read_log(
 
 def _read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
     name, path = file.name, file.path
+    if file.content is not None:
+        return _with_rows(read_table(file.content, name), name)
     form = format_of(path.name)
     if form is None:
         raise LogError(f"{name}: unknown log format; give a file that ends in {', '.join(sorted(suffixes()))}")
@@ -99,6 +102,10 @@ def _read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
         ) from None
     except MemoryError:
         raise LogError(f"{name}: does not fit into memory; split it into several logs") from None
+    return _with_rows(raw, name)
+
+
+def _with_rows(raw: RawLog, name: str) -> RawLog:
     if len(raw.rows) == 0:
         raise LogError(
             f"{name}: a header without rows (columns {listed(raw.names)}); expected at least one row. "

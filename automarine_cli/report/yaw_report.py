@@ -140,9 +140,10 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
     if fit.use is not None:
         return _driven_rows(fit, fit.use)
     assert isinstance(mixed, MixedFit)
+    read = mixed.reading(dof.position)
     if fit.seed_method is None or fit.data is None:
         for i, run in enumerate(fit.runs):
-            off = dof.shown(run.position - mixed.reading(dof.position)[i][: len(run)])
+            off = dof.shown(run.position - read[i][: len(run)])
             measured.append(
                 {
                     "run": run.name,
@@ -157,7 +158,7 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
         return measured
     seed, data = fit.seed_method, fit.data
     for i, turn in enumerate(fit.turns):
-        off = dof.shown((data.heading - mixed.reading(dof.position))[i][data.seen[i]])
+        off = dof.shown((data.heading[i] - read[i])[data.seen[i]])
         row: dict[str, object] = {
             "run": turn.name,
             "file": turn.step.run.source,
