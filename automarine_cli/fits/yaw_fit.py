@@ -1,7 +1,7 @@
 """A whole yaw identification: which runs serve for what, both estimators, the preferred model, and what to
 be warned of."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -71,6 +71,11 @@ class YawFit(Shown):
         return len(self.turns) or len(self.runs)
 
     @property
+    def read(self) -> Sequence[Run]:
+        """The runs as they were read, for what is to be known of that."""
+        return self.runs or [turn.step.run for turn in self.turns]
+
+    @property
     def moments(self) -> tuple[float, ...]:
         """Every moment that was fitted, with its sign."""
         if self.turns:
@@ -104,7 +109,7 @@ class YawFit(Shown):
             "runs": {
                 "used": self.used,
                 "set_aside": [asdict(run) for run in self.set_aside],
-                **readings(self.runs or [turn.step.run for turn in self.turns]),
+                **readings(self.read),
             },
         }  # fmt: skip
 

@@ -68,6 +68,7 @@ def read_log(
         notes=(*raw.notes, *notes),
         states=states(raw, columns),
         holds=raw.holds,
+        origin=raw.origin,
         dof=dof,
     )
 

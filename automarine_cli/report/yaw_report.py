@@ -21,6 +21,7 @@ from automarine_cli.report.figures import yaw as figures
 from automarine_cli.report.figures.driven import driven_runs_figure
 from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.tables import Table, interval
+from automarine_cli.runs.run import shared_readings
 
 
 def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
@@ -65,6 +66,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
         lines.append(_by_way(preferred.ways, dof))
     if fit.buoyancy is not None:
         lines.append(fit.buoyancy.says)
+    lines += [f"Read: {note}." for note in shared_readings(fit.read)]
     warnings = fit.warnings if fit.use is None or fit.use.of_use else fit.warnings[1:]  # that line stands first
     return (*lines, *(f"Warning: {warning}" for warning in warnings))
 
