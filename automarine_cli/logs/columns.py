@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from automarine_cli.errors import LogError, SettingError
+from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN
 from automarine_cli.logs.join import Join, matches
+from automarine_cli.pipeline.codec import Codec
 from automarine_cli.pipeline.plain_data import read_plain
-from automarine_cli.pipeline.recipe import converted
 from automarine_cli.pipeline.words import listed, printable, quoted
 
 KNOWN_DEFAULTS = ("thrusters_per_test", "arm_m")
@@ -146,10 +146,7 @@ def columns_of(tables: object, name: str) -> tuple[ColumnsOf, ...]:
 def joins(given: object, where: str) -> tuple[Join, ...]:
     """What `join` says at the place `where`, one table or several. Raises LogError with the key's path."""
     several = [given] if isinstance(given, Mapping) else given
-    try:
-        found: tuple[Join, ...] = converted(tuple[Join, ...], several, where)
-    except SettingError as problem:
-        raise LogError(str(problem)) from None
+    found: tuple[Join, ...] = Codec(where, refuse=LogError).value(tuple[Join, ...], several)
     return found
 
 

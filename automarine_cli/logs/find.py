@@ -4,24 +4,32 @@ import glob
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NoReturn
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import format_of, suffix_of, suffixes
+from automarine_cli.pipeline.plain_data import Document, Source
 from automarine_cli.pipeline.words import printable, quoted
 
 
 @dataclass(frozen=True)
 class LogFile:
     """One log: where it is, what results call it (never depends on the working directory), and whether it was
-    named on the command line itself (then unreadable means refused) or found (then it is set aside)."""
+    named on the command line itself (then unreadable means refused) or found (then it is set aside). A table that is
+    no file has its `content`, as a Parquet file would."""
 
     path: Path
     name: str
     named: bool
+    content: bytes | None = field(default=None, repr=False)
+
+    @property
+    def source(self) -> Source:
+        """What its bytes are read from."""
+        return self.path if self.content is None else Document(self.name, self.content)
 
 
 Logs = Sequence[str | Path | LogFile]

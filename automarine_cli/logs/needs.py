@@ -87,6 +87,8 @@ def _sentence(table: LogTable, lacking: Sequence[str]) -> str:
         hint = f"If {names} {'is' if len(sure) == 1 else 'are'} meant, write {lines}"
     else:
         hint = f'If it has another name, write a line such as {names_of(lacking[0])[0]} = "NAME"'
+    if table.origin.why_not and set(lacking) & {dof.command for dof in DOFS.values()}:
+        return f"{table.source}: no {what}; {table.origin.why_not}"
     unmet = [note for note in table.notes if any(f" for {n};" in note for q in lacking for n in names_of(q))]
     return (
         f"{table.source}: no {what}; found the columns {listed(table.names)}{_held(table)}; expected {expected}. "

@@ -14,6 +14,7 @@ from automarine_cli.logs.columns import ColumnMap, ColumnRule
 from automarine_cli.logs.find import LogFile
 from automarine_cli.logs.formats import RawLog, format_of, suffixes
 from automarine_cli.logs.labels import run_names, states
+from automarine_cli.logs.parquet import read_table
 from automarine_cli.logs.stamps import first_not_a_stamp, read_stamps
 from automarine_cli.logs.streams import joined
 from automarine_cli.logs.table import LogTable
@@ -67,6 +68,7 @@ def read_log(
         notes=(*raw.notes, *notes),
         states=states(raw, columns),
         holds=raw.holds,
+        origin=raw.origin,
         dof=dof,
     )
 
@@ -99,6 +101,8 @@ def _clock(raw: RawLog, columns: ColumnMap, source: str) -> tuple[str, Floats]:
 def read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
     """The columns of one file as they stand. Raises LogError for a file that is none, or holds nothing."""
     name, path = file.name, file.path
+    if file.content is not None:
+        return _with_rows(read_table(file.content, name), name)
     form = format_of(path.name)
     if form is None:
         raise LogError(f"{name}: unknown log format; give a file that ends in {', '.join(sorted(suffixes()))}")
@@ -126,6 +130,10 @@ def read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
         ) from None
     except MemoryError:
         raise LogError(f"{name}: does not fit into memory; split it into several logs") from None
+    return _with_rows(raw, name)
+
+
+def _with_rows(raw: RawLog, name: str) -> RawLog:
     if len(raw.rows) == 0:
         raise LogError(
             f"{name}: a header without rows (columns {listed(raw.names)}); expected at least one row. "

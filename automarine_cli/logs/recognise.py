@@ -146,7 +146,8 @@ def _named_exactly(quantity: str, source: str) -> bool:
 
 
 def _range(span: Span) -> str:
-    return f"{span.low:.5g} to {span.high:.5g}"
+    made = f", worked back from {span.made_from}" if span.made_from else ""
+    return f"{span.low:.5g} to {span.high:.5g}{made}"
 
 
 def _time(quantity: str, source: str, span: Span) -> Recognised:

@@ -8,6 +8,7 @@ import pyarrow as pa
 
 from automarine_cli.logs.canonical import CANONICAL, unit_in
 from automarine_cli.logs.formats import RawLog
+from automarine_cli.logs.mixing import WISHES
 from automarine_cli.logs.stamps import read_stamps
 
 PULSES = (800, 1500, 2200)  # us: shortest, neutral, longest pulse of a hobby servo or thruster
@@ -18,7 +19,8 @@ WHOLE = (1.0, 100.0)  # the largest value of a throttle
 class Span:
     """What the values of one column do, over one log or many: ends, steps from one row to the next, and the median.
 
-    Of a column of times `stamps` says what they are (`stamps.KINDS`), and `open` that day and month may be exchanged.
+    `made_from` names the outputs that it was worked back from, where no file holds it. Of a column of times `stamps`
+    says what they are (`stamps.KINDS`), and `open` that day and month may be exchanged.
     """
 
     low: float
@@ -28,12 +30,14 @@ class Span:
     middle: float = float("nan")
     stamps: str = ""
     open: bool = False
+    made_from: str = ""
 
     def __add__(self, other: "Span") -> "Span":
         return Span(
             min(self.low, other.low), max(self.high, other.high),
             float(np.median([self.median_step, other.median_step])), max(self.largest_step, other.largest_step),
             float(np.median([self.middle, other.middle])), self.stamps or other.stamps, self.open and other.open,
+            self.made_from or other.made_from,
         )  # fmt: skip
 
 
@@ -65,6 +69,7 @@ def spans(raw: RawLog) -> dict[str, Span]:
                 float(good.min()), float(good.max()), float(np.median(moved)) if len(moved) else 0.0,
                 float(steps.max(initial=0.0)), float(np.median(good)),
                 stamps.kind if stamps else "", stamps is not None and stamps.open,
+                raw.origin.made_from if name in WISHES else "",
             )  # fmt: skip
     return found
 

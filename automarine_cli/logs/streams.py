@@ -16,7 +16,7 @@ from automarine_cli.dofs import DOFS
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, VELOCITIES, motion_of, names_of
 from automarine_cli.logs.columns import ColumnMap
-from automarine_cli.logs.formats import RawLog
+from automarine_cli.logs.formats import LOGGED, Origin, RawLog
 from automarine_cli.logs.join import Join
 from automarine_cli.logs.text import decoded
 from automarine_cli.pipeline.words import listed, printable
@@ -49,13 +49,14 @@ class Stream:
 @dataclass(frozen=True)
 class Recording:
     """What a format finds in a file: its streams, what it calls them (`kind`: messages, topics), all that the file
-    holds, and notes.
+    holds, notes, and where commands come from that were worked back from what was sent to motors.
     """
 
     streams: Sequence[Stream]
     kind: str
     holds: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    origin: Origin = LOGGED
 
 
 def taken(
@@ -117,7 +118,7 @@ def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
     told = (f"on the clock of {printable(master.name)}, last values held: {'; '.join(ages)}",) if ages else ()
     return RawLog(
         tuple(names), tuple(names.values()), np.arange(1, len(master.time) + 1),
-        also=also, notes=(*found.notes, *told), holds=found.holds,
+        also=also, notes=(*found.notes, *told), holds=found.holds, origin=found.origin,
     )  # fmt: skip
 
 

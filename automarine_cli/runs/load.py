@@ -18,9 +18,10 @@ from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
 from automarine_cli.runs.clean import NotUsable, clean, too_short
-from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, Trimmed, trimmed
+from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim
 from automarine_cli.runs.run import Run, SetAside, command_warnings, named_apart, own_name
 from automarine_cli.runs.sense import clock_trouble
+from automarine_cli.runs.trimmed import Trimmed, trimmed
 
 Kept = TypeVar("Kept")
 Reading = Callable[..., tuple[list[Run], list[SetAside]]]
@@ -148,7 +149,7 @@ def _read_trimmed(
 
 def has_bytes(file: LogFile) -> bool:
     """Whether a log has bytes that can be told by their hash: a link that leads nowhere has none."""
-    return file.path.is_file() and os.access(file.path, os.R_OK)
+    return file.content is not None or (file.path.is_file() and os.access(file.path, os.R_OK))
 
 
 def refused_by_strict(first: SetAside) -> RunError:

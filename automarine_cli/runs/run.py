@@ -174,6 +174,13 @@ def command_warnings(runs: Iterable[Run]) -> tuple[str, ...]:
     return warnings_of(run.commanded for run in runs if run.commanded is not None)
 
 
+def shared_readings(runs: Iterable[Run]) -> tuple[str, ...]:
+    """What the reading of the logs tells of more than half of them, once each."""
+    told = {run.source: dict.fromkeys(run.reading) for run in runs}
+    times = Counter(note for notes in told.values() for note in notes)
+    return tuple(note for note, count in times.items() if 2 * count > len(told))
+
+
 NAMED_APART = "another run of this campaign has the same name; the file's name was put in front"
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.errors import FitError
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.command_range import usual_neutral
 from automarine_cli.thrusters.fit import (
     FEWEST_LEVELS,

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.pipeline.outputs import json_document
 from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.thrusters.analysis import Analysis
 from automarine_cli.thrusters.fit import Parameter
 from automarine_cli.thrusters.forms import SIDES

@@ -19,7 +19,7 @@ from automarine_cli.logs.join import OLDEST, Join, matches
 from automarine_cli.logs.reader import whole_log
 from automarine_cli.logs.recognise import Recognised, is_called, recognise
 from automarine_cli.logs.spans import Span, is_share
-from automarine_cli.pipeline.recipe import to_mapping
+from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.quantities import Floats
 from automarine_cli.workflows.campaign_places import places_of
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.comparison.result_files import of_diagnosis
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.estimates import base_estimates
@@ -37,7 +36,7 @@ from automarine_cli.runs.run import Run, SetAside, command_warnings, readings
 from automarine_cli.runs.stuck import without_stuck
 from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
-from automarine_cli.workflows.command import Command, Compared, Runner
+from automarine_cli.workflows.command import Command, Runner
 from automarine_cli.workflows.diagnose_planar import SCHEMA, DiagnoseOptions, PlanarDiagnosis, diagnose_planar
 from automarine_cli.workflows.diagnose_thrusters import FILES, ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.workflows.moments import with_moments
@@ -251,5 +250,5 @@ diagnose: Command[DiagnoseMotionOptions, YawDiagnosis | PlanarDiagnosis | Thrust
     "diagnose", DiagnoseMotionOptions, _diagnose,
     {YawDiagnosis: View(YawDiagnosis.tables, _lines, _rows, _figures), **diagnose_planar.views,
      **diagnose_thrusters.views},
-    _files, Compared("diagnosis.json", SCHEMA, of_diagnosis), instead=_instead,
+    _files, diagnose_planar.kept, instead=_instead,
 )  # fmt: skip

@@ -279,5 +279,6 @@ def _figures(result: Validation) -> Figures:
 validate: Command[ValidateOptions, Validation | PlanarValidation] = Command(
     "validate", ValidateOptions, _validate,
     {Validation: View(Validation.tables, _lines, _rows, _figures), **validate_planar.views}, files,
+    validate_planar.kept,
     instead=lambda settings: validate_planar if schema_in(settings.get("model")) == PLANAR_SCHEMA else None,
 )  # fmt: skip

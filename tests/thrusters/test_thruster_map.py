@@ -51,7 +51,7 @@ def test_a_map_says_from_where_to_where_it_was_measured(ends: tuple[float, float
     assert (seen.low, seen.high, seen.of_map, seen.unit) == (-20.0, 10.0, ends, "us")
     del data["n_range"]  # a map of old
     assert ThrusterMap.from_json(data).compared(("n_port",), [np.ones(3)]) is None
-    for wrong, words in (([1.0], "expected two numbers"), ([2.0, 1.0], "expected the lower one first")):
+    for wrong, words in (([1.0], "expected a list of 2 values"), ([2.0, 1.0], "expected the lower one first")):
         with pytest.raises(ModelError, match=f"n_range: found .*, {words}"):
             ThrusterMap.from_json({**data, "n_range": wrong})
 
@@ -74,7 +74,7 @@ BREAKAGES = {
     r"parameters\.forward\.a: found NaN, expected a finite number": lambda d: d["parameters"]["forward"].update(
         a=float("nan")
     ),
-    r"parameters\.backward\.a\.value: found -1, expected more than 0": lambda d: d["parameters"]["backward"].update(
+    r"parameters\.backward\.a: found -1, expected more than 0": lambda d: d["parameters"]["backward"].update(
         a={"value": -1.0}
     ),
     r"parameters\.backward\.a: found nothing, expected a number": lambda d: d["parameters"]["backward"].pop("a"),
@@ -88,7 +88,7 @@ BREAKAGES = {
     r"form: found \"cubic\", expected one of square": lambda d: d.update(form="cubic"),
     r"key \"parameters\" is missing": lambda d: d.pop("parameters"),
     r"neither a forward nor a backward": lambda d: d.update(parameters={}),
-    r"n_unit: found 3, expected text": lambda d: d.update(n_unit=3),
+    r"n_unit: found 3, expected a text in quotes": lambda d: d.update(n_unit=3),
 }
 
 
