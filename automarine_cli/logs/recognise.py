@@ -255,7 +255,7 @@ def _signal(quantity: str, source: str, span: Span) -> Recognised:
         return Recognised(key, source, seen, open=why, more={"subtract": span.middle}, ask="subtract")
     unit = unit_in(source)
     if low >= 0 and unit in ("rpm", "rev/s") and quantity != "n":
-        why = "never below 0: the column whose sign says which way it turns; leave sign_from out if it never reverses"
+        why = "never below 0: the column whose sign says which way it turns; its own name if it never reverses"
         return Recognised(key, source, seen, open=why, more={"sign_from": source}, ask="sign_from")
     return Recognised(key, source, seen)
 

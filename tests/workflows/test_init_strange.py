@@ -88,6 +88,20 @@ SIGNALS: list[tuple[dict[str, Any], dict[str, Any], tuple[str, ...]]] = [
         {"n": {"from": "throttle_pct", "subtract": 50.0}, "force_N": "load_N"},
         (),
     ),
+    # percent from 0, ahead only; and of both ways with a force of one sign
+    (
+        {"throttle_pct": (PWM - 1100) / 8, "load_N": (PWM - 1100) ** 2 / 5e3},
+        {"n": "throttle_pct", "force_N": "load_N"},
+        (),
+    ),
+    (
+        {"throttle_pct": (PWM - 1100) / 8, "load_N": np.abs(FORCE)},
+        {
+            "n": {"from": "throttle_pct", "subtract": 50.0},
+            "force_N": {"from": "load_N", "sign_from": {"from": "throttle_pct", "subtract": 50.0}},
+        },
+        (),
+    ),
     # thrust is a throttle where another column is the force
     ({"thrust": (PWM - 1500) / 400, "load_kg": FORCE / 9.80665}, {"n": "thrust", "force_kgf": "load_kg"}, ()),
     # and asked about where none is
