@@ -19,7 +19,6 @@ from automarine_cli.errors import SettingError
 from automarine_cli.fits.channel_noise import channels_json, fit_sentences
 from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.logs import ColumnMap, Logs, given_columns
-from automarine_cli.models.planar_store import SCHEMA as PLANAR_SCHEMA
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.pipeline.outputs import ResultFolder, json_document
 from automarine_cli.pipeline.parallel import lasting_map
@@ -30,14 +29,14 @@ from automarine_cli.report.figures.diagnosis_gap import before_after_figure
 from automarine_cli.report.figures.diagnosis_where import where_figure
 from automarine_cli.report.figures.diagnosis_why import why_figure
 from automarine_cli.report.tables import Table
+from automarine_cli.results.kinds import DIAGNOSIS, PLANAR_MODEL, THRUSTER_MAP
 from automarine_cli.runs.channels import wanted_channels
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run, SetAside, readings
 from automarine_cli.runs.stuck import without_stuck
 from automarine_cli.runs.undriven import without_undriven
-from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
 from automarine_cli.workflows.command import Command, Runner
-from automarine_cli.workflows.diagnose_planar import SCHEMA, DiagnoseOptions, PlanarDiagnosis, diagnose_planar
+from automarine_cli.workflows.diagnose_planar import DiagnoseOptions, PlanarDiagnosis, diagnose_planar
 from automarine_cli.workflows.diagnose_thrusters import FILES, ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.workflows.moments import with_moments
 from automarine_cli.workflows.shared import aligned, numbers
@@ -69,7 +68,7 @@ class YawDiagnosis(Shown):
         before = base_estimates(self.diagnosis.study, found.base)
         dof = self.stored.dof
         return {
-            "schema": SCHEMA,
+            "schema": DIAGNOSIS.schema,
             **({} if dof.wraps else {"motion": dof.name}),
             "verdict": self.diagnosis.verdict,
             **{key: text for key in ("why", "left") if (text := getattr(self.diagnosis.said, key))},
@@ -241,7 +240,13 @@ def _figures(result: YawDiagnosis) -> Figures:
 def _instead(settings: Mapping[str, object]) -> Command[Any, Any] | None:
     """The diagnosis of a planar model or of a thruster map."""
     model = schema_in(settings.get("model"))
-    return diagnose_planar if model == PLANAR_SCHEMA else diagnose_thrusters if model == MAP_SCHEMA else None
+    return (
+        diagnose_planar
+        if model == PLANAR_MODEL.schema
+        else diagnose_thrusters
+        if model == THRUSTER_MAP.schema
+        else None
+    )
 
 
 diagnose: Command[DiagnoseMotionOptions, YawDiagnosis | PlanarDiagnosis | ThrusterDiagnosis] = Command(

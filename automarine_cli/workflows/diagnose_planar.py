@@ -34,7 +34,6 @@ from automarine_cli.workflows.planar_runs import load_planar
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, aligned, numbers
 from automarine_cli.workflows.view import Figures, Row, View
 
-SCHEMA = "automarine/diagnosis/1"
 FEWEST = 4
 """Runs of which one is held out: those of motion in the plane are few and long."""
 
@@ -104,7 +103,7 @@ class PlanarDiagnosis(Shown):
         gains = [(one, fitted.get(one.added, promised)) for one, promised in first.promised]
         outlooks = {"fitted_runs": found.outlook(False), "held_out_runs": found.outlook(True)}
         return {
-            "schema": SCHEMA,
+            "schema": DIAGNOSIS.schema,
             "motion": "planar",
             "verdict": found.verdict,
             **({"why": why} if why else {}),

@@ -15,7 +15,6 @@ from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import AutomarineError, ModelError, RunError
 from automarine_cli.fits.channel_noise import channel_sentences, channels_of, measured_noises
 from automarine_cli.logs import given_columns
-from automarine_cli.models.planar_store import SCHEMA as PLANAR_SCHEMA
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import schema_in
@@ -24,6 +23,7 @@ from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.tables import Table, number
 from automarine_cli.report.validation_tables import ahead_table, overall_table, run_table, score_table
+from automarine_cli.results.kinds import PLANAR_MODEL, VALIDATION
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels, wanted_channels
 from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
 from automarine_cli.runs.run import Run, SetAside, readings
@@ -32,7 +32,6 @@ from automarine_cli.workflows.command import SELDOM, Command, Runner
 from automarine_cli.workflows.moments import moment_maker
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, counted
 from automarine_cli.workflows.validate_planar import (
-    SCHEMA,
     Pictures,
     PlanarValidation,
     files,
@@ -65,7 +64,7 @@ class Validation(Shown):
         """The result: schema automarine/validation/1."""
         found, dof = self.comparison, self.stored.dof
         return {
-            "schema": SCHEMA,
+            "schema": VALIDATION.schema,
             **({} if dof is YAW else {"motion": dof.name}),
             "models": {number: self._model_json(scored) for number, scored in found.models.items()},
             f"noise_floor_{dof.units.key}": found.floor,
@@ -277,5 +276,5 @@ validate: Command[ValidateOptions, Validation | PlanarValidation] = Command(
     "validate", ValidateOptions, _validate,
     {Validation: View(Validation.tables, _lines, _rows, _figures), **validate_planar.views}, files,
     validate_planar.kept,
-    instead=lambda settings: validate_planar if schema_in(settings.get("model")) == PLANAR_SCHEMA else None,
+    instead=lambda settings: validate_planar if schema_in(settings.get("model")) == PLANAR_MODEL.schema else None,
 )  # fmt: skip

@@ -25,7 +25,6 @@ from automarine_cli.workflows.planar_runs import load_planar
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, counted
 from automarine_cli.workflows.view import Figures, Row, View
 
-SCHEMA = "automarine/validation/1"
 FILES = ("validation.json", "validation.csv", "validation.md", "validation.tex", "validation_RUN.png")
 
 HEADINGS = {
@@ -48,7 +47,7 @@ class PlanarValidation(Shown):
         """The result: schema automarine/validation/1."""
         runs = [one.run for one in self.free]
         return {
-            "schema": SCHEMA,
+            "schema": VALIDATION.schema,
             "motion": NAME,
             "models": {
                 NAME: {

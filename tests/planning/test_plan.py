@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 from click.testing import Result
+from specified import read_specification
 
 import automarine_cli as am
 from automarine_cli.errors import AutomarineError, ModelError, SettingError
 from automarine_cli.pipeline.recipe import from_mapping
 from automarine_cli.planning.limits import EXAMPLE, Limits, Pool
-from automarine_cli.simulation.specification import read_specification
 from automarine_cli.workflows.plan import Plan
 
 Run = Callable[..., Result]
