@@ -90,7 +90,7 @@ class Codec:
         known = {field.name: self.keys(field) for field in _fields(record) if "filler" not in field.metadata}
         if not self.writer or getattr(record, CLOSED, False):
             self._refuse_unknown(record, data, [key for keys in known.values() for key in keys], place)
-        values: dict[str, Any] = {}
+        values: dict[str, object] = {}
         hints = _hints(record)
         for field in _fields(record):
             if field.name not in known:
@@ -184,7 +184,7 @@ class Codec:
         return self.refusal(place, f"found {found}, expected {_expected(hint)}")
 
 
-def to_mapping(record: Record) -> dict[str, Any]:
+def to_mapping(record: Record) -> dict[str, object]:
     """Plain data of a record, field order kept; what is None is left out (TOML has no null)."""
     words = words_of(record)
     return {
@@ -218,7 +218,7 @@ def _fields(record: type[Record]) -> "tuple[Field[Any], ...]":
 
 
 @functools.cache
-def _hints(record: type[Record]) -> dict[str, Any]:
+def _hints(record: type[Record]) -> dict[str, object]:
     return typing.get_type_hints(record)
 
 

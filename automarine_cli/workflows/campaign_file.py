@@ -136,8 +136,8 @@ class Settings:
     logs: Logs = Logs()
     title: str = ""
     vehicle: Vehicle = Vehicle()
-    columns: Mapping[str, Any] = field(default_factory=dict)
-    can: Mapping[str, Any] = field(default_factory=dict)
+    columns: Mapping[str, object] = field(default_factory=dict)
+    can: Mapping[str, object] = field(default_factory=dict)
     thrusters: Thrusters = Thrusters()
     yaw: Yaw = Yaw()
     planar: Together | None = None

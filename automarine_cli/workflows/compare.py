@@ -37,7 +37,7 @@ class ResultComparison(Shown):
     differences: tuple[Difference, ...]
     notes: tuple[str, ...]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The result: schema automarine/comparison/1."""
         return {
             "schema": SCHEMA,

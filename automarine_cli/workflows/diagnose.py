@@ -60,7 +60,7 @@ class YawDiagnosis(Shown):
             return json_document("diagnosis.json", self.to_json())
         return json_document("extended_model.json", self.extended_model())
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The result file: schema automarine/diagnosis/1."""
         found = self.diagnosis.found
         held = self.diagnosis.held_out_gap
@@ -98,7 +98,7 @@ class YawDiagnosis(Shown):
             },
         }
 
-    def _prediction_json(self) -> dict[str, Any]:
+    def _prediction_json(self) -> dict[str, object]:
         """What driven runs are judged by: predictions from the filtered state."""
         fitted, held = self.diagnosis.outlook, self.diagnosis.held_out_outlook
         if fitted is None:
@@ -133,7 +133,7 @@ class YawDiagnosis(Shown):
         return extended_model(self.diagnosis.study, self.diagnosis.said.leaves, self.stored, self.parent_sha256)
 
 
-def _effect_json(effect: NamedEffect, runs: int, dof: Dof) -> dict[str, Any]:
+def _effect_json(effect: NamedEffect, runs: int, dof: Dof) -> dict[str, object]:
     return {
         "name": effect.name,
         **({"law": effect.law} if effect.law else {}),

@@ -5,7 +5,6 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs import LogFile, find_logs
@@ -33,7 +32,7 @@ class Started:
     text: str
     questions: tuple[str, ...]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """What was seen: schema automarine/init/1."""
         return {
             "schema": SCHEMA,

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -60,7 +59,7 @@ class Validation(Shown):
     channels: ChannelChoice = NOTHING_TO_CHOOSE
     ahead: Ahead | None = None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The result: schema automarine/validation/1."""
         found, dof = self.comparison, self.stored.dof
         return {
@@ -100,8 +99,8 @@ class Validation(Shown):
         first = () if self.ahead is None else (ahead_table(self.ahead),)
         return *first, overall_table(self.comparison), run_table(self.comparison)
 
-    def _model_json(self, scored: Scored) -> dict[str, Any]:
-        data: dict[str, Any] = {}
+    def _model_json(self, scored: Scored) -> dict[str, object]:
+        data: dict[str, object] = {}
         for name in SCORES:
             key, one = score_key(name, self.stored.dof), scored.overall[name]
             data[key] = one.value
@@ -112,7 +111,7 @@ class Validation(Shown):
         data["runs"] = {name: _run_json(one, self.stored.dof) for name, one in zip(names, scored.scores)}
         return data
 
-    def _log_json(self, i: int) -> dict[str, Any]:
+    def _log_json(self, i: int) -> dict[str, object]:
         run, restarts = self.comparison.runs[i], self.comparison.restarts[i]
         return {
             "file": run.source,
@@ -126,7 +125,7 @@ class Validation(Shown):
         }
 
 
-def _run_json(one: RunScore, dof: Dof) -> dict[str, Any]:
+def _run_json(one: RunScore, dof: Dof) -> dict[str, object]:
     words, units = dof.words, dof.units
     start = {
         f"{words.position}_{units.key}": float(dof.shown(one.start.position)),

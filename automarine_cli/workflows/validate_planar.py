@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from typing import Any
 
 from automarine_cli.comparison.planar import MEANING, SCORES, PlanarFree, free_runs, overall
 from automarine_cli.errors import SettingError
@@ -43,7 +42,7 @@ class PlanarValidation(Shown):
     free: tuple[PlanarFree, ...]
     set_aside: tuple[SetAside, ...]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The result: schema automarine/validation/1."""
         runs = [one.run for one in self.free]
         return {

@@ -81,7 +81,7 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     for number in ("1", "2", "3"):
         if number not in seed.drag:
             continue
-        look: dict[str, Any] = {"color": MODEL_COLOURS[number], "zorder": 4 if number == "2" else 3}
+        look: dict[str, object] = {"color": MODEL_COLOURS[number], "zorder": 4 if number == "2" else 3}
         top.plot(
             grid,
             dof.shown(steady_rate(*seed.drag[number].acting(grid))),
@@ -154,7 +154,7 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
         scaled = np.maximum(data.time[i][used] - late[i], 0.0) * np.sqrt(abs(acting) * share)
         turned = np.sign(acting) * data.heading[i][used] * share
         curve = response(scaled, 1.0, inertia, 0.0, k_rr)[0]
-        look: dict[str, Any] = {"color": colours(abs(moment)), "ms": 2.0, "mec": "none"}
+        look: dict[str, object] = {"color": colours(abs(moment)), "ms": 2.0, "mec": "none"}
         top.plot(scaled, dof.shown(turned), "o", **look)
         bottom.plot(scaled, dof.shown(turned - curve), "o", **look)
         longest = max(longest, float(scaled.max(initial=0.0)))
