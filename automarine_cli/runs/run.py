@@ -1,7 +1,7 @@
 """`Run`: one log of one test, cleaned and frozen; and what becomes of an unusable run."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -149,12 +149,6 @@ class Run:
             moment=None if self.moment is None else self.moment[start:stop],
             extras={name: column[start:stop] for name, column in self.extras.items()},
         )
-
-
-def readings(runs: Iterable[Run]) -> dict[str, list[dict[str, object]]]:
-    """`{"readings": [{"file", "notes"}]}` for a result: what to know of the reading of each log; {} for nothing."""
-    told = {run.source: run.reading for run in runs if run.reading}
-    return {"readings": [{"file": file, "notes": list(notes)} for file, notes in told.items()]} if told else {}
 
 
 NAMED_APART = "another run of this campaign has the same name; the file's name was put in front"

@@ -8,6 +8,7 @@ from automarine_cli.errors import FitError, RunError
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.quantities import Floats
 from automarine_cli.results.kinds import DIAGNOSIS
+from automarine_cli.results.records import runs_json
 from automarine_cli.runs.run import SetAside
 from automarine_cli.thrusters.bollard_data import BollardData, bollard_data, held_out_levels, noise_level
 from automarine_cli.thrusters.forms import SIDES, SQUARE, Curve
@@ -129,10 +130,7 @@ class ThrusterDiagnosis(Shown):
                 for number, look in enumerate(self.search.rounds, 1)
                 for trial in look.trials
             ],
-            "runs": {
-                "used": len({int(number) for number in self.data.points.record}),
-                "set_aside": [vars(run) for run in self.set_aside],
-            },
+            "runs": runs_json(len({int(number) for number in self.data.points.record}), self.set_aside),
         }
 
 

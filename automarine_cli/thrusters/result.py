@@ -10,6 +10,7 @@ from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.results.kinds import THRUSTER_MAP
+from automarine_cli.results.records import runs_json
 from automarine_cli.thrusters.analysis import Analysis
 from automarine_cli.thrusters.fit import Parameter
 from automarine_cli.thrusters.forms import SIDES
@@ -84,7 +85,7 @@ class ThrusterFit(Shown):
                 name: None if found is None else found.to_json() for name, found in self.exponents.items()
             }
         result["notes"] = list(self.notes)
-        result["runs"] = {"used": len(self.logs.records), "set_aside": [vars(run) for run in self.logs.set_aside]}
+        result["runs"] = runs_json(len(self.logs.records), self.logs.set_aside)
         return result
 
     def _flagged_json(self, index: int) -> dict[str, object]:

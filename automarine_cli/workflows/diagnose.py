@@ -30,9 +30,10 @@ from automarine_cli.report.figures.diagnosis_where import where_figure
 from automarine_cli.report.figures.diagnosis_why import why_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.results.kinds import DIAGNOSIS, PLANAR_MODEL, THRUSTER_MAP
+from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import wanted_channels
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
-from automarine_cli.runs.run import Run, SetAside, readings
+from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.stuck import without_stuck
 from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.workflows.command import Command, Runner
@@ -91,11 +92,7 @@ class YawDiagnosis(Shown):
             "open_water": self.diagnosis.study.driven,
             **channels_json(self.diagnosis.channels, found.final.fit, dof),
             "held_out": [] if self.diagnosis.held_out is None else [r.name for r in self.diagnosis.held_out.runs],
-            "runs": {
-                "used": len(self.diagnosis.study.runs),
-                "set_aside": [asdict(run) for run in self.set_aside],
-                **readings(self.diagnosis.study.runs),
-            },
+            "runs": runs_json(len(self.diagnosis.study.runs), self.set_aside, self.diagnosis.study.runs),
         }
 
     def _prediction_json(self) -> dict[str, object]:

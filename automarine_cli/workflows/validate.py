@@ -1,7 +1,7 @@
 """`validate`: simulate each log with each model, compare, plot (the source paper's section 5 and Fig. 10)."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -23,9 +23,10 @@ from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.tables import Table, number
 from automarine_cli.report.validation_tables import ahead_table, overall_table, run_table, score_table
 from automarine_cli.results.kinds import PLANAR_MODEL, VALIDATION
+from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels, wanted_channels
 from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
-from automarine_cli.runs.run import Run, SetAside, readings
+from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.workflows.command import SELDOM, Command, Runner
 from automarine_cli.workflows.moments import moment_maker
@@ -77,11 +78,7 @@ class Validation(Shown):
             **({} if self.ahead is None else {"prediction": self.ahead.to_json()}),
             "scores": {score_key(name, dof): dof.fill(meaning) for name, meaning in MEANING.items()},
             "logs": {run.name: self._log_json(i) for i, run in enumerate(found.runs)},
-            "runs": {
-                "used": len(found.runs),
-                "set_aside": [asdict(run) for run in self.set_aside],
-                **readings(found.runs),
-            },
+            "runs": runs_json(len(found.runs), self.set_aside, found.runs),
         }
 
     def tables(self) -> tuple[Table | str, ...]:

@@ -1,7 +1,7 @@
 """`validate` of a planar model: simulate each log by its commands alone, compare every channel, plot."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 
 from automarine_cli.comparison.planar import MEANING, SCORES, PlanarFree, free_runs, overall
@@ -17,8 +17,9 @@ from automarine_cli.report.figures.files import Draw, Files, drawn, write_figure
 from automarine_cli.report.figures.planar import planar_figure
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.results.kinds import VALIDATION
+from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import AUTO
-from automarine_cli.runs.run import SetAside, readings
+from automarine_cli.runs.run import SetAside
 from automarine_cli.workflows.command import SELDOM, UNRECORDED, Command, ReadBack, Runner
 from automarine_cli.workflows.planar_runs import load_planar
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, counted
@@ -63,11 +64,7 @@ class PlanarValidation(Shown):
                 }
                 for run in runs
             },
-            "runs": {
-                "used": len(runs),
-                "set_aside": [asdict(one) for one in self.set_aside],
-                **readings(runs),
-            },
+            "runs": runs_json(len(runs), self.set_aside, runs),
         }  # fmt: skip
 
     def tables(self) -> tuple[Table, ...]:
