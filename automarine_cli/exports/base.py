@@ -194,6 +194,7 @@ class Target:
     where that hangs on the settings, `varying` whether also effects that differ from run to run; `why` not, by effect,
     and `instead` the option that helps. `si` whether moments must be newton metres; `uses` the settings that mean
     something; `motions` those whose models it takes.
+    `lacks` are laws of effects that it does not carry though it carries the effect, and why.
     `planar` is how it takes surge, sway and yaw together, if it does.
     """
 
@@ -205,6 +206,7 @@ class Target:
     frames: tuple[str, ...] = ("NED", "ENU")
     carries: frozenset[str] = frozenset(DRAG)
     laws: frozenset[tuple[str, int]] | None = frozenset()
+    lacks: Mapping[tuple[str, int], str] = field(default_factory=dict)
     si: bool = True
     uses: frozenset[str] = frozenset()
     takes: str = YAW_MODEL

@@ -67,6 +67,8 @@ def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
         return ""
     if term.name in carried:
         law = effect.law(term.values)
+        if (term.name, law) in target.lacks:
+            return target.lacks[term.name, law]
         known = not law or target.laws is None or (term.name, law) in target.laws or effect.varies(term.values)
         return "" if known else f"its law {_law_name(term)!r} remembers earlier commands"
     named = WHY_NAMED | dict(target.why)

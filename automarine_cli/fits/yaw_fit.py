@@ -1,7 +1,7 @@
 """A whole yaw identification: which runs serve for what, both estimators, the preferred model, and what to
 be warned of."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -72,6 +72,11 @@ class YawFit(Shown):
         return len(self.turns) or len(self.runs)
 
     @property
+    def read(self) -> Sequence[Run]:
+        """The runs as they were read, for what is to be known of that."""
+        return self.runs or [turn.step.run for turn in self.turns]
+
+    @property
     def moments(self) -> tuple[float, ...]:
         """Every moment that was fitted, with its sign."""
         if self.turns:
@@ -102,7 +107,7 @@ class YawFit(Shown):
             **channels_json(self.channels, fit.mixed, dof),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
             "warnings": list(self.warnings),
-            "runs": runs_json(self.used, self.set_aside, self.runs or [turn.step.run for turn in self.turns]),
+            "runs": runs_json(self.used, self.set_aside, self.read),
         }  # fmt: skip
 
     @property

@@ -15,8 +15,8 @@ from typing import Any, ClassVar, Generic, Literal, TypeVar
 
 from automarine_cli.comparison.result_files import Contents
 from automarine_cli.effects.own import own_files
-from automarine_cli.errors import AutomarineError
-from automarine_cli.logs import Logs, find_logs, given_columns
+from automarine_cli.errors import AutomarineError, SettingError
+from automarine_cli.logs import ColumnMap, Logs, column_rules, find_logs, given_columns, whole_logs, with_joined
 from automarine_cli.pipeline.codec import Record
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import ResultFolder, result_folder
@@ -163,13 +163,20 @@ class Command(Generic[Options, Result]):
 
     def chosen(self, settings: Mapping[str, object]) -> "Command[Any, Result]":
         """This command or, for these settings, another of its name."""
-        files = {one.name: _file(settings[one.name], one.name) for one in fields(self.options) if one.name in settings}
+        files = {
+            one.name: _file(settings[one.name], one.name)
+            for one in fields(self.options)
+            if one.name in settings and "read" in one.metadata and one.metadata["read"].kind == "file"
+        }
         return self.instead({**settings, **files}) or self
 
     def asked(self, settings: Mapping[str, object]) -> Options:
         """The options record of these settings. Raises TypeError for one that there is not, LogError for no logs."""
         plain = dict(settings)
         logs: dict[str, Logs] = {}
+        known = {one.name for one in fields(self.options)}
+        if unknown := [name for name in plain if name not in known]:
+            raise TypeError(f"{self.__name__} has no setting {unknown[0]!r}; it has {', '.join(sorted(known))}")
         for one in fields(self.options):
             if one.name in plain and "read" in one.metadata:
                 plain[one.name] = found = _plain(plain[one.name], one)
@@ -178,7 +185,8 @@ class Command(Generic[Options, Result]):
             elif isinstance(plain.get(one.name), str) and isinstance(one.default, tuple):
                 plain[one.name] = (plain[one.name],)
         record: Any = self.options(**plain)  # says what is wrong with it before logs are looked for
-        found_logs = {name: tuple(find_logs(places)) for name, places in logs.items()}
+        names = given_columns(getattr(record, "columns", None))
+        found_logs = {name: whole_logs(find_logs(places), names) for name, places in logs.items()}
         return replace(record, **found_logs) if found_logs else record
 
     def says(self, result: Result) -> Sequence[Table | str]:
@@ -220,7 +228,8 @@ def inputs_of(asked: Record) -> list[Input]:
     for one in fields(asked):
         value, read = getattr(asked, one.name), one.metadata.get("read")
         if read is not None and read.kind == "logs":
-            found += [Input(file.name, file.path, read.role) for file in value if has_bytes(file)]
+            files = with_joined(value, given_columns(getattr(asked, "columns", None)))
+            found += [Input(file.name, file.source, read.role) for file in files if has_bytes(file)]
         elif read is not None:
             found += given_as(**{one.name: value})
         if one.name == "columns":
@@ -241,16 +250,27 @@ def _plain(value: object, one: "Field[Any]") -> Any:
     kind = one.metadata["read"].kind
     if kind == "file":
         return _file(value, one.name)
+    if kind == "logs":
+        from automarine_cli.logs.frames import as_logs
+
+        return as_logs(value, one.name)
     many = [value] if isinstance(value, str | Path) else value
     assert isinstance(many, Sequence)
-    return tuple(many) if kind == "logs" else tuple(Path(each) for each in many)
+    return tuple(Path(each) for each in many)
 
 
 def _file(value: object, name: str) -> object:
-    """A place, or the file that a result stands for; anything else is left as it is."""
+    """A place, or the file that a result stands for; what we made ourselves is left as it is."""
     if isinstance(value, Shown):
         return value.document(name)
-    return Path(value) if isinstance(value, str) else value
+    if isinstance(value, str):
+        return Path(value)
+    if name == "columns" and isinstance(value, Mapping):
+        return ColumnMap(columns=column_rules(value, name), source=name)
+    ours = type(value).__module__.startswith(f"{__name__.partition('.')[0]}.")
+    if value is None or isinstance(value, Path) or ours:
+        return value
+    raise SettingError(f"{name}: found {type(value).__name__}, expected a file or a result")
 
 
 def _default(one: "Field[Any]") -> object:

@@ -112,6 +112,8 @@ FitOptions = FitYawOptions | FollowedOptions | WindowedOptions
 def _fit(dof: Dof, asked: FitOptions, runner: Runner) -> YawFit:
     """The fit of any motion."""
     trim, start = asked.trim, asked_tail(asked.tail, dof)
+    if asked.fit_to not in (*FIT_TO, STEPS):
+        raise SettingError(f"fit_to: found {asked.fit_to!r}, expected {', '.join(FIT_TO[:2])} or {FIT_TO[2]}")
     if asked.tail is not None and asked.fit_to == FIT_TO[2]:
         raise SettingError("tail is given, but whole runs have no tails; leave it out, or fit to steps")
     wanted_channels(asked.channels, dof)
@@ -139,7 +141,7 @@ def _fit(dof: Dof, asked: FitOptions, runner: Runner) -> YawFit:
             fit = identify_turns(
                 dof, campaign.turns, campaign.not_turned, whole, kind, asked.known, each, asked.channels, start, wanted
             )  # fmt: skip
-        beyond = [one.warning for one in limits if one.dof is dof]
+        beyond = [*campaign.warnings, *(one.warning for one in limits if one.dof is dof)]
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside), warnings=(*beyond, *fit.warnings))
         if asked.strict and fit.set_aside:
             raise refused_by_strict(fit.set_aside[0])
