@@ -14,6 +14,8 @@ import numpy as np
 from scipy import optimize
 
 from automarine_cli.errors import RunError, SettingError
+from automarine_cli.logs import ColumnMap, ColumnRule
+from automarine_cli.logs.canonical import CANONICAL
 from automarine_cli.planning.candidates import POWER_LAW, Candidate
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.command_range import misfit_of
@@ -165,14 +167,20 @@ def _power(one: Series, volts: float) -> Floats | None:
     return one.extras["current_A"] * (volts if one.voltage is None else one.voltage)
 
 
-def command_file(candidate: Candidate, rest: float, unit: str, drive: Drive | None) -> str:
-    """CSV with `time_s` since the log's start and the moment, or `n_port` and `n_stbd` where a `drive` makes it."""
+def command_file(candidate: Candidate, rest: float, unit: str, drive: Drive | None, names: ColumnMap) -> str:
+    """CSV with `time_s` since the log's start and the moment, or `n_port` and `n_stbd` where a `drive` makes it; under
+    the names and in the units of the logs where `names` says what these are (pulses about their neutral, percent)."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("time_s", *((MOMENT_COLUMNS[unit],) if drive is None else ("n_port", "n_stbd"))))
+    columns = (MOMENT_COLUMNS[unit],) if drive is None else ("n_port", "n_stbd")
+    rules = [names.columns.get(name, ColumnRule(name)) for name in columns]
+    rules = [rule if rule.sign_from is None else ColumnRule(name) for name, rule in zip(columns, rules)]
+    factors = [CANONICAL[name].factor(rule.unit) for name, rule in zip(columns, rules)]
+    writer.writerow(("time_s", *(rule.source for rule in rules)))
     time = 0.0
     for moment, seconds in ((0.0, rest), *candidate.commands, (0.0, 0.0)):
-        values = (moment,) if drive is None else drive.commands(moment)
+        asked = (moment,) if drive is None else drive.commands(moment)
+        values = [rule.written(value, factor) for rule, value, factor in zip(rules, asked, factors)]
         writer.writerow((f"{round(time, 3):g}", *(f"{value + 0.0:.{DIGITS}g}" for value in values)))
         time += seconds
     return text.getvalue()
