@@ -188,7 +188,7 @@ class ThrusterFile(ResultRecord):
     """`thrusters.json`: a thruster map."""
 
     unread: ClassVar[tuple[str, ...]] = (
-        "per_test", "thrusters_per_test", "r2", "rmse_N", "cv_rmse_N", "chosen_because", "tare", "flagged",
+        "per_test", "r2", "rmse_N", "cv_rmse_N", "chosen_because", "tare", "flagged",
         "voltages", "notes", "points",
     )  # fmt: skip
     forward: SquareLaw
@@ -201,5 +201,6 @@ class ThrusterFile(ResultRecord):
     rmse_percent_of_full_scale: float | None = None
     forms: tuple[FormEntry, ...] = ()
     chosen: FormEntry | None = None
+    thrusters_per_test: int | None = None
     voltage_range_V: tuple[float, float] | None = None
     voltage_exponent: Mapping[str, VoltagePower | float | None] = field(default_factory=dict)
