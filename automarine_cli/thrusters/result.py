@@ -9,10 +9,12 @@ from automarine_cli.pipeline.outputs import json_document
 from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.results.estimate import Estimate
+from automarine_cli.results.kinds import THRUSTER_MAP
+from automarine_cli.results.records import runs_json
 from automarine_cli.thrusters.analysis import Analysis
 from automarine_cli.thrusters.fit import Parameter
 from automarine_cli.thrusters.forms import SIDES
-from automarine_cli.thrusters.map import SCHEMA, ThrusterMap
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.plateaus import Reduction
 from automarine_cli.thrusters.points import Points
 from automarine_cli.thrusters.records import ThrusterLogs
@@ -55,7 +57,7 @@ class ThrusterFit(Shown):
     def to_json(self) -> dict[str, object]:
         """Content of thrusters.json (schema automarine/thruster-map/1)."""
         analysis = self.analysis
-        result: dict[str, object] = {"schema": SCHEMA, **_square_json(analysis)}
+        result: dict[str, object] = {"schema": THRUSTER_MAP.schema, **_square_json(analysis)}
         result["per_test"] = {
             name: {"a": _estimate(scaled(analysis.square.get(name), self.thrusters_per_test))} for name, _ in SIDES
         }
@@ -85,7 +87,7 @@ class ThrusterFit(Shown):
                 name: None if found is None else found.to_json() for name, found in self.exponents.items()
             }
         result["notes"] = list(self.notes)
-        result["runs"] = {"used": len(self.logs.records), "set_aside": [vars(run) for run in self.logs.set_aside]}
+        result["runs"] = runs_json(len(self.logs.records), self.logs.set_aside)
         return result
 
     def _flagged_json(self, index: int) -> dict[str, object]:

@@ -142,9 +142,9 @@ class Settings:
     logs: Logs = Logs()
     title: str = ""
     vehicle: Vehicle = Vehicle()
-    columns: Mapping[str, Any] = field(default_factory=dict)
+    columns: Mapping[str, object] = field(default_factory=dict)
     columns_of: tuple[Mapping[str, Any], ...] = ()
-    can: Mapping[str, Any] = field(default_factory=dict)
+    can: Mapping[str, object] = field(default_factory=dict)
     thrusters: Thrusters = Thrusters()
     yaw: Yaw = Yaw()
     planar: Together | None = None

@@ -9,10 +9,11 @@ from typing import Any
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
+from automarine_cli.pipeline.codec import Record
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.pipeline.reuse import why_made_again
 from automarine_cli.report.campaign_steps import StepFolder
-from automarine_cli.workflows.campaign_file import Campaign
+from automarine_cli.workflows.campaign_file import Campaign, Together
 from automarine_cli.workflows.check import check
 from automarine_cli.workflows.command import Command, Runner, inputs_of, recorded, seed_of
 from automarine_cli.workflows.diagnose import diagnose
@@ -35,7 +36,7 @@ class Plan:
     """One step, ready to run: the command and its options."""
 
     work: Work
-    asked: Any
+    asked: Record
 
     def run(self, out: Path, overwrite: bool, jobs: int, progress: Progress) -> object:
         """Run it into the folder `out`."""
@@ -93,7 +94,8 @@ def _fit(campaign: Campaign, out: Path, motion: str) -> Plan | str:
     drive = _drive(campaign, out, motion)
     if drive is None:
         return f"its {DOFS[motion].words.force}s need the thruster map, and fit-thrusters gave none"
-    asked: Any = campaign.settings(motion)
+    asked = campaign.settings(motion)
+    assert not isinstance(asked, Together)
     own = {key: getattr(asked, key) for key in ("within", "depths") if hasattr(asked, key)}
     own |= {"fit_to": asked.fit_to, "tail": asked.tail, "channels": asked.channels}
     return _plan(FITS[motion], logs, **_common(campaign), **drive, **own)
@@ -109,7 +111,8 @@ def _judge(campaign: Campaign, out: Path, motion: str, work: Work) -> Plan | str
     if not model.is_file() or drive is None:
         return f"it needs the {motion} model, and fit-{motion} gave none"
     more: dict[str, object] = {"hold_out": held} if work is diagnose else {}
-    asked: Any = campaign.settings(motion)
+    asked = campaign.settings(motion)
+    assert not isinstance(asked, Together)
     more |= {"model": model, "seed": campaign.asked.seed, "channels": asked.channels}
     return _plan(work, logs, **_common(campaign), **drive, **more)
 

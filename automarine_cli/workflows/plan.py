@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from automarine_cli.logs import ColumnMap, Logs, given_columns
 from automarine_cli.pipeline.codec import to_mapping
@@ -43,7 +42,7 @@ class Plan(Shown):
     source: str
     seed: int
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The result: schema automarine/plan/1."""
         made, limits = self.campaign, self.campaign.limits
         return {
@@ -165,7 +164,7 @@ def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...], names: 
     write_figures(folder, {"plan": lambda: plan_figure(made)}, formats)
 
 
-def _slot_json(slot: Slot, why: str) -> dict[str, Any]:
+def _slot_json(slot: Slot, why: str) -> dict[str, object]:
     one = slot.candidate
     return {
         "number": slot.number,
@@ -182,7 +181,7 @@ def _slot_json(slot: Slot, why: str) -> dict[str, Any]:
     }
 
 
-def _split_json(one: Split, grid: Split) -> dict[str, Any]:
+def _split_json(one: Split, grid: Split) -> dict[str, object]:
     return {"true": one.true, "other": one.other, "evidence": one.evidence, "evidence_of_grid": grid.evidence}
 
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 from click.testing import Result
+from specified import read_specification
 
 import automarine_cli as am
 from automarine_cli.errors import AutomarineError, ModelError, SettingError
 from automarine_cli.pipeline.recipe import from_mapping
 from automarine_cli.planning.limits import EXAMPLE, Limits, Pool
-from automarine_cli.simulation.specification import read_specification
 from automarine_cli.workflows.plan import Plan
 
 Run = Callable[..., Result]
@@ -50,6 +50,7 @@ DIAGNOSIS = {
         "rivals": [{"name": "coulomb-drag", "confidence": 0.4, "split_by": ""}],
     }],
     "base": {"I_r": {"after": estimate(1.0, 0.02)}, "k_rr": {"after": estimate(1.25, 0.02)}},
+    "gap": {"fitted_runs": {"before_deg": 3.0, "after_deg": 1.0, "noise_floor_deg": 0.9}, "held_out_runs": None},
 }  # fmt: skip
 
 
@@ -250,7 +251,7 @@ def test_limits_are_refused(model: Path, tmp_path: Path, text: str, why: str) ->
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        ({"schema": "automarine/yaw-model/1"}, "expected the diagnosis.json that `automarine diagnose` writes"),
+        ({"schema": "automarine/yaw-model/1"}, "give the diagnosis.json that `automarine diagnose` writes"),
         ({"moment_unit": "N m"}, "a diagnosis of moments in"),
         ({"effects": [{"name": "gremlin", "parameters": {}}]}, r'effects\[0\]: name: found "gremlin"'),
         ({"effects": [{"name": "dead-band", "parameters": {}}]}, "width has no value"),
