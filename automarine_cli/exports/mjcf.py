@@ -52,7 +52,9 @@ def write(subject: YawSubject) -> Written:
         "stiffness": row(stiffness) if any(stiffness) else "",
     }
     v = dof.symbols.velocity
-    equation = f"({dof.words.inertia} + armature) {v}' = {dof.symbols.force} - (d0 + d1 |{v}| + d2 {v}^2) {v}, d of damping"
+    equation = (
+        f"({dof.words.inertia} + armature) {v}' = {dof.symbols.force} - (d0 + d1 |{v}| + d2 {v}^2) {v}, d of damping"
+    )
     notes = [subject.about_inertia(), FREE.format(dof.name), VERSION]
     notes += [STICKS] * ("frictionloss" in joint) + [HEAVY] * (not dof.levered)
     mass, moment = (1.0, rigid) if dof.wraps else (rigid, 1.0)

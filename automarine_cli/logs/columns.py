@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN
+from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, RUN
 from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.words import listed, printable, quoted
 
@@ -125,7 +125,7 @@ def _rule(name: str, key: str, value: object) -> ColumnRule:
         found = "missing" if source is None else _kind(source)
         raise LogError(f"{where}.from is {found}; expected the name of a column in quotes")
     if key in LABELS and len(value) > 1:
-        what = "names runs" if key == RUN else "is a state"
+        what = {RUN: "names runs", BY: "names what each row is of"}.get(key, "is a state")
         raise LogError(f"{where} {what}; unit, sign, scale and offset do not apply; leave them out")
     sign = value.get("sign", 1)
     if isinstance(sign, bool) or sign not in (1, -1):

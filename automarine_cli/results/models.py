@@ -232,3 +232,4 @@ class ThrusterFile(ResultRecord):
     voltages: object = None
     notes: object = None
     points: object = None
+    by: object = None
