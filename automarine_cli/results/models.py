@@ -215,6 +215,7 @@ class ThrusterFile(ResultRecord):
     form: str
     parameters: Curves
     n_unit: str = ""
+    n_range: tuple[float, float] | None = None
     full_scale_N: float | None = None
     rmse_percent_of_full_scale: float | None = None
     forms: tuple[FormEntry, ...] = ()

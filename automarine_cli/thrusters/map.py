@@ -1,6 +1,6 @@
 """`ThrusterMap`: control signal -> thrust of one thruster, forward and backward apart; plain data."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
@@ -15,6 +15,7 @@ from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Given
 from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.results.models import CurveEntry
+from automarine_cli.runs.command_range import CommandRange
 from automarine_cli.thrusters.forms import FORMS, SIDES, SQUARE, Curve, thrust_both_ways
 
 SCHEMA = THRUSTER_MAP.schema
@@ -25,13 +26,21 @@ class ThrusterMap:
     """Thrust of one thruster at rest in the water against its control signal n.
 
     `forward` holds for n > 0, `backward` for n < 0 (None where that direction was never measured);
-    `n_unit` is the unit of n as logged ("" where the logs do not say).
+    `n_unit` is the unit of n as logged ("" where the logs do not say), `n_range` from where to where it was measured
+    (None in maps of old).
     """
 
     form: str
     forward: Curve | None
     backward: Curve | None
     n_unit: str = ""
+    n_range: tuple[float, float] | None = None
+
+    def compared(self, names: Sequence[str], commands: Sequence[Floats]) -> CommandRange | None:
+        """The range of commands (N,) of thrusters beside the map's own; None for a map that does not say its own."""
+        if self.n_range is None or not len(commands[0]):
+            return None
+        return CommandRange.of(commands, names, self.n_range, self.n_unit)
 
     def force(self, n: Floats | float) -> Floats:
         """Thrust [N] of one thruster, any shape of n; positive drives the vehicle ahead.
@@ -69,6 +78,7 @@ class ThrusterMap:
             "form": self.form,
             "parameters": {"forward": _curve_json(self.forward), "backward": _curve_json(self.backward)},
             "n_unit": self.n_unit,
+            **({} if self.n_range is None else {"n_range": list(self.n_range)}),
         }
 
     @classmethod
@@ -77,12 +87,15 @@ class ThrusterMap:
         file, codec = THRUSTER_MAP.of(data, where), THRUSTER_MAP.codec(data, where)
         if file.form not in FORMS:
             raise codec.refusal(("form",), f"found {told(file.form)}, expected one of {', '.join(FORMS)}")
+        low, high = file.n_range or (0.0, 1.0)
+        if not low < high:
+            raise codec.refusal(("n_range",), f"found {low:g} and {high:g}, expected the lower one first")
         forward, backward = (
             _curve_from(getattr(file.parameters, side), codec, ("parameters", side)) for side, _ in SIDES
         )
         if forward is None and backward is None:
             raise codec.refusal((), "parameters has neither a forward nor a backward direction; expected one or both")
-        return cls(file.form, forward, backward, file.n_unit)
+        return cls(file.form, forward, backward, file.n_unit, file.n_range)
 
     @classmethod
     def load(cls, path: Source) -> "ThrusterMap":

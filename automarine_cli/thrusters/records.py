@@ -52,7 +52,8 @@ class Series:
 
 @dataclass(frozen=True)
 class ThrusterLogs:
-    """Test records in file and row order, what was set aside, files read, rows with missing values.
+    """Test records in file and row order, what was set aside, files read, rows with missing values; the unit of the
+    control signal where all logs tell the same, else "".
 
     `by` is the column that says which thruster a record is of, "" without; `asked` whether the user named it, else it
     was found: a column of a few words in every table.
@@ -62,6 +63,7 @@ class ThrusterLogs:
     set_aside: tuple[SetAside, ...]
     inputs: tuple[LogFile, ...]
     missing: int
+    n_unit: str = ""
     by: str = ""
     asked: bool = False
 
@@ -91,7 +93,7 @@ def load_thruster_logs(
     files = find_logs(logs)
     records: list[Series] = []
     set_aside: list[SetAside] = []
-    missing, found_by = 0, ""
+    missing, units, found_by = 0, set[str](), ""
     for file in counted(progress, "reading", files, len(files)):
         try:
             table = read_log(file, columns, dof=YAW)  # of no motion: columns of others keep their names
@@ -106,6 +108,7 @@ def load_thruster_logs(
             parts, found_by = table.words[name], name
         found, gone, idle = _records(table, parts)
         records += found
+        units.add(table.units.get("n", ""))
         missing += gone
         set_aside += idle
     if strict and set_aside:
@@ -113,8 +116,9 @@ def load_thruster_logs(
     if not records:
         raise none_left(len(files), set_aside)
     asked = columns.source_of(BY) if BY in columns.columns or (any(r.part for r in records) and not found_by) else ""
-    by = asked or found_by
-    return ThrusterLogs(tuple(records), tuple(set_aside), tuple(filter(has_bytes, files)), missing, by, bool(asked))
+    unit = units.pop() if len(units) == 1 else ""
+    used = tuple(filter(has_bytes, files))
+    return ThrusterLogs(tuple(records), tuple(set_aside), used, missing, unit, asked or found_by, bool(asked))
 
 
 def _name_of_parts(table: LogTable) -> str:

@@ -72,6 +72,8 @@ class ThrusterFit(Shown):
         result["thrusters_per_test"] = self.thrusters_per_test
         result |= _scores_json(analysis)
         result["n_unit"] = analysis.n_unit
+        if analysis.points.n_range is not None:
+            result["n_range"] = list(analysis.points.n_range)
         tare, reduction = self.tare, self.reduction
         result["tare"] = {
             "value_N": tare.value, "stderr_N": tare.stderr, "readings": tare.readings, "drift_N": tare.drift,

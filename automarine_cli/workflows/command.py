@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Generic, Literal, TypeVar
 from automarine_cli.comparison.result_files import Contents
 from automarine_cli.effects.own import own_files
 from automarine_cli.errors import AutomarineError, SettingError
-from automarine_cli.logs import ColumnMap, Logs, column_rules, find_logs, given_columns
+from automarine_cli.logs import ColumnMap, Logs, column_rules, find_logs, given_columns, whole_logs, with_joined
 from automarine_cli.pipeline.codec import Record
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import ResultFolder, result_folder
@@ -185,7 +185,8 @@ class Command(Generic[Options, Result]):
             elif isinstance(plain.get(one.name), str) and isinstance(one.default, tuple):
                 plain[one.name] = (plain[one.name],)
         record: Any = self.options(**plain)  # says what is wrong with it before logs are looked for
-        found_logs = {name: tuple(find_logs(places)) for name, places in logs.items()}
+        names = given_columns(getattr(record, "columns", None))
+        found_logs = {name: whole_logs(find_logs(places), names) for name, places in logs.items()}
         return replace(record, **found_logs) if found_logs else record
 
     def says(self, result: Result) -> Sequence[Table | str]:
@@ -227,7 +228,8 @@ def inputs_of(asked: Record) -> list[Input]:
     for one in fields(asked):
         value, read = getattr(asked, one.name), one.metadata.get("read")
         if read is not None and read.kind == "logs":
-            found += [Input(file.name, file.source, read.role) for file in value if has_bytes(file)]
+            files = with_joined(value, given_columns(getattr(asked, "columns", None)))
+            found += [Input(file.name, file.source, read.role) for file in files if has_bytes(file)]
         elif read is not None:
             found += given_as(**{one.name: value})
         if one.name == "columns":

@@ -32,7 +32,7 @@ from automarine_cli.report.figures.diagnosis_why import why_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.channels import wanted_channels
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
-from automarine_cli.runs.run import Run, SetAside, readings
+from automarine_cli.runs.run import Run, SetAside, command_warnings, readings
 from automarine_cli.runs.stuck import without_stuck
 from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
@@ -115,8 +115,9 @@ class YawDiagnosis(Shown):
         }
 
     def tables(self) -> list[Table | str]:
-        """What the terminal shows: verdict, effects, gap, candidates."""
-        lines = [diagnosis_tables.verdict_sentence(self.diagnosis)]
+        """What the terminal shows: how commands do not fit their map, verdict, effects, gap, candidates."""
+        lines: list[Table | str] = [f"Warning: {one}" for one in command_warnings(self.diagnosis.study.runs)]
+        lines += [diagnosis_tables.verdict_sentence(self.diagnosis)]
         for effect in self.diagnosis.effects:
             lines.append(f"{effect.name}: {effect.says}")
             lines += [
@@ -200,6 +201,7 @@ def _runs(
             f"{', '.join(sorted(units))}; fit a model to these logs first, or map their {dof.words.force} with "
             "--columns"
         )
+    command_warnings(runs)  # refused where they cannot be of this map
     driven, undriven = without_undriven(runs)
     moving, stuck = without_stuck(driven)
     aside = (*campaign.set_aside, *undriven, *stuck)

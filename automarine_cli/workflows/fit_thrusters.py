@@ -49,10 +49,9 @@ def _fit_thrusters(asked: FitThrustersOptions, runner: Runner) -> ThrusterFit:
     loaded = load_thruster_logs(asked.logs, names, strict=asked.strict, progress=runner.progress)
 
     def work() -> ThrusterFit:
-        together, rule = thrusters_pulling(asked.thrusters_per_test, names), names.columns.get("n")
-        n_unit = (rule.unit or "") if rule is not None else ""
+        together = thrusters_pulling(asked.thrusters_per_test, names)
         with told_beside(loaded.set_aside):
-            return fit_records(loaded, together, n_unit, asked.form, runner.jobs, runner.progress)
+            return fit_records(loaded, together, loaded.n_unit, asked.form, runner.jobs, runner.progress)
 
     def write(folder: ResultFolder, result: ThrusterFit) -> None:
         folder.write_json("thrusters.json", result.to_json())

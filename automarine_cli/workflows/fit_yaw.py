@@ -141,7 +141,7 @@ def _fit(dof: Dof, asked: FitOptions, runner: Runner) -> YawFit:
             fit = identify_turns(
                 dof, campaign.turns, campaign.not_turned, whole, kind, asked.known, each, asked.channels, start, wanted
             )  # fmt: skip
-        beyond = [one.warning for one in limits if one.dof is dof]
+        beyond = [*campaign.warnings, *(one.warning for one in limits if one.dof is dof)]
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside), warnings=(*beyond, *fit.warnings))
         if asked.strict and fit.set_aside:
             raise refused_by_strict(fit.set_aside[0])

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from automarine_cli.errors import AutomarineError, OutputError, SettingError
+from automarine_cli.logs import with_joined
 from automarine_cli.pipeline.manifest import MANIFEST, Input, given_as, sha256
 from automarine_cli.pipeline.outputs import json_text, refuse_unfit, result_folder
 from automarine_cli.pipeline.reuse import manifest_of, remove_results, why_made_again
@@ -21,6 +22,8 @@ from automarine_cli.workflows.report import report_files
 from automarine_cli.workflows.view import View
 
 COMMAND = "run"
+
+NO_PAGE = "no step has a result to show"
 
 Did = Literal["starts", "made", "kept", "skipped", "refused"]
 
@@ -60,7 +63,10 @@ class CampaignRun:
         """Folders and files that a person may want to open, the report first."""
         folders = {step.name: f"{step.folder}/" for step in STEPS}
         done = [one.step for one in self.news if one.did in ("made", "kept")]
-        return (*(("report.html", "report.md") if REPORT in done else ()), *(folders[s] for s in done if s in folders))
+        pages = (
+            ("report.html", "report.md") if REPORT in done else (RUN.file,) * (REPORT in {n.step for n in self.news})
+        )
+        return (*pages, *(folders[s] for s in done if s in folders))
 
     def to_json(self) -> dict[str, Any]:
         """The result file: schema automarine/run/1. It does not say what was kept: the bytes are the same."""
@@ -191,7 +197,7 @@ def _content(campaign: Campaign, out: Path, done: Mapping[str, News]) -> dict[st
 
 def _report(campaign: Campaign, out: Path, content: dict[str, Any], force: bool, number: int, tell: Tell) -> News:
     """The last step: one page of what is in the step folders, and the record of the whole run."""
-    logs = campaign.every_log()
+    logs = with_joined(campaign.every_log(), campaign.columns)
     inputs = [Input(campaign.path.name, campaign.path, "campaign")]
     inputs += [Input(file.name, file.path) for file in logs if has_bytes(file)]
     inputs += given_as(**campaign.beside)
@@ -199,16 +205,19 @@ def _report(campaign: Campaign, out: Path, content: dict[str, Any], force: bool,
     if why is None and (out / RUN.file).read_text(encoding="utf-8") != json_text(content):
         why = "results of the steps changed"
     if why is None and not force:
-        last = News(REPORT, number, number, "kept", "results of the steps unchanged")
+        kept = any("folder" in step for step in content["steps"])
+        unchanged = "results of the steps unchanged"
+        last = News(REPORT, number, number, *(("kept", unchanged) if kept else ("skipped", NO_PAGE)))
         tell(last)
         return last
     why = why or "--force"
     tell(News(REPORT, number, number, "starts", why))
     with result_folder(out, command=COMMAND, options={}, inputs=inputs, seed=None, overwrite=True) as folder:
         folder.write_json(RUN.file, content)
-        for name, page in _pages(out, campaign.title, content).items():
+        pages = _pages(out, campaign.title, content)
+        for name, page in pages.items():
             folder.write(name, page)
-    last = News(REPORT, number, number, "made", why)
+    last = News(REPORT, number, number, "made", why) if pages else News(REPORT, number, number, "skipped", NO_PAGE)
     tell(last)
     return last
 

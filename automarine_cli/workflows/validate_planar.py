@@ -19,7 +19,7 @@ from automarine_cli.report.figures.planar import planar_figure
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.results.kinds import VALIDATION
 from automarine_cli.runs.channels import AUTO
-from automarine_cli.runs.run import SetAside, readings
+from automarine_cli.runs.run import SetAside, command_warnings, readings
 from automarine_cli.workflows.command import SELDOM, UNRECORDED, Command, ReadBack, Runner
 from automarine_cli.workflows.planar_runs import load_planar
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, counted
@@ -134,6 +134,7 @@ def _validate(asked: ValidatePlanarOptions, runner: Runner) -> PlanarValidation:
     campaign = load_planar(
         asked.logs, names, asked.thrusters, asked.arm, strict=asked.strict, jobs=jobs, progress=progress
     )
+    command_warnings(campaign.runs)  # refused where they cannot be of this map
 
     def work() -> PlanarValidation:
         return PlanarValidation(stored, free_runs(stored.model, campaign.runs), campaign.set_aside)
