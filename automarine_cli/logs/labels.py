@@ -14,7 +14,7 @@ from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import RawLog
 from automarine_cli.logs.table import Labels
 from automarine_cli.logs.text import decoded
-from automarine_cli.pipeline.words import listed, printable, quoted
+from automarine_cli.pipeline.words import printable, quoted
 
 MOST_NAMES, FEWEST_ROWS = 40, 3  # of a column of words that may split a table, and the rows of a name on the mean
 LONGEST_RUN_NAME = 100  # characters; every row of a log carries the name of its run
@@ -49,15 +49,10 @@ def run_names(raw: RawLog, columns: ColumnMap, source: str) -> Labels | None:
 def parts(raw: RawLog, columns: ColumnMap, source: str) -> Labels | None:
     """What each row is of, by the column that the map names with `by`: thrusters in one table; None without one.
 
-    Raises LogError for a column that is not there, and with the row where it is empty.
+    Raises LogError with the row where the column is empty.
     """
     index = _place(raw, columns, BY)
     if index is None:
-        if BY in columns.columns:
-            raise LogError(
-                f"{source}: no column {quoted(columns.source_of(BY))}, which the column map names with by; found the "
-                f"columns {listed(raw.names)}. Correct the name, or leave the line out"
-            )
         return None
     array = raw.arrays[index]
     if array.null_count:
@@ -67,6 +62,10 @@ def parts(raw: RawLog, columns: ColumnMap, source: str) -> Labels | None:
             "every row, because the column map splits the table by this column. Complete the column"
         )
     return _labels(array)
+
+
+RUN_WORDS = {"run", "trial", "test", "session", "series", "experiment"}
+PART_WORDS = {"thruster", "motor", "propeller", "unit", "serial", "name", "label", "id"}
 
 
 def few_words(raw: RawLog, taken: Container[str]) -> dict[str, Labels]:

@@ -70,7 +70,7 @@ def read_log(
         holds=raw.holds,
         origin=raw.origin,
         parts=parts(raw, columns, file.name),
-        words=few_words(raw, {columns.source_of(name) for name in LABELS}),
+        words=few_words(raw, {*used, *(columns.source_of(name) for name in LABELS)}),
         dof=dof,
     )
 

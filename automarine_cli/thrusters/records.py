@@ -9,9 +9,11 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_thruster
 from automarine_cli.logs.canonical import BY
+from automarine_cli.logs.labels import PART_WORDS
 from automarine_cli.logs.recognise import words_of
 from automarine_cli.logs.table import Labels
 from automarine_cli.pipeline.progress import Progress, counted, silent
+from automarine_cli.pipeline.words import listed, quoted
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, unreadable
 from automarine_cli.runs.run import SetAside
@@ -22,7 +24,6 @@ from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
 
 FORCE_DECIMALS = 3
-PART_WORDS = {"thruster", "motor", "propeller", "unit", "serial", "name", "label", "id"}
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,7 @@ def load_thruster_logs(
         try:
             table = read_log(file, columns, dof=YAW)  # of no motion: columns of others keep their names
             require_thruster(table)
+            _require_parts(table, columns)
         except LogError as refusal:
             if file.named:
                 raise
@@ -119,6 +121,15 @@ def load_thruster_logs(
     unit = units.pop() if len(units) == 1 else ""
     used = tuple(filter(has_bytes, files))
     return ThrusterLogs(tuple(records), tuple(set_aside), used, missing, unit, asked or found_by, bool(asked))
+
+
+def _require_parts(table: LogTable, columns: ColumnMap) -> None:
+    """Raise LogError where the column that the map names with `by` is not in the table."""
+    if BY in columns.columns and table.parts is None:
+        raise LogError(
+            f"{table.source}: no column {quoted(columns.source_of(BY))}, which the column map names with by; found the "
+            f"columns {listed(table.names)}. Correct the name, or leave the line out"
+        )
 
 
 def _name_of_parts(table: LogTable) -> str:
