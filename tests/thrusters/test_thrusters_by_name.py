@@ -1,6 +1,7 @@
 """Several thrusters in one bollard file: a column of names splits it, and says so where nobody asked."""
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +9,13 @@ import pytest
 from made_bollard import NAMES, A, eight
 
 import automarine_cli as am
-from automarine_cli.errors import LogError
+from automarine_cli.errors import AutomarineError, LogError
 from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.report import thruster_tables
 
+TRIALS = "time_s,heading_deg,tau,trial\n" + "".join(
+    f"{i / 10:g},{0.3 * max(i - 10, 0):.2f},{0.2 * (i > 10):g},{trial}\n" for trial in "abc" for i in range(100)
+)
 BY = ColumnMap({"by": ColumnRule("thruster")})
 
 
@@ -74,6 +78,25 @@ def test_a_column_that_is_not_there_or_not_whole_is_refused(tmp_path: Path) -> N
     path.write_text(eight(1).replace(",T4", ",", 1))
     with pytest.raises(LogError, match="row 53, column thruster: nothing named; expected a name in every row"):
         am.fit_thrusters([path], columns=BY)
+
+
+def test_init_offers_the_columns_that_name_thrusters_and_runs(tmp_path: Path) -> None:
+    bollard(tmp_path, eight(1, {"T3": 0.5}))
+    (tmp_path / "steps.csv").write_text(TRIALS)
+    columns = tomllib.loads(am.init(tmp_path, write=False).text)["columns"]
+    assert columns["by"] == "thruster" and columns["run"] == "trial"
+    (tmp_path / "steps.csv").write_text(TRIALS.replace("trial", "operator"))
+    text = am.init(tmp_path, write=False).text
+    assert "run" not in tomllib.loads(text)["columns"] and '# run = "operator"' in text
+
+
+def test_a_clock_that_begins_anew_names_the_column_of_the_runs(tmp_path: Path) -> None:
+    path = tmp_path / "steps.csv"
+    path.write_text(TRIALS)
+    with pytest.raises(AutomarineError, match=r"The column trial names something else from there on \(a, b, c\): if "):
+        am.fit_yaw([path])
+    looks = am.check([path], columns=ColumnMap({"run": ColumnRule("trial")})).runs
+    assert [one.run for one in looks] == ["a", "b", "c"]
 
 
 def test_numbers_name_thrusters_too_and_one_without_a_direction_says_why(tmp_path: Path) -> None:
