@@ -1,6 +1,7 @@
 """Columns of words: the runs of a file of many, and the vehicle's mode and arming."""
 
-from collections.abc import Container
+import re
+from collections.abc import Container, Iterable
 from typing import Any
 
 import numpy as np
@@ -80,6 +81,13 @@ def few_words(raw: RawLog, taken: Container[str]) -> dict[str, Labels]:
         if 2 <= distinct <= min(MOST_NAMES, len(array) // FEWEST_ROWS):
             found[printable(name)] = _labels(array)
     return found
+
+
+def splitting(names: Iterable[str], bollard: bool) -> dict[str, str]:
+    """The line of a column map for the first column of a few words that is called like what it names: the thrusters of
+    a bollard test, or runs; {} for none."""
+    key, called = (BY, PART_WORDS) if bollard else (RUN, RUN_WORDS)
+    return next(({key: name} for name in names if set(re.findall("[a-z]+", name.lower())) & called), {})
 
 
 def states(raw: RawLog, columns: ColumnMap) -> dict[str, Labels]:

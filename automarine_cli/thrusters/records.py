@@ -9,8 +9,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_thruster
 from automarine_cli.logs.canonical import BY
-from automarine_cli.logs.labels import PART_WORDS
-from automarine_cli.logs.recognise import words_of
+from automarine_cli.logs.labels import splitting
 from automarine_cli.logs.table import Labels
 from automarine_cli.pipeline.progress import Progress, counted, silent
 from automarine_cli.pipeline.words import listed, quoted
@@ -137,8 +136,7 @@ def _name_of_parts(table: LogTable) -> str:
     only one. In a series over time the words come one after the other."""
     blocks = {name: 1 + int(np.count_nonzero(np.diff(labels.code))) for name, labels in table.words.items()}
     may = [name for name, one in table.words.items() if "time" not in table.columns or blocks[name] <= len(one.names)]
-    likely = [name for name in may if set(words_of(name)) & PART_WORDS]
-    return likely[0] if likely else may[0] if len(may) == 1 else ""
+    return splitting(may, bollard=True).get(BY, may[0] if len(may) == 1 else "")
 
 
 def _records(table: LogTable, parts: Labels | None) -> tuple[list[Series], int, list[SetAside]]:

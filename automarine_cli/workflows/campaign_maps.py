@@ -12,13 +12,13 @@ import numpy as np
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.logs import ColumnMap, LogFile, column_rules
 from automarine_cli.logs.bollard_columns import directed
-from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, RUN
+from automarine_cli.logs.canonical import CANONICAL, LABELS
 from automarine_cli.logs.columns import ColumnRule, ColumnsOf
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.logs.join import OLDEST, Join, matches
-from automarine_cli.logs.labels import PART_WORDS, RUN_WORDS
+from automarine_cli.logs.labels import splitting
 from automarine_cli.logs.reader import whole_log
-from automarine_cli.logs.recognise import Recognised, is_called, recognise, words_of
+from automarine_cli.logs.recognise import Recognised, is_called, recognise
 from automarine_cli.logs.spans import Span, is_share
 from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.quantities import Floats
@@ -49,18 +49,7 @@ class Layout:
     def rules(self) -> dict[str, ColumnRule]:
         """The column map as everything is taken to be; where a column is open the likelier reading."""
         rules = column_rules({one.key: one.rule for one in self.columns if not one.as_named}, "")
-        return rules | ({self.label: ColumnRule(self.splitting)} if self.splitting else {})
-
-    @property
-    def label(self) -> str:
-        """What a column of a few words would name: thrusters of a bollard test, or runs."""
-        return BY if self.bollard else RUN
-
-    @property
-    def splitting(self) -> str:
-        """The column of a few words that is called like what it names, "" for none."""
-        called = PART_WORDS if self.bollard else RUN_WORDS
-        return next((name for name in self.words if set(words_of(name)) & called), "")
+        return rules | {key: ColumnRule(name) for key, name in splitting(self.words, self.bollard).items()}
 
     @property
     def clock(self) -> "Layout":

@@ -5,7 +5,8 @@ from textwrap import wrap
 
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.logs.canonical import CANONICAL, names_of
+from automarine_cli.logs.canonical import BY, CANONICAL, RUN, names_of
+from automarine_cli.logs.labels import splitting
 from automarine_cli.logs.recognise import Recognised
 from automarine_cli.logs.spans import pulses
 from automarine_cli.pipeline.codec import to_mapping
@@ -192,11 +193,12 @@ def _splitting(layouts: Sequence[Layout]) -> Iterator[str]:
     """Columns of a few words, which may name the thrusters of a bollard test or the runs of a table: a line where one
     is called like that, else a comment that offers it."""
     for layout in layouts:
+        named = splitting(layout.words, layout.bollard).values()
         for name, words in layout.words.items():
             makes = "a map of each thruster, and one of all" if layout.bollard else "each a run of its own"
-            sure = name == layout.splitting
+            sure = name in named
             told = f"{len(words)} names ({listed(words)}): {makes}" + ("" if sure else "? Then write this line")
-            line = toml_line(layout.label, name)
+            line = toml_line(BY if layout.bollard else RUN, name)
             yield _beside(line if sure else f"# {line}", told)
 
 
