@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from automarine_cli.dofs import Dof
+from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, RUN, TIMESTAMP, Canonical, foreign, motion_of, unit_in
@@ -160,7 +160,7 @@ def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[st
     own = {name: i for i, name in enumerate(raw.names) if name}
     places = {name: own[column] for name, column in raw.also.items()} | own
     mapped: dict[str, list[_Use]] = {}
-    notes: list[str] = []
+    missing: dict[str, str] = {}
     for name, rule in columns.columns.items():
         if name in LABELS:
             continue
@@ -168,7 +168,8 @@ def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[st
         if rule.source in places:
             mapped.setdefault(canonical.quantity, []).append(_Use(canonical, places[rule.source], rule))
         else:
-            notes.append(f"the column map names {quoted(rule.source)} for {name}; the file has no such column")
+            told = f"the column map names {quoted(rule.source)} for {name}; the file has no such column"
+            missing[canonical.quantity] = told
     named: dict[str, list[_Use]] = {}
     for name, canonical in CANONICAL.items():
         # a column `time` of plain numbers has no unit: it is not taken as the clock
@@ -179,7 +180,8 @@ def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[st
             and not (name == "time" and _floats(raw, places[name]))
         ):
             named.setdefault(canonical.quantity, []).append(_Use(canonical, places[name], ColumnRule(name)))
-    for quantity, uses in (mapped | named).items():
+    used = mapped | named
+    for quantity, uses in used.items():
         if len(uses) > 1:
             both = " and ".join(use.rule.source for use in uses[:2])
             raise LogError(
@@ -187,7 +189,10 @@ def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[st
                 f'as {uses[0].canonical.name} = "{uses[0].rule.source}" under [columns] in a file and '
                 "give it with --columns FILE.toml"
             )
-    return [use for uses in (mapped | named).values() for use in uses], notes
+    moves = any(dof.position in used for dof in DOFS.values())  # one map may serve runs and thruster tests
+    idle = {*used, *(("n", "force") if moves else ())}
+    notes = [told for quantity, told in missing.items() if quantity not in idle]
+    return [use for uses in used.values() for use in uses], notes
 
 
 def _floats(raw: RawLog, index: int) -> bool:
