@@ -198,7 +198,8 @@ def echo_result(
             click.echo()  # sentences stand together, everything else apart
     if out is not None:
         # a name with a blank tells of several files
-        there = [name for name in files if " " in name or any(out.glob(name.replace("RUN", "*").rstrip("/")))]
+        told = out.is_dir()
+        there = [n for n in files if not told or " " in n or any(out.glob(n.replace("RUN", "*").rstrip("/")))]
         listed = f": {', '.join(there)}" if there else ""
         click.echo(folded(f"Results are in {out}{listed}", width))
     elif keep_hint is not None:

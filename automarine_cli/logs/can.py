@@ -142,7 +142,7 @@ def _database(library: Any, columns: ColumnMap) -> list[Any]:
 
 def _streams(message: Any, time: Floats, frames: list[bytes], columns: ColumnMap) -> Iterator[Stream]:
     """The signals of a message, if the column map names one of them: those of each multiplexer value on their own."""
-    asked = {rule.source for rule in columns.columns.values()}
+    asked = columns.sources
     if not any(f"{message.name}.{signal.name}" in asked for signal in message.signals):
         return
     good = np.array([len(frame) >= message.length for frame in frames])

@@ -36,6 +36,10 @@ class ColumnRule:
     sign_from: "ColumnRule | None" = None
     day_first: bool | None = None
 
+    def written(self, value: float, factor: float = 1.0) -> float:
+        """A value as the file's own column holds it; `factor` is that of the rule's unit."""
+        return (self.sign * value / factor - self.offset) / self.scale + self.subtract
+
 
 @dataclass(frozen=True)
 class ColumnsOf:
@@ -73,6 +77,12 @@ class ColumnMap:
     def database(self) -> Path | None:
         """The DBC's file, if one is named."""
         return Path(self.dbc) if self.dbc else None
+
+    @property
+    def sources(self) -> set[str]:
+        """Every column of a file that a rule reads."""
+        rules = list(self.columns.values())
+        return {one.source for one in (*rules, *(rule.sign_from for rule in rules)) if one is not None}
 
     def source_of(self, name: str) -> str:
         """The column of the file that a canonical name stands for."""

@@ -237,7 +237,8 @@ def _values(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
 
 def _signs(raw: RawLog, use: _Use, rule: ColumnRule, source: str) -> Floats:
     """Which way an unsigned column counts, 1, 0 or -1, shape (N,)."""
-    index = raw.names.index(rule.source) if rule.source in raw.names else None
+    column = raw.also.get(rule.source, rule.source)
+    index = raw.names.index(column) if column in raw.names else None
     if index is None or not _floats(raw, index):
         found = "no such column" if index is None else "words in it, expected numbers"
         raise LogError(

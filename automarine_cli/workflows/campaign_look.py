@@ -119,8 +119,11 @@ def look_at(
         seen = [found[file] for file in logs]
     aside = [one for one in seen if isinstance(one, SetAside)]
     every = _recognised(_layouts(logs, seen), given)
-    strange = [one for one in every if one.foreign] if any(not one.foreign for one in every) else []
-    layouts = tuple(one for one in every if one not in strange)
+    own = {file for one in every if not one.foreign for file in one.files}
+    strangers = tuple(file for file in logs if own and file not in own)
+    if strangers:  # what their columns do says nothing of columns of that name in the logs
+        every = _recognised([one for one in _layouts(logs, seen) if own & set(one.files)], given)
+    layouts = tuple(every)
     maps = maps_of([*(one for one in layouts if one.dof.wraps), *beside], files, folder, given)
     columns = maps.columns()
     tests = [file for layout in layouts if layout.bollard for file in layout.files]
@@ -133,10 +136,9 @@ def look_at(
     unread -= {file for file, (good, _) in zip(yaw, runs) if good}
     aside += [one for file, (_, bad) in zip(yaw, runs) if file not in unread for one in bad]
     bad_tests = {one.file for one in aside}
-    strangers = tuple(file for layout in strange for file in layout.files)
     good_runs = dict(zip(yaw, (good for good, _ in runs)))
     ordered = tuple(file for file in yaw if file in unread)
-    found_look = Look(folder, tuple(every), maps, good_runs, tuple(aside), unread=ordered, strangers=strangers)
+    found_look = Look(folder, layouts, maps, good_runs, tuple(aside), unread=ordered, strangers=strangers)
     kept = [file for file in logs if file not in tests or file.name not in bad_tests]
     return _with_planar(_with_forces(_placed(found_look, kept, set(tests)), logs))
 

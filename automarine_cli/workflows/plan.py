@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from automarine_cli.logs import Logs, given_columns
+from automarine_cli.logs import ColumnMap, Logs, given_columns
 from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import Source
@@ -143,12 +143,12 @@ def _plan(asked: PlanOptions, runner: Runner) -> Plan:
         return Plan(found, known.stored.source, drive, source, asked.seed)
 
     def write(folder: ResultFolder, result: Plan) -> None:
-        _write(folder, result, asked.figure_formats)
+        _write(folder, result, asked.figure_formats, names)
 
     return runner.results(asked, work, write)
 
 
-def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...]) -> None:
+def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...], names: ColumnMap) -> None:
     made = result.campaign
     spec, missing = specification(made, result.seed)
     rehearsal = missing
@@ -160,7 +160,7 @@ def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...]) -> None
     folder.write_json("plan.json", result.to_json())
     unit, rest = made.fitting.model.moment_unit, made.limits.runs.rest_before_s
     for slot in made.slots:
-        content = command_file(slot.candidate, rest, unit, result.drive)
+        content = command_file(slot.candidate, rest, unit, result.drive, names)
         folder.write(plan_tables.command_name(slot.name), content)
     write_figures(folder, {"plan": lambda: plan_figure(made)}, formats)
 

@@ -70,9 +70,9 @@ REFUSED = {
     "[[columns_of]]\nn = 'a'": ": columns_of[0].logs is missing; expected the logs that it is of, such as "
     '["bollard/*.csv"]',
     "[logs]\nsteps = ['a']": ": logs.steps is not known; [logs] of a column map takes join",
-    "[logs]\njoin = { logs = 'a' }": ": logs.join[0]: key 'with' is missing; expected a text in quotes or a list, each "
-    "entry a text in quotes",
-    "[logs]\njoin = { logs = 'nav_*', with = '*_cmd_*' }": ': logs.join[0]: join of "nav_*" with "*_cmd_*": expected '
+    "[logs]\njoin = { logs = 'a' }": ': logs.join: [0]: key "with" is missing; expected a text in quotes or a list, '
+    "each entry a text in quotes",
+    "[logs]\njoin = { logs = 'nav_*', with = '*_cmd_*' }": ': logs.join: [0]: join of "nav_*" with "*_cmd_*": expected '
     "as many stars in both, or none in the second; a star stands for the same letters in both names",
     "[columns]\ntau = { from = 'a', sign = 2 }": ": columns.tau.sign is 2; expected 1 or -1",
     "[columns]\ntau = { from = 'a', sign = true }": ": columns.tau.sign is true; expected 1 or -1",
