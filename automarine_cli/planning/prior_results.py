@@ -2,7 +2,7 @@
 open."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -88,12 +88,10 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
         )
         if not doubts:
             notes = (*notes, NO_RIVALS)
-    for term in chosen.terms:
-        if _lacking(term.name):
-            raise ModelError(
-                f"{name}: {term.name} needs the column {_lacking(term.name)[0]!r}, which planned runs do not have; "
-                "plan from the model without it"
-            )
+    for term in (one for one in chosen.terms if _lacking(one.name)):
+        chosen = replace(chosen, terms=tuple(one for one in chosen.terms if one is not term))
+        by = f"the column {_lacking(term.name)[0]!r}"
+        notes = (*notes, f"{term.name} is left out: it acts by {by}, which planned runs, on the spot, do not have.")
     rates = (one.noise for one in file.channels if one.used and one.quantity == stored.dof.velocity)
     rate = next((noise.value for noise in rates if noise is not None), None)
     return PriorResults(

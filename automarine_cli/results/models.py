@@ -189,7 +189,7 @@ class ThrusterFile(ResultRecord):
 
     unread: ClassVar[tuple[str, ...]] = (
         "per_test", "r2", "rmse_N", "cv_rmse_N", "chosen_because", "tare", "flagged",
-        "voltages", "notes", "points",
+        "voltages", "notes", "points", "by",
     )  # fmt: skip
     forward: SquareLaw
     backward: SquareLaw

@@ -282,8 +282,14 @@ def test_a_rival_that_planned_runs_cannot_show_is_left_open(model: Path, diagnos
     assert "cross-coupling is left open: it needs the column 'surge'" in made.to_json()["notes"][1]
     held = json.loads(model.read_text())
     held["effects"] = [{"name": "cross-coupling", "parameters": {"c": 0.05}}]
-    with pytest.raises(ModelError, match="cross-coupling needs the column 'surge'"):
-        am.plan(write(model, held))
+    made = am.plan(write(model, held), limits=limits)
+    assert "cross-coupling is left out: it acts by the column 'surge'" in " ".join(made.to_json()["notes"])
+    assert made.campaign.slots and "cross-coupling" not in str(list(made.campaign.alone))
+    estimate = {"value": 0.05, "stderr": 0.01, "ci95": [0.03, 0.07], "unit": ""}
+    told["effects"].append({"name": "cross-coupling", "parameters": {"c": estimate}, "rivals": []})
+    held["effects"] = []
+    made = am.plan(write(model, held), diagnosis=write(diagnosis, told), limits=limits)
+    assert "cross-coupling is left out: it acts by the column 'surge'" in " ".join(made.to_json()["notes"])
 
 
 def test_nothing_open_is_said(model: Path, diagnosis: Path, limits: Path) -> None:
