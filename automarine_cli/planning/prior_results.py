@@ -63,8 +63,6 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
     name = printable(model.name)
     data = read_plain(model, "JSON", ModelError)
     stored = yaw_models_from_json(data, name)
-    if not stored.dof.wraps:
-        raise ModelError(f"{name} is a model of {stored.dof.name}; campaigns are planned from models of yaw")
     chosen = stored.models[stored.preferred]
     now = _stored_estimates(data, stored)
     noise, scatter = (data.get(f"{stored.dof.words.position}_noise_{stored.dof.units.key}"), data.get("gain_scatter"))
