@@ -3,12 +3,13 @@
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.control.members import Vehicles
 from automarine_cli.effects import Commands
 from automarine_cli.effects.input_delay import InputDelay
-from automarine_cli.effects.thruster_lag import ADVANCES, SHORTEST, ThrusterLag
+from automarine_cli.effects.thruster_lag import ADVANCES, SHORTEST, Advance, ThrusterLag
 from automarine_cli.models.vehicle import Bound, actuators
 from automarine_cli.quantities import Floats
 
@@ -31,6 +32,7 @@ class Actuators:
         self._before = [np.zeros(shape) for _ in self._now]
         self._lag = next((term for term in self.terms if isinstance(term.effect, ThrusterLag)), None)
         self._speed = np.zeros(shape)
+        self._laws = self._by_law()
         self._gain = vehicles.gain[:, None]
         self._time = np.zeros((1, 1, 1))
         self._signals = {"voltage": vehicles.volts[:, None, None]}
@@ -56,7 +58,7 @@ class Actuators:
             moment = self._at_once(term, asked, self._before[place])
             self._before[place] = asked
         if self._lag is not None:
-            moment = self._slowly(self._lag, moment)
+            moment = self._slowly(moment)
         self._time = self._time + self.step
         return self._gain * moment
 
@@ -69,16 +71,23 @@ class Actuators:
         commands = Commands(moment[..., None], self._time, length, before[..., None], np.zeros((1, 1)), self._signals)
         return term.effect.deliver(commands, term.wide())[..., 0]
 
-    def _slowly(self, term: Bound, moment: Floats) -> Floats:
-        wanted = np.sign(moment) * np.sqrt(np.abs(moment))
-        lag, law, largest, fall = term.values
+    def _by_law(self) -> list[tuple[Advance, NDArray[np.int64] | slice, tuple[Floats, ...]]]:
+        """What advances the lag of which vehicles, with their values."""
+        if self._lag is None:
+            return []
+        lag, law, largest, fall = self._lag.values
         own = (np.maximum(lag, SHORTEST), np.sqrt(np.maximum(largest, 1e-12)), fall)
-        impulse, speed = np.empty_like(wanted), np.empty_like(wanted)
-        for one in np.unique(law):
-            here = law[:, 0] == one
-            mine = tuple(value[here] for value in own)
-            step = np.full((1, 1), self.step)
-            impulse[here], speed[here] = ADVANCES[round(float(one))](wanted[here], self._speed[here], step, mine)
+        laws = np.unique(law)
+        if len(laws) == 1:
+            return [(ADVANCES[round(float(laws[0]))], slice(None), own)]
+        places = [np.flatnonzero(law[:, 0] == one) for one in laws]
+        return [(ADVANCES[round(float(k))], at, tuple(value[at] for value in own)) for k, at in zip(laws, places)]
+
+    def _slowly(self, moment: Floats) -> Floats:
+        wanted = np.sign(moment) * np.sqrt(np.abs(moment))
+        impulse, speed, step = np.empty_like(wanted), np.empty_like(wanted), np.full((1, 1), self.step)
+        for advance, here, own in self._laws:
+            impulse[here], speed[here] = advance(wanted[here], self._speed[here], step, own)
         self._speed = speed
         return impulse / self.step
 

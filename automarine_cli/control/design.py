@@ -19,7 +19,7 @@ from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.quantities import Floats
 
 Verdict = Literal["gains", "leave", "cannot-promise"]
-CROWD, JUDGED = 240, 24
+CROWD, PRESENT, JUDGED = 180, 60, 24
 DEAREST = 2.0
 """How much longer gains for all explanations may take to settle than gains for the right one alone."""
 LONG_DELAY = 0.1
@@ -70,9 +70,9 @@ def nominal_of(vehicles: Vehicles, step: float) -> Nominal:
 
 
 def seconds_for(nominal: Nominal) -> float:
-    """How long a flight is to take [s]: eight times the shortest turn, and the delays many times over."""
+    """How long a flight is to take [s]: seven times the shortest turn, and the delays many times over."""
     shortest = 2.0 * np.sqrt(nominal.step * nominal.inertia) + nominal.step / nominal.fastest
-    return float(np.clip(8.0 * shortest + 45.0 * nominal.lag, 12.0, 60.0))
+    return float(np.clip(7.0 * shortest + 32.0 * nominal.lag, 20.0, 60.0))
 
 
 def crowds_of(known: Knowledge, full: float, bend: Bend | None, seed: int, count: int = CROWD) -> tuple[Crowd, ...]:
@@ -93,7 +93,11 @@ def design(
     crowds = crowds_of(known, full, bend, seed)
     nominal = nominal_of(crowds[0].vehicles, task.step)
     task = replace(task, seconds=seconds_for(nominal))
-    old = None if present is None else outcome(target, present, crowds, task)
+    old = (
+        None
+        if present is None
+        else outcome(target, present, [one.first(PRESENT // len(crowds)) for one in crowds], task)
+    )
 
     def said(verdict: Verdict, why: str, new: Outcome | None = None, run: str = "") -> Designed:
         return Designed(verdict, why, target, task, nominal, crowds, new, old, run, known.notes)
@@ -102,7 +106,7 @@ def design(
         share = old.share_with(task.margin)
         kept = f"The present gains keep the margin of {task.margin:g} for {share:.0%} of the vehicles that the model"
         return said("leave", f"{kept} allows, and all but a few settle.")
-    quick = type(target)(max(target.period, min(0.005, 0.02 * max(nominal.lag, 0.05))), target.beyond)
+    quick = type(target)(float(np.clip(0.02 * nominal.lag, target.period, max(target.period, 0.02))), target.beyond)
     chosen = _chosen(quick, target, nominal, crowds, task)
     dear = _price(quick, nominal, known, crowds, task, chosen)
     if chosen is None and not dear:
@@ -113,6 +117,11 @@ def design(
         return said("cannot-promise", dear[0], run=_run(known, dear[1]))
     assert chosen is not None
     new = outcome(target, chosen, crowds, task)
+    if not _keeps(new, crowds, task):
+        why = (
+            f"The best gains that keep a disk margin of {task.margin:g} settle for {new.scores.settles.mean():.0%} only"
+        )
+        return said("cannot-promise", f"{why} of the vehicles that the model allows.", run=_run(known, ""))
     return said("gains", _why(new, old, task), new)
 
 
@@ -143,7 +152,7 @@ def _chosen(
     """The best gains that all crowds can live with; looked for with more margin on the probes where that fails."""
     omega = grid_for(target, crowds, FINE // 2)
     for more in (1.0, 1.12, 1.3):
-        found = searched(quick, nominal, crowds, replace(task, margin=more * task.margin))
+        found = searched(quick, nominal, crowds, replace(task, margin=more * task.margin), 3)
         costs = []
         for k in range(len(found.cost)):
             gains = {name: float(value[k]) for name, value in found.gains.items()}
@@ -172,15 +181,13 @@ def _price(
     chosen: Mapping[str, float] | None,
 ) -> tuple[str, str] | None:  # fmt: skip
     """What is open and dear, in a sentence, and the effect to be settled; None where knowing it would gain little."""
-    parts = list(zip(crowds, [one.instead for one in known.explanations]))
+    parts = list(zip(crowds, [one.instead for one in known.explanations])) if len(crowds) > 1 else []
     if known.spread.late >= LONG_DELAY:
         base = crowds[0]
         prompt = base.vehicles.pick(np.flatnonzero(base.vehicles.late <= np.quantile(base.vehicles.late, 0.25)))
         parts.append((Crowd("a short delay", prompt), "input-delay"))
-    elif len(parts) == 1:
-        return None
     for part, effect in parts:
-        alone = searched(quick, nominal, [part], task)
+        alone = searched(quick, nominal, [part], task, 1)
         if not len(alone.cost):
             continue
         best = {name: value[:1] for name, value in alone.gains.items()}

@@ -38,6 +38,7 @@ def fly(
     hull, drive = Body(vehicles, flights), Actuators(vehicles, flights, step / parts)
     rest = holding(vehicles)[:, None]
     drive.begin(rest + np.zeros((1, flights)))
+    gains = target.prepared(gains)
     state = target.start(gains, hull.position[0], rest)
     lag, shown = sensor_lag(vehicles)[:, None], hull.position[0]
     late = np.exp(-step / np.maximum(lag, 1e-9))

@@ -23,6 +23,10 @@ from automarine_cli.quantities import Complexes, Floats
 SHARE = 0.95
 """Of the crowd that has to keep the margin, and to settle."""
 FIRST, NEAR, FLOWN, LAST = 1500, 200, 160, 6
+NEVER = 1e6
+"""What not settling costs, in lengths of a flight."""
+WIDTH = 0.3
+"""Of the neighbourhood of good gains, in design numbers between 0 and 1."""
 COARSE, FINE = 180, 500
 """Frequencies of the first look and of the margins that are told."""
 DEGREE = np.pi / 180.0
@@ -46,6 +50,10 @@ class Crowd:
 
     name: str
     vehicles: Vehicles
+
+    def first(self, count: int) -> "Crowd":
+        """The first so many of them."""
+        return Crowd(self.name, self.vehicles.pick(slice(0, count)))
 
     @cached_property
     def probes(self) -> Vehicles:
@@ -130,15 +138,11 @@ class Tried:
 
 
 def cost_of(found: Scores, task: Task) -> Floats:
-    """Settling and stiffness in equal ratios, and overshoot beyond a tenth of the step; (S,)."""
-    with np.errstate(invalid="ignore"):
-        settling = np.where(found.settles, found.settling, 10.0 * task.seconds)
-        return np.asarray(
-            np.log(settling)
-            + 0.5 * np.log(np.maximum(found.error, 1e-6))
-            + 0.25 * np.log(found.end + task.band)
-            + 4.0 * np.maximum(found.overshoot - 0.1, 0.0)
-        )
+    """Settling, the largest error under load and what is left of it, in ratios; overshoot beyond a tenth of the step;
+    (S,)."""
+    settling = np.log(np.where(found.settles, found.settling, NEVER * task.seconds))
+    load = 0.75 * np.log(np.maximum(found.error, 1e-6)) + 0.25 * np.log(found.end + task.band)
+    return np.asarray(settling + load + 4.0 * np.maximum(found.overshoot - 0.1, 0.0))
 
 
 def flown(target: Target, gains: dict[str, Floats], vehicles: Vehicles, task: Task) -> tuple[Floats, Scores]:
@@ -164,15 +168,17 @@ def picked(gains: dict[str, Floats], which: NDArray[np.int64]) -> dict[str, Floa
     return {name: value[which] for name, value in gains.items()}
 
 
-def searched(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task) -> Tried:
+def searched(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task, rounds: int = 2) -> Tried:
     """The best sets of gains that keep the margin on the probes of all crowds, cheapest first; none where none does."""
     omega = grid_for(target, crowds, COARSE)
     numbers = spread_numbers(FIRST, target.numbers)
-    found = _tried(target, nominal, crowds, task, omega, numbers, FLOWN)
-    best = found.best(8)
-    if len(best):
-        near = spread_numbers(NEAR, target.numbers) - 0.5
-        around = found.numbers[best][:, None, :] + 0.25 * near.reshape(-1, len(near) // 8, target.numbers)[: len(best)]
+    found = _tried(target, nominal, crowds, task, omega, numbers, FLOWN if rounds > 1 else FLOWN // 2)
+    for turn in range(1, rounds):
+        best = found.best(8)
+        if not len(best):
+            break
+        near = (spread_numbers(NEAR, target.numbers) - 0.5).reshape(8, -1, target.numbers)[: len(best)]
+        around = found.numbers[best][:, None, :] + WIDTH / turn * near
         more = np.clip(around.reshape(-1, target.numbers), 0.0, 1.0)
         again = _tried(target, nominal, crowds, task, omega, more, FLOWN // 2)
         found = Tried(

@@ -8,7 +8,7 @@ AP_Math/control.cpp; the gyro's low-pass in AP_InertialSensor.
 
 import numpy as np
 
-from automarine_cli.control.targets.ardupilot_parts import distance_to, gyro, gyro_response, params, root_law
+from automarine_cli.control.targets.ardupilot_parts import RootLaw, distance_to, gyro, gyro_response, params
 from automarine_cli.control.targets.base import (
     Design,
     Gains,
@@ -28,6 +28,24 @@ RAD = np.pi / 180.0
 CDEG = RAD / 100.0
 MOST_ERROR = 45.0 * RAD
 GYRO_HZ = 20.0
+
+
+class Prepared(dict[str, Floats]):
+    """Gains with the limits of the angle loop [rad, s]."""
+
+    def __init__(
+        self,
+        gains: Gains,
+        *,
+        speed_up: Floats,
+        slew: Floats,
+        furthest: Floats,
+        to_reference: RootLaw,
+        to_target: RootLaw,
+    ) -> None:
+        super().__init__(gains)
+        self.speed_up, self.slew, self.furthest = speed_up, slew, furthest
+        self.to_reference, self.to_target = to_reference, to_target
 
 
 class ArduSub(Target):
@@ -81,43 +99,46 @@ class ArduSub(Target):
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
         """At rest, with the target heading where the vehicle points."""
         zero = np.zeros_like(position)
-        imax = gains["ATC_RAT_YAW_IMAX"]
         # gyro's filter (two states), target heading, its rate, rate asked for, filtered rate, filtered error,
         # filtered change, integral, last output
-        return (zero, zero, position, zero, zero, zero, zero, zero, within(holding + zero, imax), zero)
+        integral = within(holding + zero, gains["ATC_RAT_YAW_IMAX"])
+        return (zero, zero, position, zero, zero, zero, zero, zero, integral, zero)
+
+    def prepared(self, gains: Gains) -> Gains:
+        """Weights of the filters per loop, and limits in radians."""
+        dt, limit = self.period, gains["ATC_ACCEL_Y_MAX"] * CDEG
+        pull = np.clip(0.5 * limit, 10.0 * RAD, 120.0 * RAD)
+        gain, p = gains["ATC_ANG_YAW_P"], np.maximum(gains["ATC_RAT_YAW_P"], 1e-6)
+        return Prepared(
+            {**gains, **{name[-4:]: share(dt, gains[name]) for name in gains if "FLT" in name}},
+            speed_up=np.where(limit > 0, limit * dt, np.inf),
+            slew=gains["ATC_SLEW_YAW"] * CDEG,
+            furthest=np.minimum(MOST_ERROR, distance_to(1.0 / p, gain, pull)),
+            to_reference=RootLaw.of(1.0 / np.maximum(gains["ATC_INPUT_TC"], 0.01), limit, dt),
+            to_target=RootLaw.of(gain, pull, dt),
+        )
 
     def step(
         self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats
     ) -> tuple[State, Floats]:
         """Rate controller, motors, then the angle loop."""
+        own = gains if isinstance(gains, Prepared) else self.prepared(gains)
+        assert isinstance(own, Prepared)
         dt = self.period
         slow, slower, target, turn, asked, demand, error, change, integral, last = state
         slow, slower = gyro(slow, slower, velocity, dt, GYRO_HZ)
-        demand = demand + share(dt, gains["ATC_RAT_YAW_FLTT"]) * (asked - demand)
-        now = error + share(dt, gains["ATC_RAT_YAW_FLTE"]) * (demand - slower - error)
-        change = change + share(dt, gains["ATC_RAT_YAW_FLTD"]) * ((now - error) / dt - change)
+        demand = demand + own["FLTT"] * (asked - demand)
+        now = error + own["FLTE"] * (demand - slower - error)
+        change = change + own["FLTD"] * ((now - error) / dt - change)
         free = (np.abs(last) < 1.0) | (integral * now < 0)
-        grown = integral + np.where(free, gains["ATC_RAT_YAW_I"] * dt * now, 0.0)
-        integral = within(grown, gains["ATC_RAT_YAW_IMAX"])
-        wanted = gains["ATC_RAT_YAW_P"] * now + integral + gains["ATC_RAT_YAW_D"] * change
-        output = within(wanted, 1.0)
-        target, turn, asked = self._angle_loop(gains, target, turn, reference, position)
-        return (slow, slower, target, turn, asked, demand, now, change, integral, wanted), output
-
-    def _angle_loop(
-        self, gains: Gains, target: Floats, turn: Floats, reference: Floats, position: Floats
-    ) -> tuple[Floats, Floats, Floats]:
-        """Target heading and its rate on the way to the reference, and the rate asked of the rate controller."""
-        dt, limit = self.period, gains["ATC_ACCEL_Y_MAX"] * CDEG
-        wish = root_law(reference - target, 1.0 / np.maximum(gains["ATC_INPUT_TC"], 0.01), limit, dt)
-        wish = within(wish, gains["ATC_SLEW_YAW"] * CDEG)
-        turn = turn + within(wish - turn, np.where(limit > 0, limit * dt, np.inf))
-        target = target + turn * dt
-        pull = np.clip(0.5 * limit, 10.0 * RAD, 120.0 * RAD)
-        gain = gains["ATC_ANG_YAW_P"]
-        furthest = np.minimum(MOST_ERROR, distance_to(1.0 / np.maximum(gains["ATC_RAT_YAW_P"], 1e-6), gain, pull))
-        left = within(target - position, furthest)
-        return position + left, turn, root_law(left, gain, pull, dt) + turn
+        grown = integral + own["ATC_RAT_YAW_I"] * dt * np.where(free, now, 0.0)
+        integral = within(grown, own["ATC_RAT_YAW_IMAX"])
+        wanted = own["ATC_RAT_YAW_P"] * now + integral + own["ATC_RAT_YAW_D"] * change
+        # the angle loop: target heading and its rate on the way to the reference, and the rate asked for
+        turn = turn + within(within(own.to_reference(reference - target), own.slew) - turn, own.speed_up)
+        left = within(target + turn * dt - position, own.furthest)
+        asked = own.to_target(left) + turn
+        return (slow, slower, position + left, turn, asked, demand, now, change, integral, wanted), within(wanted, 1.0)
 
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
         """Loop by loop, in z."""

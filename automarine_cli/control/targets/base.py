@@ -107,6 +107,10 @@ class Target(ABC):
     def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
         """Gains (C,) by name of design numbers (C, numbers) between 0 and 1; within the documented ranges."""
 
+    def prepared(self, gains: Gains) -> Gains:
+        """The gains with what `step` needs of them at every loop, worked out once."""
+        return gains
+
     @abstractmethod
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
         """The stack at rest at a position (S, R), with what holds the vehicle there in its integrator."""
