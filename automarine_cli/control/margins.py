@@ -44,10 +44,11 @@ def frequencies(highest: float, count: int, lowest: float = LOWEST) -> Floats:
     return np.concatenate([np.geomspace(lowest, start, few, endpoint=False), np.geomspace(start, highest, count - few)])
 
 
-def stable(loop: Loop, omega: Floats, poles: Complexes, integrators: int) -> NDArray[np.bool_]:
-    """Which of S closed loops are stable. `loop` gives L (S, W) at s (W,); `poles` (S, n) are those of the vehicle,
-    `integrators` how many the controller adds."""
-    ratio = loop(omega * (1j - TILT))
+def stable_along(ratio: Complexes, poles: Complexes, integrators: int) -> NDArray[np.bool_]:
+    """Which of S closed loops are stable, by L (S, W) at frequencies times (1j - TILT).
+
+    `poles` (S or 1, n) are those of the vehicle, `integrators` how many the controller adds.
+    """
     curve = 1.0 + ratio
     turned = np.sum(np.angle(curve[:, 1:] / curve[:, :-1]), axis=1)
     origin = np.abs(poles) < LOWEST
@@ -64,8 +65,8 @@ def disk_margin(ratio: Complexes) -> Floats:
 
 
 def margins(loop: Loop, omega: Floats, poles: Complexes, integrators: int) -> Margins:
-    """All margins of S loops; see `stable` for what is given."""
-    good = stable(loop, omega, poles, integrators)
+    """All margins of S loops, where `loop` gives L (S, W) at s (W,); see `stable_along` for the rest."""
+    good = stable_along(loop(omega * (1j - TILT)), poles, integrators)
     ratio = loop(1j * omega)
     disk, gain = disk_margin(ratio), _gain_margin(ratio)
     phase, delay = _phase_margin(ratio, omega)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from automarine_cli.control import plant
 from automarine_cli.control.actuators import dead_time, lag_of, output_slope
 from automarine_cli.control.flight import Scores, scores, step_and_load
-from automarine_cli.control.margins import Margins, frequencies, margins, stable
+from automarine_cli.control.margins import TILT, Margins, disk_margin, frequencies, margins, stable_along
 from automarine_cli.control.members import Vehicles
 from automarine_cli.control.targets.base import Gains, Nominal, Target
 from automarine_cli.quantities import Complexes, Floats
@@ -23,6 +23,8 @@ from automarine_cli.quantities import Complexes, Floats
 SHARE = 0.95
 """Of the crowd that has to keep the margin, and to settle."""
 FIRST, NEAR, FLOWN, LAST = 1500, 200, 160, 6
+MARGINS, FEW = 400, 40
+"""Sets of gains whose margins are worked out on so many vehicles."""
 NEVER = 1e6
 """What not settling costs, in lengths of a flight."""
 WIDTH = 0.3
@@ -57,14 +59,11 @@ class Crowd:
 
     @cached_property
     def probes(self) -> Vehicles:
-        """The first, the laziest, the liveliest, and the latest."""
+        """The first, and one that is late and lively."""
         reach = output_slope(self.vehicles) / self.vehicles.theta[:, 0]
-        late = dead_time(self.vehicles) + lag_of(self.vehicles)
-        both = np.argsort(late / late.max() + reach / reach.max()) if late.max() > 0 else np.argsort(reach)
-        order = np.argsort(reach)
-        count = len(order)
-        low, high = int(0.04 * count), int(0.96 * (count - 1))
-        return self.vehicles.pick(np.array([0, order[low], order[high], both[high]]))
+        late = dead_time(self.vehicles) + lag_of(self.vehicles) + 1e-3
+        both = np.argsort(late / late.max() + reach / reach.max())
+        return self.vehicles.pick(np.array([0, both[int(0.95 * (len(both) - 1))]]))
 
 
 def grid_for(target: Target, crowds: Sequence[Crowd], count: int) -> Floats:
@@ -91,36 +90,20 @@ def _seen(target: Target, vehicles: Vehicles) -> Vehicles:
     return replace(vehicles, bend=None) if target.linear else vehicles
 
 
-def screened(target: Target, gains: dict[str, Floats], crowd: Crowd, omega: Floats) -> tuple[Floats, Floats]:
-    """The smallest disk margin on a crowd's probes, and the largest swing of position per load on the first, of sets of
-    gains (C,): (C,) each; no margin where a loop is unstable."""
-    vehicles = _seen(target, crowd.probes)
-    own: Gains = {name: value[:, None] for name, value in gains.items()}
-    tilted, straight = omega * (1j - 0.02), 1j * omega
-    poles = plant.poles(vehicles)
-    disk, count = np.full(len(next(iter(gains.values()))), np.inf), len(vehicles)
-    ways = {}
-    for s, key in ((tilted, "tilted"), (straight, "straight")):
-        ways[key] = (*target.paths(own, s), *plant.response(vehicles, s))
-    for k in range(count):
-
-        def loop(s: Complexes, k: int = k) -> Complexes:
-            x, v, position, velocity = ways["tilted" if s is tilted else "straight"]
-            return x * position[k] + v * velocity[k]
-
-        good = stable_on(loop(tilted), poles[k : k + 1], target.integrators)
-        ratio = loop(straight)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            here = 2.0 / np.max(np.abs((1.0 - ratio) / (1.0 + ratio)), axis=1)
-        disk = np.minimum(disk, np.where(good, here, 0.0))
+def screened(target: Target, gains: dict[str, Floats], vehicles: Vehicles, omega: Floats) -> tuple[Floats, Floats]:
+    """Disk margins of sets of gains (C,) on vehicles (V): (C, V), zero where a loop is unstable; and the largest swing of
+    position per load on the first vehicle, (C,)."""
+    seen, own = _seen(target, vehicles), {name: value[:, None] for name, value in gains.items()}
+    poles, lines = plant.poles(seen), (omega * (1j - TILT), 1j * omega)
+    ways = [(*target.paths(own, s), *plant.response(seen, s)) for s in lines]
+    disk, swing = np.zeros((len(next(iter(gains.values()))), len(seen))), np.zeros(0)
+    for k in range(len(seen)):
+        tilted, ratio = (x * position[k] + v * velocity[k] for x, v, position, velocity in ways)
+        good = stable_along(tilted, poles[k : k + 1], target.integrators)
+        disk[:, k] = np.where(good, disk_margin(ratio), 0.0)
         if k == 0:
-            swing = np.max(np.abs(ways["straight"][2][0] / (1.0 + ratio)), axis=1)
+            swing = np.max(np.abs(ways[1][2][0] / (1.0 + ratio)), axis=1)
     return disk, swing
-
-
-def stable_on(ratio: Complexes, poles: Complexes, integrators: int) -> NDArray[np.bool_]:
-    """`margins.stable` of loops whose values along the tilted line are known."""
-    return stable(lambda s: ratio, np.ones(ratio.shape[1]), poles, integrators)
 
 
 @dataclass(frozen=True)
@@ -194,11 +177,16 @@ def _tried(
     target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task, omega: Floats, numbers: Floats, most: int
 ) -> Tried:
     gains = target.propose(numbers, nominal)
-    looked = [screened(target, gains, one, omega) for one in crowds]
-    disk, swing = np.min([one for one, _ in looked], axis=0), np.max([one for _, one in looked], axis=0)
-    kept = np.flatnonzero(disk >= task.margin)
-    kept = kept[np.argsort(swing[kept], kind="stable")[:most]]
+    looked = [screened(target, gains, one.vehicles.pick(slice(0, 1)), omega) for one in crowds]
+    disk, swing = (
+        np.max([sign * one[i].reshape(len(numbers)) for one in looked], axis=0) for i, sign in ((0, -1), (1, 1))
+    )
+    kept = np.flatnonzero(-disk >= task.margin)
+    kept = kept[np.argsort(swing[kept], kind="stable")[:MARGINS]]
+    some = picked(gains, kept)
+    each = [screened(target, some, one.vehicles.pick(slice(0, FEW)), omega)[0] >= task.margin for one in crowds]
+    kept = kept[np.min([one.mean(axis=1) for one in each], axis=0) >= SHARE][:most]
     if not len(kept):
         return Tried(numbers[:0], picked(gains, kept), np.zeros(0))
-    costs = [flown(target, picked(gains, kept), one.probes.pick(np.array([0, 3])), task)[0] for one in crowds]
+    costs = [flown(target, picked(gains, kept), one.probes, task)[0] for one in crowds]
     return Tried(numbers[kept], picked(gains, kept), np.max([one.max(axis=1) for one in costs], axis=0))
