@@ -15,7 +15,7 @@ from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import paper_grid
 from automarine_cli.planning.limits import Limits
-from automarine_cli.planning.prior_results import DIAGNOSIS, SCATTER, PriorResults, read_prior_results
+from automarine_cli.planning.prior_results import DIAGNOSIS, NO_RIVALS, SCATTER, PriorResults, read_prior_results
 from automarine_cli.planning.rivals import closest, with_effect
 from automarine_cli.quantities import Floats
 
@@ -86,7 +86,7 @@ def read_knowledge(
     volts = (logged, supply[0] * logged, supply[1] * logged)
     scatter = SCATTER if known.scatter is None else known.scatter
     spread = Spread(np.zeros((0, 0)), scatter, late, volts)
-    notes = tuple(one for one in (*known.notes, note) if one and "planned runs" not in one)
+    notes = tuple(one for one in (*known.notes, note) if one and one != NO_RIVALS and "planned runs" not in one)
     return Knowledge(known.stored, (main, *others), spread, _largest(data), guessed, _splits(said), notes)
 
 

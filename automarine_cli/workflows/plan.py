@@ -130,7 +130,7 @@ def _plan(asked: PlanOptions, runner: Runner) -> Plan:
     known, limits = read_prior_results(asked.model, asked.diagnosis), asked.limits
     if not known.model.dof.wraps:
         source, motion = known.stored.source, known.model.dof.name
-        raise ModelError(f"{source} is a model of {motion}; campaigns are planned from models of yaw")
+        raise ModelError(f"{source} is a model of {motion}; give a model of yaw, for no other campaigns are planned")
     allowed = limits if isinstance(limits, Limits) else Limits() if limits is None else read_limits(limits)
     names, tests = given_columns(asked.columns), asked.thruster_tests
     drive = drive_for(asked.thrusters, asked.arm, names, known, allowed)

@@ -224,9 +224,22 @@ def print_corners(found: list[dict[str, Any]], out: Path) -> None:
         for kind in ("default", "new"):
             if kind in one:
                 own = one[kind]
-                cells = (number(own[key], 3) for key in ("disk_margin", "overshoot_percent", "settling_s", "rms_deg", "load_deg"))
+                cells = (
+                    number(own[key], 3)
+                    for key in ("disk_margin", "overshoot_percent", "settling_s", "rms_deg", "load_deg")
+                )
                 rows.append((one["vehicle"], kind, f"{own['settled']} of 12", *cells, f"{one['seconds']:.0f}"))
-    head = ("vehicle", "gains", "settled", "disk margin", "overshoot [%]", "settles after [s]", "rms after [deg]", "10 % load [deg]", "tuned in [s]")
+    head = (
+        "vehicle",
+        "gains",
+        "settled",
+        "disk margin",
+        "overshoot [%]",
+        "settles after [s]",
+        "rms after [deg]",
+        "10 % load [deg]",
+        "tuned in [s]",
+    )
     print(Table("Worst of twelve corners", head, tuple(rows)).to_text())
 
 

@@ -103,10 +103,24 @@ def write_logs(truth: Truth, folder: Path, random: np.random.Generator, noise_de
         for size in (0.1, 0.2, 0.35, 0.5, 0.75, 1.0):
             plans.append((f"step_{name}{size}", 12.0, lambda t, m=side * size: m * ((t >= 2.0) & (t < 8.0))))
         for size in (0.3, 0.6, 0.9):
-            plans.append((f"back_{name}{size}", 14.0, lambda t, m=side * size: m * ((t >= 2.0) & (t < 6.0)) - m * ((t >= 6.0) & (t < 9.0))))
+            plans.append(
+                (
+                    f"back_{name}{size}",
+                    14.0,
+                    lambda t, m=side * size: m * ((t >= 2.0) & (t < 6.0)) - m * ((t >= 6.0) & (t < 9.0)),
+                )
+            )
         for size, beat in ((0.8, 1.0), (0.4, 2.0)):
-            plans.append((f"square_{name}{size}", 16.0, lambda t, m=side * size, b=beat: m * np.sign(np.sin(np.pi * (t - 2.0) / b) + 1e-9) * (t >= 2.0)))
-        plans.append((f"ramp_{name}", 20.0, lambda t, m=side: m * np.round(np.clip((t - 2.0) / 16.0, 0.0, 1.0) * 0.6, 2)))
+            plans.append(
+                (
+                    f"square_{name}{size}",
+                    16.0,
+                    lambda t, m=side * size, b=beat: m * np.sign(np.sin(np.pi * (t - 2.0) / b) + 1e-9) * (t >= 2.0),
+                )
+            )
+        plans.append(
+            (f"ramp_{name}", 20.0, lambda t, m=side: m * np.round(np.clip((t - 2.0) / 16.0, 0.0, 1.0) * 0.6, 2))
+        )
     clock = 0.0
     for name, seconds, command in plans:
         time = np.arange(0.0, seconds, 0.1)
