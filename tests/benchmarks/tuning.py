@@ -28,7 +28,7 @@ from tuning_truth import STEP, Floats, Truth, Vehicle, write_logs
 import automarine_cli as am
 from automarine_cli.control.flight import Flight, Scores, scores, step_and_load
 from automarine_cli.control.members import Vehicles
-from automarine_cli.control.search import FINE, all_margins, grid_for, Crowd
+from automarine_cli.control.search import FINE, Crowd, all_margins, grid_for
 from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Gains, Target
 from automarine_cli.dofs import YAW
