@@ -1,6 +1,6 @@
 """Flights of many vehicles under many sets of gains at once: a step of the reference, and a load at rest."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,7 @@ from automarine_cli.control.plant import Body, holding, sensor_lag
 from automarine_cli.control.targets.base import Gains, Target
 from automarine_cli.quantities import Floats
 
-LONGEST_STEP = 0.02
+LONGEST_STEP = 0.01
 """Longest step [s] of a vehicle between two loops of its controller."""
 TWO = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
 """The two flights: one with the step of the reference, one with the load."""
@@ -32,6 +32,8 @@ def fly(
 ) -> Flight:
     """Fly from rest: `reference` (S or 1, R, M) at each loop of the controller from position 0, `load` (S or 1, R) a
     moment against the vehicle all along; kept `every` so many seconds."""
+    if target.linear:
+        vehicles = replace(vehicles, bend=None)
     step, loops = target.period, reference.shape[2]
     parts = max(1, int(np.ceil(step / LONGEST_STEP - 1e-9)))
     flights = reference.shape[1]

@@ -91,8 +91,8 @@ def _seen(target: Target, vehicles: Vehicles) -> Vehicles:
 
 
 def screened(target: Target, gains: dict[str, Floats], vehicles: Vehicles, omega: Floats) -> tuple[Floats, Floats]:
-    """Disk margins of sets of gains (C,) on vehicles (V): (C, V), zero where a loop is unstable; and the largest swing of
-    position per load on the first vehicle, (C,)."""
+    """Disk margins of sets of gains (C,) on vehicles (V): (C, V), zero where a loop is unstable; and the largest swing
+    of position per load on the first vehicle, (C,)."""
     seen, own = _seen(target, vehicles), {name: value[:, None] for name, value in gains.items()}
     poles, lines = plant.poles(seen), (omega * (1j - TILT), 1j * omega)
     ways = [(*target.paths(own, s), *plant.response(seen, s)) for s in lines]

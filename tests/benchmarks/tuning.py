@@ -2,8 +2,8 @@
 
 `corners`: five vehicles, each in twelve corners (gain of the thrust ± 15 %, inertia ± 10 %, delay as known and half
 as long again), flown with ArduSub's defaults and with new gains: which settle, and the worst of them.
-`blind`: vehicles of tuning_truth.py, identified and diagnosed from a simulated pool day and tuned; then the truth itself
-is flown with the gains: how often do the promised bands of 95 % hold, and does every vehicle settle?
+`blind`: vehicles of tuning_truth.py, identified and diagnosed from a simulated pool day and tuned; then the truth
+itself is flown with the gains: how often do the promised bands of 95 % hold, and does every vehicle settle?
 
 Usage: python tests/benchmarks/tuning.py [corners|blind] [--vehicles N] [--jobs N] [--out DIR]
 """

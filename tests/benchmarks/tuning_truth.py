@@ -1,8 +1,8 @@
 """Vehicles with a known truth for the benchmark of `tune`: nothing here knows the library's equations.
 
 Own integrator (Heun, 5 ms, all runs at once), own laws, in other forms than the library's where nature allows: a
-propeller that follows its speed, a dead-band that cuts, dry friction that sticks, water stirred up by a turbulent law, a
-saturation that bends, thrust that falls with the charge drawn. Moments are outputs from -1 to 1.
+propeller that follows its speed, a dead-band that cuts, dry friction that sticks, water stirred up by a turbulent law,
+a saturation that bends, thrust that falls with the charge drawn. Moments are outputs from -1 to 1.
 """
 
 from collections.abc import Callable, Mapping
@@ -24,7 +24,7 @@ SIZES: dict[str, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class Truth:
-    """A vehicle: inertia and drag per moment of the whole output, what is hidden with its size, scatter of the thrust."""
+    """A vehicle: inertia and drag per moment of the whole output, what is hidden with its size, scatter of thrust."""
 
     inertia: float
     quadratic: float

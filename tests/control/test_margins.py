@@ -17,25 +17,24 @@ from automarine_cli.dofs import YAW
 control: Any = pytest.importorskip("control", reason="the oracle of margins is in the dev group")
 
 
-def rational(random: np.random.Generator) -> tuple[Any, np.ndarray[Any, Any], float]:
-    """A loop as vehicles have them: an integrator, two lags, a zero; its open poles and its delay."""
+def rational(random: np.random.Generator) -> tuple[Any, np.ndarray[Any, Any]]:
+    """A loop as vehicles have them: an integrator, two lags, a zero, and a delay as a rational function of high order,
+    which is what the oracle can take; and its poles but for those of the delay."""
     gain = np.exp(random.uniform(-2.0, 2.5))
     lags = np.exp(random.uniform(-3.0, 1.0, 2))
     zero, delay = np.exp(random.uniform(-1.0, 1.5)), random.uniform(0.0, 0.3)
     s = control.tf("s")
-    return gain * (zero * s + 1) / (s * (lags[0] * s + 1) * (lags[1] * s + 1)), np.array([0.0, *(-1 / lags)]), delay
+    loop = gain * (zero * s + 1) / (s * (lags[0] * s + 1) * (lags[1] * s + 1))
+    return loop * control.tf(*control.pade(delay, 6)), np.array([0.0, *(-1 / lags)])
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_margins_are_those_of_python_control(seed: int) -> None:
     random = np.random.default_rng(seed)
     for _ in range(10):
-        loop, poles, delay = rational(random)
-        # a delay as the oracle has it: a rational function of high order, exact at these frequencies
-        late = control.tf(*control.pade(delay, 6)) if delay else 1.0
-        whole = loop * late
+        whole, poles = rational(random)
         omega = frequencies(300.0, 3000)
-        found = margins(lambda s: (loop(s) * late(s))[None], omega, poles[None].astype(complex), 0)
+        found = margins(lambda s, whole=whole: whole(s)[None], omega, poles[None].astype(complex), 0)
         closed = control.feedback(whole, 1).poles()
         good = bool(np.all(closed.real < 0))
         damped = good and bool(np.all(-closed.real > 0.02 * np.abs(closed)))
@@ -44,7 +43,7 @@ def test_margins_are_those_of_python_control(seed: int) -> None:
         if not found.stable[0]:
             assert found.disk[0] == found.gain[0] == found.phase[0] == found.delay[0] == 0.0
             continue
-        gain, phase, *_ = control.margin(whole)
+        _, phase, *_ = control.margin(whole)
         disk = control.disk_margins(whole, omega)[0]
         assert found.disk[0] == pytest.approx(disk, rel=2e-3)
         if np.isfinite(phase):

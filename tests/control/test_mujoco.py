@@ -20,7 +20,10 @@ mujoco: Any = pytest.importorskip("mujoco", reason="MuJoCo is in the group simul
 HULL = """<mujoco><option timestep="0.0025" gravity="0 0 0" integrator="RK4"/><worldbody><body>
 <joint name="yaw" type="hinge" axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia="{i} {i} {i}"/>
 </body></worldbody></mujoco>"""
-CASES = [(0.59, 1.5, 30.0, 0.03, 0.02), (0.59, 1.5, 30.0, 0.10, 0.05), (1.018, 1.257, 1.2, 0.15, 0.30), (29.0, 30.0, 40.0, 0.2, 0.5)]  # fmt: skip
+CASES = [
+    (0.59, 1.5, 30.0, 0.03, 0.02), (0.59, 1.5, 30.0, 0.10, 0.05), (1.018, 1.257, 1.2, 0.15, 0.30),
+    (29.0, 30.0, 40.0, 0.2, 0.5),
+]  # fmt: skip
 
 
 class Sub:
@@ -106,6 +109,11 @@ def flown(stack: Any, case: tuple[float, ...], reference: float, load: float, se
     data = mujoco.MjData(model)
     fine = model.opt.timestep
     late = deque([0.0] * round(delay / fine))
+
+    def resist(_: Any, now: Any) -> None:
+        now.qfrc_passive[0] -= drag * abs(now.qvel[0]) * now.qvel[0]
+
+    mujoco.set_mjcb_passive(resist)
     thrust, found = 0.0, []
     for k in range(round(seconds / fine)):
         if k % round(stack.step / fine) == 0:
@@ -114,9 +122,9 @@ def flown(stack: Any, case: tuple[float, ...], reference: float, load: float, se
             found.append(float(data.qpos[0]))
         late.append(full * output)
         before, thrust = thrust, thrust + (late.popleft() - thrust) * -np.expm1(-fine / lag)
-        rate = float(data.qvel[0])
-        data.qfrc_applied[0] = 0.5 * (before + thrust) - drag * abs(rate) * rate - load * full
+        data.qfrc_applied[0] = 0.5 * (before + thrust) - load * full
         mujoco.mj_step(model, data)
+    mujoco.set_mjcb_passive(None)
     return found
 
 

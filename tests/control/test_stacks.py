@@ -76,7 +76,7 @@ def test_a_steady_load_moves_the_angle_loop_cascade_by_what_the_closed_form_says
 
 def test_the_integral_is_frozen_at_the_limit_and_held_within_its_own() -> None:
     """Half a turn at a quarter of the moment that the default gains ask for: the integral stays below IMAX."""
-    target, one = get("ardusub"), vehicle(full=1.0, lag=0.02, delay=0.01)
+    target = get("ardusub")
     own = gains_of(target)
     state = target.start(own, np.zeros((1, 1)), np.zeros((1, 1)))
     held = []

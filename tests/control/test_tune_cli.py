@@ -14,6 +14,9 @@ from repository import SAMPLE_RUNS
 
 import automarine_cli as am
 from automarine_cli.control import design as designing
+from automarine_cli.pipeline.manifest import MANIFEST
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
 
 Run = Callable[..., Result]
 
@@ -56,6 +59,12 @@ def written(folder: Path, content: Mapping[str, Any], name: str = "model.json") 
     return str(path)
 
 
+def twin_map(a: float, dead: float) -> dict[str, Any]:
+    """Content of a map of thrusters alike both ways, with a dead-band, up to a control signal of 1."""
+    curve = Curve(a, 2.0, dead, 1.0)
+    return ThrusterMap("dead-band-saturation", curve, curve, "").to_json()
+
+
 def test_gains_are_better_than_the_defaults_that_swing(run: Run, tmp_path: Path) -> None:
     path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05))
     out = tmp_path / "out"
@@ -77,12 +86,9 @@ def test_gains_are_better_than_the_defaults_that_swing(run: Run, tmp_path: Path)
     names = {path.name for path in out.iterdir()}
     assert names == {
         "ardusub.param",
-        "tuning.json",
-        "tuning.md",
-        "tuning.csv",
+        *(f"tuning.{kind}" for kind in ("json", "md", "csv", "png")),
         "gains.csv",
-        "tuning.png",
-        "manifest.json",
+        MANIFEST,
     }
     assert "roll, pitch" in (out / "tuning.md").read_text()
     table = list(csv.reader(io.StringIO((out / "gains.csv").read_text())))
@@ -94,11 +100,11 @@ def test_gains_are_better_than_the_defaults_that_swing(run: Run, tmp_path: Path)
 
 def test_a_fast_vehicle_keeps_its_defaults(run: Run, tmp_path: Path) -> None:
     """So much moment for so little inertia, 0.02 s late: the defaults keep the margin."""
-    path = written(tmp_path, model(0.12, 1.0, 30.0, lag=0.01, delay=0.02))
+    path = written(tmp_path, model(0.375, 1.5, 30.0, delay=0.02))
     out = tmp_path / "out"
-    found = run("tune", path, "--for", "ardusub", "--full", "30", "--margin", "0.45", "-o", str(out))
+    found = run("tune", path, "--for", "ardusub", "--full", "30", "--margin", "0.6", "-o", str(out))
     assert found.exit_code == 0, found.stderr
-    assert found.stdout.startswith("Leave the gains as they are. The present gains keep the margin of 0.45 for")
+    assert found.stdout.startswith("Leave the gains as they are. The present gains keep the margin of 0.6 for")
     assert json.loads((out / "tuning.json").read_text())["verdict"] == "leave"
     assert not (out / "ardusub.param").exists()
 
@@ -145,11 +151,11 @@ def test_depth_is_designed_by_the_same_code(target: str, run: Run, tmp_path: Pat
 NO_NU = "its moments reach 1.2 nu, which is no output of ardusub, from -1 to 1; give --full with the moment [nu] of"
 REFUSALS: list[tuple[dict[str, Any], list[str], str]] = [
     (model(1.0, 1.2, 1.2, "nu"), [], NO_NU),
-    (model(1.0, 1.2, 9.0), [], "its moments are in N m, and ardusub commands outputs from -1 to 1; give --full with the"),
-    (model(1.0, 1.2, 9.0), ["--full", "4"], "it was fitted to moments up to 9 N m, and --full is 4 N m at the whole output"),
+    (model(1.0, 1.2, 9.0), [], "its moments are in N m, and ardusub commands outputs from -1 to 1; give --full"),
+    (model(1.0, 1.2, 9.0), ["--full", "4"], "it was fitted to moments up to 9 N m, and --full is 4 N m at the"),
     (model(1.0, -1.2, 9.0), ["--full", "9"], "models.3.k_rr: found -1.2, expected a drag of zero or more"),
-    (model(1.0, 1.2, 9.0), ["--full", "9", "--margin", "3"], "--margin: found a value that makes no sense; expected between"),
-    (model(1.0, 1.2, 9.0), ["--full", "9", "--sample-time", "0.1"], "ardusub runs at its firmware's own rate; leave out"),
+    (model(1.0, 1.2, 9.0), ["--full", "9", "--margin", "3"], "--margin: found a value that makes no sense; expected"),
+    (model(1.0, 1.2, 9.0), ["--full", "9", "--sample-time", "0.1"], "ardusub runs at its firmware's own rate"),
 ]  # fmt: skip
 
 
@@ -175,16 +181,11 @@ def test_drag_that_drives_is_refused(run: Run, tmp_path: Path) -> None:
 
 
 def test_a_map_that_contradicts_the_model_is_refused(run: Run, tmp_path: Path) -> None:
-    curve = {name: {"value": value} for name, value in {"a": 8.0, "p": 2.0, "n_0": 0.05, "n_sat": 1.0}.items()}
-    known = {"schema": "automarine/thruster-map/1", "form": "dead-band-saturation",
-             "parameters": {"forward": curve, "backward": curve}, "n_unit": ""}  # fmt: skip
-    thrusters = written(tmp_path, known, "map.json")
+    thrusters = written(tmp_path, twin_map(8.0, 0.05), "map.json")
     path = written(tmp_path, model(1.0, 1.2, 9.0, lag=0.05, delay=0.05))
     found = run("tune", path, "--for", "ardusub", "--thrusters", thrusters, "--arm", "0.3")
     assert found.exit_code == 1
-    assert (
-        "it was fitted to moments up to 9 N m, and the thruster map gives 4.332 N m at the whole output" in found.stderr
-    )
+    assert "fitted to moments up to 9 N m, and the thruster map gives 4.332 N m at the whole" in found.stderr
     found = run("tune", path, "--for", "ardusub", "--thrusters", thrusters, "--arm", "0.7", "--full", "14")
     assert "--full is 14 N m, and the thruster map gives 10.11 N m at the whole output; leave out one" in found.stderr
 
@@ -192,10 +193,7 @@ def test_a_map_that_contradicts_the_model_is_refused(run: Run, tmp_path: Path) -
 def test_present_gains_come_from_the_vehicle_s_file_and_are_checked(run: Run, tmp_path: Path) -> None:
     path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.03, delay=0.02))
     for text, sentence in (
-        (
-            "ATC_RAT_YAW_P,0.9\n",
-            "row 1: ATC_RAT_YAW_P is 0.9, outside the range that ArduSub 4.1 to 4.5 documents, 0 to",
-        ),
+        ("ATC_RAT_YAW_P,0.9\n", "row 1: ATC_RAT_YAW_P is 0.9, outside the range that ArduSub 4.1 to 4.5 documents"),
         ("# x\nATC_RAT_YAW_I abc\n", "row 2: ATC_RAT_YAW_I is 'abc'; expected a number"),
         ("OTHER,1\n", "none of the parameters of ardusub is in it; expected lines such as ATC_ANG_YAW_P,6"),
     ):
@@ -213,10 +211,7 @@ def test_present_gains_come_from_the_vehicle_s_file_and_are_checked(run: Run, tm
 
 def test_a_thruster_map_is_flown_with_its_dead_band(run: Run, tmp_path: Path) -> None:
     """The same vehicle with a map that loses small outputs hunts; the file that inverts the map does not."""
-    curve = {name: {"value": value} for name, value in {"a": 50.0, "p": 2.0, "n_0": 0.06, "n_sat": 1.0}.items()}
-    known = {"schema": "automarine/thruster-map/1", "form": "dead-band-saturation",
-             "parameters": {"forward": curve, "backward": curve}, "n_unit": ""}  # fmt: skip
-    thrusters = written(tmp_path, known, "map.json")
+    thrusters = written(tmp_path, twin_map(50.0, 0.06), "map.json")
     path = written(tmp_path, model(0.59, 1.5, 25.0, lag=0.03, delay=0.03))
     errors = {}
     for target in ("pid", "python"):

@@ -23,8 +23,8 @@ def gyro_response(z: Complexes, dt: float, cutoff: float) -> Complexes:
 
 @dataclass(frozen=True)
 class RootLaw:
-    """Velocity towards a target: in proportion to what is left near it, further off the one from which `limit` can still
-    stop, in loops of `step` [s] never beyond the target; in proportion everywhere where the limit is 0."""
+    """Velocity towards a target: in proportion to what is left near it, further off the one from which `limit` can
+    still stop, in loops of `step` [s] never beyond the target; in proportion everywhere where the limit is 0."""
 
     gain: Floats
     near: Floats
