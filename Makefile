@@ -103,7 +103,7 @@ paper: $(READY) ## The paper's own tables against 200 simulated campaigns
 	$(BIN)/python tests/benchmarks/paper.py --out $(OUT)
 
 pictures: $(READY) ## The figures of README and guide, from sample_runs
-	$(BIN)/python tests/benchmarks/pictures.py
+	PYTHONPATH=tests/helpers $(BIN)/python tests/benchmarks/pictures.py
 
 bench: $(READY) ## Accuracy against the Cramer-Rao bound, speed, start-up time
 	$(BIN)/python tests/benchmarks/bench.py --out $(OUT)/bench.json

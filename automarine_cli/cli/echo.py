@@ -197,7 +197,8 @@ def echo_result(
         if not last and not (isinstance(table, str) and i + 1 < len(tables) and isinstance(tables[i + 1], str)):
             click.echo()  # sentences stand together, everything else apart
     if out is not None:
-        there = [name for name in files if not name.endswith(".png") or any(out.glob(name.replace("RUN", "*")))]
+        # a name with a blank tells of several files
+        there = [name for name in files if " " in name or any(out.glob(name.replace("RUN", "*").rstrip("/")))]
         listed = f": {', '.join(there)}" if there else ""
         click.echo(folded(f"Results are in {out}{listed}", width))
     elif keep_hint is not None:

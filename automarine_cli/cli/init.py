@@ -17,6 +17,7 @@ from automarine_cli.cli.terminal import folded, width_of
     "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
     help="The campaign file to write.  [default: DIR/campaign.toml]",
 )  # fmt: skip
+@options.columns_option
 @options.overwrite_option
 @options.jobs_option
 @options.json_option
@@ -25,8 +26,9 @@ def init(**given: Any) -> object:
     """Look at the logs in DIR (by default here) and write a commented campaign.toml for `automarine run`.
 
     It says which logs are thruster tests, step runs, manoeuvres and validation runs, and which column holds what,
-    in which unit, with the range that was seen. Where name and range do not settle it, the value is "?": a question
-    that a person answers before `automarine run` takes the file.
+    in which unit, with the range that was seen. Where name and range do not settle it, it asks: on a terminal at
+    once; in a pipe, or where you only press Enter, the value in the file is "?", and `automarine run` takes the file
+    when you have written the answer in its place. What --columns says is not asked.
 
     \b
     Example:
@@ -35,10 +37,19 @@ def init(**given: Any) -> object:
     from automarine_cli.workflows.init import NAME
     from automarine_cli.workflows.init import init as command
 
-    result = options.perform_one(command, given)
+    asking = sys.stdin.isatty() and sys.stdout.isatty() and not given["as_json"] and verbosity_level() >= 0
+    result = options.perform_one(command, {**given, "ask": _ask if asking else None})
     if not given["as_json"] and verbosity_level() >= 0:
         place = given["folder"] / NAME if given["out"] is None else given["out"]
         first = "Answer the questions in it, then: " if result.questions else "Next: "
         said = f"Written: {place}. {first}automarine run {place} -o results"
         click.echo(folded(said, width_of(sys.stdout)))
     return result
+
+
+def _ask(key: str, comment: str) -> str:
+    """The answer to one question, "" to leave it open."""
+    click.echo(folded(comment, width_of(sys.stdout)))
+    answer: str = click.prompt(f"{key} (Enter: later)", default="", show_default=False)
+    click.echo()
+    return answer

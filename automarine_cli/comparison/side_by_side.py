@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from automarine_cli.fits.estimate import Estimate
+from automarine_cli.results.estimate import Estimate
 
 DIFFERS, MAY_DIFFER, ALIKE = "differs", "may differ", "no difference shown"
 LEVEL = 0.05

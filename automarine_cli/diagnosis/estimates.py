@@ -8,9 +8,9 @@ from automarine_cli import effects
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Found, Trial
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import estimate_of
 from automarine_cli.fits.whole_runs import varying_terms
+from automarine_cli.results.estimate import Estimate
 
 
 def parameter_estimates(study: Study, trial: Trial, name: str) -> dict[str, Estimate]:

@@ -5,9 +5,9 @@ import numpy as np
 from automarine_cli.diagnosis.estimates import base_estimates, parameter_estimates
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Trial
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.models.store import StoredModels, model_json
+from automarine_cli.results.estimate import Estimate
 
 
 def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha256: str) -> dict[str, object]:

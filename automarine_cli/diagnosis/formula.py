@@ -16,8 +16,8 @@ from scipy import optimize
 
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
 from automarine_cli.effects.learned import GAIN, basis
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 
 LEAST_SLACK = 0.02
 """Share of the curve's range by which a formula may leave the band: none is drawn finer."""

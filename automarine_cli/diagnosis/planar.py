@@ -183,10 +183,8 @@ def find_missing(stored: StoredPlanar, runs: Sequence[Run], kept: Sequence[Run],
 def _begin(stored: StoredPlanar, seen: Observed) -> tuple[Tied, Estimated]:
     """The stored model, and what its fit knew of what is random, if it says so: one start is enough for what somebody
     took for the vehicle."""
-    base, random = base_of(stored, seen), stored.data.get("random")
-    told = random if isinstance(random, Mapping) else {}
-    sizes = {str(name): float(size) for name, size in told.items() if isinstance(size, (int, float))}
-    return base, Estimated(base, np.zeros((0, 0)), 0.0, 0, random=sizes)
+    base = base_of(stored, seen)
+    return base, Estimated(base, np.zeros((0, 0)), 0.0, 0, random=stored.random)
 
 
 def _promised(likelihood: PlanarLikelihood, here: Estimated, seen: Observed) -> list[tuple[Candidate, Promise]]:

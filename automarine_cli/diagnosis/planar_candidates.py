@@ -32,13 +32,12 @@ def base_of(stored: StoredPlanar, seen: Observed) -> Tied:
 
     Without a fit those are free that are not zero. A mass abeam that equals the mass ahead is tied to it.
     """
-    model, covariance = stored.model, stored.data.get("covariance")
+    model = stored.model
     known = set(model.parameter_names)
     ties = {name: tie for name, tie in Structure.simplest(seen).ties.items() if {name, tie[0]} <= known}
     if SWAY.parameter("inertia") not in ties and model.inertia.m_v == model.inertia.m_u:
         ties[SWAY.parameter("inertia")] = ("surge.m_u", 1.0)
-    listed = covariance.get("parameters") if isinstance(covariance, dict) else None
-    wanted = listed or [name for name, value in zip(model.parameter_names, model.theta) if value]
+    wanted = stored.free or tuple(name for name, value in zip(model.parameter_names, model.theta) if value)
     return Tied(model, tuple(name for name in model.parameter_names if name in wanted and name not in ties), ties)
 
 

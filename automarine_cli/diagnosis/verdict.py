@@ -16,10 +16,10 @@ from automarine_cli.diagnosis.outlook import Outlook
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, WEAK, Found, Trial, clear
 from automarine_cli.diagnosis.where import Region, Where
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 
 NAMED, SUSPECTED, NOTHING, UNEXPLAINED = "named", "suspected", "nothing-missing", "unexplained"
 

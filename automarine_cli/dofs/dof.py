@@ -260,6 +260,7 @@ class Dof:
             "x": own.position, "v": own.velocity, "f": own.force, "water": own.water,
             "positive": there, "negative": back, "to_positive": to, "to_negative": fro,
             "base_unit": units.base, "log_unit": units.log, "shown_unit": units.shown,
+            "ratio_key": self.ratio_key, "velocity_key": self.velocity_key,
         }  # fmt: skip
 
     def fill(self, template: str) -> str:

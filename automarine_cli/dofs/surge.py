@@ -23,7 +23,20 @@ SURGE = Dof(
     },
     nicknames={
         "distance": ("distance", "dist", "x", "position", "range", "travel", "surge_position", "pos_x"),
+        "surge": (
+            "surge",
+            "u",
+            "u_mps",
+            "u_m_s",
+            "speed",
+            "speed_mps",
+            "speed_m_s",
+            "surge_speed",
+            "forward_speed",
+            "vx",
+        ),
         "force_X": ("force_x", "surge_force", "thrust_x", "fx", "tau_x", "x_force"),
     },
+    plain_names={"surge": ("surge", "u_mps", "u_m_s", "surge_speed", "surge_mps", "forward_speed", "surge_velocity")},
     mounts=("port", "starboard"),
 )

@@ -24,6 +24,8 @@ SWAY = Dof(
     },
     nicknames={
         "distance": ("distance", "dist", "y", "position", "range", "travel", "sway_position", "pos_y"),
+        "sway": ("sway", "v_mps", "v_m_s", "sway_speed", "lateral_speed", "vy"),
         "force_Y": ("force_y", "sway_force", "lateral_force", "thrust_y", "fy", "tau_y", "y_force"),
     },
+    plain_names={"sway": ("sway", "v_mps", "v_m_s", "sway_speed", "sway_mps", "lateral_speed", "sway_velocity")},
 )

@@ -17,6 +17,7 @@ from typing import Any
 from automarine_cli import __version__, effects
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.results.models import ModelFile
 from automarine_cli.thrusters.map import ThrusterMap
 
 FRAMES = {"NED": "NED world, body x ahead, y starboard, z down", "ENU": "ENU world, body x ahead, y port, z up"}
@@ -82,7 +83,7 @@ class Origin:
 class YawSubject:
     """A model to be written: already in the file's frame and moment unit, with what the target carries alone.
 
-    `data` is the model file's content, for a card; `logs` are name and hash of the logs it was fitted to, None where
+    `file` is what the model file holds, for a card; `logs` are name and hash of the logs it was fitted to, None where
     that is not known.
     """
 
@@ -92,7 +93,7 @@ class YawSubject:
     form: str
     settings: Settings
     left_out: tuple[LeftOut, ...] = ()
-    data: Mapping[str, Any] | None = None
+    file: ModelFile | None = None
     logs: tuple[tuple[str, str], ...] | None = None
 
     @property
@@ -193,6 +194,7 @@ class Target:
     where that hangs on the settings, `varying` whether also effects that differ from run to run; `why` not, by effect,
     and `instead` the option that helps. `si` whether moments must be newton metres; `uses` the settings that mean
     something; `motions` those whose models it takes.
+    `lacks` are laws of effects that it does not carry though it carries the effect, and why.
     `planar` is how it takes surge, sway and yaw together, if it does.
     """
 
@@ -204,6 +206,7 @@ class Target:
     frames: tuple[str, ...] = ("NED", "ENU")
     carries: frozenset[str] = frozenset(DRAG)
     laws: frozenset[tuple[str, int]] | None = frozenset()
+    lacks: Mapping[tuple[str, int], str] = field(default_factory=dict)
     si: bool = True
     uses: frozenset[str] = frozenset()
     takes: str = YAW_MODEL

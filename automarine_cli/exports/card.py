@@ -3,9 +3,8 @@
 After Mitchell et al. (2019), Model cards for model reporting, doi 10.1145/3287560.3287596, for a model of motion.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 from automarine_cli import __version__, effects
 from automarine_cli.effects.learned import PREFIX
@@ -14,6 +13,9 @@ from automarine_cli.exports.conversions import in_enu, in_newton_metres
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.results.estimate import Given
+from automarine_cli.results.models import AddedEffect, ModelEntry, Parent, ValidRange
+from automarine_cli.results.records import Covariance
 
 HEADER = ("parameter", "meaning", "value", "standard error", "95 % interval", "unit")
 NO_RANGE = "The file does not tell which {forces} were fitted; fit again with this version of automarine."
@@ -22,8 +24,9 @@ NO_LOGS = "Not known: there is no manifest.json beside the model file that is of
 
 def write(subject: YawSubject) -> Written:
     """The card in Markdown."""
-    data = subject.data or {}
-    entry = _mapping(_mapping(data.get("models")).get(subject.origin.number))
+    file = subject.file
+    assert file is not None, "the card is written of a file"
+    entry = file.models[subject.origin.number] or ModelEntry()
     parts = [
         f"# Model of {subject.dof.name}: {_code(subject.origin.file)}\n",
         f"Model {subject.origin.number} of the file, written by automarine {__version__}. SHA-256 of the file: "
@@ -31,19 +34,18 @@ def write(subject: YawSubject) -> Written:
         f"- Unit of {subject.dof.words.force}: {subject.model.moment_unit}\n"
         f"- Frame: {frame_in_words(subject.frame, subject.dof)}\n- {_signs(subject)}\n",
         "## Parameters\n",
-        Table("", HEADER, tuple(_rows(subject, entry, data))).to_markdown(),
+        Table("", HEADER, tuple(_rows(subject, entry, file.effects))).to_markdown(),
         "## Covariance\n",
-        _covariance(subject, entry),
+        _covariance(subject, entry.output_error.covariance if entry.output_error else None),
         "## Valid range\n",
-        _range(subject, data),
+        _range(subject, file.valid_range or ValidRange()),
         "## Effects\n",
         _effects(subject),
         "## Data\n",
-        _logs(subject, data),
+        _logs(subject, file.parent),
     ]
-    warnings = data.get("warnings")
-    if isinstance(warnings, list) and warnings:
-        parts += ["## Warnings\n", "".join(f"- {printable(str(one))}\n" for one in warnings)]
+    if file.warnings:
+        parts += ["## Warnings\n", "".join(f"- {printable(one)}\n" for one in file.warnings)]
     return Written("\n".join(parts))
 
 
@@ -56,18 +58,17 @@ def _signs(subject: YawSubject) -> str:
     )
 
 
-def _rows(subject: YawSubject, entry: Mapping[str, Any], data: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+def _rows(subject: YawSubject, entry: ModelEntry, added: Sequence[AddedEffect]) -> Iterator[tuple[str, ...]]:
     """One row a parameter; uncertainties turn with the frame and the unit as the values do."""
     factor, dof = subject.settings.newton_metres_per_nu or 1.0, subject.dof
-    inertia = [x * factor for x in _told(entry.get(dof.symbols.inertia))]
+    inertia = [x * factor for x in _told(entry.inertia)]
     unit = dof.unit_of("inertia", subject.model.moment_unit)
     yield _row(dof.symbols.inertia, "rigid and added together", inertia, unit)
-    added = data.get("effects")
-    found = {_mapping(one).get("name"): _mapping(one) for one in added} if isinstance(added, list) else {}
+    found = {one.name: one.parameters for one in added}
     for term in subject.model.terms:
         effect = effects.get(term.name)
-        names, base = effect.names_in(dof), entry.get(dof.parameters[effect.role]) if effect.role else None
-        given = {names[0]: base} if base else _mapping(found.get(term.name, {}).get("parameters"))
+        names, base = effect.names_in(dof), getattr(entry, effect.role) if effect.role else None
+        given = {names[0]: base} if base else found.get(term.name, {})
         columns = [_told(given.get(name), value) for name, value in zip(names, term.values)]
         told = [_turned(subject, term, [column[i] for column in columns]) for i in range(4)]
         card = effect.card(dof, subject.model.moment_unit)
@@ -88,18 +89,11 @@ def _turned(subject: YawSubject, term: Term, column: list[float]) -> tuple[float
     return (in_enu(model) if subject.frame == "ENU" else model).terms[0].values
 
 
-def _told(estimate: object, value: float = 0.0) -> list[float]:
+def _told(given: Given | None, value: float = 0.0) -> list[float]:
     """Value, standard error and both ends of an estimate; NaN for what the file does not tell."""
-    nothing = float("nan")
-    if not isinstance(estimate, Mapping):
-        known = float(estimate) if isinstance(estimate, int | float) else value
-        return [known, nothing, nothing, nothing]
-    ends = estimate.get("ci95")
-    low, high = ends if isinstance(ends, list) and len(ends) == 2 else (nothing, nothing)
-    return [
-        float(x) if isinstance(x, int | float) else nothing
-        for x in (estimate.get("value"), estimate.get("stderr"), low, high)
-    ]
+    given = given or Given(value)
+    told = (given.value, given.stderr, *(given.ci95 or (None, None)))
+    return [float("nan") if x is None else x for x in told]
 
 
 def _row(name: str, meaning: str, told: list[float], unit: str) -> tuple[str, ...]:
@@ -108,31 +102,27 @@ def _row(name: str, meaning: str, told: list[float], unit: str) -> tuple[str, ..
     return (name, meaning, number(value, 5), number(spread, 2), ends, unit)
 
 
-def _covariance(subject: YawSubject, entry: Mapping[str, Any]) -> str:
+def _covariance(subject: YawSubject, told: Covariance | None) -> str:
     """The matrix of the file, in its own frame and unit, with the run as the unit of the data."""
-    told = _mapping(_mapping(entry.get("output_error")).get("covariance"))
-    names, matrix = told.get("parameters"), told.get("matrix")
-    lines = [_numbers(line) for line in matrix] if isinstance(matrix, list) else []
-    if not (lines and isinstance(names, list) and all(len(line) == len(names) for line in lines)):
+    names, lines = (told.parameters, told.matrix) if told else ((), ())
+    if not lines or any(len(line) != len(names) for line in lines):
         return "The file does not tell it; fit again with this version of automarine.\n"
-    rows = tuple((str(name), *(number(x) for x in line)) for name, line in zip(names, lines))
+    rows = tuple((name, *(number(x) for x in line)) for name, line in zip(names, lines))
     force = subject.dof.words.force
     note = f"As in the file: its own unit of {force}, in NED; in the products of the parameters' units."
-    return Table("", ("", *map(str, names)), rows, notes=(note,)).to_markdown()
+    return Table("", ("", *names), rows, notes=(note,)).to_markdown()
 
 
-def _range(subject: YawSubject, data: Mapping[str, Any]) -> str:
-    told = _mapping(data.get("valid_range"))
+def _range(subject: YawSubject, told: ValidRange) -> str:
     dof, words = subject.dof, subject.dof.words
-    forces, rates = _numbers(told.get(words.force)), _numbers(told.get(dof.velocity_key))
-    if len(forces) != 2:
+    if told.force is None:
         return f"{dof.fill(NO_RANGE)}\n"
     factor = subject.settings.newton_metres_per_nu or 1.0
     sign = -1.0 if subject.frame == "ENU" and mirrored(dof) else 1.0
-    low, high = sorted(sign * factor * x for x in forces)
+    low, high = sorted(sign * factor * x for x in told.force)
     lines = [f"- {words.force}: {number(low)} to {number(high)} {subject.model.moment_unit}"]
-    if len(rates) == 2:
-        low, high = sorted(sign * x for x in rates)
+    if told.velocity is not None:
+        low, high = sorted(sign * x for x in told.velocity)
         lines.append(
             f"- {words.speed}: {number(low)} to {number(high)} {subject.rate_unit}, steady under each {words.force}"
         )
@@ -146,29 +136,17 @@ def _effects(subject: YawSubject) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _logs(subject: YawSubject, data: Mapping[str, Any]) -> str:
+def _logs(subject: YawSubject, parent: Parent | None) -> str:
     """Hashes of the logs, and of the model that this one grew from."""
-    parent = _mapping(data.get("parent"))
-    grew = f"Grew from {_code(parent.get('file'))}, SHA-256 {_code(parent.get('sha256'))}.\n\n" if parent else ""
+    grew = f"Grew from {_code(parent.file)}, SHA-256 {_code(parent.sha256)}.\n\n" if parent else ""
     if subject.logs is None:
         return f"{grew}{NO_LOGS}\n"
     return grew + Table("", ("log", "SHA-256"), subject.logs).to_markdown()
 
 
-def _numbers(value: object) -> list[float]:
-    """The numbers of a list; none where it is no list of numbers alone."""
-    if not isinstance(value, list) or not all(type(x) in (int, float) for x in value):
-        return []
-    return [float(x) for x in value]
-
-
-def _code(text: object) -> str:
+def _code(text: str) -> str:
     """A name from a file as code, which has no meaning to Markdown."""
-    return f"`{printable(str(text)).replace('`', chr(39))}`"
-
-
-def _mapping(value: object) -> Mapping[str, Any]:
-    return value if isinstance(value, Mapping) else {}
+    return f"`{printable(text).replace('`', chr(39))}`"
 
 
 TARGET = Target(

@@ -1,12 +1,10 @@
 """A stored model made fit for a target: its unit of moment, and only the effects that the target has terms for."""
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 from automarine_cli import effects
 from automarine_cli import exports as targets
-from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.dofs import Dof
 from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import DRAG, LeftOut, Origin, Settings, Target
@@ -42,19 +40,12 @@ def in_unit(target: Target, model: YawModel, settings: Settings, origin: Origin)
     return model if factor is None else in_newton_metres(model, factor)
 
 
-def refuse_motion(target: Target, data: Mapping[str, Any], origin: Origin) -> None:
+def refuse_motion(target: Target, dof: Dof, origin: Origin) -> None:
     """Raise SettingError for a model of a motion that the target does not take."""
-    dof = motion_by_schema(data)
     if dof.name not in target.motions:
         raise SettingError(
             f"{origin.file} is a model of {dof.name}; --to {target.name} takes models of {listed(target.motions)}"
         )
-
-
-def motion_by_schema(data: Mapping[str, Any]) -> Dof:
-    """The motion that a model file's schema names; yaw where it names none."""
-    schema = str(data.get("schema", ""))
-    return next((one for name, one in DOFS.items() if schema.startswith(f"automarine/{name}-model/")), YAW)
 
 
 def split(target: Target, model: YawModel, settings: Settings) -> tuple[tuple[Term, ...], tuple[LeftOut, ...]]:
@@ -76,6 +67,8 @@ def _why_not(target: Target, term: Term, dof: Dof, settings: Settings) -> str:
         return ""
     if term.name in carried:
         law = effect.law(term.values)
+        if (term.name, law) in target.lacks:
+            return target.lacks[term.name, law]
         known = not law or target.laws is None or (term.name, law) in target.laws or effect.varies(term.values)
         return "" if known else f"its law {_law_name(term)!r} remembers earlier commands"
     named = WHY_NAMED | dict(target.why)

@@ -5,9 +5,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from automarine_cli.dofs import Dof
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.outcome import Outcome
-from automarine_cli.runs.channels import ChannelChoice
+from automarine_cli.pipeline.codec import to_mapping
+from automarine_cli.results.estimate import Estimate
+from automarine_cli.results.records import Sensor
+from automarine_cli.runs.channels import ChannelChoice, ChannelVerdict
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run
 
@@ -54,15 +56,12 @@ def measured_noises(runs: Sequence[Run], dof: Dof) -> dict[str, Estimate]:
 
 def channels_of(choice: ChannelChoice, noises: Mapping[str, Estimate]) -> dict[str, object]:
     """The same with noises that were measured in another way."""
-    if not choice.verdicts:
-        return {}
-    entries = []
-    for one in choice.verdicts:
-        entry: dict[str, object] = {"quantity": one.quantity, "used": one.used}
-        if one.used and one.quantity in noises:
-            entry["noise"] = noises[one.quantity].to_json()
-        entries.append(entry | ({"why": one.why} if one.why else {}))
-    return {"channels": entries}
+    sensors = [to_mapping(_sensor(one, noises)) for one in choice.verdicts]
+    return {"channels": sensors} if sensors else {}
+
+
+def _sensor(one: ChannelVerdict, noises: Mapping[str, Estimate]) -> Sensor:
+    return Sensor(one.quantity, one.used, noises.get(one.quantity) if one.used else None, one.why or None)
 
 
 def noise_words(fit: Outcome, dof: Dof) -> str:
@@ -79,18 +78,18 @@ def fit_sentences(choice: ChannelChoice, fit: Outcome, dof: Dof) -> list[str]:
 
 def channel_sentences(choice: ChannelChoice, noises: Mapping[str, Estimate], dof: Dof) -> list[str]:
     """One line on the sensors that count, and one on each that does not; none where only positions are logged."""
-    return sentences_of(channels_of(choice, noises).get("channels"), dof)
+    return sentences_of([_sensor(one, noises) for one in choice.verdicts], dof)
 
 
-def sentences_of(entries: object, dof: Dof) -> list[str]:
-    """The same of the `channels` of a result file, if it has any."""
-    if not isinstance(entries, list):
+def sentences_of(sensors: Sequence[Sensor], dof: Dof) -> list[str]:
+    """The same of the sensors of a result file, if it has any."""
+    if not sensors:
         return []
     words, used, lines = {dof.position: dof.words.position, dof.velocity: dof.words.rate}, [], []
-    for one in entries:
-        name, noise, why = words[one["quantity"]], one.get("noise"), one.get("why")
-        if one["used"]:
-            used.append(name if noise is None else f"{name} (noise {noise['value']:.3g} {noise['unit']})")
-        if why:
-            lines.append(why if one["used"] else f"The {name} does not count. {why}")
+    for one in sensors:
+        name, noise = words.get(one.quantity, one.quantity), one.noise
+        if one.used:
+            used.append(name if noise is None else f"{name} (noise {noise.value:.3g} {noise.unit})")
+        if one.why:
+            lines.append(one.why if one.used else f"The {name} does not count. {one.why}")
     return [f"Sensors that count: {' and '.join(used)}.", *lines]

@@ -20,9 +20,9 @@ from scipy import stats
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.models.yaw_model import base_roles, main_drag
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 
 WITH_CONSTANT, C = "3+c", "c"
 """The reading of Table 1 with a constant moment, and what it is called there."""

@@ -11,12 +11,12 @@ from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.prediction import HORIZONS, Predicted, predict
 from automarine_cli.fits.driven import base_starts, driven_problem, starts_near
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.innovations import InnovationsFit, fit_innovations
 from automarine_cli.fits.innovations_problem import DrivenProblem
 from automarine_cli.fits.output_error import OutputErrorFit, estimate_of, run_covariance, run_dof
 from automarine_cli.models.yaw_model import YawModel, base_names, base_roles, main_drag
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 
 SLOWEST, QUICKEST = 600.0, 1e-3
 """Seconds in which no vehicle answers its thrusters, or has answered them: inertia over the drag at the largest

@@ -7,11 +7,11 @@ import numpy as np
 
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.drag import DragFit, columns_of, regressors, sums
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.linear_mixed import solve_scaled
 from automarine_cli.fits.tails import TailLines
 from automarine_cli.models.closed_form import inertia_from_velocity_error
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 
 
 @dataclass(frozen=True)

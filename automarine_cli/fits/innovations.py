@@ -15,12 +15,12 @@ from scipy import stats
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.innovations_problem import DrivenProblem, Slopes
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.outcome import Outcome
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 
 SETTLED = 0.02
 """Gain in log likelihood still to be expected below which a fit has converged."""

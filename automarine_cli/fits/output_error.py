@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.influence import covariance_of_changes, degrees_of_freedom, left_out_changes
 from automarine_cli.fits.mixed_model import MixedFit, Problem, fit_mixed
 from automarine_cli.fits.mixed_problem import SWITCH
@@ -21,6 +20,7 @@ from automarine_cli.fits.ways import Ways
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem, without_gain
 from automarine_cli.models.yaw_model import YawModel, base_names, base_roles, main_drag
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.simulation.batch import Batch
 
 ENOUGH_RUNS = 8

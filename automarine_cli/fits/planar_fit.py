@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.planar_structure import Assumption, Observed, Structure, rough_sizes, rough_velocities
 from automarine_cli.fits.planar_use import PlanarUse
@@ -19,6 +18,7 @@ from automarine_cli.pipeline.outputs import json_document
 from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import Run, SetAside, readings
 
 FULLY = 3

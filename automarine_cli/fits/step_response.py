@@ -15,7 +15,8 @@ from automarine_cli.fits.run_effects import GAIN, START_POSITION, SWITCHES, Bloc
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import base_roles, main_drag
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.half_turn import MOST_REST, HalfTurn
+from automarine_cli.runs.half_turn import HalfTurn
+from automarine_cli.runs.trimmed import MOST_REST
 from automarine_cli.simulation.batch import Channel
 
 MOST_OFFSET = 2.5
@@ -157,6 +158,10 @@ def step_data(
     )
 
 
+AT_ONCE = 4000
+"""Runs whose readings are worked out together: of more the intermediate results take more memory than the runs."""
+
+
 def step_problem(
     data: StepData, model: str, known: Known = Known(), nodes: tuple[Nodes, ...] | None = None, sided: bool = False
 ) -> Problem:
@@ -177,10 +182,10 @@ def step_problem(
 
     switch = names.index(SWITCH)
 
-    def readings(theta: Floats, b: Floats) -> Floats:
+    def of_runs(theta: Floats, b: Floats, rows: slice) -> Floats:
         columns = [theta[:, i, None, None] for i in range(theta.shape[1])]
-        late = interval * instant(columns[switch] + blocks.of(b, SWITCHES))
-        gained = moment * np.exp(blocks.of(b, GAIN))
+        late = interval[:, rows] * instant(columns[switch] + blocks.of(b, SWITCHES))
+        gained = moment[:, rows] * np.exp(blocks.of(b, GAIN))
         own = dict(zip(roles, columns))
         if data.dof.has_constant:
             gained = gained + own["constant"]
@@ -190,10 +195,15 @@ def step_problem(
         begin, shown = blocks.of(b, START_POSITION), []
         for c, (channel, clock) in enumerate(zip(channels, clocks)):
             if c == 0 or nodes is not None:
-                states = response(clock[None] - late, gained, inertia, *drag, heading0=begin)
+                states = response(clock[None, rows] - late, gained, inertia, *drag, heading0=begin)
             found = states[1] + blocks.of(b, bias_of(channel.quantity)) if channel.velocity else states[0]
-            shown.append(found if nodes is None else (nodes[c].carry @ found[..., None])[..., 0])
+            shown.append(found if nodes is None else (nodes[c].carry[rows] @ found[..., None])[..., 0])
         return shown[0] if len(shown) == 1 else np.concatenate(shown, axis=2)
+
+    def readings(theta: Floats, b: Floats) -> Floats:
+        parts = [slice(i, i + AT_ONCE) for i in range(0, len(data.moment), AT_ONCE)]
+        found = [of_runs(theta, b[:, rows], rows) for rows in parts]
+        return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
 
     signed = [
         role in ("constant", "difference") or (role == "linear" and main != role) for role in roles[1:]

@@ -12,7 +12,7 @@ import numpy as np
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.fits.drag import DragFit, fit_drag_by_way
-from automarine_cli.fits.step_response import StepData
+from automarine_cli.fits.step_response import AT_ONCE, StepData
 from automarine_cli.fits.tails import TailLines, first_past, lines_to_the_end, tail_lines
 from automarine_cli.models.closed_form import inertia_from_velocity_error, response, velocity_error
 from automarine_cli.models.yaw_model import steady_rate
@@ -41,8 +41,9 @@ class Reference:
 
     def answer(self, time: Floats) -> Floats:
         """Noise-free headings (R, N)."""
-        moment, *drag = (np.asarray(x)[..., None] for x in self.acting)
-        return response(time, moment, self.inertia, *drag)[0]
+        moment, k_r, k_rr = (np.broadcast_to(x, len(time))[:, None] for x in self.acting)
+        parts = [slice(i, i + AT_ONCE) for i in range(0, len(time), AT_ONCE)]
+        return np.concatenate([response(time[p], moment[p], self.inertia, k_r[p], k_rr[p])[0] for p in parts])
 
     def balance(self, rate: Floats) -> tuple[Floats, Floats]:
         """Moment of the drag of each run at rates (R, A), and its slope on the rate."""

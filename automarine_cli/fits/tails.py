@@ -57,10 +57,13 @@ def lines_to_the_end(time: Floats, heading: Floats, seen: Mask, first: NDArray[n
     """Least-squares lines from the samples `first` (R, A) of each run to its last, by sums from behind."""
     runs = np.arange(len(time))[:, None]
     last = last_sample(seen)[:, None]
+
+    def summed(x: Floats) -> Floats:
+        return np.asarray(np.cumsum(x[:, ::-1], axis=1)[:, ::-1][runs, first])
+
     t, h = (np.where(seen, x - np.take_along_axis(x, last, axis=1), 0.0) for x in (time, heading))
-    count, sum_t, sum_h, sum_tt, sum_th = (
-        np.cumsum(x[:, ::-1], axis=1)[:, ::-1][runs, first] for x in (seen * 1.0, t, h, t * t, t * h)
-    )
+    count, sum_t, sum_h = summed(seen.astype(float)), summed(t), summed(h)
+    sum_tt, sum_th = summed(t * t), summed(t * h)
     if np.any(count < FEWEST_TAIL_SAMPLES):
         raise _too_few(int(count.min()), dof)
     spread = sum_tt - sum_t**2 / count
@@ -94,7 +97,9 @@ def last_sample(seen: Mask) -> NDArray[np.int64]:
 def noise_about_lines(time: Floats, heading: Floats, used: Mask, dof: Dof) -> float:
     """Root mean square [rad] of the headings about the line of each run."""
     lines = tail_lines(time, heading, np.zeros(len(time)), used, dof)
-    off = (heading - lines.error[:, None] - lines.rate[:, None] * time)[used]
+    off = heading - lines.error[:, None]
+    off -= lines.rate[:, None] * time
+    off = off[used]
     return float(np.sqrt(off @ off / max(used.sum() - 2 * len(time), 1)))
 
 

@@ -12,9 +12,9 @@ from scipy import stats
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.influence import degrees_of_freedom
 from automarine_cli.models.yaw_model import main_drag
+from automarine_cli.results.estimate import Estimate
 
 if TYPE_CHECKING:
     from automarine_cli.fits.output_error import OutputErrorFit

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.dofs import Dof
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.velocity_error import VelocityErrorFit
+from automarine_cli.results.estimate import Estimate
 
 CORRELATED = 0.95
 """Correlation of two estimates from which on only a combination of them is known."""

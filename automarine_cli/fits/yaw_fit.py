@@ -1,7 +1,7 @@
 """A whole yaw identification: which runs serve for what, both estimators, the preferred model, and what to
 be warned of."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -11,7 +11,6 @@ from automarine_cli.dofs import Dof
 from automarine_cli.fits.channel_noise import channels_json
 from automarine_cli.fits.drag import nested_test
 from automarine_cli.fits.driven_use import Use
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.innovations import InnovationsFit, random_estimates
 from automarine_cli.fits.output_error import OutputErrorFit, Preference, estimate_of
 from automarine_cli.fits.step_response import StepData
@@ -22,6 +21,7 @@ from automarine_cli.models.store import model_json
 from automarine_cli.pipeline.outputs import json_document
 from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice
 from automarine_cli.runs.half_turn import HalfTurn
 from automarine_cli.runs.run import Run, SetAside, readings
@@ -71,6 +71,11 @@ class YawFit(Shown):
         return len(self.turns) or len(self.runs)
 
     @property
+    def read(self) -> Sequence[Run]:
+        """The runs as they were read, for what is to be known of that."""
+        return self.runs or [turn.step.run for turn in self.turns]
+
+    @property
     def moments(self) -> tuple[float, ...]:
         """Every moment that was fitted, with its sign."""
         if self.turns:
@@ -104,7 +109,7 @@ class YawFit(Shown):
             "runs": {
                 "used": self.used,
                 "set_aside": [asdict(run) for run in self.set_aside],
-                **readings(self.runs or [turn.step.run for turn in self.turns]),
+                **readings(self.read),
             },
         }  # fmt: skip
 

@@ -1,7 +1,7 @@
 """Log files of any format become `LogTable`s: canonical columns in SI units, row numbers for messages."""
 
 from automarine_cli.logs.columns import ColumnMap, ColumnRule, column_rules, given_columns, read_column_map
-from automarine_cli.logs.find import LogFile, Logs, find_logs
+from automarine_cli.logs.find import LogFile, Logs, find_logs, whole_logs, with_joined
 from automarine_cli.logs.needs import is_thruster_test, require, require_motion, require_thruster
 from automarine_cli.logs.reader import read_log
 from automarine_cli.logs.table import LogTable
@@ -21,4 +21,6 @@ __all__ = [
     "require",
     "require_motion",
     "require_thruster",
+    "whole_logs",
+    "with_joined",
 ]

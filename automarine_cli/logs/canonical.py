@@ -45,6 +45,20 @@ MOST_LOOKED_AT, LONGEST_GUESSED = 1000, 60  # columns, and characters of a name,
 COMMANDS = ("n", *dict.fromkeys(name for dof in DOFS.values() for name in dof.thrusters))
 """Control signals keep the file's own unit, whatever it is called."""
 
+SIGNALS = {
+    "us": ("us", "usec", "microseconds", "pwm", "pulse"),
+    "rpm": ("rpm",),
+    "rev/s": ("rps", "rev_s", "hz"),
+    "%": ("percent", "pct", "perc", "%"),
+}
+"""Units of control signals, and the words in names of columns that tell them."""
+
+
+def unit_in(name: str) -> str:
+    """The unit of a control signal that the name of its column tells, "" for none."""
+    plain = f"_{re.sub(r'[^a-z0-9%]+', '_', name.lower())}_".replace("%", "_%_")
+    return next((unit for unit, words in SIGNALS.items() if any(f"_{word}_" in plain for word in words)), "")
+
 
 @dataclass(frozen=True)
 class Canonical:

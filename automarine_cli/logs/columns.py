@@ -2,22 +2,29 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN
+from automarine_cli.logs.join import Join, matches
+from automarine_cli.pipeline.codec import Codec
 from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.words import listed, printable, quoted
 
 KNOWN_DEFAULTS = ("thrusters_per_test", "arm_m")
 LARGEST_MAP = 200_000  # bytes; a column map is a dozen lines
+TABLES = ("columns", "columns_of", "logs", "defaults", "can")
+TAKEN = ("from", "unit", "sign", "scale", "offset", "subtract", "sign_from", "day_first")
 
 
 @dataclass(frozen=True)
 class ColumnRule:
-    """One line of a column map: value = sign (scale x the file's value + offset), in `unit` (None: the name's
-    own).
+    """One line of a column map: value = sign (scale x (the file's value - subtract) + offset), in `unit` (None: the
+    name's own).
+
+    With `sign_from` the file's value is a size, and that column (less its own neutral) says which way it counts.
+    `day_first` is how dates such as 03/05/2024 are read (None: as the column shows).
     """
 
     source: str
@@ -25,19 +32,42 @@ class ColumnRule:
     sign: int = 1
     scale: float = 1.0
     offset: float = 0.0
+    subtract: float = 0.0
+    sign_from: "ColumnRule | None" = None
+    day_first: bool | None = None
+
+
+@dataclass(frozen=True)
+class ColumnsOf:
+    """The column map of some logs, told by names or ends of paths in which a star stands for any letters."""
+
+    logs: tuple[str, ...]
+    columns: Mapping[str, ColumnRule]
 
 
 @dataclass(frozen=True)
 class ColumnMap:
     """Canonical name -> rule, defaults for settings, and the DBC that CAN captures are decoded with (a path, or "").
 
-    `ColumnMap()` takes every name as it stands.
+    `ColumnMap()` takes every name as it stands. `columns_of` are logs with a map of their own, `join` says which files
+    are one log.
     """
 
     columns: Mapping[str, ColumnRule] = field(default_factory=dict)
     defaults: Mapping[str, float | str] = field(default_factory=dict)
     source: str = ""
     dbc: str = ""
+    columns_of: tuple[ColumnsOf, ...] = ()
+    join: tuple[Join, ...] = ()
+
+    def of(self, path: Path) -> "ColumnMap":
+        """The map of one log: that of the first of `columns_of` that means it, else the one of all others."""
+        own = next((one.columns for one in self.columns_of if any(matches(path, name) for name in one.logs)), None)
+        return self if own is None else replace(self, columns=own)
+
+    def beside(self, path: Path) -> dict[Path, Join]:
+        """The files that are joined to a log, and how. Raises LogError for one that is not there."""
+        return {found: one for one in reversed(self.join) for found in one.beside(path)}
 
     @property
     def database(self) -> Path | None:
@@ -57,7 +87,7 @@ def given_columns(columns: "str | Path | ColumnMap | None") -> ColumnMap:
 
 
 def read_column_map(path: str | Path) -> ColumnMap:
-    """Read a column map (TOML with `[columns]`, `[defaults]` and `[can]`).
+    """Read a column map (TOML with `[columns]`, `[[columns_of]]`, `[logs]`, `[defaults]` and `[can]`).
 
     Raises LogError with the key's path for an unknown key, a wrong type or a unit that does not fit.
     """
@@ -65,25 +95,53 @@ def read_column_map(path: str | Path) -> ColumnMap:
     name = printable(path.name)
     data = read_plain(path, "TOML", LogError, most=LARGEST_MAP)
     for key in data:
-        if key not in ("columns", "defaults", "can"):
+        if key not in TABLES:
             raise LogError(
-                f"{name}: unknown key {quoted(key)}; a column map holds [columns], [defaults] and [can] only; write it "
-                "below one of them"
+                f"{name}: unknown key {quoted(key)}; a column map holds [columns], [[columns_of]], [logs], [defaults] "
+                "and [can] only; write it below one of them"
             )
-    columns, defaults, can = (_table(data.get(key, {}), key, name) for key in ("columns", "defaults", "can"))
-    if not columns and not defaults and not can:
+    tables = (_table(data.get(key, {}), key, name) for key in ("columns", "defaults", "can", "logs"))
+    columns, defaults, can, logs = tables
+    if not any(data.values()):
         raise LogError(f'{name}: the column map is empty; write lines such as heading_deg = "yaw" under [columns]')
+    for key in logs:
+        if key != "join":
+            raise LogError(f"{name}: logs.{printable(key)} is not known; [logs] of a column map takes join")
     return ColumnMap(
         columns=column_rules(columns, name),
         defaults={key: _default(name, key, value) for key, value in defaults.items()},
         source=name,
         dbc=database(can, path),
+        columns_of=columns_of(data.get("columns_of", ()), name),
+        join=joins(logs.get("join", ()), f"{name}: logs.join"),
     )
 
 
 def column_rules(columns: Mapping[str, object], name: str) -> dict[str, ColumnRule]:
     """The rules under `[columns]` of the file called `name`. Raises LogError with the key's path."""
     return {key: _rule(name, key, value) for key, value in columns.items()}
+
+
+def columns_of(tables: object, name: str) -> tuple[ColumnsOf, ...]:
+    """The maps under `[[columns_of]]` of the file called `name`. Raises LogError with the key's path."""
+    if not isinstance(tables, list | tuple) or not all(isinstance(one, Mapping) for one in tables):
+        raise LogError(f"{name}: columns_of is {_kind(tables)}; expected tables, each written [[columns_of]]")
+    found = []
+    for i, one in enumerate(tables):
+        logs = (one.get("logs", ()),) if isinstance(one.get("logs"), str) else tuple(one.get("logs", ()))
+        if not logs or not all(isinstance(log, str) for log in logs):
+            raise LogError(f"{name}: columns_of[{i}].logs is missing; expected the logs that it is of, such as "
+                           '["bollard/*.csv"]')  # fmt: skip
+        rules = column_rules({key: value for key, value in one.items() if key != "logs"}, name)
+        found.append(ColumnsOf(logs, rules))
+    return tuple(found)
+
+
+def joins(given: object, where: str) -> tuple[Join, ...]:
+    """What `join` says at the place `where`, one table or several. Raises LogError with the key's path."""
+    several = [given] if isinstance(given, Mapping) else given
+    found: tuple[Join, ...] = Codec(where, refuse=LogError).value(tuple[Join, ...], several)
+    return found
 
 
 def database(can: Mapping[str, object], path: Path) -> str:
@@ -112,31 +170,62 @@ def _rule(name: str, key: str, value: object) -> ColumnRule:
         raise LogError(f"{where} is no column that automarine knows; known are {', '.join([*CANONICAL, *LABELS])}")
     if isinstance(value, str):
         value = {"from": value}
-    if not isinstance(value, dict):
+    if not isinstance(value, Mapping):
         raise LogError(
             f"{where} is {_kind(value)}; expected the name of a column in quotes, "
             'or a table such as { from = "yaw", unit = "rad", sign = -1 }'
         )
     for inner in value:
-        if inner not in ("from", "unit", "sign", "scale", "offset"):
-            raise LogError(f"{where}.{printable(inner)} is not known; a column takes from, unit, sign, scale, offset")
-    source = value.get("from")
-    if not isinstance(source, str) or not source.strip():
-        found = "missing" if source is None else _kind(source)
-        raise LogError(f"{where}.from is {found}; expected the name of a column in quotes")
+        if inner not in TAKEN:
+            raise LogError(f"{where}.{printable(inner)} is not known; a column takes {', '.join(TAKEN)}")
+    source = _source(where, value)
     if key in LABELS and len(value) > 1:
         what = "names runs" if key == RUN else "is a state"
         raise LogError(f"{where} {what}; unit, sign, scale and offset do not apply; leave them out")
     sign = value.get("sign", 1)
     if isinstance(sign, bool) or sign not in (1, -1):
         raise LogError(f"{where}.sign is {_kind(sign)}; expected 1 or -1")
+    day_first = value.get("day_first")
+    if day_first is not None and not (isinstance(day_first, bool) and key == "time"):
+        if key != "time":
+            raise LogError(f"{where}.day_first goes with time, a column of dates, only; leave it out")
+        raise LogError(f"{where}.day_first is {_kind(day_first)}; expected true or false")
     return ColumnRule(
-        source.strip(),
+        source,
         _unit(where, key, value.get("unit")),
         int(sign),
         _number(f"{where}.scale", value.get("scale", 1.0)),
         _number(f"{where}.offset", value.get("offset", 0.0)),
+        _number(f"{where}.subtract", value.get("subtract", 0.0)),
+        _sign_from(where, value.get("sign_from")),
+        day_first,
     )
+
+
+def _source(where: str, value: Mapping[str, object]) -> str:
+    source = value.get("from")
+    if not isinstance(source, str) or not source.strip():
+        found = "missing" if source is None else _kind(source)
+        raise LogError(f"{where}.from is {found}; expected the name of a column in quotes")
+    return source.strip()
+
+
+def _sign_from(where: str, value: object) -> ColumnRule | None:
+    """The column that says which way an unsigned one counts, by its name or with its neutral."""
+    if value is None:
+        return None
+    where = f"{where}.sign_from"
+    value = {"from": value} if isinstance(value, str) else value
+    if not isinstance(value, Mapping) or set(value) - {"from", "subtract", "sign"}:
+        raise LogError(
+            f"{where} is {_kind(value)}; expected the name of a column in quotes, or a table such as "
+            '{ from = "pwm", subtract = 1500 }'
+        )
+    sign = value.get("sign", 1)
+    if isinstance(sign, bool) or sign not in (1, -1):
+        raise LogError(f"{where}.sign is {_kind(sign)}; expected 1 or -1")
+    subtract = _number(f"{where}.subtract", value.get("subtract", 0.0))
+    return ColumnRule(_source(where, value), sign=int(sign), subtract=subtract)
 
 
 def _unit(where: str, key: str, unit: object) -> str | None:

@@ -6,6 +6,7 @@ of one type are unpacked at once. Source: ArduPilot, libraries/AP_Logger/LogStru
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
+from automarine_cli.logs.ardupilot import asked_of_pulses
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
+from automarine_cli.logs.mixing import Asked, Parameters, is_commanded_by, parameters
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
 from automarine_cli.logs.vehicles import arming, mode_names, needed, unsound_is_refused
 from automarine_cli.quantities import Floats
@@ -135,7 +138,7 @@ def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple
     for name, (other, instead) in INSTEAD.items():
         if name not in messages:
             own[other] = instead
-    streams = _states(messages)
+    streams, asked = _states(messages), Asked()
     for name, message in messages.items():
         time = _clock(message)
         fields = {key: values for key, values in message.items() if key not in SECONDS}
@@ -143,9 +146,20 @@ def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple
             fields = {key: values for key, values in fields.items() if values.any()}
         if time is not None:
             stream = taken(name, time, fields, own.get(name, {}), columns, keep=name == "RCOU")
+            if name == "RCOU" and stream is not None and not is_commanded_by(columns):
+                asked = asked_of_pulses(
+                    name, time, {int(key[1:]): values for key, values in fields.items()}, _parameters(messages)
+                )
+                stream = replace(stream, columns={**stream.columns, **asked.columns})
             streams += [] if stream is None else [stream]
     holds = tuple(f"{name} ({len(next(iter(fields.values())))})" for name, fields in messages.items())
-    return Recording(streams, "messages", holds, notes)
+    return Recording(streams, "messages", holds, (*asked.notes, *notes), asked.origin)
+
+
+def _parameters(messages: Mapping[str, Message]) -> Parameters:
+    told = messages.get("PARM", {})
+    time = _clock(told)
+    return {} if time is None or not {"Name", "Value"} <= told.keys() else parameters(told["Name"], time, told["Value"])
 
 
 def _clock(fields: Message) -> Floats | None:

@@ -4,23 +4,32 @@ import glob
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NoReturn
 
 from automarine_cli.errors import LogError
+from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import format_of, suffix_of, suffixes
+from automarine_cli.pipeline.plain_data import Document, Source
 from automarine_cli.pipeline.words import printable, quoted
 
 
 @dataclass(frozen=True)
 class LogFile:
     """One log: where it is, what results call it (never depends on the working directory), and whether it was
-    named on the command line itself (then unreadable means refused) or found (then it is set aside)."""
+    named on the command line itself (then unreadable means refused) or found (then it is set aside). A table that is
+    no file has its `content`, as a Parquet file would."""
 
     path: Path
     name: str
     named: bool
+    content: bytes | None = field(default=None, repr=False)
+
+    @property
+    def source(self) -> Source:
+        """What its bytes are read from."""
+        return self.path if self.content is None else Document(self.name, self.content)
 
 
 Logs = Sequence[str | Path | LogFile]
@@ -39,10 +48,35 @@ def find_logs(arguments: Logs) -> list[LogFile]:
     found: dict[str, LogFile] = {}
     for argument in arguments:
         for log in [argument] if isinstance(argument, LogFile) else _meant_by(str(argument)):
-            key = str(log.path.parent.resolve() / log.path.name)
+            key = _key(log.path)
             if key not in found or _claim(log) > _claim(found[key]):
                 found[key] = log
     return sorted(_told_apart(list(found.values())), key=_place)
+
+
+def whole_logs(files: Sequence[LogFile], columns: ColumnMap) -> tuple[LogFile, ...]:
+    """The logs without the files that `columns` joins to others of them."""
+    joined = {_key(path) for file in files for path in _beside(file, columns)}
+    return tuple(file for file in files if _key(file.path) not in joined)
+
+
+def with_joined(files: Sequence[LogFile], columns: ColumnMap) -> list[LogFile]:
+    """The logs and the files that `columns` joins to them, each file once."""
+    return find_logs([*files, *(LogFile(path, printable(path.name), False) for file in files
+                                for path in _beside(file, columns))]) if columns.join else list(files)  # fmt: skip
+
+
+def _beside(file: LogFile, columns: ColumnMap) -> list[Path]:
+    """The files joined to a log, none where one is missing: whoever reads it says so."""
+    try:
+        return list(columns.beside(file.path))
+    except LogError:
+        return []
+
+
+def _key(path: Path) -> str:
+    """What tells one file, whatever way it was named."""
+    return str(path.parent.resolve() / path.name)
 
 
 def _claim(log: LogFile) -> tuple[bool, int, str]:

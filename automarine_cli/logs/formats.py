@@ -25,13 +25,27 @@ MOST_UNPACKED, MOST_TIMES = 64 << 20, 100  # bytes; times the file
 
 
 @dataclass(frozen=True)
+class Origin:
+    """Where commands come from that no file holds: of which outputs and by which mixing they were made (`made_from`),
+    or why these tell none (`why_not`, a sentence that goes on from `no yaw moment;`). Both empty: of neither.
+    """
+
+    made_from: str = ""
+    why_not: str = ""
+
+
+LOGGED = Origin()
+
+
+@dataclass(frozen=True)
 class RawLog:
     """A file as its format gives it: column names, one Arrow array each (shape (N,)), and row numbers for
     messages.
 
     An array is float64 (null where a value is missing), timestamp, or binary text for whatever is not a
     number. `decimal` is the character between whole and fraction in the text columns. `also` holds other names of
-    columns (name -> column), `notes` what a person should know, `holds` the messages or topics of the file.
+    columns (name -> column), `notes` what a person should know, `holds` the messages or topics of the file,
+    `origin` where its commands come from, if they were worked back from what was sent to motors.
     """
 
     names: tuple[str, ...]
@@ -41,6 +55,7 @@ class RawLog:
     also: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     holds: tuple[str, ...] = ()
+    origin: Origin = LOGGED
 
 
 @dataclass(frozen=True)

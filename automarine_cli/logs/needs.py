@@ -1,10 +1,19 @@
 """What a command cannot do without: `require` refuses a table that lacks it, and says how to name it."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 
-from automarine_cli.dofs import DOFS
+from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import CANONICAL, driven, likely_canonical, likely_column, motions_in, names_of
+from automarine_cli.logs.canonical import (
+    CANONICAL,
+    COMMANDS,
+    driven,
+    likely_canonical,
+    likely_column,
+    motions_in,
+    names_of,
+    unit_in,
+)
 from automarine_cli.logs.table import LogTable
 from automarine_cli.pipeline.words import listed, printable, quoted
 
@@ -55,10 +64,16 @@ def require_thruster(table: LogTable) -> None:
 
 def is_thruster_test(table: LogTable) -> bool:
     """Whether the table is, or seems meant as, a thruster test rather than a log of a motion."""
-    position = table.dof.position
-    if position in table.columns or (is_velocity_only(table) and is_commanded(table)):
+    return means_thruster_test(table.columns.keys(), table.names, table.dof)
+
+
+def means_thruster_test(held: Set[str], names: Sequence[str], dof: Dof) -> bool:
+    """The same of a log of a motion that holds these quantities in columns of these names."""
+    commanded = dof.command in held or driven(dof, held)
+    if dof.position in held or (dof.velocity in held and commanded):
         return False
-    return "force" in table.columns or (_guess(table, "force") is not None and _guess(table, position) is None)
+    free = [name for name in names if name and (name not in CANONICAL or name == "time")]
+    return "force" in held or (likely_column("force", free) is not None and likely_column(dof.position, free) is None)
 
 
 def _sentence(table: LogTable, lacking: Sequence[str]) -> str:
@@ -67,17 +82,27 @@ def _sentence(table: LogTable, lacking: Sequence[str]) -> str:
     guesses = [(quantity, _guess(table, quantity)) for quantity in lacking]
     sure = [(quantity, guess) for quantity, guess in guesses if guess is not None]
     if sure:
-        lines = " and ".join(f'{likely_canonical(q, guess)} = "{printable(guess)}"' for q, guess in sure)
+        lines = " and ".join(_line(q, guess) for q, guess in sure)
         names = _and([quoted(guess) for _, guess in sure])
         hint = f"If {names} {'is' if len(sure) == 1 else 'are'} meant, write {lines}"
     else:
         hint = f'If it has another name, write a line such as {names_of(lacking[0])[0]} = "NAME"'
+    if table.origin.why_not and set(lacking) & {dof.command for dof in DOFS.values()}:
+        return f"{table.source}: no {what}; {table.origin.why_not}"
     unmet = [note for note in table.notes if any(f" for {n};" in note for q in lacking for n in names_of(q))]
     return (
         f"{table.source}: no {what}; found the columns {listed(table.names)}{_held(table)}; expected {expected}. "
         + "".join(f"{note[0].upper()}{note[1:]}. " for note in unmet)
         + (_meant_for(table, lacking) or f"{hint} under [columns] in a file and give it with --columns FILE.toml")
     )
+
+
+def _line(quantity: str, column: str) -> str:
+    """The line of a column map for a column; pulses to thrusters rest at 1500 us."""
+    key, name = likely_canonical(quantity, column), printable(column)
+    if quantity in COMMANDS and unit_in(column) == "us":
+        return f'{key} = {{ from = "{name}", subtract = 1500 }}'
+    return f'{key} = "{name}"'
 
 
 def _meant_for(table: LogTable, lacking: Sequence[str]) -> str:

@@ -1,5 +1,6 @@
 """Apache Parquet, read by pyarrow; only columns of numbers, text and times are looked at."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     """Read a Parquet file. Raises LogError for anything that pyarrow cannot read."""
     _refuse_foreign(path, name)
     try:
-        return _read(path, name)
+        return _read(path, name, most_unpacked(path))
     except (pa.ArrowException, OSError, MemoryError, ValueError, KeyError, OverflowError, RecursionError):
         raise LogError(f"{name}: the Parquet data is damaged inside; copy the file again") from None
 
@@ -43,8 +44,12 @@ def _refuse_foreign(path: Path, name: str) -> None:
         raise LogError(f"{name}: the Parquet data ends too early; the file was cut short, copy it again")
 
 
-def _read(path: Path, name: str) -> RawLog:
-    limit = most_unpacked(path)
+def read_table(content: bytes, name: str) -> RawLog:
+    """Read a table that was in memory before, of whatever size. Raises LogError for too many columns."""
+    return _read(pa.BufferReader(content), name, math.inf)
+
+
+def _read(path: Path | pa.BufferReader, name: str, limit: float) -> RawLog:
     with pq.ParquetFile(path) as file:
         if file.metadata.num_columns > MOST_COLUMNS:
             raise LogError(too_many_columns(name, file.metadata.num_columns))

@@ -6,16 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from automarine_cli.dofs import Dof
+from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN, TIMESTAMP, Canonical, foreign, motion_of
+from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN, TIMESTAMP, Canonical, foreign, motion_of, unit_in
 from automarine_cli.logs.columns import ColumnMap, ColumnRule
 from automarine_cli.logs.find import LogFile
 from automarine_cli.logs.formats import RawLog, format_of, suffixes
 from automarine_cli.logs.labels import run_names, states
+from automarine_cli.logs.parquet import read_table
+from automarine_cli.logs.stamps import first_not_a_stamp, read_stamps
+from automarine_cli.logs.streams import joined
 from automarine_cli.logs.table import LogTable
-from automarine_cli.logs.text import first_not_a_number, first_not_a_timestamp, seconds_of_timestamps
+from automarine_cli.logs.text import decoded, first_not_a_number
 from automarine_cli.pipeline.words import listed, printable, quoted
 from automarine_cli.quantities import Floats
 
@@ -38,9 +41,8 @@ def read_log(
     Raises LogError with file, row, column, what was found, what was expected and what to do. Columns that a
     command cannot do without are asked for afterwards, with `require`.
     """
-    columns = ColumnMap() if columns is None else columns
-    raw = _read_raw(file, columns)
-    _check_names(raw, file.name)
+    columns = (ColumnMap() if columns is None else columns).of(file.path)
+    raw = whole_log(file, columns)
     if dof is None:
         mapped = (name for name, rule in columns.columns.items() if rule.source in {*raw.names, *raw.also})
         dof = motion_of(raw.names, mapped)
@@ -52,25 +54,55 @@ def read_log(
         if name and name not in used and pa.types.is_floating(array.type):
             extras[printable(name)] = _finite_or_nan(array.to_numpy(), name, notes)
     moment = next((use.canonical.unit for use in uses if use.canonical.quantity == dof.command), None)
+    found = {use.canonical.quantity: _values(raw, use, file.name, notes) for use in uses}
     return LogTable(
         source=file.name,
-        columns={use.canonical.quantity: _values(raw, use, file.name) for use in uses},
+        columns=found,
         rows=raw.rows,
         run_names=runs.names if runs else (),
         run_code=runs.code if runs else None,
         moment_unit=moment,
-        units={use.canonical.quantity: use.canonical.unit for use in uses},
+        units={use.canonical.quantity: _unit(use) for use in uses},
         extras=extras,
         names=raw.names,
         notes=(*raw.notes, *notes),
         states=states(raw, columns),
         holds=raw.holds,
+        origin=raw.origin,
         dof=dof,
     )
 
 
-def _read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
+def whole_log(file: LogFile, columns: ColumnMap) -> RawLog:
+    """The columns of a log and of the files that `columns` joins to it, on its clock. Raises LogError."""
+    raw = read_raw(file, columns)
+    for path, join in columns.beside(file.path).items():
+        other = LogFile(path, printable(path.name), file.named)
+        own = columns.of(path)
+        theirs = read_raw(other, own)
+        clocks = [_clock(one, rules, where.name) for one, rules, where in
+                  ((raw, columns, file), (theirs, own, other))]  # fmt: skip
+        raw = joined(raw, clocks[0], theirs, clocks[1], (file.name, other.name), columns, join)
+    return raw
+
+
+def _clock(raw: RawLog, columns: ColumnMap, source: str) -> tuple[str, Floats]:
+    """The column of times of a file and its seconds. Raises LogError where there is none."""
+    uses, _ = _assigned(raw, columns, source, frozenset())
+    use = next((one for one in uses if one.canonical.quantity == "time"), None)
+    if use is None:
+        raise LogError(
+            f"{source}: no time, by which it is joined; found the columns {listed(raw.names)}. Name it, such as time_s "
+            f'= "NAME", under [[columns_of]] with logs = ["{source.rpartition("/")[2]}"] in the column map'
+        )
+    return raw.names[use.index], _values(raw, use, source, [])
+
+
+def read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
+    """The columns of one file as they stand. Raises LogError for a file that is none, or holds nothing."""
     name, path = file.name, file.path
+    if file.content is not None:
+        return _with_rows(read_table(file.content, name), name)
     form = format_of(path.name)
     if form is None:
         raise LogError(f"{name}: unknown log format; give a file that ends in {', '.join(sorted(suffixes()))}")
@@ -98,11 +130,16 @@ def _read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
         ) from None
     except MemoryError:
         raise LogError(f"{name}: does not fit into memory; split it into several logs") from None
+    return _with_rows(raw, name)
+
+
+def _with_rows(raw: RawLog, name: str) -> RawLog:
     if len(raw.rows) == 0:
         raise LogError(
             f"{name}: a header without rows (columns {listed(raw.names)}); expected at least one row. "
             "Copy the log again, or leave it out"
         )
+    _check_names(raw, name)
     return raw
 
 
@@ -121,7 +158,7 @@ def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[st
     own = {name: i for i, name in enumerate(raw.names) if name}
     places = {name: own[column] for name, column in raw.also.items()} | own
     mapped: dict[str, list[_Use]] = {}
-    notes: list[str] = []
+    missing: dict[str, str] = {}
     for name, rule in columns.columns.items():
         if name in LABELS:
             continue
@@ -129,7 +166,8 @@ def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[st
         if rule.source in places:
             mapped.setdefault(canonical.quantity, []).append(_Use(canonical, places[rule.source], rule))
         else:
-            notes.append(f"the column map names {quoted(rule.source)} for {name}; the file has no such column")
+            told = f"the column map names {quoted(rule.source)} for {name}; the file has no such column"
+            missing[canonical.quantity] = told
     named: dict[str, list[_Use]] = {}
     for name, canonical in CANONICAL.items():
         # a column `time` of plain numbers has no unit: it is not taken as the clock
@@ -140,7 +178,8 @@ def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[st
             and not (name == "time" and _floats(raw, places[name]))
         ):
             named.setdefault(canonical.quantity, []).append(_Use(canonical, places[name], ColumnRule(name)))
-    for quantity, uses in (mapped | named).items():
+    used = mapped | named
+    for quantity, uses in used.items():
         if len(uses) > 1:
             both = " and ".join(use.rule.source for use in uses[:2])
             raise LogError(
@@ -148,23 +187,28 @@ def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[st
                 f'as {uses[0].canonical.name} = "{uses[0].rule.source}" under [columns] in a file and '
                 "give it with --columns FILE.toml"
             )
-    return [use for uses in (mapped | named).values() for use in uses], notes
+    moves = any(dof.position in used for dof in DOFS.values())  # one map may serve runs and thruster tests
+    idle = {*used, *(("n", "force") if moves else ())}
+    notes = [told for quantity, told in missing.items() if quantity not in idle]
+    return [use for uses in used.values() for use in uses], notes
 
 
 def _floats(raw: RawLog, index: int) -> bool:
     return bool(pa.types.is_floating(raw.arrays[index].type))
 
 
-def _values(raw: RawLog, use: _Use, source: str) -> Floats:
-    """One canonical column in SI units, shape (N,)."""
+def _unit(use: _Use) -> str:
+    """The unit of a column: for a control signal the one that its rule or its name tells."""
+    return use.canonical.unit or use.rule.unit or unit_in(use.rule.source)
+
+
+def _values(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
+    """One canonical column in SI units, shape (N,); what to know of its reading goes to the notes."""
     array, column = raw.arrays[use.index], raw.names[use.index]
     unit = use.canonical.unit if use.rule.unit is None else use.rule.unit
     stamps = use.canonical.quantity == "time" and (unit == TIMESTAMP or pa.types.is_timestamp(array.type))
     if stamps:
-        values = seconds_of_timestamps(array) if not _floats(raw, use.index) else None
-        factor = 1.0
-        if values is None:
-            raise LogError(_no_timestamps(raw, use, source))
+        values, factor = _seconds(raw, use, source, notes), 1.0
     elif _floats(raw, use.index):
         values = array.to_numpy()
         factor = use.canonical.factor(unit)
@@ -180,9 +224,44 @@ def _values(raw: RawLog, use: _Use, source: str) -> Floats:
             "expected a finite number. Correct the cell, or leave it empty if the value is missing"
         )
     rule = use.rule
+    if rule.subtract != 0:
+        values = values - rule.subtract
+    if rule.sign_from is not None:
+        values = np.abs(values) * _signs(raw, use, rule.sign_from, source)
     if rule.scale != 1 or rule.offset != 0:
         values = rule.scale * values + rule.offset
     return values if rule.sign * factor == 1 else rule.sign * factor * values
+
+
+def _signs(raw: RawLog, use: _Use, rule: ColumnRule, source: str) -> Floats:
+    """Which way an unsigned column counts, 1, 0 or -1, shape (N,)."""
+    index = raw.names.index(rule.source) if rule.source in raw.names else None
+    if index is None or not _floats(raw, index):
+        found = "no such column" if index is None else "words in it, expected numbers"
+        raise LogError(
+            f"{source}: {use.canonical.name} takes its sign from {quoted(rule.source)}; the file has {found}. Correct "
+            "sign_from in the column map"
+        )
+    return rule.sign * np.sign(raw.arrays[index].to_numpy() - rule.subtract)
+
+
+def _seconds(raw: RawLog, use: _Use, source: str, notes: list[str]) -> Floats:
+    """A column of calendar or clock times [s]. Raises LogError where a cell is none, and where nothing says whether
+    the day or the month comes first."""
+    found = None if _floats(raw, use.index) else read_stamps(raw.arrays[use.index], use.rule.day_first)
+    if found is None:
+        raise LogError(_no_timestamps(raw, use, source))
+    column = printable(raw.names[use.index])
+    if found.open:
+        text = quoted(decoded(raw.arrays[use.index][0].as_py()))
+        raise LogError(
+            f"{source}, column {column}: found {text}, in which the day or the month may come first; say which with "
+            f'time = {{ from = "{column}", day_first = true }} (or false) under [columns] in a file and give it with '
+            "--columns FILE.toml"
+        )
+    if found.kind in ("day first", "month first") and use.rule.day_first is None:
+        notes.append(f"column {column}: dates are read with the {found.kind}")
+    return found.seconds
 
 
 def _no_timestamps(raw: RawLog, use: _Use, source: str) -> str:
@@ -193,7 +272,7 @@ def _no_timestamps(raw: RawLog, use: _Use, source: str) -> str:
             f'2024-05-01T12:00:00.5; say their unit with time_s = "{column}" (or time_ms, time_us) under '
             "[columns] in a file and give it with --columns FILE.toml"
         )
-    row, found = first_not_a_timestamp(raw.arrays[use.index])
+    row, found = first_not_a_stamp(raw.arrays[use.index], use.rule.day_first)
     return (
         f"{source}, row {raw.rows[row]}, column {column}: found {quoted(found)}, expected a timestamp "
         "such as 2024-05-01T12:00:00.5, all with a time zone or all without. Correct the cell"

@@ -6,53 +6,71 @@ and asks where name and range do not settle it.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from automarine_cli.dofs import DOFS
-from automarine_cli.logs.canonical import CANONICAL, NORMALISED, ROTATIONS, TIMESTAMP, UNITS, likely_column, names_of
-from automarine_cli.logs.table import LogTable
-from automarine_cli.quantities import Floats
+from automarine_cli.logs.canonical import (
+    CANONICAL,
+    COMMANDS,
+    LABELS,
+    NORMALISED,
+    ROTATIONS,
+    TIMESTAMP,
+    UNITS,
+    VELOCITIES,
+    likely_column,
+    names_of,
+    unit_in,
+)
+from automarine_cli.logs.spans import PULSES, Span, is_pulses, is_share
+from automarine_cli.logs.stamps import KINDS
 
 SLOWEST, FASTEST = 2.0, 2e-3  # s between the samples of an ordinary logger
 SLOWEST_OF_ALL, FASTEST_OF_ALL = 5.0, 2e-4
 DEGREES, RADIANS = 360.0, 2 * np.pi
 HARDLY = 20.0  # an angle that stays within as many degrees in all logs may be radians
 FAR = 100.0  # radians that nothing turns through in a pool test without wrapping
-PULSES = (800, 1500, 2200)  # us: shortest, neutral, longest pulse of a hobby servo or thruster
-FORCE = {"kgf": "kgf", "lbf": "lbf", "gf": "gf", "n": "N", "newton": "N", "newtons": "N"}
+FORCE = {
+    "kgf": "kgf", "kg": "kgf", "lbf": "lbf", "lb": "lbf", "lbs": "lbf", "gf": "gf", "g": "gf", "grams": "gf",
+    "n": "N", "newton": "N", "newtons": "N",
+}  # fmt: skip
+SPEED = {"mps": "m/s", "m_s": "m/s", "cm_s": "cm/s", "kn": "kn", "kts": "kn", "knots": "kn"}
 EXACT = {
-    "time": ("t", "time", "timestamp", "seconds", "clock", "stamp", "millis"),
-    "n": ("n", "cmd", "command", "rpm", "pwm", "n_rev_s", "throttle", "thruster_input"),
+    "time": ("t", "time", "timestamp", "seconds", "clock", "stamp", "millis", "zeit", "uhrzeit", "datetime"),
+    "n": ("n", "cmd", "command", "rpm", "pwm", "esc", "pulse", "n_rev_s", "throttle", "effort", "thruster_input"),
     "force": ("force", "thrust", "load", "pull", "newtons"),
     "voltage": ("voltage", "volts", "vbat", "battery_voltage"),
     **{quantity: names for dof in DOFS.values() for quantity, names in dof.plain_names.items()},
 }
-UNIT_WORDS = {"deg", "rad", "s", "ms", "us", "sec", "v", "mv", "nm", *FORCE}
-
-
-@dataclass(frozen=True)
-class Span:
-    """What the values of one column do, over one log or many: ends, and steps from one row to the next."""
-
-    low: float
-    high: float
-    median_step: float
-    largest_step: float
-
-    def __add__(self, other: "Span") -> "Span":
-        return Span(
-            min(self.low, other.low), max(self.high, other.high),
-            float(np.median([self.median_step, other.median_step])), max(self.largest_step, other.largest_step),
-        )  # fmt: skip
+ABOUT = {
+    "n",
+    "cmd",
+    "command",
+    "pwm",
+    "rpm",
+    "rps",
+    "us",
+    "esc",
+    "thruster",
+    "motor",
+    "throttle",
+    "thr",
+    "effort",
+    "pct",
+    "percent",
+}
+"""Words in names of thruster commands that do not say which thruster it is."""
+UNIT_WORDS = {"deg", "rad", "s", "ms", "us", "sec", "v", "mv", "nm", "pct", "percent", *FORCE}
 
 
 @dataclass(frozen=True)
 class Recognised:
     """What one column is taken for. `unit` None: the key's own; `open`: what must be asked, "" where it is sure.
 
-    `key` is a canonical name, `unit_open` whether the question is which unit (else: which column, or whether).
+    `key` is a canonical name, `unit_open` whether the question is which unit (else: which column, or whether); `more`
+    are the other keys of its rule (subtract, sign_from, ...), of which `ask` is the one that is open.
     """
 
     key: str
@@ -61,64 +79,45 @@ class Recognised:
     unit: str | None = None
     open: str = ""
     unit_open: bool = False
+    more: Mapping[str, object] = field(default_factory=dict)
+    ask: str = ""
 
     @property
     def as_named(self) -> bool:
         """Whether the file's own name says it all."""
-        return self.source == self.key and self.unit is None and not self.open
+        return self.source == self.key and self.unit is None and not self.open and not self.more
 
-
-def pulses(seen: Mapping[str, Span]) -> tuple[str, ...]:
-    """Columns that may be what is sent to thrusters' drivers: pulse lengths [us] that change, about neutral."""
-    low, neutral, high = PULSES
-    return tuple(
-        name
-        for name, one in seen.items()
-        if name not in CANONICAL and low <= one.low <= neutral <= one.high <= high and one.largest_step > 0
-    )
-
-
-def spans(table: LogTable) -> dict[str, Span]:
-    """What every numeric column of a log does, in the units of the file."""
-    found = {}
-    for name, values in _raw(table).items():
-        good = values[np.isfinite(values)]
-        if len(good):
-            steps = np.abs(np.diff(good))
-            moved = steps[steps > 0]
-            median = float(np.median(moved)) if len(moved) else 0.0
-            found[name] = Span(float(good.min()), float(good.max()), median, float(steps.max(initial=0.0)))
-    return found
-
-
-def _raw(table: LogTable) -> dict[str, Floats]:
-    """Numeric columns by the file's own name, as the file has them."""
-    own = {
-        name: table.columns[CANONICAL[name].quantity] / CANONICAL[name].factor()
-        for name in table.names
-        if name in CANONICAL and CANONICAL[name].unit != TIMESTAMP and CANONICAL[name].quantity in table.columns
-    }
-    return {**table.extras, **own}
+    @property
+    def rule(self) -> dict[str, object]:
+        """Its line in a column map as it is taken to be, whatever is open."""
+        return {"from": self.source} | ({} if self.unit is None else {"unit": self.unit}) | dict(self.more)
 
 
 def recognise(quantity: str, names: Sequence[str], seen: Mapping[str, Span]) -> Recognised | None:
     """The column of a log that holds a quantity (as in `CANONICAL`), or None where none looks like it."""
     own = next((name for name in names_of(quantity) if name in names), None)
-    free = [name for name in names if name and name not in CANONICAL]
-    if own == "time" and own in seen:  # plain numbers: no timestamps
+    free = [name for name in names if name in seen and name not in CANONICAL and name not in LABELS]
+    free = [name for name in free if quantity == "time" or not seen[name].stamps]
+    if own == "time" and own in seen and not seen[own].stamps:  # plain numbers: no timestamps
         own, free = None, [*free, "time"]
-    named = next((name for name in free if name in seen and _named_exactly(quantity, name)), None)
-    source = own or named or likely_column(quantity, free)
-    if source is None:
+    exact = [name for name in free if _named_exactly(quantity, name)]
+    if quantity == "force":  # a throttle may be called thrust: what tells a unit comes first
+        exact.sort(key=lambda name: (_told(name, FORCE) is None, is_share(seen[name])))
+    elif quantity == "n":  # what is commanded before the speed that was measured
+        exact.sort(key=lambda name: unit_in(name) in ("rpm", "rev/s"))
+    source = own or next(iter(exact), None) or likely_column(quantity, free)
+    if source is None or source not in seen:
         return None
-    if source not in seen:
-        return Recognised("time", source, "timestamps") if quantity == "time" else None
     span = seen[source]
     found = _JUDGES.get(quantity, _plain)(quantity, source, span)
-    if own is None and not found.open and not _named_exactly(quantity, source):
-        why = f'is this the {_in_words(quantity)}? Then write "{source}"'
-        return Recognised(found.key, source, found.seen, found.unit, why)
+    if own is None and not found.open and not exact:
+        return replace(found, open=f'is this the {_in_words(quantity)}? Then write "{source}"')
     return found
+
+
+def is_called(quantity: str, names: Sequence[str]) -> bool:
+    """Whether a column is called by a canonical name or a word for the quantity."""
+    return any(name in names_of(quantity) or _named_exactly(quantity, name) for name in names)
 
 
 def _in_words(quantity: str) -> str:
@@ -135,17 +134,26 @@ def words_of(name: str) -> list[str]:
 def _named_exactly(quantity: str, source: str) -> bool:
     """Whether the name, without its unit, is a word for the quantity."""
     words = words_of(source)
-    bare = "_".join(word for word in words if word not in UNIT_WORDS or len(words) == 1)
+    if quantity == "voltage" and len(words) > 1 and words[-1] in ("v", "mv", "volt", "volts"):
+        return True
+    aside = UNIT_WORDS | (ABOUT if quantity in COMMANDS and quantity != "n" else set())
+    bare = "_".join(word for word in words if word not in aside or len(words) == 1)
     whole = "_".join(words)
     return bool({bare, whole} & {*EXACT.get(quantity, ()), *(name.lower() for name in names_of(quantity))})
 
 
 def _range(span: Span) -> str:
-    return f"{span.low:.5g} to {span.high:.5g}"
+    made = f", worked back from {span.made_from}" if span.made_from else ""
+    return f"{span.low:.5g} to {span.high:.5g}{made}"
 
 
 def _time(quantity: str, source: str, span: Span) -> Recognised:
-    """The unit in which the samples are a sensible time apart."""
+    """The unit in which the samples are a sensible time apart; times of the calendar or the day as they are."""
+    if span.stamps and span.open:
+        why = f"true where the day comes first, false where the month does: {KINDS[span.stamps]} or month first?"
+        return Recognised("time", source, "dates", open=why, more={"day_first": True}, ask="day_first")
+    if span.stamps:
+        return Recognised("time", source, KINDS[span.stamps])
     step, seen = span.median_step, f"{_range(span)}, {span.median_step:.4g} from sample to sample"
     fits = [u for u in ("s", "ms", "us") if FASTEST <= step * UNITS["time"][u] <= SLOWEST]
     fits = fits or [u for u in ("s", "ms", "us") if FASTEST_OF_ALL <= step * UNITS["time"][u] <= SLOWEST_OF_ALL]
@@ -202,6 +210,9 @@ def _moment(quantity: str, source: str, span: Span) -> Recognised:
 
 def _force(quantity: str, source: str, span: Span) -> Recognised:
     told = _told(source, FORCE) if source not in CANONICAL else UNITS_OF_KEYS[source]
+    if told is None and is_share(span):
+        why = f'this looks like a throttle; which column is the force? If it is this one, write "{source}"'
+        return Recognised("force_N", source, _range(span), open=why)
     if told is None:
         return Recognised("force_N", source, _range(span), open="N, kgf or lbf?", unit_open=True)
     key = f"force_{told}"
@@ -213,8 +224,34 @@ def _force(quantity: str, source: str, span: Span) -> Recognised:
 def _voltage(quantity: str, source: str, span: Span) -> Recognised:
     if span.low > 1000:
         return Recognised("voltage_V", source, _range(span), "mV")
-    sure = source in CANONICAL or _named_exactly(quantity, source)
+    sure = source in CANONICAL or _named_exactly(quantity, source) or {"v", "volts"} & set(words_of(source))
     return Recognised("voltage_V", source, _range(span), open="" if sure and span.high < 1000 else "is this in volts?")
+
+
+def _speed(quantity: str, source: str, span: Span) -> Recognised:
+    """A speed of the body with the unit that its name tells."""
+    key, words = names_of(quantity)[0], words_of(source)
+    if source == key:
+        return Recognised(key, source, _range(span))
+    unit = next((SPEED[one] for one in (words[-1], "_".join(words[-2:])) if one in SPEED), None)
+    why = "" if unit and len(words) > 1 else f'm/s of {quantity}? Then write "{source}"'
+    return Recognised(key, source, _range(span), None if unit == "m/s" else unit, why)
+
+
+def _signal(quantity: str, source: str, span: Span) -> Recognised:
+    """A control signal: as it is, pulses about a neutral, or one of which neutral or direction is open."""
+    key, seen = source if source in CANONICAL else names_of(quantity)[0], _range(span)
+    low, high = span.low, span.high
+    if is_pulses(source, span):
+        return Recognised(key, source, f"{seen}, pulses about 1500", "us", more={"subtract": PULSES[1]})
+    if low >= 0 and 0 < span.middle < high and abs(span.middle - (low + high) / 2) <= 0.02 * (high - low):
+        why = f"never below 0, mostly {span.middle:.4g}: which value stops the thruster, 0 or {span.middle:.4g}?"
+        return Recognised(key, source, seen, open=why, more={"subtract": span.middle}, ask="subtract")
+    unit = unit_in(source)
+    if low >= 0 and unit in ("rpm", "rev/s") and quantity != "n":
+        why = "never below 0: the column whose sign says which way it turns; leave sign_from out if it never reverses"
+        return Recognised(key, source, seen, open=why, more={"sign_from": source}, ask="sign_from")
+    return Recognised(key, source, seen)
 
 
 def _plain(quantity: str, source: str, span: Span) -> Recognised:
@@ -239,6 +276,8 @@ _JUDGES = {
     "time": _time,
     "force": _force,
     "voltage": _voltage,
+    **dict.fromkeys(VELOCITIES, _speed),
+    **dict.fromkeys(COMMANDS, _signal),
     **dict.fromkeys((dof.position for dof in ROTATIONS), _angle),
     **dict.fromkeys((dof.command for dof in ROTATIONS), _moment),
 }

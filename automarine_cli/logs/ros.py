@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
+from automarine_cli.logs import mcap_json
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
@@ -57,10 +58,17 @@ class Topic:
 
 
 def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
-    """Read a bag. Raises LogError for what is none, and where it holds no heading."""
+    """Read a bag, or an MCAP file of JSON channels. Raises LogError for what is none, and where it holds no heading."""
+    profile = _profile(path)
+    if profile == "ros1":
+        raise LogError(
+            f"{name}: an MCAP file of the profile {quoted(profile)}, expected one of ros2 or of JSON channels; record "
+            "a ROS 2 bag, or write its signals as CSV"
+        )
+    if profile not in (None, "ros2"):
+        return mcap_json.read(path, name, columns)
     one = path.suffix.lower() == ".bag"
     library = needed("rosbags.rosbag1" if one else "rosbags.rosbag2", "ros", name, "ROS bags")
-    _refuse_others(path, name)
     with unsound_is_refused(name, "bag's", MEND), library.Reader(path) as bag:
         asked = {rule.source for rule in columns.columns.values()}
         wanted = [link for link in bag.connections if link.msgcount and _wanted(link, asked)]
@@ -69,21 +77,17 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     return on_one_clock(_recording(topics, tuple(holds.values()), columns), columns, name)
 
 
-FORMAT = Format("ROS bag", (".bag", ".db3", ".mcap"), read, begins=(b"#ROSBAG", b"SQLite format 3\0", MCAP))
+FORMAT = Format("ROS bag or MCAP", (".bag", ".db3", ".mcap"), read, begins=(b"#ROSBAG", b"SQLite format 3\0", MCAP))
 
 
-def _refuse_others(path: Path, name: str) -> None:
-    """Refuse an MCAP file of something else than ROS 2; its header begins with what it is of."""
+def _profile(path: Path) -> str | None:
+    """What the header of an MCAP file says it is of ("ros2", "" for nothing in particular); None for another file."""
     with path.open("rb") as file:
         head = file.read(64)
-    if head.startswith(MCAP) and head[8:9] == b"\1":
-        length = int.from_bytes(head[17:21], "little")
-        profile = head[21 : 21 + min(length, 40)].decode("latin-1")
-        if profile != "ros2":
-            raise LogError(
-                f"{name}: an MCAP file of the profile {quoted(profile)}, expected one of ros2; record a ROS 2 bag, "
-                "or write its signals as CSV"
-            )
+    if not head.startswith(MCAP) or head[8:9] != b"\1":
+        return None
+    length = int.from_bytes(head[17:21], "little")
+    return head[21 : 21 + min(length, 40)].decode("latin-1")
 
 
 def _wanted(link: Any, asked: Iterable[str]) -> bool:

@@ -16,10 +16,13 @@ from automarine_cli.dofs import DOFS
 from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import CANONICAL, VELOCITIES, motion_of, names_of
 from automarine_cli.logs.columns import ColumnMap
-from automarine_cli.logs.formats import RawLog
+from automarine_cli.logs.formats import LOGGED, Origin, RawLog
+from automarine_cli.logs.join import Join
+from automarine_cli.logs.text import decoded
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.quantities import Floats
 
+DAY, BARE = 86400.0, 30 * 86400.0  # s; times below that are of a day's clock
 PAUSE = 5.0  # s without a heading: the recorder stood still
 MOTION = {*VELOCITIES, *(q for dof in DOFS.values() for q in dof.channels if q != dof.position or not dof.wraps)}
 """What moves on between two messages: no position that wraps."""
@@ -30,7 +33,8 @@ class Stream:
     """The messages of one kind in a file: `time` [s] and the columns, each of shape (N,), of numbers or of words.
 
     A column of a canonical name is in its unit, and `also` says what the file calls it; a `lasting` stream tells
-    changes of a state, whose age means nothing.
+    changes of a state, whose age means nothing. No value is taken that is older than `oldest` [s]; with `nearest` the
+    next one may be taken too.
     """
 
     name: str
@@ -38,18 +42,21 @@ class Stream:
     columns: Mapping[str, NDArray[Any]]
     also: Mapping[str, str] = field(default_factory=dict)
     lasting: bool = False
+    oldest: float = np.inf
+    nearest: bool = False
 
 
 @dataclass(frozen=True)
 class Recording:
     """What a format finds in a file: its streams, what it calls them (`kind`: messages, topics), all that the file
-    holds, and notes.
+    holds, notes, and where commands come from that were worked back from what was sent to motors.
     """
 
     streams: Sequence[Stream]
     kind: str
     holds: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    origin: Origin = LOGGED
 
 
 def taken(
@@ -111,7 +118,7 @@ def on_one_clock(found: Recording, columns: ColumnMap, source: str) -> RawLog:
     told = (f"on the clock of {printable(master.name)}, last values held: {'; '.join(ages)}",) if ages else ()
     return RawLog(
         tuple(names), tuple(names.values()), np.arange(1, len(master.time) + 1),
-        also=also, notes=(*found.notes, *told), holds=found.holds,
+        also=also, notes=(*found.notes, *told), holds=found.holds, origin=found.origin,
     )  # fmt: skip
 
 
@@ -147,8 +154,12 @@ def _held(stream: Stream, master: Stream) -> NDArray[np.int64]:
     if stream is master:
         return np.arange(len(master.time))
     order = np.argsort(stream.time, kind="stable")
-    place = np.searchsorted(stream.time[order], master.time, side="right") - 1
-    known = place >= 0
+    time = stream.time[order]
+    place = np.searchsorted(time, master.time, side="right") - 1
+    if stream.nearest:
+        after = np.minimum(place + 1, len(time) - 1)
+        place = np.where((place < 0) | (time[after] - master.time < master.time - time[place]), after, place)
+    known = (place >= 0) & (np.abs(master.time - time[place]) <= stream.oldest)
     if not stream.lasting:  # what was sent before the recording paused says nothing of after
         known &= stream.time[order[place]] > _paused(master.time)
     return np.where(known, order[place], -1)
@@ -184,11 +195,51 @@ def _age(stream: Stream, master: Stream, held: NDArray[np.int64], interpolated: 
     name, known = printable(stream.name), held >= 0
     if not known.any():
         return f"{name} begins only after the last row"
-    age = master.time[known] - stream.time[held[known]]
+    age = np.abs(master.time[known] - stream.time[held[known]])
     late = len(held) - int(np.count_nonzero(known))
     lacking = f", none in {late} row{'s' * (late != 1)}" if late else ""
     how = ", interpolated" * interpolated
     return f"{name} {np.median(age):.2g} s old in the median, {age.max():.2g} s at most{lacking}{how}"
+
+
+def joined(
+    raw: RawLog, clock: tuple[str, Floats], other: RawLog, theirs: tuple[str, Floats], names: tuple[str, str],
+    columns: ColumnMap, join: Join,
+) -> RawLog:  # fmt: skip
+    """A log with the columns of another file on its clock, each value held as `join` says; the log's own of the same
+    name stay. The clocks are given by their columns and seconds (N,), the files by their `names`.
+
+    Raises LogError where the clocks never meet.
+    """
+    (column, time), master = theirs, Stream(names[0], clock[1], {})
+    both = [one[np.isfinite(one)] for one in (master.time, time)]
+    if all(len(one) and one.max() < BARE for one in both):  # clocks of the day: the nearest midnight
+        time = time + DAY * np.round((np.median(both[0]) - np.median(both[1])) / DAY)
+    sound = np.isfinite(time)
+    stream = Stream(names[1], time[sound], {}, oldest=join.max_age_s, nearest=join.take == "nearest")
+    held = _held(stream, master) if sound.any() else np.full(len(master.time), -1)
+    if not (held >= 0).any():
+        ends = [f"from {one.min():.10g} to {one.max():.10g} s" if len(one) else "without a time" for one in both]
+        raise LogError(
+            f"{names[0]} runs {ends[0]}, {names[1]}, which is joined to it, {ends[1]}: their clocks do not meet within "
+            f"{join.max_age_s:g} s; expected one clock. Correct the names in join, or one clock by an offset under "
+            "[[columns_of]]"
+        )
+    moving = _moving(columns)
+    found = {
+        name: _brought(stream, _plain(array)[sound], master, held, name in moving)
+        for name, array in zip(other.names, other.arrays)
+        if name and name != column and name not in raw.names and not pa.types.is_timestamp(array.type)
+    }
+    told = f"joined to the clock of {printable(names[0])}: {_age(stream, master, held, moving.issuperset(found))}"
+    return replace(raw, names=(*raw.names, *found), arrays=(*raw.arrays, *found.values()), notes=(*raw.notes, told))
+
+
+def _plain(array: pa.ChunkedArray) -> NDArray[Any]:
+    """A column as numbers, or as words."""
+    if pa.types.is_floating(array.type):
+        return np.asarray(array.to_numpy())
+    return np.array([decoded(cell) for cell in array.to_pylist()], dtype=str)
 
 
 def _moving(columns: ColumnMap) -> set[str]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.logs.canonical import CANONICAL, LABELS, names_of
+from automarine_cli.logs.formats import LOGGED, Origin
 from automarine_cli.quantities import Floats
 
 
@@ -34,7 +35,8 @@ class LogTable:
     A missing value is NaN. `rows` are 1-based line numbers in the file (Parquet: row numbers), for messages.
     `names` are all column names of the file, `notes` what a person should know about the reading. In a file of several
     runs `run_names` are theirs in the order in which they begin, and `run_code` says for each row which it is.
-    `states` are the vehicle's mode and arming where the file tells them, `holds` the messages or topics of the file.
+    `states` are the vehicle's mode and arming where the file tells them, `holds` the messages or topics of the file,
+    `origin` where its commands come from, if they were worked back from what was sent to motors.
     """
 
     source: str
@@ -50,6 +52,7 @@ class LogTable:
     notes: tuple[str, ...] = ()
     states: Mapping[str, Labels] = field(default_factory=dict)
     holds: tuple[str, ...] = ()
+    origin: Origin = LOGGED
 
     @property
     def run(self) -> NDArray[np.str_] | None:

@@ -1,12 +1,9 @@
-"""Cells of text: which are missing, which are numbers, which are calendar times."""
+"""Cells of text: which are missing, which are numbers."""
 
 import re
-from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
 MISSING = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "null", "NULL", "None", "none", "-", "--")
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE)
@@ -61,41 +58,3 @@ def first_not_a_number(array: pa.ChunkedArray, decimal: str = ".") -> tuple[int,
             if not is_missing(text) and not is_number(text, decimal):
                 return start + i, text
     return 0, decoded(array[0].as_py())
-
-
-def seconds_of_timestamps(array: pa.ChunkedArray) -> NDArray[np.float64] | None:
-    """Timestamps, typed or ISO 8601 text, as seconds since 1970 (UTC; without a zone taken as UTC), or None.
-
-    A missing stamp is NaN. A float64 holds a present-day stamp to a quarter of a microsecond.
-    """
-    if not pa.types.is_timestamp(array.type):
-        typed = _parsed(array)
-        if typed is None:
-            return None
-        array = typed
-    exact = pc.cast(array, pa.timestamp("ns", getattr(array.type, "tz", None)), safe=False)
-    stamps: Any = pc.cast(exact, pa.int64())
-    whole = pc.fill_null(stamps, 0).to_numpy().astype(np.int64)
-    seconds = (whole // 10**9).astype(np.float64) + (whole % 10**9) / 1e9
-    seconds[np.asarray(pc.is_null(stamps))] = np.nan
-    return seconds
-
-
-def _parsed(array: pa.ChunkedArray) -> pa.ChunkedArray | None:
-    for kind in (pa.timestamp("ns"), pa.timestamp("ns", tz="UTC")):
-        try:
-            return pc.cast(plain(array), kind)
-        except pa.ArrowInvalid:
-            continue
-    return None
-
-
-def first_not_a_timestamp(array: pa.ChunkedArray) -> tuple[int, str]:
-    """Index and text of the first cell that keeps a column from being timestamps."""
-    for start in range(0, len(array), 65536):
-        part = array.slice(start, 65536)
-        if seconds_of_timestamps(part) is None:
-            for i in range(len(part)):
-                if seconds_of_timestamps(part.slice(i, 1)) is None:
-                    return start + i, decoded(part[i].as_py())
-    return 0, decoded(array[0].as_py())  # zones given in some cells and not in others

@@ -6,6 +6,7 @@ looked at, at once. Source: MAVLink 1 and 2, packet serialisation; CRC-16/MCRF4X
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
+from automarine_cli.logs.ardupilot import asked_of_pulses
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
+from automarine_cli.logs.mixing import Asked, is_commanded_by, parameters
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
 from automarine_cli.logs.vehicles import arming, mode_names, needed, unsound_is_refused
 from automarine_cli.quantities import Floats
@@ -46,7 +49,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
                 f"{name}: found no MAVLink packets, expected some from its extension; copy the file again, or rename it"
             )
         notes = (f"{bad} packet{'s' * (bad != 1)} skipped: wrong checksum",) if bad else ()
-        return on_one_clock(_recording(messages, columns, notes), columns, name)
+        return on_one_clock(recording(messages, columns, notes), columns, name)
 
 
 FORMAT = Format("MAVLink telemetry", (".tlog",), read)
@@ -64,7 +67,7 @@ def _messages(data: bytes, known: Mapping[int, Any]) -> tuple[dict[str, Message]
         bad += len(starts) - int(np.count_nonzero(good))
         if good.any():
             found[kind.msgname] = packets.only(good).fields(kind)
-    return _of_the_vehicle(found), bad
+    return of_the_vehicle(found), bad
 
 
 def _indexed(data: bytes, known: Mapping[int, Any]) -> dict[int, list[int]]:
@@ -121,7 +124,7 @@ class _Packets:
         return crc == written[:, 0] | written[:, 1] << 8
 
     def fields(self, kind: Any) -> Message:
-        """The fields that are single numbers, and who sent them."""
+        """The fields that are single numbers or words, and who sent them."""
         characters = kind.unpacker.format[1:]
         layout = np.dtype([(key, _type(c)) for key, c in zip(kind.ordered_fieldnames, _one_a_field(characters))])
         content = self._bytes(STAMP + self.head, layout.itemsize)
@@ -130,7 +133,11 @@ class _Packets:
         stamps = np.ascontiguousarray(self._bytes(np.zeros(len(self.at), np.int64), STAMP)).view(">u8")[:, 0]
         sender = self.whole[self.at + STAMP + np.where(self.head == 10, 5, 3)].astype(np.int64) << 8
         component = self.whole[self.at + STAMP + np.where(self.head == 10, 6, 4)]
-        found = {key: table[key].astype(np.float64) for key in kind.ordered_fieldnames if layout[key].kind in "iuf"}
+        found = {
+            key: np.char.decode(table[key], "latin-1") if layout[key].kind == "S" else table[key].astype(np.float64)
+            for key in kind.ordered_fieldnames
+            if layout[key].kind in "iufS"
+        }
         return {"received": stamps / 1e6, "sender": sender + component, **found}
 
 
@@ -148,12 +155,14 @@ def _one_a_field(characters: str) -> list[str]:
 
 def _type(character: str) -> str:
     """The numpy type of a field; an array of numbers counts as bytes, which are not looked at."""
+    if character[:-1] and character[-1] == "s":
+        return f"S{character[:-1]}"
     if character[:-1]:
-        return f"V{int(character[:-1]) * np.dtype(character[-1].replace('s', 'b')).itemsize}"
+        return f"V{int(character[:-1]) * np.dtype(character[-1]).itemsize}"
     return f"<{np.dtype(character).str[1:]}"
 
 
-def _of_the_vehicle(found: dict[str, Message]) -> dict[str, Message]:
+def of_the_vehicle(found: dict[str, Message]) -> dict[str, Message]:
     """Only what the sender of most attitudes says: the ground station and other vehicles talk too."""
     senders = found["ATTITUDE"]["sender"] if "ATTITUDE" in found else np.concatenate(
         [message["sender"] for message in found.values()] or [np.zeros(1, np.int64)]
@@ -167,9 +176,10 @@ def _of_the_vehicle(found: dict[str, Message]) -> dict[str, Message]:
     }
 
 
-def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple[str, ...]) -> Recording:
+def recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple[str, ...]) -> Recording:
+    """What a vehicle's messages hold: by name, with when each was `received` [s], in whatever file they are."""
     starts = _starts(messages)
-    streams = []
+    streams, asked = [], Asked()
     for name, message in messages.items():
         fields = {key: values for key, values in message.items() if key not in OWN_CLOCK and key != "received"}
         if name == "SYS_STATUS":
@@ -178,6 +188,12 @@ def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple
         if name == SERVOS:
             fields = {key: values for key, values in fields.items() if key != "port" and values.any()}
         stream = taken(name, _clock(message, starts), fields, TAKEN.get(name, {}), columns, keep=name == SERVOS)
+        if name == SERVOS and stream is not None and not is_commanded_by(columns):
+            pulses = {int(key.removeprefix("servo").removesuffix("_raw")): values for key, values in fields.items()}
+            told = messages.get("PARAM_VALUE")
+            known = parameters(told["param_id"], told["received"], told["param_value"]) if told else {}
+            asked = asked_of_pulses(name, stream.time, pulses, known)
+            stream = replace(stream, columns={**stream.columns, **asked.columns})
         streams += [] if stream is None else [stream]
     if "HEARTBEAT" in messages:
         beat = messages["HEARTBEAT"]
@@ -187,7 +203,7 @@ def _recording(messages: Mapping[str, Message], columns: ColumnMap, notes: tuple
         }
         streams.append(Stream("HEARTBEAT", beat["received"], state, lasting=True))
     holds = tuple(f"{name} ({len(message['received'])})" for name, message in messages.items())
-    return Recording(streams, "messages", holds, notes)
+    return Recording(streams, "messages", holds, (*asked.notes, *notes), asked.origin)
 
 
 def _starts(messages: Mapping[str, Message]) -> tuple[Floats, Floats]:

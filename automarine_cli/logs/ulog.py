@@ -1,10 +1,15 @@
 """PX4 logs (.ulg): heading of vehicle_attitude, vehicle_angular_velocity, motors, battery, mode and arming.
 
-PX4's axes are north, east, down and forward, right, down, so that its signs are ours. Source: the ULog file format and
-the message definitions of PX4-Autopilot.
+PX4's axes are north, east, down and forward, right, down, so that its signs are ours. The commanded moment and forces
+are worked back from the motors: PX4 sends them the pseudo-inverse of what each does by its place, axis and thrust
+(`CA_ROTORn_PX`, ...), scaled so that the most moved motor follows a yaw command of 1 by 1, and the motors on the mean
+a thrust of 1 by 1. Sources: the ULog file format and the message definitions of PX4-Autopilot; there, in
+src/modules/control_allocator, ActuatorEffectivenessRotors.cpp (`computeEffectivenessMatrix`) and
+ControlAllocationPseudoInverse.cpp (`updateControlAllocationMatrixScale`).
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +19,21 @@ from numpy.typing import NDArray
 from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import Format, RawLog
+from automarine_cli.logs.mixing import (
+    ELSE,
+    ROUNDING,
+    Asked,
+    Channels,
+    Parameters,
+    Part,
+    Unclear,
+    Values,
+    is_commanded_by,
+    meaning,
+    parameters,
+    refuse_lacking,
+    worked_back,
+)
 from automarine_cli.logs.streams import Recording, Stream, on_one_clock, taken
 from automarine_cli.logs.vehicles import arming, named, needed, unsound_is_refused, yaw_of
 from automarine_cli.quantities import Floats
@@ -26,11 +46,15 @@ TAKEN = {
 }
 BEFORE = {"yawspeed": "yaw_rate_rad_s"}  # where older logs have the yaw rate, in vehicle_attitude
 MOTORS = ("actuator_motors", "actuator_outputs")  # commands -1 to 1; in older logs what goes to the drivers [us]
+TORQUE = "vehicle_torque_setpoint"
+SETPOINTS = {TORQUE: {"xyz[2]": "tau"}, "vehicle_thrust_setpoint": {"xyz[0]": "X", "xyz[1]": "Y", "xyz[2]": "Z"}}
 MODES = {
     0: "MANUAL", 1: "ALTCTL", 2: "POSCTL", 3: "AUTO_MISSION", 4: "AUTO_LOITER", 5: "AUTO_RTL", 10: "ACRO",
     12: "DESCEND", 13: "TERMINATION", 14: "OFFBOARD", 15: "STAB", 17: "AUTO_TAKEOFF", 18: "AUTO_LAND",
 }  # fmt: skip
 ARMED = 2  # arming_state
+Fields = Mapping[str, Mapping[str, str]]  # topic -> field -> canonical name
+NOTHING: Fields = {}
 Topics = Mapping[str, Mapping[str, NDArray[Any]]]
 
 
@@ -49,7 +73,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
             for one in log.data_list
             if "timestamp" in one.data and len(one.data["timestamp"])
         }
-        found = _recording(topics, _notes(log), columns)
+        found = _recording(topics, _notes(log), columns, _parameters(log))
     return on_one_clock(found, columns, name)
 
 
@@ -67,26 +91,79 @@ def _notes(log: Any) -> tuple[str, ...]:
     return (*notes, "damaged data were skipped") if log.file_corruption else notes
 
 
-def _recording(topics: Topics, notes: tuple[str, ...], columns: ColumnMap) -> Recording:
+def _recording(topics: Topics, notes: tuple[str, ...], columns: ColumnMap, known: Parameters) -> Recording:
     streams: list[Stream | None] = []
     motors = next((name for name in MOTORS if name in topics), "")
+    asked, wished = (Asked(), NOTHING) if is_commanded_by(columns) else _asked(topics, known)
     for name, data in topics.items():
         fields = {key: np.asarray(values, dtype=np.float64) for key, values in data.items()}
-        own = TAKEN.get(name, {})
+        own = {**TAKEN, **wished}.get(name, {})
         if name == "vehicle_attitude":
             w, x, y, z = (fields[f"q[{i}]"] for i in range(4))
             fields["heading"] = yaw_of(w, x, y, z) % (2 * np.pi)
-            own = own if "vehicle_angular_velocity" in topics else own | BEFORE
+            own = own if "vehicle_angular_velocity" in topics else {**own, **BEFORE}
         commands = bool(motors) and name.partition("[")[0] == motors
         if commands:
             fields = _commands(fields)
-        streams.append(taken(name, _clock(data, name in TAKEN), fields, own, columns, keep=commands))
+        stream = taken(name, _clock(data, name in TAKEN), fields, own, columns, keep=commands)
+        if stream is not None and name == MOTORS[0]:
+            stream = replace(stream, columns={**stream.columns, **asked.columns})
+        streams.append(stream)
     if "vehicle_status" in topics:
         status = topics["vehicle_status"]
         mode, armed = named(status["nav_state"], MODES, "mode {}"), arming(status["arming_state"] == ARMED)
         streams.append(Stream("vehicle_status", _clock(status), {"mode": mode, "armed": armed}, lasting=True))
     holds = tuple(f"{name} ({len(data['timestamp'])})" for name, data in topics.items())
-    return Recording([stream for stream in streams if stream is not None], "topics", holds, notes)
+    used = [stream for stream in streams if stream is not None]
+    return Recording(used, "topics", holds, (*asked.notes, *notes), asked.origin)
+
+
+def _asked(topics: Topics, known: Parameters) -> tuple[Asked, Fields]:
+    """What PX4 asked of the vehicle: by what it sent to the motors and where these are; else its own setpoints, as
+    fields to take by topic."""
+    asked = Asked()
+    if MOTORS[0] in topics:
+        data = topics[MOTORS[0]]
+        sent = {
+            int(key[8:-1]): np.nan_to_num(np.asarray(values, dtype=np.float64))
+            for key, values in data.items()
+            if key.startswith("control[")
+        }
+        asked = worked_back(MOTORS[0], _clock(data), sent, known, _by_places)
+    wished = {topic: fields for topic, fields in SETPOINTS.items() if topic in topics}
+    if asked.columns or TORQUE not in wished:
+        return asked, NOTHING
+    names = [name for fields in wished.values() for name in fields.values()]
+    return Asked(notes=(f"commands {meaning(names)} are {' and '.join(wished)}, before limits of the motors",)), wished
+
+
+def _by_places(source: str, sent: Channels, values: Values) -> Part:
+    """How motors are read by their places, axes and thrust coefficients, as PX4 mixes them. Raises Unclear."""
+    if "CA_ROTOR_COUNT" not in values:
+        refuse_lacking(source, ["CA_ROTOR_COUNT"])
+    rotors = [i for i in range(int(values["CA_ROTOR_COUNT"])) if i in sent]
+    keys = [[f"CA_ROTOR{i}_{what}" for what in ("PX", "PY", "PZ", "AX", "AY", "AZ", "CT", "KM")] for i in rotors]
+    refuse_lacking(source, [key for eight in keys for key in eight if key not in values])
+    if not rotors:
+        raise Unclear(f"PX4 mixes no motors by their places here (CA_ROTOR_COUNT is 0); {ELSE}")
+    table = np.array([[values[key] for key in eight] for eight in keys])
+    place, axis, coefficient, ratio = table[:, :3], table[:, 3:6], table[:, 6:7], table[:, 7:]
+    axis = axis / np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-9)
+    effect = np.hstack([coefficient * (np.cross(place, axis) - ratio * axis), coefficient * axis]).T
+    mix = np.linalg.pinv(effect)
+    scale = np.append(np.full(3, mix[:, 2].max()), np.full(3, np.linalg.norm(mix[:, 3:], axis=1).mean()))
+    found = np.abs(effect @ mix - np.eye(6)).max(axis=1) < ROUNDING
+    one, rows = np.ones(len(rotors)), [2, 3, 4, 5]
+    how = "PX4's mixing of motors at their places (CA_ROTORn)"
+    return Part(how, tuple(rotors), -one, 0 * one, one, (scale[:, None] * effect)[rows], found[rows])
+
+
+def _parameters(log: Any) -> Parameters:
+    """The parameters of the allocation: at the start of the log, and where they changed."""
+    told = [(log.start_timestamp, name, value) for name, value in log.initial_parameters.items()]
+    told = [one for one in (*told, *log.changed_parameters) if one[1].startswith("CA_ROTOR")]
+    time, names, values = zip(*told) if told else ((), (), ())
+    return parameters(np.array(names, dtype=str), np.array(time) / 1e6, np.array(values, dtype=np.float64))
 
 
 def _clock(data: Mapping[str, NDArray[Any]], sampled: bool = False) -> Floats:

@@ -56,10 +56,12 @@ def yaw_of(w: Floats, x: Floats, y: Floats, z: Floats) -> Floats:
 
 def mode_names(codes: NDArray[Any], vehicle: int) -> NDArray[np.str_]:
     """Names of flight modes, shape (N,), for a MAV_TYPE; a mode without a name keeps its number."""
-    from pymavlink.mavutil import mode_mapping_bynumber
-
     if codes.dtype.kind not in "iuf":
         return codes.astype(str)
+    try:
+        from pymavlink.mavutil import mode_mapping_bynumber
+    except ImportError:  # a log that needs no pymavlink otherwise
+        return named(codes, {}, "mode {}")
     return named(codes, mode_mapping_bynumber(vehicle) or {}, "mode {}")
 
 

@@ -18,7 +18,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import ModelError
-from automarine_cli.models.entries import needed, number_at, object_at
+from automarine_cli.models.entries import number_at
 from automarine_cli.models.planar import (
     FORCES,
     OF_ROLE,
@@ -30,27 +30,26 @@ from automarine_cli.models.planar import (
     parameters_of,
 )
 from automarine_cli.models.yaw_model import Term
+from automarine_cli.pipeline.codec import Codec
 from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import LONGEST, printable
+from automarine_cli.results.kinds import PLANAR_MODEL
 
-SCHEMA = "automarine/planar-model/1"
+SCHEMA = PLANAR_MODEL.schema
+PARAMETERS = ("parameters",)
 UNITS = {"force_unit": "N", "moment_unit": "N m"}
-KEYS = (
-    "schema", *UNITS, "parameters", "motion", "fitted_to", "assumptions", "covariance", "valid_range", "channels",
-    "disturbance", "noises", "log_likelihood", "structure", "structure_because", "effects", "predicts", "parent",
-    "warnings", "notes", "runs", "random", "prediction",
-)  # fmt: skip
-"""What the fit writes, the first ones being read. Any other key is a slip of somebody's hand."""
 CURRENT = ("current.north", "current.east")
 
 
 @dataclass(frozen=True)
 class StoredPlanar:
-    """The model of one file; `source` is its name, `data` all that the file says."""
+    """The model of one file; `source` is its name, `free` are the parameters that its fit had free (none where the file
+    does not say), `random` the sizes of what is random by name."""
 
     model: PlanarModel
     source: str
-    data: Mapping[str, object] = field(default_factory=dict, repr=False, compare=False)
+    free: tuple[str, ...] = field(default=(), repr=False)
+    random: Mapping[str, float] = field(default_factory=dict, repr=False)
 
 
 def load_planar_model(path: Source) -> StoredPlanar:
@@ -65,24 +64,15 @@ def planar_json(model: PlanarModel, estimates: Mapping[str, object] | None = Non
     return {"schema": SCHEMA, **UNITS, "parameters": {name: known.get(name, value) for name, value in values}}
 
 
-def planar_from_json(data: object, where: str = "planar model") -> StoredPlanar:
+def planar_from_json(data: Mapping[str, object], where: str = "planar model") -> StoredPlanar:
     """The model in the content of a `planar_model.json`; `where` names it for messages. Raises ModelError."""
-    top = object_at(data, where)
-    if top.get("schema") != SCHEMA:
-        hint = "give the planar_model.json that `automarine fit-planar` writes"
-        raise ModelError(f"{where}: schema: found {told(top.get('schema'))}, expected {told(SCHEMA)}; {hint}")
-    _refuse_unknown(top, KEYS, where)
+    file, codec = PLANAR_MODEL.of(data, where), PLANAR_MODEL.codec(data, where)
     for key, unit in UNITS.items():
-        if top.get(key, unit) != unit:
-            raise ModelError(
-                f"{where}: {key}: found {told(top[key])}, expected {told(unit)}: coupled motions are in newtons"
-            )
-    place = f"{where}: parameters"
-    entries = object_at(needed(top, "parameters", where, PLANAR.name), place)
-    values = {
-        name: number_at(one, f"{place}.{printable(name[:LONGEST])}", PLANAR.name) for name, one in entries.items()
-    }
-    return StoredPlanar(_model(values, place), where, top)
+        if (found := getattr(file, key)) != unit:
+            raise codec.refusal((key,), f"found {told(found)}, expected {told(unit)}: coupled motions are in newtons")
+    values = {name: number_at(one, codec, (*PARAMETERS, name)) for name, one in file.parameters.items()}
+    free = file.covariance.parameters if file.covariance else ()
+    return StoredPlanar(_model(values, codec), where, free, file.random)
 
 
 def units(model: PlanarModel) -> dict[str, str]:
@@ -108,54 +98,49 @@ def _derivative_unit(name: str) -> str:
     return f"N m {of_seconds}" if metres == 1 else f"N {of_seconds}{of_metres}"
 
 
-def _refuse_unknown(entry: Mapping[str, object], known: tuple[str, ...], where: str) -> None:
-    for key in entry:
-        if key not in known:
-            close = difflib.get_close_matches(key[:LONGEST], known, n=1, cutoff=0.8)
-            hint = f"did you mean {told(close[0])}?" if close else f"known are {', '.join(known)}"
-            raise ModelError(f"{where}: unknown key {told(key)}; {hint}")
-
-
-def _model(values: Mapping[str, float], where: str) -> PlanarModel:
+def _model(values: Mapping[str, float], codec: Codec) -> PlanarModel:
     """The model that has these parameters."""
     left = dict(values)
-    inertia = _inertia(left, where)
+    inertia = _inertia(left, codec)
     water = [left.pop(name) for name in CURRENT if name in left]
     if len(water) == 1:
         lacking = next(name for name in CURRENT if name not in values)
-        raise ModelError(f"{where}: key {told(lacking)} is missing; a current has {' and '.join(CURRENT)}, give both")
+        raise codec.refusal(
+            PARAMETERS, f"key {told(lacking)} is missing; a current has {' and '.join(CURRENT)}, give both"
+        )
     terms: dict[str, list[Term]] = {dof.name: [] for dof in PLANAR.dofs}
     cross: list[Term] = []
     while left:
         name = next(iter(left))
         motion, _, rest = name.partition(".")
         if motion not in terms or not rest:
-            raise ModelError(f"{where}: {_unknown(name)}")
+            raise codec.refusal(PARAMETERS, _unknown(name))
         dof = DOFS[motion]
-        if (term := _own(dof, rest, left, where)) is not None:
+        if (term := _own(dof, rest, left, codec)) is not None:
             terms[motion].append(term)
         else:
-            cross.append(Term(_cross(dof, rest, name, where), (left.pop(name),)))
-    _refuse_drag(terms, where)
+            cross.append(Term(_cross(dof, rest, name, codec), (left.pop(name),)))
+    _refuse_drag(terms, codec)
     both = (water[0], water[1]) if water else None
     surge, sway, yaw = (tuple(terms[dof.name]) for dof in PLANAR.dofs)
     return PlanarModel(inertia, surge, sway, yaw, tuple(cross), both)
 
 
-def _inertia(left: dict[str, float], where: str) -> Inertia:
+def _inertia(left: dict[str, float], codec: Codec) -> Inertia:
     """The inertia, taken out of what is left to read."""
     sizes = [dof.parameter("inertia") for dof in PLANAR.dofs]
     for name in sizes:
-        value = needed(left, name, where, PLANAR.name)
-        if not isinstance(value, float) or value <= 0:
-            raise ModelError(f"{where}.{name}: found {value:g}, expected an inertia above zero")
+        if name not in left:
+            raise codec.missing(PARAMETERS, name)
+        if (value := left[name]) <= 0:
+            raise codec.refusal((*PARAMETERS, name), f"found {value:g}, expected an inertia above zero")
     couplings = [f"{PLANAR.name}.{name}" for name in inertia_names()[len(sizes) :]]
     inertia = Inertia(*(left.pop(name) for name in sizes), *(left.pop(name, 0.0) for name in couplings))
-    inertia.refuse_unless_positive(where)
+    inertia.refuse_unless_positive(f"{codec.name}: {PARAMETERS[0]}")
     return inertia
 
 
-def _own(dof: Dof, rest: str, left: dict[str, float], where: str) -> Term | None:
+def _own(dof: Dof, rest: str, left: dict[str, float], codec: Codec) -> Term | None:
     """The term of the library that a parameter belongs to, its parameters taken out of what is left; None for none."""
     role = {symbol: role for role, symbol in dof.parameters.items()}.get(rest)
     name = OF_ROLE.get(role or "", rest.partition(".")[0])
@@ -163,37 +148,40 @@ def _own(dof: Dof, rest: str, left: dict[str, float], where: str) -> Term | None
         return None
     effect = effects.get(name)
     if not effect.acts_in(dof):
-        raise ModelError(f"{where}.{dof.name}.{rest}: {name} does not act in {dof.name}; leave it out")
+        raise codec.refusal((*PARAMETERS, f"{dof.name}.{rest}"), f"{name} does not act in {dof.name}; leave it out")
     keys = tuple(parameters_of(dof, Term(name, ())))
     given = left.keys() & set(keys)
     if f"{dof.name}.{rest}" not in keys:
-        raise ModelError(f"{where}: unknown key {told(f'{dof.name}.{rest}')}; did you mean {told(keys[0])}?")
+        raise codec.refusal(PARAMETERS, f"unknown key {told(f'{dof.name}.{rest}')}; did you mean {told(keys[0])}?")
     values = []
     for key, parameter in zip(keys, effect.parameters):
         if parameter.optional and key not in left:
             values.append(parameter.start)
             continue
-        needed(left, key, where, PLANAR.name)
+        if key not in left:
+            raise codec.missing(PARAMETERS, key)
         value = left.pop(key)
         free = parameter.name == "{linear}"  # beside quadratic drag it may come out below zero
         if not (free or parameter.lower <= value <= parameter.upper):
-            raise ModelError(f"{where}.{key}: found {value:g}, expected {parameter.lower:g} to {parameter.upper:g}")
+            raise codec.refusal(
+                (*PARAMETERS, key), f"found {value:g}, expected {parameter.lower:g} to {parameter.upper:g}"
+            )
         values.append(value)
     found = {key.partition(".")[2].removeprefix(f"{name}.") for key in given}
     if not effect.role and (lacking := effect.lacking(found, values, dof)):
-        needed(left, f"{dof.name}.{name}.{lacking}", where, PLANAR.name)
+        raise codec.missing(PARAMETERS, f"{dof.name}.{name}.{lacking}")
     return Term(name, tuple(values))
 
 
-def _cross(dof: Dof, rest: str, name: str, where: str) -> str:
+def _cross(dof: Dof, rest: str, name: str, codec: Codec) -> str:
     """A derivative by another's velocity, checked."""
     letter = FORCES[PLANAR.index(dof)]
     try:
         derivative(rest)
     except ModelError:
-        raise ModelError(f"{where}: {_unknown(name)}") from None
+        raise codec.refusal(PARAMETERS, _unknown(name)) from None
     if not rest.startswith(letter):
-        raise ModelError(f"{where}.{name}: {rest} is no derivative of {letter}, the force of {dof.name}")
+        raise codec.refusal((*PARAMETERS, name), f"{rest} is no derivative of {letter}, the force of {dof.name}")
     return rest
 
 
@@ -209,10 +197,10 @@ def _unknown(name: str) -> str:
     return f"unknown key {told(name)}; {hint}"
 
 
-def _refuse_drag(terms: Mapping[str, list[Term]], where: str) -> None:
+def _refuse_drag(terms: Mapping[str, list[Term]], codec: Codec) -> None:
     """Refuse a linear drag that drives where no quadratic one brakes."""
     for dof in PLANAR.dofs:
         drags = {term.name: term.values[0] for term in terms[dof.name] if term.values}
         if drags.get("linear-drag", 0.0) < 0 and "quadratic-drag" not in drags:
             name, value = dof.parameter("linear"), drags["linear-drag"]
-            raise ModelError(f"{where}.{name}: found {value:g}, expected a drag of zero or more")
+            raise codec.refusal((*PARAMETERS, name), f"found {value:g}, expected a drag of zero or more")

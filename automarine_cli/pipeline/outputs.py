@@ -17,6 +17,7 @@ from typing import TypeVar
 from automarine_cli.errors import OutputError
 from automarine_cli.pipeline import staging
 from automarine_cli.pipeline.attempts import Attempt, attempted
+from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.manifest import (
     MANIFEST,
     SCHEMA,
@@ -27,7 +28,6 @@ from automarine_cli.pipeline.manifest import (
     versions_here,
 )
 from automarine_cli.pipeline.plain_data import Document, Source
-from automarine_cli.pipeline.recipe import to_mapping
 
 Made = TypeVar("Made")
 
@@ -219,7 +219,7 @@ def _without_place(value: object) -> object:
         return value.name
     if isinstance(value, str) and PurePath(value).is_absolute():
         return PurePath(value).name
-    if dataclasses.is_dataclass(value):
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return _without_place(to_mapping(value))
     if isinstance(value, Mapping):
         return {str(key): _without_place(one) for key, one in value.items()}

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.planning.candidates import Candidate, Slot, Supply, in_order, paper_grid, scheduled
 from automarine_cli.planning.fitting import Fitting
@@ -33,6 +32,7 @@ from automarine_cli.planning.prior_results import (
 from automarine_cli.planning.rivals import Split, pairs_of, splits
 from automarine_cli.planning.selection import Choice, select
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.simulation.specification import SCHEMA
 
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from automarine_cli import effects
 from automarine_cli.fits import linear_mixed
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.influence import runs_that_carry
 from automarine_cli.fits.mixed_model import Problem, derivatives
 from automarine_cli.fits.output_error import ENOUGH_RUNS
@@ -23,6 +22,7 @@ from automarine_cli.fits.run_effects import SWITCHES
 from automarine_cli.planning.candidates import Candidate
 from automarine_cli.planning.fitting import Fitting, alike
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 
 OFFSET = "switch offset"
 ANGLE = "inertial turn angle"

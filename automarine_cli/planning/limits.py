@@ -40,6 +40,7 @@ levels = 6                   # how many sizes of moment are tried
 kinds = ["step", "coast-down", "reversal", "slow-ramp", "long-turn", "rest", "other-voltage"]
 rest_before_s = 3            # at rest at the start of each log
 most_alike = 4               # how often one run may be repeated: who makes only one kind learns nothing of the others
+of_one_size_percent = 50     # of the runs at most at one size of moment: how drag grows is told by several sizes
 repeat_first_last = true     # shows a sag of the battery over the campaign
 voltages_V = []              # other supply voltages that can be set, for repeats of the largest step
 fit = "whole-runs"           # what the runs will be fitted to: "whole-runs" or "half-turns" (steps only)
@@ -109,6 +110,7 @@ class Runs:
     kinds: tuple[str, ...] = KINDS
     rest_before_s: float = 3.0
     most_alike: int = 4
+    of_one_size_percent: float = 50.0
     repeat_first_last: bool = True
     voltages_V: tuple[float, ...] = ()
     fit: Literal["whole-runs", "half-turns"] = "whole-runs"
@@ -116,6 +118,7 @@ class Runs:
     def __post_init__(self) -> None:
         between(self, 1.0, 60.0, "rest_before_s")
         between(self, 2, MOST_RUNS, "most_alike")
+        between(self, 1.0, 100.0, "of_one_size_percent")
         for kind in self.kinds:
             if kind not in KINDS:
                 raise SettingError(f"kinds names {kind!r}; expected some of {', '.join(KINDS)}")

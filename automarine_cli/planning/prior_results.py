@@ -8,7 +8,6 @@ import numpy as np
 
 from automarine_cli import effects
 from automarine_cli.errors import ModelError
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.models.store import StoredModels, yaw_models_from_json
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.plain_data import Source, read_plain, told
@@ -16,6 +15,7 @@ from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.fitting import Fitting
 from automarine_cli.planning.information import ANGLE, LOOSE, OFFSET, labels, names_of, relative_directions
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 
 DIAGNOSIS = "automarine/diagnosis/1"
 NOISE_DEG, SCATTER = 1.0, 0.03

@@ -46,22 +46,26 @@ NARROW = "narrows the intervals"
 class PlanBudget:
     """What may be chosen: `costs` (K, 4) of the candidates, `room` (4,) for all runs together, `fixed` (K,) runs that
     are in any case, `most` (K,) how often each may be run at most, `mirrors` (K,) the place of the same run to the
-    other side."""
+    other side; `sizes` (K, S) says which size of moment each has, and of one size are at most `alike` runs."""
 
     costs: Floats
     room: Floats
     fixed: Floats
     most: Floats
     mirrors: NDArray[np.int64]
+    sizes: Floats
+    alike: float
 
     def fits(self, counts: Floats) -> NDArray[np.int64]:
         """Which candidates may still be added to `counts` (K,)."""
         left = self.room - counts @ self.costs
-        return np.flatnonzero((counts < self.most) & np.all(self.costs <= left + 1e-9, axis=1))
+        rare = self.sizes @ (counts @ self.sizes) < self.alike
+        return np.flatnonzero((counts < self.most) & rare & np.all(self.costs <= left + 1e-9, axis=1))
 
     def holds(self, counts: Floats) -> bool:
         """Whether `counts` (K,) is within the room."""
         few = np.all(counts <= np.maximum(self.most, self.fixed))
+        few &= np.all(counts @ self.sizes <= np.maximum(self.alike, self.fixed @ self.sizes))
         return bool(few and np.all(counts @ self.costs <= self.room + 1e-9))
 
     def free(self, counts: Floats) -> NDArray[np.int64]:
@@ -105,9 +109,11 @@ def select(
     check = full_step(fitting.base, limits, largest) if limits.runs.repeat_first_last else None
     fixed = np.array([2.0 * (check is not None and one.label == check.label) for one in found])
     cost = costs(found, limits, supply)
+    room, sizes = allowance(limits), sizes_of(found)
     budget = PlanBudget(
-        cost, allowance(limits), fixed, np.full(len(found), float(limits.runs.most_alike)), np.array(mirrors(found))
-    )
+        cost, room, fixed, np.full(len(found), float(limits.runs.most_alike)), np.array(mirrors(found)), sizes,
+        _most_alike(cost, room, limits),
+    )  # fmt: skip
     _refuse_too_little(budget, limits)
     progress("choosing runs", 0, 2)
     split = _split(pairs, spread, budget, limits) if pairs else fixed
@@ -142,6 +148,19 @@ def _split(pairs: Sequence[Pair], spread: Sequence[Candidate], budget: PlanBudge
             break
         asked = np.where(short, MARGIN * asked, asked)
     return counts
+
+
+def sizes_of(found: Sequence[Candidate]) -> Floats:
+    """Which size of moment each candidate has, (K, S) of ones and zeros; a rest has none."""
+    largest = np.array([max(abs(moment) for moment, _ in one.commands) for one in found])
+    return (largest[:, None] == np.unique(largest[largest > 0])).astype(float)
+
+
+def _most_alike(cost: Floats, room: Floats, limits: Limits) -> float:
+    """How many runs may be of one size of moment, by how many there can be at all."""
+    with np.errstate(divide="ignore"):
+        runs = np.floor(np.min(room / cost.min(axis=0)))
+    return float(max(2.0, np.ceil(runs * limits.runs.of_one_size_percent / 100.0)))
 
 
 def _somewhere(one: Candidate, place: int, count: int, limits: Limits) -> Candidate:

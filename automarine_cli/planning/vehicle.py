@@ -16,6 +16,7 @@ from scipy import optimize
 from automarine_cli.errors import RunError, SettingError
 from automarine_cli.planning.candidates import POWER_LAW, Candidate
 from automarine_cli.quantities import Floats
+from automarine_cli.runs.command_range import misfit_of
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import Series
@@ -97,12 +98,17 @@ def drive_of(known: ThrusterMap, arm: float, most: float | None, equal_thrust: b
             "from a test that pulls both ways"
         )
     ends = [curve.n_sat for curve in (known.forward, known.backward) if curve.n_sat is not None]
-    largest = most if most is not None else min(ends, default=None)
+    measured = [] if known.n_range is None else [abs(end) for end in known.n_range if end]
+    largest = most if most is not None else min([*ends, *measured], default=None)
     if largest is None:
         raise SettingError(
             "the thruster map does not say how far the control signal goes; give thrusters.largest_command in "
             "the limits"
         )
+    for one in (known.compared(("largest_command",), [np.array([0.0, largest])]),):
+        unfit = None if one is None else misfit_of([one])
+        if unfit is not None and unfit.impossible:
+            raise SettingError(f"thrusters.largest_command: {unfit.sentence}")
     return Drive(known.forward, known.backward, arm, largest, equal_thrust, unit)
 
 

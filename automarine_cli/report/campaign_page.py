@@ -8,12 +8,13 @@ from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.fits.channel_noise import sentences_of
 from automarine_cli.pipeline.manifest import Manifest
 from automarine_cli.pipeline.outputs import file_stems
-from automarine_cli.report.campaign_steps import StepResult, folder_of
+from automarine_cli.report.campaign_steps import StepResult, Steps, folder_of
 from automarine_cli.report.campaign_summary import missing_sentence, summary
 from automarine_cli.report.diagnosis_page import escape
 from automarine_cli.report.tables import Table, interval
-
-Steps = Mapping[str, StepResult]
+from automarine_cli.results.judged import CheckFile, ValidationFile
+from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile
+from automarine_cli.results.records import ResultRecord
 
 SHOWN_OPEN, MOST_SHOWN = 6, 40  # runs whose validation figure stands open, and that are in the page at all
 MOST_ROWS = 1000  # of a folded table: a page of ten thousand rows opens slowly and is read by nobody
@@ -72,7 +73,7 @@ def usual_title(steps: Steps) -> str:
     motions = [
         dof.name
         for dof in DOFS.values()
-        if any(name in steps for name in (dof.name, folder_of(dof, "validation"), folder_of(dof, "diagnosis")))
+        if any(name in steps.found for name in (dof.name, folder_of(dof, "validation"), folder_of(dof, "diagnosis")))
     ]
     return f"{' and '.join(motions or [YAW.name])} identification".capitalize()
 
@@ -87,14 +88,14 @@ def _of_motion(steps: Steps, dof: Dof) -> Iterator[tuple[str, list[str]]]:
 
 def _together(steps: Steps) -> Iterator[tuple[str, list[str]]]:
     """The sections of surge, sway and yaw together."""
-    if (step := steps.get("planar")) is not None:
+    if (step := steps.get("planar", PlanarFile)) is not None:
         shown = "Of each run the heading with predictions, and the track"
         yield "Planar model", [step.text("planar.md"), picture(step, "planar_runs", shown)]
     yield "Planar validation", _validation(steps, "planar_validation")
     yield "Planar diagnosis", _diagnosis(steps, "planar_diagnosis")
 
 
-def picture(step: StepResult, stem: str, alt: str = "") -> str:
+def picture(step: StepResult[ResultRecord], stem: str, alt: str = "") -> str:
     """The line that shows a figure of a step; nothing if it was not drawn."""
     kinds = [kind for kind in ("png", "svg") if (step.folder / f"{stem}.{kind}").is_file()]
     return f"![{escape(alt or alternatives(step.dof)[stem])}]({step.name}/{stem}.{kinds[0]})" if kinds else ""
@@ -106,28 +107,28 @@ def fold(summary: str, *blocks: str) -> list[str]:
 
 
 def _thrusters(steps: Steps, cautions: Sequence[str]) -> list[str]:
-    if (step := steps.get("thrusters")) is None:
+    if (step := steps.get("thrusters", ThrusterFile)) is None:
         return []
     body = re.sub(r"\A# .*\n", "", step.text("thrusters.md"))
     return [picture(step, "thrusters"), body, _bullets([escape(f"Caution: {line}") for line in cautions])]
 
 
 def _model(steps: Steps, dof: Dof) -> list[str]:
-    if (step := steps.get(dof.name)) is None:
+    if (step := steps.get(dof.name, ModelFile)) is None:
         return []
-    blocks = [escape(str(step.at("preferred_because")))]
-    if step.at(dof.ratio_key) is not None:
-        length, own = escape(interval(step.estimate(dof.ratio_key))), dof.symbols
+    blocks = [escape(step.file.preferred_because)]
+    if step.file.ratio is not None:
+        length, own = escape(interval(step.known(step.file.ratio, dof.ratio_key))), dof.symbols
         blocks.append(
             f"The {dof.words.inertial_length} {own.inertia}/{own.quadratic_print} is {length} {dof.units.base}, "
             f"whatever the unit of the {dof.words.force}."
         )
-    blocks += [escape(line) for line in sentences_of(step.data.get("channels"), dof)]
-    if step.data.get("buoyancy"):
-        blocks.append(escape(str(step.at("buoyancy", "says"))))
+    blocks += [escape(line) for line in sentences_of(step.file.channels, dof)]
+    if step.file.buoyancy is not None:
+        blocks.append(escape(step.file.buoyancy.says))
     tables = [re.sub(r"\A\*\*(.*)\*\*", r"### \1", step.text(f"{table}.md")) for table in ("table1", "table2")]
     noted = "\n".join(tables)
-    warnings = [escape(str(line)) for line in step.at("warnings")]
+    warnings = [escape(line) for line in step.file.warnings]
     blocks += [*tables, _bullets([f"Warning: {line}" for line in warnings if line not in noted])]
     figures = ("drag", "inertia", dof.steps_key, "collapse", "whole_runs")
     shown = [picture(step, stem) for stem in figures]
@@ -135,10 +136,9 @@ def _model(steps: Steps, dof: Dof) -> list[str]:
 
 
 def _validation(steps: Steps, folder: str) -> list[str]:
-    if (step := steps.get(folder)) is None:
+    if (step := steps.get(folder, ValidationFile)) is None:
         return []
-    words = step.dof.words
-    names = [str(one) for one in step.at("logs")]
+    words, names = step.dof.words, list(step.file.logs)
     shown = [
         picture(
             step,
@@ -156,7 +156,7 @@ def _validation(steps: Steps, folder: str) -> list[str]:
 
 
 def _diagnosis(steps: Steps, folder: str) -> list[str]:
-    if (step := steps.get(folder)) is None:
+    if (step := steps.found.get(folder)) is None:
         return []
     body, _ = _without_next(step)
     body = re.sub(r"\A# .*\n", "", body)
@@ -168,7 +168,7 @@ def _diagnosis(steps: Steps, folder: str) -> list[str]:
     return [re.sub(r"^!\[.*\]\((\w+)\.\w+\)$", shown, body, flags=re.MULTILINE)]
 
 
-def _without_next(step: StepResult) -> tuple[str, str]:
+def _without_next(step: StepResult[ResultRecord]) -> tuple[str, str]:
     """The page of the diagnosis without, and only, what it says to run next."""
     text = step.text("diagnosis.md")
     found = re.search(rf"^## {NEXT}\n(.*?)(?=^## |\Z)", text, flags=re.MULTILINE | re.DOTALL)
@@ -176,9 +176,9 @@ def _without_next(step: StepResult) -> tuple[str, str]:
 
 
 def _logs(steps: Steps) -> list[str]:
-    if (step := steps.get("check")) is None or not (body := step.text("check.md")):
+    if (step := steps.get("check", CheckFile)) is None or not (body := step.text("check.md")):
         return []
-    used, count = step.at("runs", "used"), step.at("logs")
+    used, count = step.file.runs.used, step.file.logs
     return [
         f"{count} log{'s' * (count != 1)} with {used} run{'s' * (used != 1)} or thruster tests checked.",
         *_listed("Every run", body, "check/check.md"),
@@ -187,10 +187,9 @@ def _logs(steps: Steps) -> list[str]:
 
 def _set_aside(steps: Steps) -> list[str]:
     rows: dict[tuple[str, str, str], list[str]] = {}
-    for step in steps.values():
-        for run in step.at("runs", "set_aside"):
-            key = tuple(str(run.get(name, "")) for name in ("file", "run", "why"))
-            rows.setdefault((key[0], key[1], key[2]), []).append(step.name)
+    for step in steps.found.values():
+        for run in step.file.runs.set_aside:
+            rows.setdefault((run.file, run.run, run.why), []).append(step.name)
     if not rows:
         return ["None: every run was used in every step."]
     table = Table(
@@ -200,10 +199,11 @@ def _set_aside(steps: Steps) -> list[str]:
 
 
 def _next(steps: Steps) -> list[str]:
-    warnings = [str(line) for name in DOFS if name in steps for line in steps[name].at("warnings")]
+    fits = [fit for name in DOFS if (fit := steps.get(name, ModelFile)) is not None]
+    warnings = [line for fit in fits for line in fit.file.warnings]
     said = [escape(line) for line in warnings if re.search(r"\badd\b", line, flags=re.IGNORECASE)]
     diagnoses = [folder_of(dof, "diagnosis") for dof in DOFS.values()]
-    blocks = [_bullets(said), *(_without_next(steps[name])[1] for name in diagnoses if name in steps)]
+    blocks = [_bullets(said), *(_without_next(steps.found[name])[1] for name in diagnoses if name in steps.found)]
     lines = [block.strip() for block in blocks if block.strip()]
     return (
         ["\n".join(lines)]
@@ -218,7 +218,7 @@ def _bullets(lines: Sequence[str]) -> str:
 
 def _made(steps: Steps) -> list[str]:
     """Command, settings, versions and inputs of each step, from the manifests."""
-    known = [(step, step.manifest) for step in steps.values() if step.manifest is not None]
+    known = [(step, step.manifest) for step in steps.found.values() if step.manifest is not None]
     if not known:
         return []
     rows = []
@@ -236,7 +236,7 @@ def _made(steps: Steps) -> list[str]:
     ]
 
 
-def _files(known: Sequence[tuple[StepResult, Manifest]]) -> str:
+def _files(known: Sequence[tuple[StepResult[ResultRecord], Manifest]]) -> str:
     """Every input of every step with its hash."""
     rows = [
         (step.name, entry.role, entry.file, entry.sha256 or "not readable")

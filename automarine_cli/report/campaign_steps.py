@@ -1,26 +1,18 @@
 """The folders that a campaign's report is made from: what each step left, read and checked."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Generic, TypeVar
 
-from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.dofs import YAW, Dof
 from automarine_cli.errors import OutputError
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
-from automarine_cli.pipeline.plain_data import read_plain
+from automarine_cli.results.estimate import Estimate, Given
+from automarine_cli.results.kinds import ResultKind
+from automarine_cli.results.records import ResultRecord
 
-
-@dataclass(frozen=True)
-class Kind:
-    """What a step leaves: its result file, how that file's schema begins, what it is in words, of which motion
-    (a campaign's main one where it is of none)."""
-
-    file: str
-    schema: str
-    words: str
-    dof: Dof
+Kept = TypeVar("Kept", bound=ResultRecord, covariant=True)
 
 
 def folder_of(dof: Dof, step: str) -> str:
@@ -28,78 +20,32 @@ def folder_of(dof: Dof, step: str) -> str:
     return step if dof is YAW else f"{dof.name}_{step}"
 
 
-def _of(dof: Dof) -> Iterator[tuple[str, Kind]]:
-    """Folders of one motion."""
-    name, also = dof.name, "" if dof is YAW else f" in {dof.name}"
-    yield name, Kind(f"{name}_model.json", f"automarine/{name}-model/", f"a {name} model", dof)
-    for step in ("validation", "diagnosis"):
-        yield folder_of(dof, step), Kind(f"{step}.json", f"automarine/{step}/", f"a {step}{also}", dof)
+@dataclass(frozen=True)
+class StepFolder:
+    """The folder of a step, what kind of result it holds, and whether every campaign has it."""
 
-
-FORCES = tuple(dof for dof in DOFS.values() if dof is not YAW)
-"""Motions that only some campaigns have."""
-
-RESULTS = {
-    "check": Kind("check.json", "automarine/check/", "a look at the logs", YAW),
-    "thrusters": Kind("thrusters.json", "automarine/thruster-map/", "a thruster map", YAW),
-    **dict(_of(YAW)),
-}
-"""What each folder of every campaign holds."""
-
-OF_FORCE = {
-    **dict(entry for dof in FORCES for entry in _of(dof)),
-    "planar": Kind("planar_model.json", "automarine/planar-model/", "a planar model", YAW),
-    "planar_validation": Kind("validation.json", "automarine/validation/", "a planar validation", YAW),
-    "planar_diagnosis": Kind("diagnosis.json", "automarine/diagnosis/", "a planar diagnosis", YAW),
-}
-"""The same of the steps that only campaigns with these motions, or with all three together, have."""
+    name: str
+    kind: ResultKind[ResultRecord]
+    always: bool
 
 
 @dataclass(frozen=True)
-class StepResult:
-    """One step's folder: its result file, under the keys of its motion, and its manifest (None if there is none)."""
+class StepResult(Generic[Kept]):
+    """What one step left: its folder, what its result file holds, and its manifest (None if there is none)."""
 
     name: str
     folder: Path
-    data: Mapping[str, Any]
+    file: Kept
     manifest: Manifest | None
 
     @property
     def dof(self) -> Dof:
         """The motion that it is of."""
-        return (RESULTS | OF_FORCE)[self.name].dof
+        return self.file.dof
 
-    @property
-    def file(self) -> str:
-        """The result file, as messages name it."""
-        return f"{self.name}/{(RESULTS | OF_FORCE)[self.name].file}"
-
-    def at(self, *keys: str | int) -> Any:
-        """A value in the result file. Raises OutputError with its place if it is not there."""
-        value: Any = self.data
-        for key in keys:
-            try:
-                value = value[key]
-            except (KeyError, IndexError, TypeError):
-                place = ".".join(str(one) for one in keys)
-                raise OutputError(
-                    f"{self.file}: {place} is missing; expected a file as automarine writes it. Run that step again"
-                ) from None
-        return value
-
-    def number(self, *keys: str | int) -> float:
-        """A number in the result file. Raises OutputError if it is none."""
-        value = self.at(*keys)
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise OutputError(f"{self.file}: {'.'.join(map(str, keys))} is no number. Run that step again")
-        return float(value)
-
-    def estimate(self, *keys: str | int) -> Estimate:
-        """An estimate in the result file. Raises OutputError if it is none."""
-        low, high = (self.number(*keys, "ci95", i) for i in (0, 1))
-        return Estimate(
-            self.number(*keys, "value"), self.number(*keys, "stderr"), (low, high), str(self.at(*keys, "unit"))
-        )
+    def known(self, given: Given, place: str) -> Estimate:
+        """An estimate of the result file. Raises ModelError with its place if it is none."""
+        return given.known(f"{self.name}: {place}")
 
     def text(self, name: str) -> str:
         """A text file of the folder; empty if it is not there."""
@@ -107,24 +53,39 @@ class StepResult:
         return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
 
 
-def read_steps(folder: Path) -> dict[str, StepResult]:
-    """The steps that are there, by folder name in their order. Raises OutputError if there is none, or for a file
-    that automarine did not write so."""
+@dataclass(frozen=True)
+class Steps:
+    """The steps that are there, by folder name in their order, and those that might be."""
+
+    found: Mapping[str, StepResult[ResultRecord]]
+    places: Sequence[StepFolder]
+
+    def get(self, name: str, record: type[Kept]) -> StepResult[Kept] | None:
+        """A step's result of a kind, if it is there."""
+        step = self.found.get(name)
+        if step is None or not isinstance(step.file, record):
+            return None
+        return StepResult(step.name, step.folder, step.file, step.manifest)
+
+    @property
+    def missing(self) -> list[str]:
+        """Folders of every campaign that are not there."""
+        return [one.name for one in self.places if one.always and one.name not in self.found]
+
+
+def read_steps(folder: Path, places: Sequence[StepFolder]) -> Steps:
+    """The steps that are there. Raises OutputError if there is none, or for a file that automarine did not write so."""
     found = {}
-    for name, kind in (RESULTS | OF_FORCE).items():
-        path = folder / name / kind.file
-        if not path.is_file():
-            continue
-        data = read_plain(path, "JSON", OutputError)
-        if not str(data.get("schema", "")).startswith(kind.schema):
-            raise OutputError(
-                f"{name}/{kind.file}: schema is {data.get('schema')!r}; expected {kind.schema}1. Run that step again"
-            )
-        manifest = path.with_name(MANIFEST)
-        found[name] = StepResult(name, folder / name, data, read_manifest(manifest) if manifest.is_file() else None)
+    for one in places:
+        path = folder / one.name / one.kind.file
+        if path.is_file():
+            file, manifest = one.kind.read(path, f"{one.name}/{path.name}", OutputError), path.with_name(MANIFEST)
+            known = read_manifest(manifest) if manifest.is_file() else None
+            found[one.name] = StepResult(one.name, folder / one.name, file, known)
     if not found:
+        usual = ", ".join(one.name for one in places if one.always)
         raise OutputError(
-            f"{folder}: none of the folders {', '.join(RESULTS)} with results is here; give a folder that "
+            f"{folder}: none of the folders {usual} with results is here; give a folder that "
             "automarine run made, or write the results of single commands into folders of these names"
         )
-    return found
+    return Steps(found, places)

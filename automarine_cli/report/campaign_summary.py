@@ -1,16 +1,16 @@
 """A campaign in three sentences: what was identified, how well it predicts, what it lacks."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
-from automarine_cli.dofs import Dof
+from automarine_cli.dofs import TRANSLATIONS, Dof
 from automarine_cli.pipeline.words import listed
-from automarine_cli.report.campaign_steps import FORCES, OF_FORCE, RESULTS, StepResult, folder_of
+from automarine_cli.report.campaign_steps import StepResult, Steps, folder_of
 from automarine_cli.report.diagnosis_page import escape
 from automarine_cli.report.tables import interval, number
+from automarine_cli.results.judged import DiagnosisFile, GapSize, Score, ValidationFile
+from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile
 
 MASSES = ("surge.m_u", "sway.m_v", "yaw.I_r")
-
-Steps = Mapping[str, StepResult]
 
 
 def summary(steps: Steps) -> Iterator[str]:
@@ -19,14 +19,14 @@ def summary(steps: Steps) -> Iterator[str]:
         sentence
         for sentence in (
             _identified(steps),
-            _predicts(steps.get("validation"), steps.get("yaw")),
-            _lacks(steps.get("diagnosis")),
+            _predicts(steps.get("validation", ValidationFile), steps.get("yaw", ModelFile)),
+            _lacks(steps.get("diagnosis", DiagnosisFile)),
         )
         if sentence
     ]
     if said:
         yield " ".join(said)
-    for dof in FORCES:
+    for dof in TRANSLATIONS.values():
         yield from _of_force(steps, dof)
     yield from _together(steps)
 
@@ -34,35 +34,36 @@ def summary(steps: Steps) -> Iterator[str]:
 def _together(steps: Steps) -> Iterator[str]:
     """The same of surge, sway and yaw together."""
     parts = []
-    if (model := steps.get("planar")) is not None:
+    if (model := steps.get("planar", PlanarFile)) is not None:
         found = [
-            f"**{name} = {escape(interval(model.estimate('parameters', name)))}** {one['unit']}"
-            for name, one in model.at("parameters").items()
-            if name in MASSES and isinstance(one, dict)
+            f"**{name} = {escape(interval(estimate))}** {estimate.unit}"
+            for name, one in model.file.parameters.items()
+            if name in MASSES and (estimate := one.estimate) is not None
         ]
-        parts.append(f"Surge, sway and yaw together: {escape(str(model.at('structure')))}, with {listed(found)}.")
-        parts += [escape(str(line)) for line in model.data.get("prediction", {}).get("says", [])[:1]]
-    if (judged := steps.get("planar_validation")) is not None:
-        score, used = judged.at("models", "planar"), judged.at("runs", "used")
-        if score.get("heading_rmse_deg") is not None:
+        parts.append(f"Surge, sway and yaw together: {escape(model.file.structure)}, with {listed(found)}.")
+        parts += [escape(line) for line in (model.file.prediction.says[:1] if model.file.prediction else ())]
+    if (judged := steps.get("planar_validation", ValidationFile)) is not None:
+        score, used = judged.file.models[judged.file.best], judged.file.runs.used
+        if score.rmse is not None:
             parts.append(
                 f"Driven by the commands of {used} run{'s' * (used != 1)} it misses the heading by "
-                f"**{number(score['heading_rmse_deg'], 3)}** degrees rms over whole runs."
+                f"**{number(score.rmse, 3)}** degrees rms over whole runs."
             )
-    parts += [one for one in (_lacks(steps.get("planar_diagnosis")),) if one]
+    parts += [one for one in (_lacks(steps.get("planar_diagnosis", DiagnosisFile)),) if one]
     if parts:
         yield " ".join(parts)
 
 
 def _of_force(steps: Steps, dof: Dof) -> Iterator[str]:
     """The same paragraph of another motion."""
-    model = steps.get(dof.name)
+    model = steps.get(dof.name, ModelFile)
     parts = []
     if model is not None:
         parts.append(f"In {dof.name}, {_model(model)}.")
-        if model.data.get("buoyancy"):
-            parts.append(escape(str(model.at("buoyancy", "says"))))
-    judged, lacks = (steps.get(folder_of(dof, step)) for step in ("validation", "diagnosis"))
+        if model.file.buoyancy is not None:
+            parts.append(escape(model.file.buoyancy.says))
+    judged = steps.get(folder_of(dof, "validation"), ValidationFile)
+    lacks = steps.get(folder_of(dof, "diagnosis"), DiagnosisFile)
     parts += [one for one in (_predicts(judged, model), _lacks(lacks)) if one]
     if parts:
         yield " ".join(parts)
@@ -70,11 +71,11 @@ def _of_force(steps: Steps, dof: Dof) -> Iterator[str]:
 
 def missing_sentence(steps: Steps) -> str:
     """Which steps left nothing to report."""
-    only_force = any(name in steps for name in OF_FORCE) and "yaw" not in steps
+    only_force = any(not one.always and one.name in steps.found for one in steps.places) and "yaw" not in steps.found
     missing = [
-        kind.words
-        for name, kind in RESULTS.items()
-        if name not in steps and not (only_force and name in ("yaw", "validation", "diagnosis"))
+        one.kind.words
+        for one in steps.places
+        if one.name in steps.missing and not (only_force and one.name in ("yaw", "validation", "diagnosis"))
     ]
     if not missing:
         return ""
@@ -85,68 +86,63 @@ def missing_sentence(steps: Steps) -> str:
 
 
 def _identified(steps: Steps) -> str:
-    parts = [_model(steps["yaw"])] if "yaw" in steps else []
-    parts += [_thrust(steps["thrusters"])] if "thrusters" in steps else []
+    model, tested = steps.get("yaw", ModelFile), steps.get("thrusters", ThrusterFile)
+    parts = [_model(model) if model else "", _thrust(tested) if tested else ""]
     said = "; ".join(part for part in parts if part)
     return f"{said[:1].upper()}{said[1:]}." if said else ""
 
 
-def _model(step: StepResult) -> str:
+def _model(step: StepResult[ModelFile]) -> str:
     """Law and parameters of the preferred model."""
-    model, own = str(step.at("preferred")), step.dof.symbols
-    names = {own.quadratic: own.quadratic_print, own.linear: own.linear, own.inertia: own.inertia}
+    file, own = step.file, step.dof.symbols
     found = [
         f"**{name} = {escape(interval(estimate))}** {estimate.unit}"
-        for key, name in names.items()
-        if key in step.at("models", model)
-        for estimate in [step.estimate("models", model, key)]
+        for name, given in file.main_parameters()
+        for estimate in [step.known(given, f"models.{file.preferred}.{name}")]
     ]
-    runs, v = step.at("runs", "used"), own.velocity
-    linear, quadratic = f"{own.linear} {v}", f"{own.quadratic_print} |{v}| {v}"
-    law = {"1": f" {linear}", "2": f" {quadratic} + {linear}", "3": f" {quadratic}"}.get(model, "")
-    return f"model {escape(model)} (drag{law}) fits {runs} runs best, with {' and '.join(found)}"
+    linear, quadratic = f"{own.linear} {own.velocity}", f"{own.quadratic_print} |{own.velocity}| {own.velocity}"
+    law = {"1": f" {linear}", "2": f" {quadratic} + {linear}", "3": f" {quadratic}"}.get(file.preferred, "")
+    return f"model {escape(file.preferred)} (drag{law}) fits {file.runs.used} runs best, with {' and '.join(found)}"
 
 
-def _thrust(step: StepResult) -> str:
-    form, ways = str(step.at("form")), (("forward", "ahead"), ("backward", "astern"))
-    if form == "square":
-        sides = [
-            f"{number(step.number(key, 'a', 'value'))} {side}" for key, side in ways if step.at(key, "a") is not None
-        ]
+def _thrust(step: StepResult[ThrusterFile]) -> str:
+    file = step.file
+    if file.form == "square":
+        laws = ((file.forward.a, "ahead"), (file.backward.a, "astern"))
+        sides = [f"{number(a.value)} {side}" for a, side in laws if a is not None]
         return f"one thruster gives F = a |n| n with a = {' and '.join(sides)} N/n²" if sides else ""
-    equation = next(one["equation"] for one in step.at("forms") if one["form"] == form)
-    errors = [number(step.number(*at, "rmse_percent_of_full_scale"), 2) for at in (("chosen",), ())]
+    equation = next((one.equation for one in file.forms if one.form == file.form), file.form)
+    chosen = file.chosen.rmse_percent_of_full_scale if file.chosen else None
+    errors = [number(one, 2) for one in (chosen, file.rmse_percent_of_full_scale)]
     return f"one thruster gives {escape(equation)} to {errors[0]} % of full scale (the square law to {errors[1]} %)"
 
 
-def _predicts(step: StepResult | None, fitted: StepResult | None) -> str:
+def _predicts(step: StepResult[ValidationFile] | None, fitted: StepResult[ModelFile] | None) -> str:
     if step is None:
         return ""
-    best, fits = str(step.at("best")), str(step.at("preferred_by_fit"))
-    model, used = fits if fits in step.at("models") else best, step.at("runs", "used")
-    score, words, unit = step.at("models", model), step.dof.words, step.dof.units.key
+    file, words = step.file, step.dof.words
+    model, used = file.preferred_by_fit if file.preferred_by_fit in file.models else file.best, file.runs.used
+    score, best = file.models[model], file.models[file.best]
     runs = f"{used} run{'s' * (used != 1)}{_seen(step, fitted)}"
-    if score.get(f"rmse_{unit}") is None:
+    if score.rmse is None:
         return f"Driven by the commands of {runs}, model {escape(model)} diverges."
-    again = score.get(f"restarted_rmse_{unit}")
+    again = score.restarted
     restarted = f", by {number(again, 3)} {words.units} when restarted within them" if again is not None else ""
-    better = f" (best is model {escape(best)} with {_bracketed(step, best)})" if best != model else ""
+    better = f" (best is model {escape(file.best)} with {_bracketed(best)})" if best is not score else ""
     return (
         f"Driven by the commands of {runs}, model {escape(model)} misses the {words.position} by "
-        f"**{_bracketed(step, model)}** {words.units} rms over whole runs{better}{restarted}, where the noise is "
-        f"{number(step.number(f'noise_floor_{unit}'), 3)}."
+        f"**{_bracketed(score)}** {words.units} rms over whole runs{better}{restarted}, where the noise is "
+        f"{number(file.noise_floor, 3)}."
     )
 
 
-def _bracketed(step: StepResult, model: str) -> str:
+def _bracketed(score: Score) -> str:
     """The free-run error with its interval over runs, where there is one."""
-    key = f"rmse_{step.dof.units.key}"
-    value = number(step.number("models", model, key), 3)
-    ends = step.at("models", model).get(f"{key}_ci95")
-    return f"{value} \\[{number(ends[0], 3)}, {number(ends[1], 3)}\\]" if ends else value
+    value = number(score.rmse, 3)
+    return f"{value} \\[{number(score.ci95[0], 3)}, {number(score.ci95[1], 3)}\\]" if score.ci95 else value
 
 
-def _seen(step: StepResult, fitted: StepResult | None) -> str:
+def _seen(step: StepResult[ValidationFile], fitted: StepResult[ModelFile] | None) -> str:
     """Whether the logs of the validation had been fitted, by their content."""
     if fitted is None or fitted.manifest is None or step.manifest is None:
         return ""
@@ -154,38 +150,34 @@ def _seen(step: StepResult, fitted: StepResult | None) -> str:
     again = [entry for entry in step.manifest.inputs if entry.role == "log" and entry.sha256 in known]
     if again:
         return f" ({len(again)} of the logs had been fitted)"
-    return " that was not fitted" if step.at("runs", "used") == 1 else " that were not fitted"
+    return " that was not fitted" if step.file.runs.used == 1 else " that were not fitted"
 
 
-def _lacks(step: StepResult | None) -> str:
+def _lacks(step: StepResult[DiagnosisFile] | None) -> str:
     if step is None:
         return ""
-    own = step.dof.units.key
-    of_runs = f"before_{own}" in step.at("gap", "fitted_runs")
-    unit, words = (own, step.dof.words.units) if of_runs else ("N", "newtons")
+    file = step.file
+    words = "newtons" if file.of_thrusters else step.dof.words.units
 
-    def gap(runs: str) -> list[str]:
-        values = (step.number("gap", runs, f"{name}_{unit}") for name in ("before", "after", "noise_floor"))
-        return [f"{value:.2f}" if of_runs else number(value, 3) for value in values]
+    def sizes(gap: GapSize) -> list[str]:
+        values = (gap.before, gap.after, gap.noise_floor)
+        return [number(value, 3) if file.of_thrusters else f"{value:.2f}" for value in values]
 
-    before, after, noise = gap("fitted_runs")
-    verdict = str(step.at("verdict"))
-    if verdict == "nothing-missing":
+    before, after, noise = sizes(file.gap.fitted_runs)
+    names = " and ".join(f"**{escape(effect.name)}**" for effect in file.effects)
+    if file.verdict == "nothing-missing":
         return f"Nothing is missing that these runs could show: the gap is {before} {words}, the noise {noise}."
-    if verdict == "unexplained":
+    if file.verdict == "unexplained":
         return (
             f"Something is missing that no effect of the library explains: the gap is {after} {words}, the noise "
             f"{noise}."
         )
-    if verdict == "suspected":
-        names = " and ".join(f"**{escape(str(effect['name']))}**" for effect in step.at("effects"))
-        return f"Suspected, and not added, is {names}. {escape(str(step.at('why')))}"
-    model = "thruster map" if step.data.get("model") == "thruster-map" else "model"
-    names = " and ".join(f"**{escape(str(effect['name']))}**" for effect in step.at("effects"))
-    held = ""
-    if step.at("gap", "held_out_runs"):
-        held = " (from {} to {} on what was held out)".format(*gap("held_out_runs"))
+    if file.verdict == "suspected":
+        return f"Suspected, and not added, is {names}. {escape(file.why)}"
+    held, out = "", file.gap.held_out_runs
+    if out is not None:
+        held = " (from {} to {} on what was held out)".format(*sizes(out))
     return (
-        f"The {model} lacks {names}: with it the gap falls from {before} to {after} {words}{held}, where the noise is "
-        f"{noise}."
+        f"The {'thruster map' if file.of_thrusters else 'model'} lacks {names}: with it the gap falls from {before} to "
+        f"{after} {words}{held}, where the noise is {noise}."
     )

@@ -1,22 +1,9 @@
-"""What `run` shows of a campaign: one line a step, and cautions that only the whole campaign gives."""
+"""What `run` shows of a campaign: a row a step, and cautions that only the whole campaign gives."""
 
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping, Sequence
 
-from automarine_cli.dofs import DOFS, YAW, Dof
-from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.recipe import read_mapping
 from automarine_cli.report.tables import MISSING, Table, number
-
-FILES = {
-    "check": "check.json",
-    "fit-thrusters": "thrusters.json",
-    "validate": "validation.json",
-    "diagnose": "diagnosis.json",
-    **{f"fit-{name}": f"{name}_model.json" for name in (*DOFS, PLANAR.name)},
-}
+from automarine_cli.results.models import ThrusterFile, VoltagePower
 
 
 def steps_table(rows: Sequence[tuple[str, str, str, str]]) -> Table:
@@ -40,34 +27,17 @@ def campaigns_table(rows: Sequence[tuple[str, Mapping[str, str], Sequence[str]]]
     return Table("", ("campaign", *SAID, "refused"), cells)
 
 
-def outcome(step: str, folder: Path) -> str:
-    """The result of a step in a few words; empty where its file cannot be read."""
-    try:
-        command = step if step in FILES else step.rpartition("-")[0]
-        dof = DOFS.get(step.rpartition("-")[2], YAW)
-        data: dict[str, Any] = dict(read_mapping(folder / FILES[command]))
-        return (_model if command == f"fit-{dof.name}" else _IN_WORDS[command])(data, dof)
-    except (SettingError, KeyError, TypeError, AttributeError):
-        return ""
-
-
-def cautions(thrusters: Path, supply: float | None) -> list[str]:
+def cautions(thrusters: ThrusterFile | None, supply: float | None) -> list[str]:
     """Sentences about what does not fit together: thruster tests at other voltages than the vehicle's supply."""
-    if supply is None or not (thrusters / FILES["fit-thrusters"]).is_file():
+    if supply is None or thrusters is None or thrusters.voltage_range_V is None:
         return []
-    data: dict[str, Any] = dict(read_mapping(thrusters / FILES["fit-thrusters"]))
-    if data.get("voltage_range_V") is None:
-        return []
-    low, high = data["voltage_range_V"]
+    low, high = thrusters.voltage_range_V
     if low / ALIKE <= supply <= high * ALIKE:
         return []
     nearest = low if supply < low else high
     tested = " to ".join(dict.fromkeys(number(one, 3) for one in (low, high)))
-    found = [
-        one["thrust_at_fixed_n"]["value"]
-        for one in (data.get("voltage_exponent") or {}).values()
-        if one and one["thrust_at_fixed_n"]
-    ]
+    powers = (one.thrust_at_fixed_n for one in thrusters.voltage_exponent.values() if isinstance(one, VoltagePower))
+    found = [one.value for one in powers if one is not None and one.value is not None]
     power = sum(found) / len(found) if found else None
     size = (
         f" Thrust grows with the voltage to the power {number(power, 3)}, so expect it to be "
@@ -79,57 +49,3 @@ def cautions(thrusters: Path, supply: float | None) -> list[str]:
         f"The thrusters were tested at {tested} V, the vehicle's supply is {number(supply, 3)} V: the map is "
         f"extrapolated.{size} Test at the supply voltage."
     ]
-
-
-def _check(data: dict[str, Any], _: Dof) -> str:
-    used, aside = data["runs"]["used"], len(data["runs"]["set_aside"])
-    idle = sum(run["half_turn"] is None for run in data["yaw_runs"])
-    said = f"{data['logs']} log{'s' * (data['logs'] != 1)}, {used} run{'s' * (used != 1)}" + (
-        f", {idle} without a half-turn" if idle else ""
-    )
-    return said + (f", {aside} set aside" if aside else "")
-
-
-def _thrusters(data: dict[str, Any], _: Dof) -> str:
-    chosen = data["chosen"]
-    error = number(chosen["rmse_percent_of_full_scale"], 2)
-    return f"{chosen['form']} law, R² {number(chosen['r2'])}, error {error} % of full scale"
-
-
-def _model(data: dict[str, Any], dof: Dof) -> str:
-    model, own = data["models"][data["preferred"]], dof.symbols
-    names = {own.quadratic: own.quadratic_print, own.linear: own.linear, own.inertia: own.inertia}
-    values = [f"{names[key]} {number(model[key]['value'])}" for key in names if model.get(key)]
-    return f"model {data['preferred']}: {', '.join(values)}"
-
-
-def _planar(data: dict[str, Any], _: Dof) -> str:
-    return str(data["structure"])
-
-
-def _validation(data: dict[str, Any], dof: Dof) -> str:
-    if data.get("motion") == PLANAR.name:
-        error = data["models"][PLANAR.name]["heading_rmse_deg"]
-        return f"heading {number(error, 3)} deg free run"
-    best, unit = data["models"][data["best"]], dof.units.key
-    return (
-        f"model {data['best']}: {number(best[f'rmse_{unit}'], 3)} {unit} free run, "
-        f"{number(best[f'restarted_rmse_{unit}'], 3)} {unit} restarted, "
-        f"noise {number(data[f'noise_floor_{unit}'], 2)} {unit}"
-    )
-
-
-def _diagnosis(data: dict[str, Any], dof: Dof) -> str:
-    gap, unit = data["gap"]["fitted_runs"], dof.units.key
-    names = ", ".join(effect["name"] for effect in data["effects"])
-    said = str(data["verdict"]).replace("-", " ") + (f": {names}" if names else "")
-    return f"{said}; gap {number(gap[f'before_{unit}'], 3)} to {number(gap[f'after_{unit}'], 3)} {unit}"
-
-
-_IN_WORDS: Mapping[str, Callable[[dict[str, Any], Dof], str]] = {
-    "check": _check,
-    "fit-thrusters": _thrusters,
-    "fit-planar": _planar,
-    "validate": _validation,
-    "diagnose": _diagnosis,
-}

@@ -6,6 +6,8 @@ from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen
 
+NAMED = 3  # runs that share a note
+
 
 def run_tables(runs: Sequence[RunSeen]) -> list[Table]:
     """One table for each motion that was seen."""
@@ -60,24 +62,27 @@ def _run_row(run: RunSeen, dof: Dof) -> tuple[str, ...]:
 
 
 def _notes(runs: Sequence[RunSeen], dof: Dof) -> list[str]:
-    """What cleaning did and what a person should know, run by run."""
+    """What cleaning did and what a person should know; what runs share is said once."""
     words = {
         "missing": ("row with a missing value", "rows with a missing value"),
         "duplicates": ("repeated stamp", "repeated stamps"),
         "glitches": (f"{dof.position} spike", f"{dof.position} spikes"),
     }
-    lines = []
+    told: dict[str, list[str]] = {}
     for run in runs:
-        told = [
+        dropped = [
             f"{run.counts[kind]} {one if run.counts[kind] == 1 else more} dropped"
             for kind, (one, more) in words.items()
             if run.counts.get(kind)
         ]
-        told += list(dict.fromkeys(run.notes))
-        told += [] if run.why is None else [run.why]
-        if told:
-            lines.append(f"{run.run}: {'; '.join(told)}")
-    return lines
+        for note in dict.fromkeys([*dropped, *run.notes, *([] if run.why is None else [run.why])]):
+            told.setdefault(note, []).append(run.run)
+    return [f"{_listed(names)}: {note}" for note, names in told.items()]
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:NAMED])
+    return f"{shown} and {len(names) - NAMED} more" if len(names) > NAMED else shown
 
 
 def thruster_test_table(tests: Sequence[ThrusterTestSeen]) -> Table:

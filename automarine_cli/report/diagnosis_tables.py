@@ -8,10 +8,10 @@ from automarine_cli.diagnosis.learned_curve import LearnedCurve
 from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.trials import LEVEL
 from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED, UNEXPLAINED
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.diagnosis_page_tables import gap_table
 from automarine_cli.report.tables import Table, interval, number
+from automarine_cli.results.estimate import Estimate
 
 OF = {"moment": "a moment", "gain": "a gain", "drag": "linear drag"}
 """Kinds of learned curves in words."""

@@ -5,11 +5,11 @@ import io
 from collections.abc import Sequence
 
 from automarine_cli.dofs import Dof
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.planning.campaign import Campaign
 from automarine_cli.planning.rivals import Split
 from automarine_cli.planning.vehicle import in_words
 from automarine_cli.report.tables import MISSING, Table, interval, number
+from automarine_cli.results.estimate import Estimate
 
 SHEET = (
     "number", "name", "kind", "begins_min", "start_heading_deg", "voltage_V", "rest_s", "do", "drive_s", "wait_s",

@@ -17,7 +17,7 @@ MISSING = "–"
 
 
 class HasInterval(Protocol):
-    """A value with its standard error and 95 % interval: `fits.estimate.Estimate`."""
+    """A value with its standard error and 95 % interval: `results.estimate.Estimate`."""
 
     @property
     def value(self) -> float:

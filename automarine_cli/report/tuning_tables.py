@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from automarine_cli.control.design import Designed, Outcome
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.quantities import Floats
 from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.results.estimate import Estimate
 
 BAND = (0.025, 0.975)
 

@@ -21,6 +21,7 @@ from automarine_cli.report.figures import yaw as figures
 from automarine_cli.report.figures.driven import driven_runs_figure
 from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.tables import Table, interval
+from automarine_cli.runs.run import shared_readings
 
 
 def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
@@ -65,6 +66,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
         lines.append(_by_way(preferred.ways, dof))
     if fit.buoyancy is not None:
         lines.append(fit.buoyancy.says)
+    lines += [f"Read: {note}." for note in shared_readings(fit.read)]
     warnings = fit.warnings if fit.use is None or fit.use.of_use else fit.warnings[1:]  # that line stands first
     return (*lines, *(f"Warning: {warning}" for warning in warnings))
 
@@ -138,9 +140,10 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
     if fit.use is not None:
         return _driven_rows(fit, fit.use)
     assert isinstance(mixed, MixedFit)
+    read = mixed.reading(dof.position)
     if fit.seed_method is None or fit.data is None:
         for i, run in enumerate(fit.runs):
-            off = dof.shown(run.position - mixed.reading(dof.position)[i][: len(run)])
+            off = dof.shown(run.position - read[i][: len(run)])
             measured.append(
                 {
                     "run": run.name,
@@ -155,7 +158,7 @@ def _rows(fit: YawFit) -> list[dict[str, object]]:
         return measured
     seed, data = fit.seed_method, fit.data
     for i, turn in enumerate(fit.turns):
-        off = dof.shown((data.heading - mixed.reading(dof.position))[i][data.seen[i]])
+        off = dof.shown((data.heading[i] - read[i])[data.seen[i]])
         row: dict[str, object] = {
             "run": turn.name,
             "file": turn.step.run.source,

@@ -4,11 +4,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.drag import DragFit, nested_test
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.velocity_error import VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import DRAG, INERTIA, Caution
 from automarine_cli.report.tables import MISSING, Cell, Math, Table, interval, number
+from automarine_cli.results.estimate import Estimate
 
 MODELS = ("1", "2", "3")
 HEADER: tuple[Cell, ...] = ("Model", *MODELS)

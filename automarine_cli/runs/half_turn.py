@@ -8,7 +8,7 @@ dropped as well.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.allocation_limits import SINGLE
 from automarine_cli.runs.noise import slope
-from automarine_cli.runs.run import ASKED, Run, SetAside
-from automarine_cli.runs.sense import longest_repeat
+from automarine_cli.runs.run import Run, SetAside
+from automarine_cli.runs.sense import is_slow, longest_repeat
 from automarine_cli.runs.steps import Step, find_steps, start_position
 from automarine_cli.runs.undriven import undriven
 
@@ -27,8 +26,6 @@ COMMAND_ENDS = "the {force} changed"
 LOG_ENDS, WINDOW = "the log ended", "the window"
 
 FEWEST_SAMPLES = 8
-MOST_REST = 200
-"""Samples of rest before a step that are used; more would say little of the start and much of slow drifts."""
 MARGIN_IN_SIGMA = 3.0
 STILL_CHANGING = 0.1  # of the last third's rate
 SURE = 4.0  # standard errors
@@ -95,6 +92,11 @@ class HalfTurn:
         return not self.why
 
     @property
+    def moved(self) -> bool:
+        """Whether the vehicle went further than standing still looks like."""
+        return abs(self.turned) >= least_way(self.step.run.dof, self.noise)
+
+    @property
     def name(self) -> str:
         """Name of the run."""
         return self.step.run.name
@@ -146,65 +148,38 @@ def half_turns(runs: Iterable[Run], trim: Trim = UNTRIMMED) -> tuple[tuple[HalfT
 
 
 def first_half_turn(run: Run, trim: Trim = UNTRIMMED) -> tuple[HalfTurn | None, str]:
-    """Of a run with several steps the first that serves; if none does, None and the first one's reason, or what
-    says that the run was not moved by its commands."""
-    why = ""
+    """Of a run with several steps the first that serves; if none does, None and why."""
+    turns = []
     for step in find_steps(run):
-        turn = half_turn(run, step, trim)
-        if turn.serves:
-            return turn, ""
-        why = why or turn.why
-    return None, undriven(run) or why or run.dof.fill(NO_STEP)
+        turns.append(half_turn(run, step, trim))
+        if turns[-1].serves:
+            return turns[-1], ""
+    return None, why_none(run, turns)
 
 
-@dataclass(frozen=True)
-class Trimmed:
-    """A run of which only its half-turn is kept, with some of the rest before it and of what follows (for figures);
-    of a run without one nothing but its name, and `why`.
-    """
-
-    run: Run
-    turn: HalfTurn | None
-    why: str
-
-    def of(self, run: Run) -> "Trimmed":
-        """The same under the name of `run`."""
-        if run is self.run:
-            return self
-        return Trimmed(run, None if self.turn is None else self.turn.of(run), self.why)
-
-
-def trimmed(run: Run, trim: Trim = UNTRIMMED) -> Trimmed:
-    """Keep of a run what a fit to half-turns needs. Raises RunError where the run has no moment."""
-    turn, why = first_half_turn(run, trim)
-    if turn is None:
-        return Trimmed(_copied(run, 0, 0), None, why)
-    step, kept = turn.step, turn.kept
-    rest = step.rest and slice(max(step.rest.start, step.rest.stop - MOST_REST), step.rest.stop)
-    start = kept.start if rest is None else rest.start
-    stop = min(step.stop, kept.stop + len(turn.time))
-    short = _copied(run, start, stop)
-    step = replace(
-        step,
-        run=short,
-        first=step.first - start,
-        stop=stop - start,
-        rest=None if rest is None else slice(0, rest.stop - start),
+def why_none(run: Run, turns: Sequence[HalfTurn]) -> str:
+    """Why none of the steps of a run serves: its commands did not move it, or what the first lacks that did."""
+    if why := undriven(run):
+        return why
+    dof, extent = run.dof, float(np.ptp(run.position))
+    if not turns:
+        return dof.fill(NO_STEP)
+    first = next((turn for turn in turns if turn.moved), turns[0])
+    if first.moved or extent < dof.limits.least:
+        return first.why
+    words, unit = dof.words, dof.units.shown
+    return (
+        f"no step: the vehicle {words.moved} over {dof.shown(extent):.3g} {unit}, but under a changing {words.force}; "
+        f"none that is constant lasts. Hold the {words.force} constant, or fit whole runs"
     )
-    kept = slice(kept.start - start, kept.stop - start)
-    return Trimmed(short, replace(turn, step=step, time=short.time[kept], position=short.position[kept], kept=kept), "")
-
-
-def _copied(run: Run, start: int, stop: int) -> Run:
-    """Samples start:stop of what sensors of the motion and thrusters say: the rest need not stay in memory."""
-    time, position = (column[start:stop].copy() for column in (run.time, run.position))
-    moment = None if run.moment is None else run.moment[start:stop].copy()
-    kept = (name for name in run.extras if name in (run.dof.velocity, ASKED) or SINGLE.fullmatch(name))
-    extras = {name: run.extras[name][start:stop].copy() for name in kept}
-    return replace(run, time=time, position=position, moment=moment, extras=extras)
 
 
 NO_STEP = "no step: no constant {force} is held for at least 5 samples. Hold the {force} constant, or fit whole runs"
+
+
+def least_way(dof: Dof, noise: float) -> float:
+    """How far [rad or m] a vehicle that does not stand still goes at least."""
+    return max(dof.limits.still, 5 * noise)
 
 
 def _end(turned: Floats, beyond: NDArray[np.bool_], noise: float) -> tuple[int, bool]:
@@ -247,7 +222,7 @@ def _why_not(
     way = f"{whole} {words.unit if whole == 1 else words.units}"
     at = f"the step of {step.moment:.4g} {step.run.moment_unit}".rstrip()
     repeats, _ = longest_repeat(position, np.ones(len(position), dtype=bool))
-    if repeats >= max(10, len(position) / 2):
+    if repeats >= max(10, len(position) / 2) and not is_slow(step.run.position, repeats):
         return (
             f"{words.sensor} stuck: {repeats} of {len(position)} samples of {at} show one {words.position}. "
             f"Check the {words.sensor}, or whether the vehicle was held"
@@ -257,7 +232,7 @@ def _why_not(
             f"too short: {at} has {len(position)} samples ({cut_by}); at least {FEWEST_SAMPLES} are needed. "
             f"Log faster or hold the {words.force} longer"
         )
-    if abs(turned) < max(dof.limits.still, 5 * noise):
+    if abs(turned) < least_way(dof, noise):
         radians = (
             f"; if the {words.position} column is in radians, name it {dof.column(dof.position, 'rad')}"
             if dof.wraps

@@ -18,9 +18,10 @@ from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
 from automarine_cli.runs.clean import NotUsable, clean, too_short
-from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, Trimmed, trimmed
-from automarine_cli.runs.run import Run, SetAside, named_apart, own_name
+from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim
+from automarine_cli.runs.run import Run, SetAside, command_warnings, named_apart, own_name
 from automarine_cli.runs.sense import clock_trouble
+from automarine_cli.runs.trimmed import Trimmed, trimmed
 
 Kept = TypeVar("Kept")
 Reading = Callable[..., tuple[list[Run], list[SetAside]]]
@@ -65,7 +66,8 @@ def load_runs(
 @dataclass(frozen=True)
 class HalfTurnCampaign:
     """The half-turns of a campaign without what came after them: `turns` that serve, in file order, `not_turned` the
-    runs without one and why; the rest as in `Campaign`. `count` is the number of runs.
+    runs without one and why; the rest as in `Campaign`. `count` is the number of runs, `warnings` say how their
+    thruster commands do not fit the map.
     """
 
     turns: tuple[HalfTurn, ...]
@@ -74,6 +76,7 @@ class HalfTurnCampaign:
     set_aside: tuple[SetAside, ...]
     inputs: tuple[LogFile, ...]
     limits: tuple[AllocationLimit, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def load_half_turns(
@@ -107,6 +110,7 @@ def load_half_turns(
         set_aside=aside,
         inputs=tuple(filter(has_bytes, files)),
         limits=limits,
+        warnings=command_warnings(runs),
     )
 
 
@@ -145,7 +149,7 @@ def _read_trimmed(
 
 def has_bytes(file: LogFile) -> bool:
     """Whether a log has bytes that can be told by their hash: a link that leads nowhere has none."""
-    return file.path.is_file() and os.access(file.path, os.R_OK)
+    return file.content is not None or (file.path.is_file() and os.access(file.path, os.R_OK))
 
 
 def refused_by_strict(first: SetAside) -> RunError:

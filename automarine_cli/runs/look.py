@@ -10,7 +10,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.logs import LogTable
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.runs.allocation_limits import AllocationLimit, Commanded, commanded, limit_of, limits_in
-from automarine_cli.runs.half_turn import NO_STEP, HalfTurn, half_turn
+from automarine_cli.runs.half_turn import HalfTurn, half_turn, why_none
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import find_steps, segments
@@ -159,7 +159,7 @@ def look_at_run(run: Run) -> RunSeen:
         levels=levels if len(levels) <= min(MOST_LEVELS, len(run) // 4) else None,
         steps=[_step_seen(turn) for turn in turns],
         half_turn=None if best is None else _step_seen(best),
-        why=None if best is not None else turns[0].why if turns else run.dof.fill(NO_STEP),
+        why=None if best is not None else why_none(driven, turns),
         columns=sorted(run.extras),
         notes=[*run.notes, *(note for turn in turns for note in turn.step.notes)],
         asked=commanded(run),

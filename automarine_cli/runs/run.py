@@ -12,6 +12,7 @@ from automarine_cli.errors import RunError
 from automarine_cli.logs.canonical import names_of
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.quantities import CLOCK, SINCE, Floats
+from automarine_cli.runs.command_range import CommandRange, warnings_of
 from automarine_cli.runs.noise import median, position_noise
 
 ASKED = "asked"
@@ -41,7 +42,7 @@ class Run:
     `sway` [m/s], ...). `counts` says what cleaning did (name -> number), `notes` what a person should know.
     `reading` are those of the notes that tell how the log was read, such as signs that were turned and how old held
     values are. Where `summed_up` the log has no position: it is that of the velocity, added up to trim runs by and to
-    look at, and no evidence.
+    look at, and no evidence. `commanded` is the range of the thruster commands of which a map made the moment.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Run:
     notes: tuple[str, ...] = ()
     reading: tuple[str, ...] = ()
     summed_up: bool = False
+    commanded: CommandRange | None = None
     dof: Dof = field(kw_only=True)
 
     def __post_init__(self) -> None:
@@ -133,12 +135,16 @@ class Run:
         total = sum(side * self.extras[name] for side, name in zip(self.dof.sides, self.dof.thrusters))
         return self.with_moment(np.asarray(total), names)
 
-    def with_moment(self, moment: Floats, unit: str, parts: Mapping[str, Floats] | None = None) -> "Run":
+    def with_moment(
+        self, moment: Floats, unit: str, parts: Mapping[str, Floats] | None = None,
+        commanded: CommandRange | None = None,
+    ) -> "Run":  # fmt: skip
         """The same run driven by another moment or force (thruster commands through a map), of which `parts` are those
         of single thrusters (`effects.thruster_imbalance.PARTS`); a logged one of that unit stays beside it as ASKED."""
         kept = parts is not None and self.moment is not None and unit == self.moment_unit
         asked = {ASKED: self.command} if kept else {}
-        return replace(self, moment=moment, moment_unit=unit, extras={**self.extras, **asked, **(parts or {})})
+        return replace(self, moment=moment, moment_unit=unit, extras={**self.extras, **asked, **(parts or {})},
+                       commanded=commanded)  # fmt: skip
 
     def cut(self, start: int, stop: int) -> "Run":
         """Samples start:stop of this run."""
@@ -151,10 +157,28 @@ class Run:
         )
 
 
-def readings(runs: Iterable[Run]) -> dict[str, list[dict[str, object]]]:
-    """`{"readings": [{"file", "notes"}]}` for a result: what to know of the reading of each log; {} for nothing."""
+def readings(runs: Sequence[Run]) -> dict[str, list[dict[str, object]] | list[str]]:
+    """`{"readings": [{"file", "notes"}]}` for a result: what to know of the reading of each log; {} for nothing. With
+    "commands" where thruster commands do not fit their map."""
     told = {run.source: run.reading for run in runs if run.reading}
-    return {"readings": [{"file": file, "notes": list(notes)} for file, notes in told.items()]} if told else {}
+    said: dict[str, list[dict[str, object]] | list[str]] = {}
+    if told:
+        said["readings"] = [dict[str, object](file=file, notes=list(notes)) for file, notes in told.items()]
+    if warned := command_warnings(runs):
+        said["commands"] = list(warned)
+    return said
+
+
+def command_warnings(runs: Iterable[Run]) -> tuple[str, ...]:
+    """How the thruster commands of a campaign do not fit their map. Raises RunError where they cannot be its at all."""
+    return warnings_of(run.commanded for run in runs if run.commanded is not None)
+
+
+def shared_readings(runs: Iterable[Run]) -> tuple[str, ...]:
+    """What the reading of the logs tells of more than half of them, once each."""
+    told = {run.source: dict.fromkeys(run.reading) for run in runs}
+    times = Counter(note for notes in told.values() for note in notes)
+    return tuple(note for note, count in times.items() if 2 * count > len(told))
 
 
 NAMED_APART = "another run of this campaign has the same name; the file's name was put in front"

@@ -12,6 +12,7 @@ from automarine_cli.runs.unwrap import scatter_of_steps, wrapped
 
 FEWEST_SAMPLES = 8
 LEAST_STUCK = 20  # samples of one exact position
+TIMES_HELD = 4.0  # as long as other values: a sensor that answers seldom is not stuck
 SLOWEST = 5.0  # s between samples; nobody logs a test more slowly
 FASTEST = 2e-4  # s between samples
 LARGEST_COMMAND = 1e12  # of any unit; beyond it arithmetic overflows
@@ -122,7 +123,7 @@ def stuck(position: Floats, command: Floats, dof: Dof) -> str | None:
     if not acting.any():
         return None
     longest, at = longest_repeat(position, acting)
-    if longest >= max(LEAST_STUCK, acting.sum() / 2):
+    if longest >= max(LEAST_STUCK, acting.sum() / 2) and not is_slow(position, longest):
         where = dof.shown(at) % 360 if dof.wraps else dof.shown(at)
         words = dof.words
         return (
@@ -130,6 +131,17 @@ def stuck(position: Floats, command: Floats, dof: Dof) -> str | None:
             f"Check the {words.sensor} and its cable, or whether the vehicle was held"
         )
     return None
+
+
+def is_slow(position: Floats, repeats: int) -> bool:
+    """Whether `repeats` of one value are how the sensor works: it answers more seldom than the log asks, so that the
+    other values of the run, (N,), are held for about as long."""
+    edges = np.flatnonzero(np.diff(position)) + 1
+    held = np.sort(np.diff(np.concatenate([[0], edges, [len(position)]])))[:-1]
+    if not len(held):
+        return False
+    usual = np.repeat(held, held)  # each sample asks how long its own value stays
+    return bool(repeats <= TIMES_HELD * np.median(usual))
 
 
 def longest_repeat(position: Floats, where: NDArray[np.bool_]) -> tuple[int, float]:

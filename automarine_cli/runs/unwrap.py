@@ -16,6 +16,7 @@ LONGEST_SPIKE = 2  # samples
 LOCAL = 9  # samples; of fewer nothing can be told
 ENOUGH = 1000  # second differences
 LONGEST_BRIDGE = 60.0  # s; over a longer gap anything may have happened
+FASTER = 1.5  # than nearly all of the run: nothing turns so across a gap
 
 
 def wrapped(angle: Floats, turn: float = TURN) -> Floats:
@@ -163,8 +164,9 @@ def unwrap(time: Floats, position: Floats, gaps: Indices, dof: Dof) -> Unwrapped
     """Unwrap a heading; `gaps` are the samples after which the log has a hole. What never wraps is whole as it is.
 
     Between samples the shortest way is taken. Across a hole the rates on both sides say how far the vehicle
-    turned; if they leave it open by more than a quarter of a turn, the run breaks there. A log that counts
-    turns itself (more than a turn wide, without jumps) is taken as it is.
+    turned; if they leave it open by more than a quarter of a turn, and the vehicle was seen fast enough to turn as far
+    in that time, the run breaks there. A log that counts turns itself (more than a turn wide, without jumps) is taken
+    as it is.
     """
     turn = dof.turn
     if not dof.wraps:
@@ -175,12 +177,14 @@ def unwrap(time: Floats, position: Floats, gaps: Indices, dof: Dof) -> Unwrapped
     if np.ptp(position) > 1.01 * turn and np.all(np.abs(raw[inside]) < turn / 2):
         return Unwrapped(position.copy(), ())
     steps = wrapped(raw, turn)
+    rates = np.abs(steps[inside]) / np.diff(time)[inside]
+    fastest = FASTER * float(np.percentile(rates, 99)) if rates.size else np.inf
     broken = []
     for gap in gaps:
         span = time[gap + 1] - time[gap]
         before, after = _side_rate(time, steps, gap - 1, -1, gaps), _side_rate(time, steps, gap + 1, 1, gaps)
         predicted = span * (before[0] + after[0]) / 2
-        doubt = span * (abs(after[0] - before[0]) / 2 + before[1] + after[1])
+        doubt = span * min(fastest, abs(after[0] - before[0]) / 2 + before[1] + after[1])
         if doubt > turn / 4 or span > LONGEST_BRIDGE:
             broken.append(int(gap))
         steps[gap] = predicted + wrapped(np.asarray(raw[gap] - predicted), turn)

@@ -3,10 +3,10 @@
 import re
 
 from automarine_cli.errors import SettingError
-from automarine_cli.pipeline.recipe import key_of
+from automarine_cli.pipeline.codec import Record, key_of
 
 
-def positive(settings: object, *names: str) -> None:
+def positive(settings: Record, *names: str) -> None:
     """Refuse a value that is not above zero (None is fine)."""
     for name in names:
         value = getattr(settings, name)
@@ -14,7 +14,7 @@ def positive(settings: object, *names: str) -> None:
             raise SettingError(f"{key_of(settings, name)} is {value:g}; expected more than 0")
 
 
-def at_least_zero(settings: object, *names: str) -> None:
+def at_least_zero(settings: Record, *names: str) -> None:
     """Refuse a value below zero (None is fine)."""
     for name in names:
         value = getattr(settings, name)
@@ -22,7 +22,7 @@ def at_least_zero(settings: object, *names: str) -> None:
             raise SettingError(f"{key_of(settings, name)} is {value:g}; expected 0 or more")
 
 
-def between(settings: object, low: float, high: float, *names: str) -> None:
+def between(settings: Record, low: float, high: float, *names: str) -> None:
     """Refuse a value outside [low, high]."""
     for name in names:
         value = getattr(settings, name)
@@ -30,7 +30,7 @@ def between(settings: object, low: float, high: float, *names: str) -> None:
             raise SettingError(f"{key_of(settings, name)} is {value:g}; expected {low:g} to {high:g}")
 
 
-def safe_path(settings: object, *names: str) -> None:
+def safe_path(settings: Record, *names: str) -> None:
     """Refuse a name for files that could lead out of the result folder, or that some system cannot write."""
     for name in names:
         value = getattr(settings, name)

@@ -12,7 +12,7 @@ from typing import ClassVar, Literal, TypeAlias
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.models.closed_form import response
-from automarine_cli.pipeline.recipe import FILLER, from_mapping, key_of, keyed
+from automarine_cli.pipeline.codec import FILLER, Codec, Place, key_of, keyed
 from automarine_cli.simulation.checks import at_least_zero, positive, safe_path
 
 Format: TypeAlias = Literal["csv", "csv.gz", "parquet"]
@@ -258,12 +258,12 @@ _CLASSES = (StepRuns, CoastDownRuns, ReversalRuns, SequenceRuns, RampRuns, RestR
 KINDS: Mapping[str, type[RunGroup]] = {str(vars(one)["kind"]): one for one in _CLASSES}
 
 
-def group_from(table: object, where: str, dof: Dof) -> RunGroup:
+def group_from(table: object, codec: Codec, place: Place) -> RunGroup:
     """The group held by one [[runs]] table. Raises SettingError with the key's path."""
     kind = table.get("kind") if isinstance(table, Mapping) else None
     if not isinstance(kind, str) or kind not in KINDS:
-        raise SettingError(f"{where}: kind is {kind!r}; expected one of {', '.join(KINDS)}")
-    return from_mapping(KINDS[kind], table, where, dof)
+        raise codec.refusal(place, f"kind is {kind!r}; expected one of {', '.join(KINDS)}")
+    return codec.read(KINDS[kind], table, place)
 
 
 def moment_text(moment: float) -> str:

@@ -5,18 +5,19 @@ path. The kinds of runs are in `run_groups`.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from automarine_cli import effects as library
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.yaw_model import Term, YawModel
+from automarine_cli.pipeline.codec import FILLER, Codec, Place
 from automarine_cli.pipeline.plain_data import everything, in_words, told
-from automarine_cli.pipeline.recipe import FILLER, from_mapping, read_mapping
+from automarine_cli.pipeline.recipe import read_mapping
 from automarine_cli.pipeline.words import printable
 from automarine_cli.simulation.checks import at_least_zero
-from automarine_cli.simulation.run_groups import KINDS, RunGroup, group_from
+from automarine_cli.simulation.run_groups import RunGroup, group_from
 from automarine_cli.simulation.settings import Bollard, Logger, Scatter, Schedule
 from automarine_cli.simulation.vehicle import TranslatingVehicle, Vehicle
 
@@ -115,20 +116,7 @@ def specification_from(mapping: Mapping[str, object], where: str = "specificatio
     dof = DOFS.get(motion) if isinstance(motion, str) else None
     if dof is None:
         raise SettingError(f"{where}: vehicle.motion: found {told(motion)}, expected {' or '.join(DOFS)}")
-    if wrong := _of_another(mapping, dof):
-        raise SettingError(f"{where}: unknown key {wrong[0]!r}; in {dof.name} it is {wrong[1]!r}")
     return _specification(_with_defaults(mapping, dof), where, dof)
-
-
-def _of_another(mapping: Mapping[str, object], dof: Dof) -> tuple[str, str] | None:
-    """A key by which another motion calls what this one calls otherwise, and what it is here."""
-    recipes = (Vehicle, TranslatingVehicle, Logger, Scatter, *KINDS.values())
-    templates = {one.metadata["key"] for recipe in recipes for one in fields(recipe) if "key" in one.metadata}
-    here = {dof.fill(template) for template in templates}
-    others = {one.fill(template): dof.fill(template) for template in templates for one in DOFS.values()}
-    places = (place for _, place in everything(mapping) if place and place[0] != "effects")
-    keys = (key for place in places if isinstance(key := place[-1], str))
-    return next(((key, others[key]) for key in keys if key in others and key not in here), None)
 
 
 def _with_defaults(mapping: Mapping[str, object], dof: Dof) -> dict[str, object]:
@@ -162,27 +150,29 @@ def refuse_unlikely(mapping: Mapping[str, object], where: str) -> None:
 
 def _specification(mapping: Mapping[str, object], where: str, dof: Dof) -> Specification:
     refuse_unlikely(mapping, where)
-    raw = from_mapping(_Raw, mapping, where, dof)
-    kind = Vehicle if dof.wraps else TranslatingVehicle
-    vehicle = from_mapping(kind, raw.vehicle, f"{where}: vehicle", dof)
+    codec = Codec(where, dof, others=tuple(DOFS.values()))
+    vehicle = codec.read(Vehicle if dof.wraps else TranslatingVehicle, mapping.get("vehicle"), ("vehicle",))
+    raw = codec.read(_Raw, mapping)
     if not raw.runs and raw.bollard is None:
         raise SettingError(f"{where}: nothing to simulate; expected [[runs]] or [bollard]")
     return Specification(
         vehicle=vehicle,
         seed=raw.seed,
-        effects=tuple(_effect(one, f"{where}: effects[{i}]", dof) for i, one in enumerate(raw.effects)),
+        effects=tuple(_effect(one, codec, ("effects", i)) for i, one in enumerate(raw.effects)),
         logger=raw.logger,
         scatter=raw.scatter,
         campaign=raw.campaign,
-        runs=tuple(group_from(one, f"{where}: runs[{i}]", dof) for i, one in enumerate(raw.runs)),
+        runs=tuple(group_from(one, codec, ("runs", i)) for i, one in enumerate(raw.runs)),
         bollard=raw.bollard,
         source=where,
     )
 
 
-def _effect(table: object, where: str, dof: Dof) -> EffectSetting:
+def _effect(table: object, codec: Codec, place: Place) -> EffectSetting:
     """An effect's table: its name, and every other key a parameter."""
     if not isinstance(table, Mapping) or "name" not in table:
-        raise SettingError(f"{where}: expected a table with name = one of {', '.join(library.names())}")
+        raise codec.refusal(
+            place, f"found {told(table)}, expected a table with name = one of {', '.join(library.names())}"
+        )
     values = {key: value for key, value in table.items() if key != "name"}
-    return from_mapping(EffectSetting, {"name": table["name"], "values": values}, where, dof)
+    return codec.read(EffectSetting, {"name": table["name"], "values": values}, place)

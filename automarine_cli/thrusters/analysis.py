@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.errors import FitError
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.thrusters.fit import (
     FEWEST_LEVELS,
     Parameter,
@@ -64,7 +64,7 @@ class Analysis:
     @property
     def map(self) -> ThrusterMap:
         """The chosen form as a map."""
-        return ThrusterMap(self.chosen.form.name, *self.chosen.both_ways, self.n_unit)
+        return ThrusterMap(self.chosen.form.name, *self.chosen.both_ways, self.n_unit, self.points.n_range)
 
     def fitted(self, n: Floats, square: bool = False) -> Floats:
         """Thrust [N] by the chosen form or the square law, shape of n; NaN in a direction that has no fit."""
@@ -123,6 +123,12 @@ def analyse(
     return Analysis(points, n_unit, full_scale, square, without, levels, selection, found, *r2), sides
 
 
+def _rests_above(side: Side) -> bool:
+    """Whether all commands are far from zero and one of them gives no thrust."""
+    thrust = np.abs(side.thrust)
+    return bool(side.magnitude.min() > 0.5 * side.magnitude.max() and thrust.min() < FAINT * thrust.max())
+
+
 def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -> dict[str, str]:
     """Why a direction has no fit. Raises FitError where thrust opposes the command."""
     without, against = {}, []
@@ -136,8 +142,17 @@ def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -
         if min(ahead, astern) > MIXED:
             raise FitError(
                 f"{where}: commands of one sign push both ways; the control signal looks counted from its "
-                'end, not from rest. Write n = { from = "NAME", offset = -REST } under [columns] in the '
-                "--columns file (a pulse width rests at about 1500)"
+                'end, not from rest, or without its sign. Write n = { from = "NAME", subtract = REST } (a pulse width '
+                'rests at about 1500), or n = { from = "NAME", sign_from = "COLUMN" } where another column says the '
+                "direction, under [columns] in the --columns file"
+            )
+        if len(sides) == 1 and _rests_above(side):
+            low, high = float(side.magnitude.min()), float(side.magnitude.max())
+            rest = float(side.magnitude[np.argmin(np.abs(side.thrust))])
+            raise FitError(
+                f"{where}: commands go from {low:.4g} to {high:.4g} and the thruster gives nothing at {rest:.4g}; the "
+                'control signal looks counted from its end, not from rest. Write n = { from = "NAME", subtract = '
+                f"{rest:.4g} }} under [columns] in the --columns file"
             )
         mean = float((side.weight * side.magnitude**2) @ side.thrust / (side.weight @ side.magnitude**2))
         if count < FEWEST_LEVELS:
@@ -156,6 +171,7 @@ def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -
     if against:
         raise FitError(
             f"{where}: {against[0]} thrust has the sign of the other direction; it looks logged as a "
-            "magnitude. Give thrust astern a minus sign in the log"
+            'magnitude. Write force_N = { from = "NAME", sign_from = "COLUMN" } with a column that says the direction '
+            "under [columns] in the --columns file, or give thrust astern a minus sign in the log"
         )
     return without

@@ -76,7 +76,7 @@ class ThrusterDiagnosis(Shown):
         """Content of extended_model.json: a thruster map (schema automarine/thruster-map/1)."""
         found = self.final
         form = form_of(frozenset().union(*(effects for _, effects in found.shape.curves))).name
-        result = ThrusterMap(form, *found.both_ways, self.data.n_unit).to_json()
+        result = ThrusterMap(form, *found.both_ways, self.data.n_unit, self.data.points.n_range).to_json()
         estimates = curve_parameters(found)
         result["parameters"] = {name: parameters_json(estimates.get(name)) for name in ("forward", "backward")}
         result |= {

@@ -1,26 +1,24 @@
 """`ThrusterMap`: control signal -> thrust of one thruster, forward and backward apart; plain data."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
 
 from automarine_cli.errors import ModelError
-from automarine_cli.models.entries import needed, number_at, object_at
+from automarine_cli.models.entries import number_at
+from automarine_cli.pipeline.codec import Codec, Place
 from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Given
+from automarine_cli.results.kinds import THRUSTER_MAP
+from automarine_cli.results.models import CurveEntry
+from automarine_cli.runs.command_range import CommandRange
 from automarine_cli.thrusters.forms import FORMS, SIDES, SQUARE, Curve, thrust_both_ways
 
-SCHEMA = "automarine/thruster-map/1"
-_REQUIRED = ("schema", "forward", "backward", "form", "parameters")
-_ALLOWED = (
-    *_REQUIRED,
-    "per_test", "thrusters_per_test", "r2", "rmse_N", "rmse_percent_of_full_scale", "cv_rmse_N", "full_scale_N",
-    "forms", "chosen", "chosen_because", "n_unit", "tare", "flagged", "voltages", "voltage_range_V",
-    "voltage_exponent", "notes", "runs", "points",
-)  # fmt: skip
+SCHEMA = THRUSTER_MAP.schema
 
 
 @dataclass(frozen=True)
@@ -28,13 +26,21 @@ class ThrusterMap:
     """Thrust of one thruster at rest in the water against its control signal n.
 
     `forward` holds for n > 0, `backward` for n < 0 (None where that direction was never measured);
-    `n_unit` is the unit of n as logged ("" where the logs do not say).
+    `n_unit` is the unit of n as logged ("" where the logs do not say), `n_range` from where to where it was measured
+    (None in maps of old).
     """
 
     form: str
     forward: Curve | None
     backward: Curve | None
     n_unit: str = ""
+    n_range: tuple[float, float] | None = None
+
+    def compared(self, names: Sequence[str], commands: Sequence[Floats]) -> CommandRange | None:
+        """The range of commands (N,) of thrusters beside the map's own; None for a map that does not say its own."""
+        if self.n_range is None or not len(commands[0]):
+            return None
+        return CommandRange.of(commands, names, self.n_range, self.n_unit)
 
     def force(self, n: Floats | float) -> Floats:
         """Thrust [N] of one thruster, any shape of n; positive drives the vehicle ahead.
@@ -72,36 +78,24 @@ class ThrusterMap:
             "form": self.form,
             "parameters": {"forward": _curve_json(self.forward), "backward": _curve_json(self.backward)},
             "n_unit": self.n_unit,
+            **({} if self.n_range is None else {"n_range": list(self.n_range)}),
         }
 
     @classmethod
-    def from_json(cls, data: object, where: str = "thruster map") -> "ThrusterMap":
+    def from_json(cls, data: Mapping[str, object], where: str = "thruster map") -> "ThrusterMap":
         """A map from the content of `thrusters.json`; ModelError names the key that is wrong."""
-        top = object_at(data, where)
-        if top.get("schema") != SCHEMA:
-            raise ModelError(
-                f"{where}: schema: found {told(top.get('schema'))}, expected {told(SCHEMA)}; "
-                "give the thrusters.json that `automarine fit-thrusters` writes"
-            )
-        _known(top, _ALLOWED, where)
-        for key in _REQUIRED:
-            needed(top, key, where, "thrusters")
-        form = top["form"]
-        if not isinstance(form, str) or form not in FORMS:
-            raise ModelError(f"{where}: form: found {told(form)}, expected one of {', '.join(FORMS)}")
-        parameters = object_at(top["parameters"], f"{where}: parameters")
-        _known(parameters, ("forward", "backward"), f"{where}: parameters")
-        curves = {
-            side: _curve_from(parameters.get(side), f"{where}: parameters.{side}") for side in ("forward", "backward")
-        }
-        if curves["forward"] is None and curves["backward"] is None:
-            raise ModelError(
-                f"{where}: parameters has neither a forward nor a backward direction; expected one or both"
-            )
-        unit = top.get("n_unit", "")
-        if not isinstance(unit, str):
-            raise ModelError(f"{where}: n_unit: found {told(unit)}, expected text")
-        return cls(form, curves["forward"], curves["backward"], unit)
+        file, codec = THRUSTER_MAP.of(data, where), THRUSTER_MAP.codec(data, where)
+        if file.form not in FORMS:
+            raise codec.refusal(("form",), f"found {told(file.form)}, expected one of {', '.join(FORMS)}")
+        low, high = file.n_range or (0.0, 1.0)
+        if not low < high:
+            raise codec.refusal(("n_range",), f"found {low:g} and {high:g}, expected the lower one first")
+        forward, backward = (
+            _curve_from(getattr(file.parameters, side), codec, ("parameters", side)) for side, _ in SIDES
+        )
+        if forward is None and backward is None:
+            raise codec.refusal((), "parameters has neither a forward nor a backward direction; expected one or both")
+        return cls(file.form, forward, backward, file.n_unit, file.n_range)
 
     @classmethod
     def load(cls, path: Source) -> "ThrusterMap":
@@ -123,35 +117,25 @@ def _curve_json(curve: Curve | None) -> dict[str, object] | None:
     return {name: None if value is None else {"value": value} for name, value in values.items()}
 
 
-def _curve_from(data: object, where: str) -> Curve | None:
-    if data is None:
+def _curve_from(entry: CurveEntry | None, codec: Codec, place: Place) -> Curve | None:
+    if entry is None:
         return None
-    entry = object_at(data, where)
-    _known(entry, ("a", "p", "n_0", "n_sat"), where)
-    a = _positive(entry.get("a"), f"{where}.a")
-    p = _positive(entry["p"], f"{where}.p") if entry.get("p") is not None else SQUARE
-    dead_band = 0.0 if entry.get("n_0") is None else number_at(entry["n_0"], f"{where}.n_0", "thrusters")
-    n_sat = entry.get("n_sat")
-    if isinstance(n_sat, Mapping) and n_sat.get("value") is None:
-        n_sat = None  # the fit found no saturation within the measured range
-    n_sat = None if n_sat is None else _positive(n_sat, f"{where}.n_sat")
+    a = _positive(entry.a or Given(None), codec, (*place, "a"))
+    p = SQUARE if entry.p is None else _positive(entry.p, codec, (*place, "p"))
+    dead_band = 0.0 if entry.n_0 is None else number_at(entry.n_0, codec, (*place, "n_0"))
+    n_sat = None  # the fit found no saturation within the measured range
+    if entry.n_sat is not None and entry.n_sat.value is not None:
+        n_sat = _positive(entry.n_sat, codec, (*place, "n_sat"))
     if dead_band < 0:
-        raise ModelError(f"{where}.n_0: found {dead_band:g}, expected a dead band of zero or more")
+        raise codec.refusal((*place, "n_0"), f"found {dead_band:g}, expected a dead band of zero or more")
     if n_sat is not None and n_sat <= dead_band:
-        raise ModelError(f"{where}.n_sat: found {n_sat:g}, expected more than the dead band, {dead_band:g}")
+        raise codec.refusal((*place, "n_sat"), f"found {n_sat:g}, expected more than the dead band, {dead_band:g}")
     return Curve(a, p, dead_band, n_sat)
 
 
-def _known(data: Mapping[str, object], allowed: tuple[str, ...], where: str) -> None:
-    unknown = sorted(str(key) for key in data if key not in allowed)
-    if unknown:
-        raise ModelError(f"{where}: unknown key {told(unknown[0])}; known are {', '.join(allowed)}")
-
-
-def _positive(entry: object, where: str) -> float:
-    """A number above zero, plain or as an estimate `{"value": ...}`."""
-    value = number_at(entry, where, "thrusters")
+def _positive(given: Given, codec: Codec, place: Place) -> float:
+    """A number above zero."""
+    value = number_at(given, codec, place)
     if value <= 0.0:
-        where = f"{where}.value" if isinstance(entry, Mapping) else where
-        raise ModelError(f"{where}: found {value:g}, expected more than 0")
+        raise codec.refusal(place, f"found {value:g}, expected more than 0")
     return value

@@ -63,6 +63,12 @@ class Points:
         return replace(self, **{name: getattr(self, name) / thrusters for name in names})
 
     @property
+    def n_range(self) -> tuple[float, float] | None:
+        """The lowest and the highest control signal, None where there is one only."""
+        low, high = float(np.min(self.n, initial=np.inf)), float(np.max(self.n, initial=-np.inf))
+        return (low, high) if low < high else None
+
+    @property
     def full_scale(self) -> float:
         """Largest thrust measured [N], flagged points left out."""
         return float(np.max(np.abs(self.force[self.flag == ""]), initial=0.0))

@@ -9,6 +9,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.effects.thruster_imbalance import PARTS
 from automarine_cli.errors import ModelError, RunError
 from automarine_cli.quantities import Floats
+from automarine_cli.runs.command_range import CommandRange
 from automarine_cli.thrusters.map import ThrusterMap
 
 
@@ -35,7 +36,10 @@ class Driven(Protocol):
         """Logged columns by name, each (N,)."""
         ...
 
-    def with_moment(self, moment: Floats, unit: str, parts: Mapping[str, Floats] | None = None) -> Self:
+    def with_moment(
+        self, moment: Floats, unit: str, parts: Mapping[str, Floats] | None = None,
+        commanded: CommandRange | None = None,
+    ) -> Self:  # fmt: skip
         """The same run driven by another moment, of which single thrusters make the parts."""
         ...
 
@@ -67,7 +71,8 @@ def drive_run_by_thrusters(run: RunLike, thrusters: ThrusterMap, arm: float) -> 
     if moment is None:
         moment = np.asarray(sum(side * one for side, one in zip(run.dof.sides, thrust)))
     shares = [side * lever * one for side, one in zip(run.dof.sides, thrust)]
-    return run.with_moment(moment, run.dof.units.forces[1], parts_of(shares, run.dof))
+    given = thrusters.compared(names, [run.extras[name] for name in names])
+    return run.with_moment(moment, run.dof.units.forces[1], parts_of(shares, run.dof), given)
 
 
 def parts_of(shares: Sequence[Floats], dof: Dof) -> dict[str, Floats]:

@@ -45,12 +45,14 @@ class Series:
 
 @dataclass(frozen=True)
 class ThrusterLogs:
-    """Test records in file and row order, what was set aside, files read, rows with missing values."""
+    """Test records in file and row order, what was set aside, files read, rows with missing values; the unit of the
+    control signal where all logs tell the same, else ""."""
 
     records: tuple[Series, ...]
     set_aside: tuple[SetAside, ...]
     inputs: tuple[LogFile, ...]
     missing: int
+    n_unit: str = ""
 
 
 def load_thruster_logs(
@@ -64,7 +66,7 @@ def load_thruster_logs(
     files = find_logs(logs)
     records: list[Series] = []
     set_aside: list[SetAside] = []
-    missing = 0
+    missing, units = 0, set[str]()
     for file in counted(progress, "reading", files, len(files)):
         try:
             table = read_log(file, columns, dof=YAW)  # of no motion: columns of others keep their names
@@ -76,13 +78,20 @@ def load_thruster_logs(
             continue
         found, gone, idle = _records(table)
         records += found
+        units.add(table.units.get("n", ""))
         missing += gone
         set_aside += idle
     if strict and set_aside:
         raise refused_by_strict(set_aside[0])
     if not records:
         raise none_left(len(files), set_aside)
-    return ThrusterLogs(tuple(records), tuple(set_aside), tuple(filter(has_bytes, files)), missing)
+    return ThrusterLogs(
+        tuple(records),
+        tuple(set_aside),
+        tuple(filter(has_bytes, files)),
+        missing,
+        units.pop() if len(units) == 1 else "",
+    )
 
 
 def _records(table: LogTable) -> tuple[list[Series], int, list[SetAside]]:

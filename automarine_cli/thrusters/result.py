@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.pipeline.outputs import json_document
 from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.thrusters.analysis import Analysis
 from automarine_cli.thrusters.fit import Parameter
 from automarine_cli.thrusters.forms import SIDES
@@ -62,6 +62,8 @@ class ThrusterFit(Shown):
         result["thrusters_per_test"] = self.thrusters_per_test
         result |= _scores_json(analysis)
         result["n_unit"] = analysis.n_unit
+        if analysis.points.n_range is not None:
+            result["n_range"] = list(analysis.points.n_range)
         tare, reduction = self.tare, self.reduction
         result["tare"] = {
             "value_N": tare.value, "stderr_N": tare.stderr, "readings": tare.readings, "drift_N": tare.drift,

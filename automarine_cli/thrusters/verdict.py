@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.stepwise import NamedRival
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.thrusters.fit import Parameter, parameters
 from automarine_cli.thrusters.search import Rival, Search
 from automarine_cli.thrusters.shapes import ASYMMETRY, SAG, VOLTAGE, Fitted, Shape, form_of, multiplier_columns

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.quantities import Floats
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.thrusters.fit import Side
 from automarine_cli.thrusters.forms import SIDES
 from automarine_cli.thrusters.points import levels_of

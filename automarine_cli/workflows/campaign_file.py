@@ -10,8 +10,9 @@ from automarine_cli.dofs import DOFS, SURGE, TRANSLATIONS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError, SettingError
 from automarine_cli.fits.tails import asked_tail
-from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs
-from automarine_cli.logs.columns import database
+from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs, whole_logs
+from automarine_cli.logs.columns import columns_of, database
+from automarine_cli.logs.join import Join
 from automarine_cli.pipeline.plain_data import everything, in_words
 from automarine_cli.pipeline.recipe import from_mapping, read_mapping
 from automarine_cli.pipeline.words import listed, printable
@@ -36,14 +37,19 @@ class Vehicle:
                 raise SettingError(f"{key} is {value:g}; expected a number above 0")
 
 
+KINDS = ("thrusters", "steps", "manoeuvres", "validation")
+"""Of the logs under `[logs]`."""
+
+
 @dataclass(frozen=True)
 class Logs:
-    """Files, folders and globs of each kind of log."""
+    """Files, folders and globs of each kind of log; `join` says which files are one log, as in a column map."""
 
     thrusters: tuple[str, ...] = ()
     steps: tuple[str, ...] = ()
     manoeuvres: tuple[str, ...] = ()
     validation: tuple[str, ...] = ()
+    join: Join | tuple[Join, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -137,6 +143,7 @@ class Settings:
     title: str = ""
     vehicle: Vehicle = Vehicle()
     columns: Mapping[str, Any] = field(default_factory=dict)
+    columns_of: tuple[Mapping[str, Any], ...] = ()
     can: Mapping[str, Any] = field(default_factory=dict)
     thrusters: Thrusters = Thrusters()
     yaw: Yaw = Yaw()
@@ -233,7 +240,7 @@ class Campaign:
 
     def every_log(self) -> list[LogFile]:
         """The logs of all kinds and motions."""
-        found = self.files("thrusters", "steps", "manoeuvres", "validation")
+        found = self.files(*KINDS)
         for motion in self.forces:
             found += self.files("steps", "manoeuvres", "validation", motion=motion)
         if self.asked.planar:
@@ -252,7 +259,7 @@ class Campaign:
                 found += places if not places or find_logs(places) else []
             except LogError as problem:
                 raise SettingError(f"{printable(self.path.name)}: {key}.{kind}: {problem}") from None
-        return find_logs(found) if found else []
+        return list(whole_logs(find_logs(found), self.columns)) if found else []
 
     def _place(self, entry: str) -> str:
         base = str(self.path.parent)
@@ -279,7 +286,11 @@ def read_campaign(path: Path) -> Campaign:
             "seen), or delete the line if it does not apply"
         )
     asked: Settings = from_mapping(CampaignFile, data, name)
-    return Campaign(path, asked, ColumnMap(column_rules(asked.columns, name), dbc=database(asked.can, path)))
+    join = asked.logs.join if isinstance(asked.logs.join, tuple) else (asked.logs.join,)
+    own = columns_of(asked.columns_of, name)
+    return Campaign(
+        path, asked, ColumnMap(column_rules(asked.columns, name), {}, "", database(asked.can, path), own, join)
+    )
 
 
 def open_questions(data: object) -> list[str]:

@@ -10,58 +10,79 @@ from automarine_cli.dofs import DOFS, SURGE, SWAY, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError
 from automarine_cli.fits.planar_structure import PLACES
-from automarine_cli.logs import ColumnMap, ColumnRule, LogFile, is_thruster_test, read_log
-from automarine_cli.logs.canonical import CANONICAL, driven, names_of
-from automarine_cli.logs.recognise import Recognised, Span, recognise, spans
+from automarine_cli.logs import ColumnMap, LogFile, read_log, require_thruster, whole_logs
+from automarine_cli.logs.canonical import driven, motion_of, names_of
+from automarine_cli.logs.needs import means_thruster_test
+from automarine_cli.logs.reader import whole_log
+from automarine_cli.logs.recognise import Recognised
+from automarine_cli.logs.spans import Span, spans
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.report.tables import number
+from automarine_cli.runs.command_range import CommandRange, misfit_of
 from automarine_cli.runs.kinds import RunKind, kind_of
 from automarine_cli.runs.load import read_runs, unreadable
 from automarine_cli.runs.run import SetAside
-from automarine_cli.workflows.campaign_file import Logs
+from automarine_cli.workflows.campaign_file import KINDS
+from automarine_cli.workflows.campaign_maps import Layout, Maps, joins_of, maps_of, quantities_of, recognised, together
 
-NEEDED = ("time", YAW.position, YAW.command)
-OF_YAW = (*NEEDED, YAW.velocity, "voltage")
-BOLLARD = ("n", "force", "time", "voltage")
 HELD_BACK = ("valid", "hold", "verif")  # how folders of runs begin that no fit may see
 VALIDATION = "_validation"  # and how they may end
 TURNED_ROUND = 0.8  # share of the steps that turn against their moment, from which a sign is asked for
 
 
 @dataclass(frozen=True)
-class Layout:
-    """Logs with the same columns: whether they are thruster tests, what each column does over all of them, and of which
-    motion they are (translations only by columns of those names).
-    """
-
-    names: tuple[str, ...]
-    bollard: bool
-    files: tuple[LogFile, ...]
-    seen: Mapping[str, Span]
-    dof: Dof
-
-
-@dataclass(frozen=True)
 class Look:
-    """Everything that was seen: what the columns are taken for, the runs of each yaw log, what could not be read; and
-    the logs of translations, by motion and kind.
+    """Everything that was seen: kinds of files with what their columns are taken for, the map of all columns, the runs
+    of each yaw log, what could not be read; and the logs of translations, by motion and kind. `unread` are logs that
+    show what they are only once a question is answered, `strangers` are files of no vehicle.
     """
 
     folder: Path
     layouts: tuple[Layout, ...]
-    columns: tuple[Recognised, ...]
-    lacking: tuple[str, ...]
+    maps: Maps
     runs: Mapping[LogFile, tuple[RunKind, ...]]
     set_aside: tuple[SetAside, ...]
     placed: Mapping[str, tuple[LogFile, ...]] = field(default_factory=dict)
     forces: Mapping[str, Mapping[str, tuple[LogFile, ...]]] = field(default_factory=dict)
+    unread: tuple[LogFile, ...] = ()
+    strangers: tuple[LogFile, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """How many logs could be read, or will be once the questions are answered."""
+        bad = {one.file for one in self.set_aside}
+        return sum(file.name not in bad for layout in self.layouts for file in layout.files)
+
+    @property
+    def columns(self) -> tuple[Recognised, ...]:
+        """What columns are taken for, each meaning once."""
+        every = [one for layout in self.layouts for one in layout.columns]
+        return tuple({(one.key, one.source, str(one.rule)): one for one in reversed(every)}.values())[::-1]
 
     @property
     def thrusters_drive(self) -> bool:
         """Whether the yaw logs hold thruster commands and no moment."""
-        keys = {one.key for one in self.columns}
-        return driven(YAW, keys) and not keys & set(names_of(YAW.command))
+        return self.commands != () and not {one.key for one in self.columns} & set(names_of(YAW.command))
+
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """The columns of the commands of both thrusters, none where the logs do not hold both."""
+        found = {one.key: one.source for one in self.columns if one.key in YAW.thrusters}
+        return tuple(found.values()) if driven(YAW, found.keys()) else ()
+
+    @property
+    def misfit(self) -> str:
+        """How the commands of the logs do not fit those of the bollard tests, which would make their map; "" where
+        they do."""
+        ends = {one.key: end for layout in self.layouts for one in layout.columns
+                if (end := layout.ends(one)) is not None}  # fmt: skip
+        if not {"n", *YAW.thrusters} <= ends.keys():
+            return ""
+        (*tests, _), unit = ends["n"], next(one.rule.get("unit", "") for one in self.columns if one.key == "n")
+        seen = [CommandRange(*ends[side], YAW.thrusters, (tests[0], tests[1]), str(unit)) for side in YAW.thrusters]
+        found = misfit_of(seen)
+        return found.sentence if found else ""
 
     @property
     def turns(self) -> tuple[int, int]:
@@ -77,81 +98,103 @@ class Look:
         return bad >= 2 and bad >= TURNED_ROUND * (good + bad)
 
 
-def look_at(folder: Path, files: Sequence[LogFile], jobs: int = 1, progress: Progress = silent) -> Look:
-    """Look at every log: its columns first, then its runs by what the columns are taken for, then its kind."""
-    seen = ordered_map(_columns_of, files, jobs, progress=progress, stage="looking at columns")
+def look_at(
+    folder: Path, files: Sequence[LogFile], given: ColumnMap, jobs: int = 1, progress: Progress = silent
+) -> Look:
+    """Look at every log: its columns first (as `given` where the user has a map), then which files are one log, then
+    its runs by what the columns are taken for, then its kind."""
+    logs = whole_logs(files, given)
+    names = partial(_columns_of, columns=given)
+    seen = ordered_map(names, logs, jobs, progress=progress, stage="looking at columns")
+    beside: list[Layout] = []
+    if not given.join:
+        apart = [one for one in _recognised(_layouts(logs, seen), given) if one.dof.wraps]
+        given = replace(given, join=joins_of(apart, folder))
+        clocks = maps_of([one.clock for one in apart], logs, folder, given).columns()
+        found = dict(zip(logs, seen))
+        logs = whole_logs(logs, given)
+        beside = [one.clock for one in apart if not set(one.files) & set(logs)]
+        found |= {file: _columns_of(file, clocks) for file in logs if _joined(given, file)}
+        seen = [found[file] for file in logs]
     aside = [one for one in seen if isinstance(one, SetAside)]
+    every = _recognised(_layouts(logs, seen), given)
+    strange = [one for one in every if one.foreign] if any(not one.foreign for one in every) else []
+    layouts = tuple(one for one in every if one not in strange)
+    maps = maps_of([*(one for one in layouts if one.dof.wraps), *beside], files, folder, given)
+    columns = maps.columns()
+    tests = [file for layout in layouts if layout.bollard for file in layout.files]
+    aside += [bad for bad in ordered_map(partial(_test_of, columns=columns), tests, jobs) if bad]
+    yaw = [file for layout in layouts if layout.dof.wraps and not layout.bollard for file in layout.files]
+    read = partial(_runs_of, columns=columns, dof=YAW)
+    runs = ordered_map(read, yaw, jobs, progress=progress, stage="looking at runs")
+    unread = {file for layout in layouts if layout.lacking or any(one.open for one in layout.columns)
+              for file in layout.files}  # fmt: skip
+    unread -= {file for file, (good, _) in zip(yaw, runs) if good}
+    aside += [one for file, (_, bad) in zip(yaw, runs) if file not in unread for one in bad]
+    bad_tests = {one.file for one in aside}
+    strangers = tuple(file for layout in strange for file in layout.files)
+    good_runs = dict(zip(yaw, (good for good, _ in runs)))
+    ordered = tuple(file for file in yaw if file in unread)
+    found_look = Look(folder, tuple(every), maps, good_runs, tuple(aside), unread=ordered, strangers=strangers)
+    kept = [file for file in logs if file not in tests or file.name not in bad_tests]
+    return _with_planar(_with_forces(_placed(found_look, kept, set(tests)), logs))
+
+
+def _joined(columns: ColumnMap, file: LogFile) -> bool:
+    """Whether other files are joined to a log, or would be if they were there."""
+    try:
+        return bool(columns.beside(file.path))
+    except LogError:
+        return True
+
+
+Seen = tuple[tuple[str, ...], bool, str, dict[str, Span]]
+
+
+def _columns_of(file: LogFile, columns: ColumnMap) -> Seen | SetAside:
+    """Names, whether it is a thruster test, the motion, and what the columns of a log do; or why it cannot be read."""
+    try:
+        own = columns.of(file.path)
+        raw = whole_log(file, own)
+        mapped = {name: rule.source for name, rule in own.columns.items() if rule.source in raw.names}
+    except LogError as error:
+        return unreadable(file, error)
+    dof = motion_of(raw.names, mapped)
+    held = quantities_of([*raw.names, *mapped])
+    names = tuple(name for name in raw.names if name)
+    return names, means_thruster_test(held, names, dof), dof.name, spans(raw)
+
+
+def _layouts(files: Sequence[LogFile], seen: Sequence[Seen | SetAside]) -> list[Layout]:
+    """Files of the same columns together: yaw first, and of yaw those with more logs."""
     groups: dict[tuple[tuple[str, ...], bool, str], list[tuple[LogFile, dict[str, Span]]]] = {}
     for file, one in zip(files, seen):
         if not isinstance(one, SetAside):
             groups.setdefault(one[:3], []).append((file, one[3]))
-    every = tuple(
-        Layout(names, bollard, tuple(file for file, _ in group), _together([spans for _, spans in group]), DOFS[motion])
-        for (names, bollard, motion), group in sorted(groups.items(), key=_yaw_first)
-    )
-    layouts = tuple(layout for layout in every if layout.dof.wraps)
-    columns, lacking = _recognised(layouts)
-    rules = ColumnMap({one.key: ColumnRule(one.source, one.unit) for one in columns if not one.as_named})
-    yaw = [file for layout in layouts if not layout.bollard for file in layout.files]
-    found = ordered_map(
-        partial(_runs_of, columns=rules, dof=YAW), yaw, jobs, progress=progress, stage="looking at runs"
-    )
-    aside += [one for _, bad in found for one in bad]
-    runs = dict(zip(yaw, (good for good, _ in found)))
-    look = Look(folder, every, columns, lacking, runs, tuple(aside))
-    return _with_planar(_with_forces(_placed(look, files), files))
+    found = [
+        Layout(names, bollard, tuple(file for file, _ in group), together([span for _, span in group]), DOFS[motion])
+        for (names, bollard, motion), group in groups.items()
+    ]
+    return sorted(found, key=lambda one: (one.dof is not YAW, one.bollard, -len(one.files)))
 
 
-def _yaw_first(group: tuple[tuple[tuple[str, ...], bool, str], Sequence[object]]) -> tuple[bool, int]:
-    """The order of layouts: those of yaw, and of them those with more logs."""
-    (_, _, motion), logs = group
-    return motion != YAW.name, -len(logs)
+def _recognised(layouts: Sequence[Layout], given: ColumnMap) -> list[Layout]:
+    """The layouts of yaw and of tests with what their columns are taken for: a column of one name does what it does
+    over all logs of the kind."""
+    found = []
+    for layout in layouts:
+        alike = together([one.seen for one in layouts if one.bollard == layout.bollard and one.dof is layout.dof])
+        found.append(recognised(layout, alike, given) if layout.dof.wraps else layout)
+    return found
 
 
-def _columns_of(file: LogFile) -> tuple[tuple[str, ...], bool, str, dict[str, Span]] | SetAside:
-    """Names, whether it is a thruster test, the motion, and what the columns of a log do; or why it cannot be read."""
+def _test_of(file: LogFile, columns: ColumnMap) -> SetAside | None:
+    """Why a bollard test cannot be read by the map."""
     try:
-        table = read_log(file, dof=None)
+        require_thruster(read_log(file, columns, dof=YAW))
     except LogError as error:
         return unreadable(file, error)
-    return table.names, is_thruster_test(table), table.dof.name, spans(table)
-
-
-def _together(seen: Sequence[Mapping[str, Span]]) -> dict[str, Span]:
-    whole: dict[str, Span] = {}
-    for one in seen:
-        for name, span in one.items():
-            whole[name] = whole[name] + span if name in whole else span
-    return whole
-
-
-def _recognised(layouts: Sequence[Layout]) -> tuple[tuple[Recognised, ...], tuple[str, ...]]:
-    """What columns are taken for, each key once (the layout with more logs decides), and what was not found."""
-    found: dict[str, Recognised] = {}
-    lacking: dict[str, None] = {}
-    for layout in layouts:
-        # a column of this name does what it does over all logs, also those with other columns beside it
-        alike = _together([one.seen for one in layouts if one.bollard == layout.bollard])
-        seen = {name: alike[name] for name in layout.names if name in alike}
-        for quantity in _wanted(layout):
-            one = recognise(quantity, layout.names, seen)
-            if one is not None:
-                found.setdefault(one.key, one)
-            elif quantity in (BOLLARD[:2] if layout.bollard else (*NEEDED, *YAW.thrusters)):
-                lacking.setdefault(quantity)
-    there = {CANONICAL[key].quantity for key in found}
-    return tuple(found.values()), tuple(one for one in lacking if one not in there)
-
-
-def _wanted(layout: Layout) -> tuple[str, ...]:
-    """Quantities of a layout; thruster commands stand in for a moment that is not there."""
-    if layout.bollard:
-        return BOLLARD
-    if recognise(YAW.command, layout.names, layout.seen) is None:
-        sides = [recognise(side, layout.names, layout.seen) for side in YAW.thrusters]
-        if all(sides):
-            return ("time", YAW.position, *YAW.thrusters, YAW.velocity, "voltage")
-    return OF_YAW
+    return None
 
 
 def _runs_of(file: LogFile, columns: ColumnMap, dof: Dof) -> tuple[tuple[RunKind, ...], list[SetAside]]:
@@ -162,21 +205,21 @@ def _runs_of(file: LogFile, columns: ColumnMap, dof: Dof) -> tuple[tuple[RunKind
     return tuple(kind_of(run) for run in runs), aside
 
 
-def _placed(look: Look, files: Sequence[LogFile]) -> Look:
-    """Each log under the kind of test that it is; those that could not be read nowhere."""
-    bollard = {file for layout in look.layouts if layout.bollard for file in layout.files}
-    placed: dict[str, list[LogFile]] = {kind: [] for kind in Logs.__dataclass_fields__}
+def _placed(look: Look, files: Sequence[LogFile], tests: set[LogFile]) -> Look:
+    """Each log under the kind of test that it is; those that only an answer makes readable as steps; those that could
+    not be read nowhere."""
+    placed: dict[str, list[LogFile]] = {kind: [] for kind in KINDS}
     for file in files:
-        kind = "thrusters" if file in bollard else _kind_of(file, look.runs.get(file, ()))
+        kind = "thrusters" if file in tests else _kind_of(file, look.runs.get(file, ()), file in look.unread)
         if kind:
             placed[kind].append(file)
     return replace(look, placed={kind: tuple(found) for kind, found in placed.items()})
 
 
-def _kind_of(file: LogFile, runs: Sequence[RunKind]) -> str:
+def _kind_of(file: LogFile, runs: Sequence[RunKind], unread: bool = False) -> str:
     """The kind of test that a log of runs holds; none where nothing is commanded."""
     kinds = Counter(run.kind for run in runs)
-    if not kinds or set(kinds) == {"idle"}:
+    if not unread and (not kinds or set(kinds) == {"idle"}):
         return ""
     if any(part.lower().startswith(HELD_BACK) or part.lower().endswith(VALIDATION) for part in file.name.split("/")):
         return "validation"
@@ -189,7 +232,7 @@ def _with_forces(look: Look, files: Sequence[LogFile]) -> Look:
     aside, runs = list(look.set_aside), dict(look.runs)
     for layout in look.layouts:
         for file in layout.files if not layout.dof.wraps else ():
-            runs[file], bad = _runs_of(file, ColumnMap(), layout.dof)
+            runs[file], bad = _runs_of(file, look.maps.given, layout.dof)
             aside += bad
             kind = _kind_of(file, runs[file])
             if kind:
@@ -222,7 +265,7 @@ def _with_planar(look: Look) -> Look:
 
 def _of_three(names: Sequence[str]) -> bool:
     """Whether logs with these columns hold the heading, what pushes ahead or abeam, and speeds or a place."""
-    there = {CANONICAL[name].quantity for name in names if name in CANONICAL}
+    there = quantities_of(names)
     pushed = {SURGE.command, SWAY.command} & there
     moved = {SURGE.velocity, SWAY.velocity} & there or set(PLACES) <= there
     return YAW.position in there and bool(pushed) and bool(moved)

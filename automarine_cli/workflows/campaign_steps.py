@@ -11,6 +11,7 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.pipeline.reuse import why_made_again
+from automarine_cli.report.campaign_steps import StepFolder
 from automarine_cli.workflows.campaign_file import Campaign
 from automarine_cli.workflows.check import check
 from automarine_cli.workflows.command import Command, Runner, inputs_of, recorded, seed_of
@@ -180,5 +181,9 @@ STEPS = (
     *(step for motion in DOFS for step in _of(motion)),
     *_of_plane(),
 )
+FOLDERS = tuple(
+    StepFolder(step.folder, step.work.kept.kind, not step.motion) for step in STEPS if step.work.kept is not None
+)
+"""What a report is made from."""
 REPORT = "report"
 NAMES = (*(step.name for step in STEPS), REPORT)

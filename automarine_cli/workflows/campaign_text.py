@@ -1,19 +1,24 @@
 """The commented campaign file that `init` writes: what was seen beside every value, a question where it is not sure."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from textwrap import wrap
 
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs.canonical import CANONICAL, names_of
-from automarine_cli.logs.recognise import Recognised, pulses
+from automarine_cli.logs.recognise import Recognised
+from automarine_cli.logs.spans import pulses
+from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.recipe import toml_line
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.workflows.campaign_file import OPEN, SCHEMA
-from automarine_cli.workflows.campaign_look import NEEDED, Look, moments_of
+from automarine_cli.workflows.campaign_look import Look, moments_of
+from automarine_cli.workflows.campaign_maps import NEEDED, Layout
 
 COMMENTS = 44  # column at which comments stand, where the line is shorter
 WIDEST = 120  # of a line with its comment, where the line is long
 MOST_TOLD = 20  # logs without a place that are listed
+_IN_WORDS = {"n": "control signal of the thruster"}
 SAY = {
     "thrusters": "bollard tests",
     "steps": "one constant {force} each",
@@ -52,7 +57,7 @@ def _open(key: str, comment: str) -> str:
 
 
 def _head(look: Look) -> Iterator[str]:
-    count = sum(len(layout.files) for layout in look.layouts)
+    count = look.count
     yield f"# A campaign of {count} log{'s' * (count != 1)}, written by `automarine init` for `automarine run`."
     yield f'# Check this file. A value "{OPEN}" is a question; `run` refuses the file until it is answered.'
     yield ""
@@ -65,8 +70,14 @@ def _vehicle(look: Look) -> Iterator[str]:
     yield "[vehicle]"
     yield _beside('# name = ""', "as the report calls it")
     meaning = "metres from the centre line to each thruster"
-    if look.thrusters_drive:
+    arm = look.maps.given.defaults.get("arm_m")
+    if arm is not None:
+        yield _beside(toml_line("arm_m", arm), f"{meaning}, as --columns says")
+    elif look.thrusters_drive:
         yield _open("arm_m", f"{meaning}: the logs hold thruster commands, no moment")
+    elif look.commands:
+        both = f"the logs hold a moment, and the commands {listed(look.commands)} beside it"
+        yield _beside("# arm_m = 0.15", f"{meaning}; {both}: see [yaw] moment")
     else:
         yield _beside("# arm_m = 0.15", f"{meaning}; not needed, the logs hold no commands to make moments of")
     volts = next((one for one in look.columns if one.key == "voltage_V"), None)
@@ -81,9 +92,15 @@ def _logs(look: Look, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
         files = look.placed[kind]
         told = moments_of(look, files)
         seen = f"{len(files)} log{'s' * (len(files) != 1)}" + (f", {told}" if told else "")
+        if look.unread and kind == "steps":
+            seen += f"; {len(look.unread)} of them show what they are once the questions are answered"
         if not files and kind == "validation":
             seen = "none found in a folder called validation; move runs here that no fit may see"
         yield _beside(_list(kind, places), f"{YAW.fill(SAY[kind])}: {seen}")
+    for one in look.maps.join:
+        said = "one log: columns of the second come onto the clock of the first, each value held until the next"
+        yield _beside(toml_line("join", [to_mapping(one) for one in look.maps.join]), said)
+        break
     yield from _without_place(look)
     yield ""
 
@@ -124,6 +141,7 @@ def _without_place(look: Look) -> Iterator[str]:
     idle = [file for file, runs in look.runs.items() if runs and all(run.kind == "idle" for run in runs)]
     told = [f"{file.name}: no {motions[file].words.force} acts in it" for file in idle]
     told += [f"{one.file}, run {one.run}: {one.why}" for one in look.set_aside]
+    told += [f"{file.name}: no column looks like a heading, a moment or a command" for file in look.strangers]
     if told:
         yield f"# Not used: {len(told)}"
     for line in told[:MOST_TOLD]:
@@ -133,45 +151,62 @@ def _without_place(look: Look) -> Iterator[str]:
 
 
 def _columns(look: Look) -> Iterator[str]:
-    yield _beside("[columns]", "canonical name = the logs' name; a table may give unit, sign, scale, offset")
-    for one in look.columns:
-        yield _column(one, look)
-    for quantity in look.lacking:
-        keys = names_of(quantity)
-        if quantity in YAW.thrusters or (quantity == YAW.command and look.thrusters_drive):
-            continue
-        if quantity in (*NEEDED, "n", "force"):
-            names = listed(look.layouts[0].names if quantity in NEEDED else _bollard_names(look))
-            sides = " and ".join(YAW.thrusters)
-            other = f" (or {sides}{_of_pulses(look)})" if quantity == YAW.command else ""
-            yield _open(keys[0], f"no column looks like the {quantity}{other}; the logs have {names}")
+    said = "canonical name = the logs' name; a table may give unit, sign, subtract, scale, offset, sign_from"
+    yield _beside("[columns]", said)
+    yield from _map(look.maps.shared, look)
+    for logs, layouts in look.maps.own:
+        yield ""
+        kind = "bollard tests" if layouts[0].bollard else "logs"
+        yield _beside("[[columns_of]]", f"the same for {kind} of other columns, by their names")
+        yield _list("logs", logs)
+        yield from _map(layouts, look)
+    can = look.maps.given.dbc
+    if can:
+        yield ""
+        yield "[can]"
+        yield toml_line("dbc", can)
     yield ""
 
 
-def _of_pulses(look: Look) -> str:
+def _map(layouts: Sequence[Layout], look: Look) -> Iterator[str]:
+    """The lines of layouts that share a map: each column once, then what is lacking."""
+    every = {one.key: one for layout in reversed(layouts) for one in layout.columns}
+    order = dict.fromkeys(one.key for layout in layouts for one in layout.columns)
+    for key in order:
+        yield _column(every[key], look)
+    there = {CANONICAL[key].quantity for key in every}
+    for quantity in dict.fromkeys(one for layout in layouts for one in layout.lacking):
+        keys = names_of(quantity)
+        if quantity in there or quantity in YAW.thrusters or (quantity == YAW.command and look.thrusters_drive):
+            continue
+        names = listed(next(layout.names for layout in layouts if quantity in layout.lacking))
+        sides = " and ".join(YAW.thrusters)
+        other = f" (or {sides}{_of_pulses(layouts)})" if quantity == YAW.command else ""
+        yield _open(
+            keys[0], f"no column looks like the {_IN_WORDS.get(quantity, quantity)}{other}; the logs have {names}"
+        )
+
+
+def _of_pulses(layouts: Sequence[Layout]) -> str:
     """How commands are written that are pulses about 1500 us, where some columns look like that."""
-    found = pulses(look.layouts[0].seen)
+    found = pulses(layouts[0].seen)
     if not found:
         return ""
-    rule = toml_line(YAW.thrusters[0], {"from": found[0], "offset": -1500})
+    rule = toml_line(YAW.thrusters[0], {"from": found[0], "subtract": 1500})
     return f": pulses about 1500 us such as {listed(found)} are written {rule}"
-
-
-def _bollard_names(look: Look) -> tuple[str, ...]:
-    return next((layout.names for layout in look.layouts if layout.bollard), ())
 
 
 def _column(one: Recognised, look: Look) -> str:
     """One column: as named (a comment), mapped, or asked about."""
     quantity = CANONICAL[one.key].quantity
-    sign = quantity == YAW.position and look.turned_round
+    sign = quantity == YAW.position and look.turned_round and "sign" not in one.more
     followed, against = look.turns
     seen = one.seen
     if quantity == YAW.position and followed + against:
         seen += f"; {YAW.words.moves} with the {YAW.words.force} in {followed} of {followed + against} steps"
-    rule: dict[str, object] = {"from": one.source}
-    if one.unit is not None:
-        rule["unit"] = one.unit
+    rule = one.rule
+    if one.ask:
+        return _beside(toml_line(one.key, {**rule, one.ask: OPEN}), f"? {one.open}; seen: {seen}")
     if one.open and quantity not in (*NEEDED, *YAW.thrusters, "n", "force"):
         return f"# {_beside(toml_line(one.key, one.source), f'{seen}; {one.open}')}"  # nothing depends on it
     if one.open and not one.unit_open:
@@ -192,14 +227,21 @@ def _column(one: Recognised, look: Look) -> str:
 def _settings(look: Look, entries: Mapping[str, Sequence[str]]) -> Iterator[str]:
     if entries["thrusters"] or look.thrusters_drive:
         yield "[thrusters]"
-    if entries["thrusters"]:
+    pulling = look.maps.given.defaults.get("thrusters_per_test")
+    if entries["thrusters"] and pulling is not None:
+        yield _beside(toml_line("per_test", int(pulling)), "equal thrusters that pulled together, as --columns says")
+    elif entries["thrusters"]:
         yield _open("per_test", "how many equal thrusters pulled together? The logs cannot show it")
+    if entries["thrusters"]:
         yield _beside(toml_line("form", "auto"), "thrust curve: auto chooses by cross-validation")
-    elif look.thrusters_drive:
+    if look.thrusters_drive and not entries["thrusters"]:
         yield _open("map", "a thrusters.json of this vehicle: there are no bollard tests to make one of")
     if entries["thrusters"] or look.thrusters_drive:
         yield ""
     yield "[yaw]"
     moment = "thrusters" if look.thrusters_drive else "logged"
-    yield _beside(toml_line("moment", moment), "logged, or made by the thrusters of n_port and n_stbd")
+    if look.misfit:
+        yield from wrap(printable(look.misfit), WIDEST, initial_indent="# ", subsequent_indent="# ")
+    both = "logged, or thrusters: made of n_port and n_stbd by a thruster map and vehicle.arm_m"
+    yield _beside(toml_line("moment", moment), both)
     yield _beside(toml_line("fit_to", "auto"), "auto, half-turns or whole-runs")

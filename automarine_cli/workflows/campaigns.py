@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from automarine_cli.errors import AutomarineError, SettingError
+from automarine_cli.logs import with_joined
 from automarine_cli.pipeline.manifest import Input
 from automarine_cli.pipeline.outputs import ResultFolder, refuse_unfit
 from automarine_cli.pipeline.parallel import ordered_stream
@@ -164,7 +165,8 @@ def _packed(task: _Task) -> _Task:
     """The task with the bytes of its campaign: its file, logs and what they need, and the results so far."""
     try:
         campaign = read_campaign(task.campaign)
-        paths = [task.campaign, *(log.path for log in campaign.every_log()), *campaign.beside.values()]
+        logs = with_joined(campaign.every_log(), campaign.columns)
+        paths = [task.campaign, *(log.path for log in logs), *campaign.beside.values()]
         before = [path for path in task.out.rglob("*") if path.is_file()]
         return replace(task, parcel=packed([*paths, *before]))
     except AutomarineError as refusal:

@@ -19,12 +19,14 @@ from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.pipeline.shown import Shown
+from automarine_cli.report import outcomes
 from automarine_cli.report.check_tables import run_tables, thruster_test_table
 from automarine_cli.report.tables import Table
+from automarine_cli.results.kinds import CHECK
 from automarine_cli.runs.load import none_left, refused_by_strict, runs_of_table, unreadable
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen, look_at_run, look_at_tests, with_limits
 from automarine_cli.runs.run import NAMED_APART, SetAside, names_apart
-from automarine_cli.workflows.command import Command, Runner
+from automarine_cli.workflows.command import Command, ReadBack, Runner
 from automarine_cli.workflows.shared import Columns, OfLogs, counted
 from automarine_cli.workflows.view import Row, View
 
@@ -41,7 +43,7 @@ class Check(Shown):
     def to_json(self) -> dict[str, object]:
         """The result: schema automarine/check/1."""
         return {
-            "schema": "automarine/check/1",
+            "schema": CHECK.schema,
             "logs": self.logs,
             "runs": {"used": len(self.runs) + len(self.tests), "set_aside": [asdict(run) for run in self.set_aside]},
             **{f"{dof.name}_runs": self._seen(dof) for dof in DOFS.values() if dof is YAW or self._seen(dof)},
@@ -123,5 +125,5 @@ def _rows(result: Check) -> Iterator[Row]:
 
 check = Command(
     "check", CheckOptions, _check, {Check: View(Check.tables, _lines, _rows)},
-    files=lambda result: ("check.json", "check.md"),
+    files=lambda result: ("check.json", "check.md"), kept=ReadBack(CHECK, outcomes.of_check),
 )  # fmt: skip

@@ -11,28 +11,27 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, Literal, TypeVar
 
 from automarine_cli.comparison.result_files import Contents
 from automarine_cli.effects.own import own_files
-from automarine_cli.logs import Logs, find_logs, given_columns
+from automarine_cli.errors import AutomarineError, SettingError
+from automarine_cli.logs import ColumnMap, Logs, column_rules, find_logs, given_columns, whole_logs, with_joined
+from automarine_cli.pipeline.codec import Record
 from automarine_cli.pipeline.manifest import Input, given_as
 from automarine_cli.pipeline.outputs import ResultFolder, result_folder
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.tables import Table
+from automarine_cli.results.kinds import ResultKind
+from automarine_cli.results.records import ResultRecord
 from automarine_cli.runs.load import has_bytes
 from automarine_cli.workflows.view import View
 
-
-class Record(Protocol):
-    """A dataclass."""
-
-    __dataclass_fields__: ClassVar[dict[str, "Field[Any]"]]
-
-
 Options = TypeVar("Options", bound=Record)
 Result = TypeVar("Result")
+
+Kept = TypeVar("Kept", bound=ResultRecord)
 
 HOLD_OUT = "hold_out"
 
@@ -60,13 +59,20 @@ SELDOM: Mapping[str, object] = {"seldom": True}
 
 
 @dataclass(frozen=True)
-class Compared:
-    """What `compare` takes of a command's results: the result file, its schema, and parameters and facts in it, of the
-    models that it is asked for."""
+class ReadBack(Generic[Kept]):
+    """How a command's result file is read back: its kind, what `run` says of it in a few words, and what `compare`
+    takes of it: parameters and facts, of the models that it is asked for."""
 
-    file: str
-    schema: str
-    contents: Callable[[Mapping[str, Any], Sequence[str]], Contents]
+    kind: ResultKind[Kept]
+    says: Callable[[Kept], str] = lambda file: ""
+    contents: Callable[[Kept, Sequence[str]], Contents] | None = None
+
+    def outcome(self, folder: Path) -> str:
+        """What `run` says of the result in a folder; empty where its file cannot be read."""
+        try:
+            return self.says(self.kind.read(folder / self.kind.file))
+        except AutomarineError:
+            return ""
 
 
 @dataclass(frozen=True)
@@ -104,7 +110,7 @@ class Runner:
 class Command(Generic[Options, Result]):
     """A command: what it takes, what carries it out, the files it leaves, and how its results are shown.
 
-    `compared` says how its results stand side by side, `section` which of its files the report of a campaign shows
+    `kept` says how its result file is read back, `section` which of its files the report of a campaign shows
     where it lies in a folder of the command's name. `instead` names, for the settings at hand, another command of the
     same name, such as that for another kind of model, which is not `listed` itself; `python` is its name there, where
     it has another; `repeats` where it leaves a manifest from which it can be carried out again. A command is called as
@@ -116,7 +122,7 @@ class Command(Generic[Options, Result]):
     run: Callable[[Options, Runner], Result]
     views: Mapping[type, View[Any]]
     files: Callable[[Any], Sequence[str]] = lambda result: ()
-    compared: Compared | None = None
+    kept: ReadBack[Any] | None = None
     section: str = ""
     instead: "Callable[[Mapping[str, Any]], Command[Any, Any] | None]" = lambda settings: None
     python: str = ""
@@ -157,13 +163,20 @@ class Command(Generic[Options, Result]):
 
     def chosen(self, settings: Mapping[str, object]) -> "Command[Any, Result]":
         """This command or, for these settings, another of its name."""
-        files = {one.name: _file(settings[one.name], one.name) for one in fields(self.options) if one.name in settings}
+        files = {
+            one.name: _file(settings[one.name], one.name)
+            for one in fields(self.options)
+            if one.name in settings and "read" in one.metadata and one.metadata["read"].kind == "file"
+        }
         return self.instead({**settings, **files}) or self
 
     def asked(self, settings: Mapping[str, object]) -> Options:
         """The options record of these settings. Raises TypeError for one that there is not, LogError for no logs."""
         plain = dict(settings)
         logs: dict[str, Logs] = {}
+        known = {one.name for one in fields(self.options)}
+        if unknown := [name for name in plain if name not in known]:
+            raise TypeError(f"{self.__name__} has no setting {unknown[0]!r}; it has {', '.join(sorted(known))}")
         for one in fields(self.options):
             if one.name in plain and "read" in one.metadata:
                 plain[one.name] = found = _plain(plain[one.name], one)
@@ -172,7 +185,8 @@ class Command(Generic[Options, Result]):
             elif isinstance(plain.get(one.name), str) and isinstance(one.default, tuple):
                 plain[one.name] = (plain[one.name],)
         record: Any = self.options(**plain)  # says what is wrong with it before logs are looked for
-        found_logs = {name: tuple(find_logs(places)) for name, places in logs.items()}
+        names = given_columns(getattr(record, "columns", None))
+        found_logs = {name: whole_logs(find_logs(places), names) for name, places in logs.items()}
         return replace(record, **found_logs) if found_logs else record
 
     def says(self, result: Result) -> Sequence[Table | str]:
@@ -214,7 +228,8 @@ def inputs_of(asked: Record) -> list[Input]:
     for one in fields(asked):
         value, read = getattr(asked, one.name), one.metadata.get("read")
         if read is not None and read.kind == "logs":
-            found += [Input(file.name, file.path, read.role) for file in value if has_bytes(file)]
+            files = with_joined(value, given_columns(getattr(asked, "columns", None)))
+            found += [Input(file.name, file.source, read.role) for file in files if has_bytes(file)]
         elif read is not None:
             found += given_as(**{one.name: value})
         if one.name == "columns":
@@ -235,16 +250,27 @@ def _plain(value: object, one: "Field[Any]") -> Any:
     kind = one.metadata["read"].kind
     if kind == "file":
         return _file(value, one.name)
+    if kind == "logs":
+        from automarine_cli.logs.frames import as_logs
+
+        return as_logs(value, one.name)
     many = [value] if isinstance(value, str | Path) else value
     assert isinstance(many, Sequence)
-    return tuple(many) if kind == "logs" else tuple(Path(each) for each in many)
+    return tuple(Path(each) for each in many)
 
 
 def _file(value: object, name: str) -> object:
-    """A place, or the file that a result stands for; anything else is left as it is."""
+    """A place, or the file that a result stands for; what we made ourselves is left as it is."""
     if isinstance(value, Shown):
         return value.document(name)
-    return Path(value) if isinstance(value, str) else value
+    if isinstance(value, str):
+        return Path(value)
+    if name == "columns" and isinstance(value, Mapping):
+        return ColumnMap(columns=column_rules(value, name), source=name)
+    ours = type(value).__module__.startswith(f"{__name__.partition('.')[0]}.")
+    if value is None or isinstance(value, Path) or ours:
+        return value
+    raise SettingError(f"{name}: found {type(value).__name__}, expected a file or a result")
 
 
 def _default(one: "Field[Any]") -> object:

@@ -1,25 +1,26 @@
 """`compare`: results of two or more campaigns side by side: another vehicle, another day, another battery."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from automarine_cli.comparison.result_files import shared_models
+from automarine_cli.comparison.result_files import Contents, shared_models
 from automarine_cli.comparison.side_by_side import Difference, Side, differences
-from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.dofs import DOFS
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
 from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.compare_tables import difference_table, parameter_table, sentence, summary
 from automarine_cli.report.figures.compare import compare_figure
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.tables import Table
-from automarine_cli.workflows.command import Command, Compared, Runner, commands, reads
+from automarine_cli.results.judged import DiagnosisFile
+from automarine_cli.results.records import ResultRecord
+from automarine_cli.workflows.command import Command, Runner, commands, reads
 from automarine_cli.workflows.shared import Drawn, numbers
 from automarine_cli.workflows.view import Row, View
 
@@ -71,19 +72,14 @@ class _Found:
 
     name: str
     path: Path
-    data: Mapping[str, Any]
+    file: ResultRecord
     kind: str
-    compared: Compared
-
-    @property
-    def dof(self) -> Dof:
-        """The motion that it is of."""
-        return DOFS.get(str(self.data.get("motion")), YAW)
+    contents: Callable[[Any, Sequence[str]], Contents]
 
     @property
     def unit(self) -> str:
         """The unit of moments or forces; nothing for thrusters."""
-        return str(self.data.get(f"{self.dof.words.force}_unit", ""))
+        return str(getattr(self.file, "force_unit", None) or "")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,17 +144,14 @@ def _names(folders: Sequence[Path]) -> list[str]:
 
 def _find(folder: Path, name: str) -> _Found:
     """The result in a folder. Raises SettingError if there is none, ModelError if it cannot be read."""
-    found = {one.name: one.compared for one in commands().values() if one.compared is not None}
-    files = [one.file for one in found.values()]
-    for kind, compared in found.items():
-        path = folder / compared.file
-        if not path.is_file():
-            continue
-        data, schema = read_plain(path, "JSON", ModelError), compared.schema
-        if data.get("schema") != schema:
-            raise ModelError(f"{name}/{compared.file}: schema is {data.get('schema')!r}; expected {schema!r}")
-        of_map = data.get("model") == "thruster-map"
-        return _Found(name, path, data, f"{kind} of thrusters" if of_map else kind, compared)
+    found = {one.name: one.kept for one in commands().values() if one.kept is not None and one.kept.contents}
+    files = [one.kind.file for one in found.values()]
+    for command, kept in found.items():
+        path = folder / kept.kind.file
+        if kept.contents is not None and path.is_file():
+            file = kept.kind.read(path, f"{name}/{path.name}")
+            of_map = isinstance(file, DiagnosisFile) and file.of_thrusters
+            return _Found(name, path, file, f"{command} of thrusters" if of_map else command, kept.contents)
     inside = [step for step in STEPS if any((folder / step / file).is_file() for file in files)]
     if inside:
         raise SettingError(f"{folder} holds a whole campaign; compare one step of each, such as {folder / inside[0]}")
@@ -170,9 +163,9 @@ def _find(folder: Path, name: str) -> _Found:
 def _refuse_mixtures(found: Sequence[_Found]) -> None:
     same: tuple[tuple[str, Callable[[_Found], str], str], ...] = (
         ("results of", lambda one: one.kind, "results of one command"),
-        ("results in", lambda one: one.dof.name, "results of one motion"),
+        ("results in", lambda one: one.file.dof.name, "results of one motion"),
         (
-            f"{found[0].dof.words.force}s in",
+            f"{found[0].file.dof.words.force}s in",
             lambda one: one.unit,
             "results in one unit: there is no factor between the two",
         ),
@@ -185,17 +178,14 @@ def _refuse_mixtures(found: Sequence[_Found]) -> None:
 
 
 def _sides(found: Sequence[_Found]) -> tuple[Side, ...]:
-    models = shared_models([one.data for one in found])
+    models = shared_models([one.file for one in found])
     sides = []
     for one in found:
         try:
-            parameters, facts = one.compared.contents(one.data, models)
-            sides.append(Side(one.name, parameters, facts, int(one.data["runs"]["used"])))
-        except (KeyError, TypeError, ValueError, AttributeError) as problem:
-            raise ModelError(
-                f"{one.name}/{one.path.name}: {type(problem).__name__} at {problem}; expected a file as automarine "
-                "writes it"
-            ) from None
+            parameters, facts = one.contents(one.file, models)
+        except ModelError as problem:
+            raise ModelError(f"{one.name}/{one.path.name}: {problem}") from None
+        sides.append(Side(one.name, parameters, facts, one.file.runs.used))
     return tuple(sides)
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.comparison.result_files import of_diagnosis
 from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.estimates import base_estimates
@@ -33,11 +32,11 @@ from automarine_cli.report.figures.diagnosis_why import why_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.channels import wanted_channels
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
-from automarine_cli.runs.run import Run, SetAside, readings
+from automarine_cli.runs.run import Run, SetAside, command_warnings, readings
 from automarine_cli.runs.stuck import without_stuck
 from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
-from automarine_cli.workflows.command import Command, Compared, Runner
+from automarine_cli.workflows.command import Command, Runner
 from automarine_cli.workflows.diagnose_planar import SCHEMA, DiagnoseOptions, PlanarDiagnosis, diagnose_planar
 from automarine_cli.workflows.diagnose_thrusters import FILES, ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.workflows.moments import with_moments
@@ -116,8 +115,9 @@ class YawDiagnosis(Shown):
         }
 
     def tables(self) -> list[Table | str]:
-        """What the terminal shows: verdict, effects, gap, candidates."""
-        lines = [diagnosis_tables.verdict_sentence(self.diagnosis)]
+        """What the terminal shows: how commands do not fit their map, verdict, effects, gap, candidates."""
+        lines: list[Table | str] = [f"Warning: {one}" for one in command_warnings(self.diagnosis.study.runs)]
+        lines += [diagnosis_tables.verdict_sentence(self.diagnosis)]
         for effect in self.diagnosis.effects:
             lines.append(f"{effect.name}: {effect.says}")
             lines += [
@@ -201,6 +201,7 @@ def _runs(
             f"{', '.join(sorted(units))}; fit a model to these logs first, or map their {dof.words.force} with "
             "--columns"
         )
+    command_warnings(runs)  # refused where they cannot be of this map
     driven, undriven = without_undriven(runs)
     moving, stuck = without_stuck(driven)
     aside = (*campaign.set_aside, *undriven, *stuck)
@@ -249,5 +250,5 @@ diagnose: Command[DiagnoseMotionOptions, YawDiagnosis | PlanarDiagnosis | Thrust
     "diagnose", DiagnoseMotionOptions, _diagnose,
     {YawDiagnosis: View(YawDiagnosis.tables, _lines, _rows, _figures), **diagnose_planar.views,
      **diagnose_thrusters.views},
-    _files, Compared("diagnosis.json", SCHEMA, of_diagnosis), instead=_instead,
+    _files, diagnose_planar.kept, instead=_instead,
 )  # fmt: skip

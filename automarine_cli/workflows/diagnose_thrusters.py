@@ -64,13 +64,11 @@ def _diagnose(asked: DiagnoseThrustersOptions, runner: Runner) -> ThrusterDiagno
         loaded = _apart(loaded, held)
         asked = replace(asked, logs=loaded.inputs)
     count = thrusters_pulling(asked.thrusters_per_test, names, of_map)
-    rule = names.columns.get("n")
-    n_unit = (rule.unit or "") if rule is not None else ""
 
     def work() -> ThrusterDiagnosis:
         progress("diagnosing", 0, 1)
         result = diagnose_points(
-            loaded, base, hold_out=held, thrusters=count, n_unit=n_unit, voltage=with_voltage, seed=asked.seed
+            loaded, base, hold_out=held, thrusters=count, n_unit=loaded.n_unit, voltage=with_voltage, seed=asked.seed
         )
         progress("diagnosing", 1, 1)
         return result

@@ -24,23 +24,22 @@ from automarine_cli.exports.planar import planar_subject
 from automarine_cli.exports.prepare import (
     cannot,
     in_unit,
-    motion_by_schema,
     refuse_driving,
     refuse_inertia,
     refuse_motion,
     refuse_unused,
     split,
 )
-from automarine_cli.models.planar_store import SCHEMA as PLANAR_SCHEMA
 from automarine_cli.models.planar_store import planar_from_json
-from automarine_cli.models.store import yaw_models_from_json
+from automarine_cli.models.store import file_and_models, motion_of
 from automarine_cli.pipeline.manifest import sha256
 from automarine_cli.pipeline.one_file import refuse_existing, write_whole
 from automarine_cli.pipeline.plain_data import Source, read_plain
 from automarine_cli.pipeline.reuse import logs_behind
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.report.tables import Table
-from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
+from automarine_cli.results.kinds import PLANAR_MODEL
+from automarine_cli.results.kinds import THRUSTER_MAP as MAP
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.workflows.command import Command, Runner, reads
 from automarine_cli.workflows.view import View
@@ -175,7 +174,7 @@ def _export(asked: ExportOptions, runner: Runner) -> Exported:
     refuse_unused(target, settings)
     data = read_plain(asked.model, "JSON", ModelError)
     origin = Origin(printable(asked.model.name), sha256(asked.model))
-    planar = data.get("schema") == PLANAR_SCHEMA
+    planar = data.get("schema") == PLANAR_MODEL.schema
     forms, frames = _taken_of_plane(target, origin, settings) if planar else (target.forms, target.frames)
     usual = next(iter(forms)) if planar else _form_by_ending(target, out)
     form = _one_of(forms, asked.form or usual, f"--form of {target.name}")
@@ -221,21 +220,20 @@ def _planar(
 
 
 def _of_map(
-    target: Target, data: Mapping[str, Any], origin: Origin, form: str, frame: str, settings: Settings
+    target: Target, data: Mapping[str, object], origin: Origin, form: str, frame: str, settings: Settings
 ) -> Exported:
-    if data.get("schema") != MAP_SCHEMA and "models" in data:
-        motion = motion_by_schema(data).name
+    if data.get("schema") != MAP.schema and "models" in data:
+        motion = motion_of(data).name
         raise SettingError(f"{origin.file} is a {motion} model; --to {target.name} takes the thrusters.json of a fit")
     found = ThrusterMap.from_json(data, origin.file)
-    scale = data.get("full_scale_N")
-    full_scale = float(scale) if isinstance(scale, int | float) and not isinstance(scale, bool) else None
+    full_scale = MAP.of(data, origin.file).full_scale_N
     subject = MapSubject(origin, found, frame, form, settings, full_scale)
     return Exported(target.name, form, frame, origin, None, ("thruster map",), (), target.write(subject))
 
 
 def _of_yaw(
     target: Target,
-    data: Mapping[str, Any],
+    data: Mapping[str, object],
     origin: Origin,
     number: str | None,
     form: str,
@@ -243,11 +241,11 @@ def _of_yaw(
     settings: Settings,
     logs: tuple[tuple[str, str], ...] | None,
 ) -> Exported:
-    if data.get("schema") == MAP_SCHEMA:
+    if data.get("schema") == MAP.schema:
         raise SettingError(f"{origin.file} is a thruster map; --to {target.name} takes a yaw model, as --to thrusters "
                            "takes a map")  # fmt: skip
-    refuse_motion(target, data, origin)
-    stored = yaw_models_from_json(data, origin.file)
+    refuse_motion(target, motion_of(data), origin)
+    file, stored = file_and_models(data, origin.file)
     which = _one_of(stored.models, number or stored.preferred, "--number")
     origin = replace(origin, number=which)
     model = in_unit(target, stored.models[which], settings, origin)
@@ -259,7 +257,7 @@ def _of_yaw(
     refuse_inertia(target, settings.rigid_inertia, part, origin)
     if target.si:
         refuse_driving(part, target, origin)
-    subject = YawSubject(origin, part, frame, form, settings, left_out, data, logs)
+    subject = YawSubject(origin, part, frame, form, settings, left_out, file, logs)
     carried = ("inertia", *(term.name for term in kept))
     return Exported(target.name, form, frame, origin, part.moment_unit, carried, left_out, target.write(subject))
 

@@ -8,11 +8,12 @@ from automarine_cli.fits.planar_likelihood import PlanarLikelihood
 from automarine_cli.fits.planar_structure import Observed, observed
 from automarine_cli.logs import given_columns
 from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.report import planar_report
+from automarine_cli.report import outcomes, planar_report
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.tables import Table
-from automarine_cli.runs.run import Run
-from automarine_cli.workflows.command import UNRECORDED, Command, Runner
+from automarine_cli.results.kinds import PLANAR_MODEL
+from automarine_cli.runs.run import Run, command_warnings
+from automarine_cli.workflows.command import UNRECORDED, Command, ReadBack, Runner
 from automarine_cli.workflows.planar_runs import load_planar
 from automarine_cli.workflows.shared import Ending, Lever, OfLogs, aligned, counted, numbers
 from automarine_cli.workflows.view import Row, View
@@ -37,13 +38,13 @@ def _fit_planar(asked: FitPlanarOptions, runner: Runner) -> PlanarFit:
     campaign = load_planar(
         asked.logs, names, asked.thrusters, asked.arm, strict=asked.strict, jobs=runner.jobs, progress=runner.progress
     )  # fmt: skip
-    seen = observed(campaign.runs)
+    seen, unfit = observed(campaign.runs), command_warnings(campaign.runs)
 
     def work() -> PlanarFit:
         estimator = asked.estimating(campaign.runs, seen)
         tried = search(campaign.runs, seen, estimator)
         use, limits = estimator.use(tried[0].found), tuple(one.warning for one in campaign.limits)
-        return PlanarFit(tried, campaign.runs, seen, campaign.set_aside, use, limits)
+        return PlanarFit(tried, campaign.runs, seen, campaign.set_aside, use, (*unfit, *limits))
 
     def write(folder: ResultFolder, fit: PlanarFit) -> None:
         folder.write_json("planar_model.json", fit.to_json())
@@ -75,5 +76,6 @@ def _rows(fit: PlanarFit) -> Iterator[Row]:
 
 
 fit_planar = Command(
-    "fit-planar", FitPlanarOptions, _fit_planar, {PlanarFit: View(_says, _lines, _rows)}, files=lambda fit: FILES
+    "fit-planar", FitPlanarOptions, _fit_planar, {PlanarFit: View(_says, _lines, _rows)}, files=lambda fit: FILES,
+    kept=ReadBack(PLANAR_MODEL, outcomes.of_planar),
 )  # fmt: skip

@@ -7,17 +7,17 @@ from automarine_cli.comparison.result_files import of_thrusters
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap, given_columns
 from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.report import thruster_tables
+from automarine_cli.report import outcomes, thruster_tables
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.tables import number
+from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.runs.load import told_beside
 from automarine_cli.thrusters.fit import Parameter
 from automarine_cli.thrusters.fit_records import fit_records
-from automarine_cli.thrusters.map import SCHEMA
 from automarine_cli.thrusters.records import load_thruster_logs
 from automarine_cli.thrusters.result import ThrusterFit
-from automarine_cli.workflows.command import Command, Compared, Runner
+from automarine_cli.workflows.command import Command, ReadBack, Runner
 from automarine_cli.workflows.shared import Columns, Ending, OfLogs, aligned, counted, numbers
 from automarine_cli.workflows.view import Row, View
 
@@ -47,10 +47,9 @@ def _fit_thrusters(asked: FitThrustersOptions, runner: Runner) -> ThrusterFit:
     loaded = load_thruster_logs(asked.logs, names, strict=asked.strict, progress=runner.progress)
 
     def work() -> ThrusterFit:
-        count, rule = thrusters_pulling(asked.thrusters_per_test, names), names.columns.get("n")
-        n_unit = (rule.unit or "") if rule is not None else ""
+        count = thrusters_pulling(asked.thrusters_per_test, names)
         with told_beside(loaded.set_aside):
-            return fit_records(loaded, count, n_unit, asked.form, runner.jobs, runner.progress)
+            return fit_records(loaded, count, loaded.n_unit, asked.form, runner.jobs, runner.progress)
 
     def write(folder: ResultFolder, result: ThrusterFit) -> None:
         folder.write_json("thrusters.json", result.to_json())
@@ -102,5 +101,5 @@ fit_thrusters = Command(
         lambda fit: [*thruster_tables.tables(fit), *thruster_tables.sentences(fit)], _lines, _rows,
         lambda fit: {"map": lambda: thruster_figure(fit)},
     )},
-    files=lambda fit: FILES, compared=Compared("thrusters.json", SCHEMA, of_thrusters),
+    files=lambda fit: FILES, kept=ReadBack(THRUSTER_MAP, outcomes.of_thrusters, of_thrusters),
 )  # fmt: skip

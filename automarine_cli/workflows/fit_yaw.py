@@ -3,7 +3,6 @@ no steps. The fits of translations do the same for position against force."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 from automarine_cli.comparison.result_files import of_model
@@ -18,17 +17,17 @@ from automarine_cli.fits.step_response import Known
 from automarine_cli.fits.tails import asked_tail
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.logs import given_columns
-from automarine_cli.models.store import schema_of
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.report import yaw_report
+from automarine_cli.report import outcomes, yaw_report
 from automarine_cli.report.figures import yaw as figures
 from automarine_cli.report.figures.files import write_figures
+from automarine_cli.results.kinds import MODELS
 from automarine_cli.runs.channels import AUTO, wanted_channels
 from automarine_cli.runs.half_turn import UNTRIMMED, Trim
 from automarine_cli.runs.load import load_half_turns, load_runs, refused_by_strict, told_beside
 from automarine_cli.runs.run import Run
-from automarine_cli.workflows.command import SELDOM, Command, Compared, Runner
+from automarine_cli.workflows.command import SELDOM, Command, ReadBack, Runner
 from automarine_cli.workflows.moments import moment_maker
 from automarine_cli.workflows.shared import Ending, Lever, OfLogs, Thrusters, aligned, counted, numbers
 from automarine_cli.workflows.view import Figures, Row, View
@@ -113,6 +112,8 @@ FitOptions = FitYawOptions | FollowedOptions | WindowedOptions
 def _fit(dof: Dof, asked: FitOptions, runner: Runner) -> YawFit:
     """The fit of any motion."""
     trim, start = asked.trim, asked_tail(asked.tail, dof)
+    if asked.fit_to not in (*FIT_TO, STEPS):
+        raise SettingError(f"fit_to: found {asked.fit_to!r}, expected {', '.join(FIT_TO[:2])} or {FIT_TO[2]}")
     if asked.tail is not None and asked.fit_to == FIT_TO[2]:
         raise SettingError("tail is given, but whole runs have no tails; leave it out, or fit to steps")
     wanted_channels(asked.channels, dof)
@@ -140,7 +141,7 @@ def _fit(dof: Dof, asked: FitOptions, runner: Runner) -> YawFit:
             fit = identify_turns(
                 dof, campaign.turns, campaign.not_turned, whole, kind, asked.known, each, asked.channels, start, wanted
             )  # fmt: skip
-        beyond = [one.warning for one in limits if one.dof is dof]
+        beyond = [*campaign.warnings, *(one.warning for one in limits if one.dof is dof)]
         fit = replace(fit, set_aside=(*campaign.set_aside, *fit.set_aside), warnings=(*beyond, *fit.warnings))
         if asked.strict and fit.set_aside:
             raise refused_by_strict(fit.set_aside[0])
@@ -225,8 +226,8 @@ def _command(dof: Dof) -> Command[Any, YawFit]:
         "`fit_to` and `known` as in `fits.identify.identify`, `channels` as in `runs.channels.choose_channels`. Raises "
         "LogError, RunError, FitError, SettingError or OutputError."
     )
-    compared = Compared(f"{dof.name}_model.json", schema_of(dof), partial(of_model, dof=dof))
-    return Command(f"fit-{dof.name}", options, run, {YawFit: VIEW}, _files, compared)
+    kept = ReadBack(MODELS[dof.name], outcomes.of_model, of_model)
+    return Command(f"fit-{dof.name}", options, run, {YawFit: VIEW}, _files, kept)
 
 
 FITS = {name: _command(dof) for name, dof in DOFS.items()}

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs import LogFile, find_logs
+from automarine_cli.logs import ColumnMap, LogFile, find_logs, given_columns
+from automarine_cli.logs.recognise import Recognised
 from automarine_cli.pipeline.manifest import MANIFEST
 from automarine_cli.pipeline.one_file import refuse_existing, write_whole
 from automarine_cli.pipeline.reuse import manifest_of
@@ -16,8 +17,9 @@ from automarine_cli.report.tables import Table
 from automarine_cli.workflows.campaign_file import open_questions
 from automarine_cli.workflows.campaign_look import Look, look_at
 from automarine_cli.workflows.campaign_places import places_of
+from automarine_cli.workflows.campaign_questions import Ask, answered
 from automarine_cli.workflows.campaign_text import campaign_text
-from automarine_cli.workflows.command import Command, Runner, reads
+from automarine_cli.workflows.command import UNRECORDED, Command, Runner, reads
 from automarine_cli.workflows.view import View
 
 SCHEMA = "automarine/init/1"
@@ -37,7 +39,7 @@ class Started:
         """What was seen: schema automarine/init/1."""
         return {
             "schema": SCHEMA,
-            "logs": sum(len(layout.files) for layout in self.look.layouts),
+            "logs": self.look.count,
             "placed": {kind: [file.name for file in files] for kind, files in self.look.placed.items()},
             **{
                 motion: {kind: [file.name for file in files] for kind, files in kinds.items()}
@@ -45,6 +47,7 @@ class Started:
             },
             "columns": [
                 {"column": one.source, "taken_for": one.key, "unit": one.unit, "seen": one.seen, "open": one.open}
+                | ({"rule": one.rule} if one.more else {})
                 for one in self.look.columns
             ],
             "questions": list(self.questions),
@@ -60,7 +63,7 @@ class Started:
         kinds = tuple((kind, str(len(files))) for kind, files in self.look.placed.items())
         for motion, placed in self.look.forces.items():
             kinds += tuple((f"{motion}: {kind}", str(len(files))) for kind, files in placed.items() if files)
-        columns = tuple((one.source, one.key, one.seen, one.open or "sure") for one in self.look.columns)
+        columns = tuple((one.source, _taken(one), one.seen, one.open or "sure") for one in self.look.columns)
         count = len(self.questions)
         asked = f"{count} question{'s' * (count != 1)} to answer: {', '.join(self.questions)}." if count else (
             "No open questions; check the file before running it."
@@ -69,15 +72,28 @@ class Started:
             Table("Logs", ("kind", "logs"), kinds),
             Table("Columns", ("column", "taken for", "values", "sure or asked"), columns),
             asked,
+            *([f"Commands and bollard tests do not fit: {self.look.misfit}."] if self.look.misfit else ()),
         )
+
+
+def _taken(one: Recognised) -> str:
+    """`n less 1500`: what a column is taken for."""
+    less, way = one.more.get("subtract"), one.more.get("sign_from")
+    told = f" less {less:g}" if isinstance(less, int | float) else ""
+    if way is not None:
+        told += f", signed by {way if isinstance(way, str) else dict(way)['from']}"  # type: ignore[call-overload]
+    return one.key + told
 
 
 @dataclass(frozen=True)
 class InitOptions:
-    """The folder of logs, and whether the file is written."""
+    """The folder of logs, a column map for what is known, whether the file is written, and who answers questions (given
+    a key and its comment; "" leaves it open)."""
 
     folder: Path = field(default=Path(), metadata=reads("file"))
+    columns: Path | ColumnMap | None = field(default=None, metadata=reads("file"))
     write: bool = True
+    ask: Ask | None = field(default=None, metadata=UNRECORDED)
 
 
 def _init(asked: InitOptions, runner: Runner) -> Started:
@@ -92,10 +108,12 @@ def _init(asked: InitOptions, runner: Runner) -> Started:
     files = [file for file in find_logs([folder]) if not _is_result(file.path, folder)]
     if not files:
         raise LogError(f"{folder}: the only logs here are in folders of results; give a folder of logs")
-    look = look_at(folder, files, runner.jobs, runner.progress)
+    look = look_at(folder, files, given_columns(asked.columns), runner.jobs, runner.progress)
     entries = _entries(look.placed, look, files, target)
     forces = {motion: _entries(kinds, look, files, target) for motion, kinds in look.forces.items()}
     text = campaign_text(look, entries, forces)
+    if asked.ask is not None:
+        text = answered(text, asked.ask)
     if write:
         write_whole(target, text)
     return Started(look, text, tuple(open_questions(tomllib.loads(text))))

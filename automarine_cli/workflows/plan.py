@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from automarine_cli.errors import ModelError
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.logs import Logs, given_columns
+from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import Source
-from automarine_cli.pipeline.recipe import to_mapping, toml_text
+from automarine_cli.pipeline.recipe import toml_text
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.planning.campaign import Campaign, plan_campaign, specification
 from automarine_cli.planning.candidates import Slot
@@ -22,6 +22,7 @@ from automarine_cli.report import plan_page, plan_tables
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.tables import Table
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import load_thruster_logs
 from automarine_cli.workflows.command import Command, Runner, reads

@@ -67,7 +67,8 @@ def by_two_thrusters(run: Run, thrusters: ThrusterMap, arm: float) -> Run:
         raise ModelError(f"{run.source}, run {run.name!r}: {error}") from None
     ahead, abeam, moment = Allocation.twin(arm).forces(thrust)
     extras = {**run.extras, SURGE.command: ahead, SWAY.command: abeam}
-    return replace(run.with_moment(moment, YAW.units.forces[1]), extras=extras)
+    given = thrusters.compared(YAW.thrusters, [run.extras[name] for name in YAW.thrusters])
+    return replace(run.with_moment(moment, YAW.units.forces[1], commanded=given), extras=extras)
 
 
 def driven(run: Run) -> Run:

@@ -8,15 +8,15 @@ from typing import Any
 
 from automarine_cli.errors import OutputError
 from automarine_cli.pipeline import staging
-from automarine_cli.pipeline.plain_data import read_plain
 from automarine_cli.report.campaign_page import document, usual_title
-from automarine_cli.report.campaign_steps import RESULTS, read_steps
+from automarine_cli.report.campaign_steps import Steps, read_steps
 from automarine_cli.report.html.page import page
+from automarine_cli.results.kinds import RUN
+from automarine_cli.workflows.campaign_steps import FOLDERS
 from automarine_cli.workflows.command import commands
 
 SCHEMA = "automarine/report/1"
 FILES = ("report.html", "report.md")
-RUN = "run.json"  # what `automarine run` leaves beside the report
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,12 @@ class Report:
     """The report's files in memory, and the steps that it tells of."""
 
     files: dict[str, str]
-    steps: tuple[str, ...]
+    steps: Steps
 
     def to_json(self) -> dict[str, Any]:
         """What is in it: schema automarine/report/1."""
-        missing = [name for name in RESULTS if name not in self.steps]
-        return {"schema": SCHEMA, "files": list(self.files), "steps": list(self.steps), "missing": missing}
+        steps, missing = list(self.steps.found), self.steps.missing
+        return {"schema": SCHEMA, "files": list(self.files), "steps": steps, "missing": missing}
 
 
 def report_files(folder: Path, *, title: str | None = None, cautions: Sequence[str] = ()) -> dict[str, str]:
@@ -47,7 +47,7 @@ def report(folder: Path, *, title: str | None = None, overwrite: bool = False) -
     there = [name for name in FILES if (folder / name).exists()]
     if there and not overwrite:
         raise OutputError(f"{folder} already holds {there[0]}; give --overwrite to replace it")
-    made = _made(folder, title, _cautions(folder / RUN))
+    made = _made(folder, title, _cautions(folder / RUN.file))
     with staging.one_sentence(folder):
         for name, text in made.files.items():
             new = folder / f".{name}.automarine-new"
@@ -59,15 +59,14 @@ def report(folder: Path, *, title: str | None = None, overwrite: bool = False) -
 
 def _cautions(record: Path) -> list[str]:
     """What `run` cautioned against, where it made the folder."""
-    said = read_plain(record, "JSON", OutputError).get("cautions") if record.is_file() else None
-    return [str(line) for line in said] if isinstance(said, list) else []
+    return list(RUN.read(record, refuse=OutputError).cautions) if record.is_file() else []
 
 
 def _made(folder: Path, title: str | None, cautions: Sequence[str]) -> Report:
-    steps = read_steps(folder)
+    steps = read_steps(folder, FOLDERS)
     title = title or usual_title(steps)
     text = document(steps, title, cautions, _also(folder))
-    return Report({"report.html": page(text, folder, title), "report.md": text}, tuple(steps))
+    return Report({"report.html": page(text, folder, title), "report.md": text}, steps)
 
 
 def _also(folder: Path) -> dict[str, str]:

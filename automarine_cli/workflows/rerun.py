@@ -9,11 +9,11 @@ from typing import Any
 
 from automarine_cli.errors import SettingError
 from automarine_cli.logs import ColumnMap, LogFile
+from automarine_cli.pipeline.codec import Codec
 from automarine_cli.pipeline.inputs import Sought, find_inputs
 from automarine_cli.pipeline.manifest import MANIFEST, Manifest, read_manifest
 from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.progress import Progress, silent
-from automarine_cli.pipeline.recipe import converted
 from automarine_cli.pipeline.words import listed
 from automarine_cli.workflows.command import Command, commands
 
@@ -130,7 +130,7 @@ def _settings(command: Command[Any, Any], manifest: Manifest, found: Sequence[So
                 f"{where}: options: unknown key {key!r} of {manifest.command}; give a manifest as it wrote it"
             )
         if "read" not in known[key].metadata:
-            settings[key] = converted(hints[key], value, f"{where}: options.{key}")
+            settings[key] = Codec(where).value(hints[key], value, ("options", key))
     for key, option in known.items():
         read = option.metadata.get("read")
         if read is None:
@@ -152,7 +152,7 @@ def _file(key: str, value: object, hint: object, roles: Mapping[str, list[Path]]
         return None
     table = next((one for one in typing.get_args(hint) if is_dataclass(one) and one is not Document), None)
     if table is not None and isinstance(value, Mapping):
-        given = converted(table, value, where)
+        given = Codec(where).value(table, value)
         place = next(iter(roles.get("dbc", ())), None)
         return replace(given, dbc=str(place)) if place and isinstance(given, ColumnMap) else given
     if not roles.get(key):

@@ -7,21 +7,23 @@ from pathlib import Path
 from typing import Any, Literal
 
 from automarine_cli.errors import AutomarineError, OutputError, SettingError
+from automarine_cli.logs import with_joined
 from automarine_cli.pipeline.manifest import MANIFEST, Input, given_as, sha256
 from automarine_cli.pipeline.outputs import json_text, refuse_unfit, result_folder
 from automarine_cli.pipeline.reuse import manifest_of, remove_results, why_made_again
-from automarine_cli.report.campaign_tables import cautions, outcome, steps_table
+from automarine_cli.report.campaign_tables import cautions, steps_table
 from automarine_cli.report.tables import Table
+from automarine_cli.results.kinds import RUN, THRUSTER_MAP
 from automarine_cli.runs.load import has_bytes
 from automarine_cli.workflows.campaign_file import Campaign, read_campaign
 from automarine_cli.workflows.campaign_steps import NAMES, REPORT, STEPS, Step
 from automarine_cli.workflows.command import UNRECORDED, Command, Runner, reads
-from automarine_cli.workflows.report import RUN as RESULT
 from automarine_cli.workflows.report import report_files
 from automarine_cli.workflows.view import View
 
-SCHEMA = "automarine/run/1"
 COMMAND = "run"
+
+NO_PAGE = "no step has a result to show"
 
 Did = Literal["starts", "made", "kept", "skipped", "refused"]
 
@@ -61,7 +63,10 @@ class CampaignRun:
         """Folders and files that a person may want to open, the report first."""
         folders = {step.name: f"{step.folder}/" for step in STEPS}
         done = [one.step for one in self.news if one.did in ("made", "kept")]
-        return (*(("report.html", "report.md") if REPORT in done else ()), *(folders[s] for s in done if s in folders))
+        pages = (
+            ("report.html", "report.md") if REPORT in done else (RUN.file,) * (REPORT in {n.step for n in self.news})
+        )
+        return (*pages, *(folders[s] for s in done if s in folders))
 
     def to_json(self) -> dict[str, Any]:
         """The result file: schema automarine/run/1. It does not say what was kept: the bytes are the same."""
@@ -129,9 +134,9 @@ def _run(campaign: Campaign, asked: RunOptions, runner: Runner) -> CampaignRun:
     if REPORT in names:
         news.append(_report(campaign, out, content, asked.force, len(names), asked.tell))
     says = {
-        step.name: outcome(step.name, out / step.folder)
+        step.name: step.work.kept.outcome(out / step.folder)
         for step in STEPS
-        if step.name in done and done[step.name].did in ("made", "kept")
+        if step.work.kept is not None and step.name in done and done[step.name].did in ("made", "kept")
     }
     warnings = [
         f"{step.name}: {warning}"
@@ -180,36 +185,39 @@ def _content(campaign: Campaign, out: Path, done: Mapping[str, News]) -> dict[st
         else:
             entry |= {"refused": one.why}
         steps.append(entry)
-    supply = campaign.asked.vehicle.supply_V
+    supply, tested = campaign.asked.vehicle.supply_V, out / "thrusters" / THRUSTER_MAP.file
     return {
-        "schema": SCHEMA,
+        "schema": RUN.schema,
         "title": campaign.title,
         "campaign": campaign.path.name,
         "steps": steps,
-        "cautions": cautions(out / "thrusters", supply),
+        "cautions": cautions(THRUSTER_MAP.read(tested) if tested.is_file() else None, supply),
     }
 
 
 def _report(campaign: Campaign, out: Path, content: dict[str, Any], force: bool, number: int, tell: Tell) -> News:
     """The last step: one page of what is in the step folders, and the record of the whole run."""
-    logs = campaign.every_log()
+    logs = with_joined(campaign.every_log(), campaign.columns)
     inputs = [Input(campaign.path.name, campaign.path, "campaign")]
     inputs += [Input(file.name, file.path) for file in logs if has_bytes(file)]
     inputs += given_as(**campaign.beside)
     why = why_made_again(out, command=COMMAND, options={}, seed=None, inputs=inputs)
-    if why is None and (out / RESULT).read_text(encoding="utf-8") != json_text(content):
+    if why is None and (out / RUN.file).read_text(encoding="utf-8") != json_text(content):
         why = "results of the steps changed"
     if why is None and not force:
-        last = News(REPORT, number, number, "kept", "results of the steps unchanged")
+        kept = any("folder" in step for step in content["steps"])
+        unchanged = "results of the steps unchanged"
+        last = News(REPORT, number, number, *(("kept", unchanged) if kept else ("skipped", NO_PAGE)))
         tell(last)
         return last
     why = why or "--force"
     tell(News(REPORT, number, number, "starts", why))
     with result_folder(out, command=COMMAND, options={}, inputs=inputs, seed=None, overwrite=True) as folder:
-        folder.write_json(RESULT, content)
-        for name, page in _pages(out, campaign.title, content).items():
+        folder.write_json(RUN.file, content)
+        pages = _pages(out, campaign.title, content)
+        for name, page in pages.items():
             folder.write(name, page)
-    last = News(REPORT, number, number, "made", why)
+    last = News(REPORT, number, number, "made", why) if pages else News(REPORT, number, number, "skipped", NO_PAGE)
     tell(last)
     return last
 

@@ -4,11 +4,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.logs import ColumnMap, Logs
 from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.report.figures.files import refuse_unknown
 from automarine_cli.report.tables import interval
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.workflows.command import reads
 from automarine_cli.workflows.view import Row

@@ -4,8 +4,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.pipeline.recipe import read_mapping, to_mapping
+from automarine_cli.pipeline.recipe import read_mapping
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import Table

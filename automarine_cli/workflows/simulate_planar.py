@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from automarine_cli.pipeline.recipe import to_mapping
+from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.tables import Table
 from automarine_cli.simulation.planar_campaign import PlanarMade, planar_logs

@@ -13,7 +13,6 @@ from automarine_cli.control.search import Task
 from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Design
 from automarine_cli.errors import ModelError, SettingError
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.logs import given_columns
 from automarine_cli.pipeline.manifest import Input
 from automarine_cli.pipeline.outputs import ResultFolder
@@ -23,6 +22,7 @@ from automarine_cli.report import tuning_tables
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.tuning import tuning_figure
 from automarine_cli.report.tables import Table
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.workflows.command import Command, Runner, reads
 from automarine_cli.workflows.moments import map_and_arm

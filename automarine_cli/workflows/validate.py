@@ -26,7 +26,7 @@ from automarine_cli.report.tables import Table, number
 from automarine_cli.report.validation_tables import ahead_table, overall_table, run_table, score_table
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels, wanted_channels
 from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
-from automarine_cli.runs.run import Run, SetAside, readings
+from automarine_cli.runs.run import Run, SetAside, command_warnings, readings
 from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.workflows.command import SELDOM, Command, Runner
 from automarine_cli.workflows.moments import moment_maker
@@ -87,9 +87,11 @@ class Validation(Shown):
         }
 
     def tables(self) -> tuple[Table | str, ...]:
-        """Models over all runs, then run by run; sensors where there was a choice. Of driven runs predictions first."""
+        """Models over all runs, then run by run; sensors where there was a choice. Of driven runs predictions first,
+        before all how commands do not fit their map."""
         first = () if self.ahead is None else (self.ahead.sentence,)
-        return *first, *self.score_tables(), *self.sensors()
+        warned = (f"Warning: {one}" for one in command_warnings(self.comparison.runs))
+        return *warned, *first, *self.score_tables(), *self.sensors()
 
     def sensors(self) -> list[str]:
         """Which sensors count, and why others do not."""
@@ -164,6 +166,7 @@ def _validate(asked: ValidateOptions, runner: Runner) -> Validation:
         raise refused_by_strict(aside[0])
     if not runs:
         raise none_left(len(campaign.inputs), (*campaign.set_aside, *aside))
+    command_warnings(runs)  # refused where they cannot be of this map
     _same_unit(runs, stored)
     left_out = (*campaign.set_aside, *aside)
     chosen = choose_channels(runs, stored.dof, asked.channels, late_position=True)
@@ -276,5 +279,6 @@ def _figures(result: Validation) -> Figures:
 validate: Command[ValidateOptions, Validation | PlanarValidation] = Command(
     "validate", ValidateOptions, _validate,
     {Validation: View(Validation.tables, _lines, _rows, _figures), **validate_planar.views}, files,
+    validate_planar.kept,
     instead=lambda settings: validate_planar if schema_in(settings.get("model")) == PLANAR_SCHEMA else None,
 )  # fmt: skip

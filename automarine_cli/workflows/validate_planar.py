@@ -13,12 +13,14 @@ from automarine_cli.pipeline.attempts import Attempt
 from automarine_cli.pipeline.outputs import ResultFolder, file_stems
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.shown import Shown
+from automarine_cli.report import outcomes
 from automarine_cli.report.figures.files import Draw, Files, drawn, write_figure
 from automarine_cli.report.figures.planar import planar_figure
 from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.results.kinds import VALIDATION
 from automarine_cli.runs.channels import AUTO
-from automarine_cli.runs.run import SetAside, readings
-from automarine_cli.workflows.command import SELDOM, UNRECORDED, Command, Runner
+from automarine_cli.runs.run import SetAside, command_warnings, readings
+from automarine_cli.workflows.command import SELDOM, UNRECORDED, Command, ReadBack, Runner
 from automarine_cli.workflows.planar_runs import load_planar
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, counted
 from automarine_cli.workflows.view import Figures, Row, View
@@ -132,6 +134,7 @@ def _validate(asked: ValidatePlanarOptions, runner: Runner) -> PlanarValidation:
     campaign = load_planar(
         asked.logs, names, asked.thrusters, asked.arm, strict=asked.strict, jobs=jobs, progress=progress
     )
+    command_warnings(campaign.runs)  # refused where they cannot be of this map
 
     def work() -> PlanarValidation:
         return PlanarValidation(stored, free_runs(stored.model, campaign.runs), campaign.set_aside)
@@ -187,5 +190,6 @@ def files(result: object) -> tuple[str, ...]:
 
 validate_planar = Command(
     "validate", ValidatePlanarOptions, _validate,
-    {PlanarValidation: View(PlanarValidation.tables, _lines, _rows, _figures)}, files, listed=False,
+    {PlanarValidation: View(PlanarValidation.tables, _lines, _rows, _figures)}, files,
+    ReadBack(VALIDATION, outcomes.of_validation), listed=False,
 )  # fmt: skip

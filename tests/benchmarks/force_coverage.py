@@ -7,9 +7,9 @@ import argparse
 from collections import defaultdict
 from pathlib import Path
 
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.identify import identify
 from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.half_turn import Trim
 from automarine_cli.simulation.campaign import make_runs
 from automarine_cli.simulation.specification import read_specification

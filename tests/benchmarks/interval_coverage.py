@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from automarine_cli.errors import FitError
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.output_error import fit_half_turns
 from automarine_cli.fits.step_response import Known, half_turn_data
 from automarine_cli.fits.velocity_error import fit_velocity_error
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.half_turn import half_turns
 
 Floats = NDArray[np.float64]

@@ -11,14 +11,16 @@ from tempfile import TemporaryDirectory
 
 from matplotlib.figure import Figure
 from PIL import Image
+from pool_day import ARM, write_pool_day
 
 from automarine_cli.report.figures.style import house_style
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.figures.validation import validation_figure
-from automarine_cli.report.figures.yaw import drag_figure, inertia_figure
+from automarine_cli.report.figures.yaw import drag_figure, half_turns_figure, inertia_figure
 from automarine_cli.workflows.diagnose import diagnose
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
 from automarine_cli.workflows.fit_yaw import fit_yaw
+from automarine_cli.workflows.init import init
 from automarine_cli.workflows.validate import validate
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -36,6 +38,7 @@ def pictures() -> Iterator[tuple[str, Figure]]:
     with TemporaryDirectory() as folder:
         yield from of_a_fit(Path(folder))
         yield from of_what_is_hidden(Path(folder))
+        yield from of_other_peoples_files(Path(folder))
 
 
 def of_a_fit(folder: Path) -> Iterator[tuple[str, Figure]]:
@@ -58,6 +61,19 @@ def of_what_is_hidden(folder: Path) -> Iterator[tuple[str, Figure]]:
     for name in ("where", "why", "before-after"):
         yield name.replace("-", "_"), result.plot(name)
     yield "after", one_run(log, found / "extended_model.json")
+
+
+def of_other_peoples_files(folder: Path) -> Iterator[tuple[str, Figure]]:
+    """A day in other people's columns: the thrusters' curve, and the half-turns that the moment made of it explains."""
+    day, written = write_pool_day(folder / "pool_day"), folder / "pool.toml"
+    init(day, out=written)
+    answered = written.read_text().replace('arm_m = "?"', f"arm_m = {ARM}").replace('per_test = "?"', "per_test = 1")
+    columns = folder / "columns.toml"
+    columns.write_text(answered[answered.index("[columns]") : answered.index("[thrusters]")])
+    thrusters = fit_thrusters([day / "bollard_T200.csv"], columns=columns)
+    yield "pool_thrusters", thruster_figure(thrusters)
+    fit = fit_yaw([day / "run_*.csv"], columns=columns, thrusters=thrusters, arm=ARM)
+    yield "pool_half_turns", half_turns_figure(fit)
 
 
 def one_run(log: Path, model: Path) -> Figure:

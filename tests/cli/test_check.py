@@ -167,3 +167,14 @@ def test_a_lake_run_that_turns_already_is_not_from_rest() -> None:
     runs = check([DATA / "yaw" / "kingfisher_lake"], columns=columns).runs
     moving = [run.run for run in runs if run.why is not None and run.why.startswith("not from rest")]
     assert moving == ["run_01", "run_03", "run_21", "run_29"]
+
+
+def test_what_runs_share_is_said_once(tmp_path: Path, run: Callable[..., Result]) -> None:
+    """Five short runs with one fault each say so in one line; no line of a pipe is longer than a sentence or two."""
+    for name in "abcde":
+        written(step_run(0.5, length=0.6), tmp_path / f"{name}.csv")
+    written(step_run(0.5), tmp_path / "good.csv")
+    shown = run("check", tmp_path).stdout.splitlines()
+    lines = [line for line in shown if "too short: " in line]
+    assert len(lines) == 1 and lines[0].startswith("a, b, c and 2 more: too short: the step of 0.5 nu has 6 samples")
+    assert max(map(len, shown)) < 240

@@ -32,9 +32,7 @@ VERBS = (
     "start", "take", "tell", "try", "use", "validate", "wait", "write",
 )  # fmt: skip
 CLAUSE = re.compile(rf"(?:^|[.;:,}}] ?|[(]|\b(?:or|and|so|please) )(?:{'|'.join(VERBS)})\b", re.IGNORECASE)
-WANTED = re.compile(
-    r"\b(?:expected|known are|allowed keys|takes|it has|there are|did you mean|go(?:es)? (?:with|together))\b"
-)
+WANTED = re.compile(r"\b(?:expected|known are|takes|it has|there are|did you mean|go(?:es)? (?:with|together))\b")
 
 
 class Refusal(NamedTuple):

@@ -22,8 +22,8 @@ from automarine_cli.comparison.side_by_side import (
     p_value,
 )
 from automarine_cli.errors import AutomarineError, ModelError, SettingError
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.report.figures.compare import compare_figure
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.workflows.compare import compare
 from automarine_cli.workflows.rerun import rerun
 
@@ -211,6 +211,7 @@ def test_a_file_with_parts_missing_is_refused(tmp_path: Path) -> None:
     del content["models"]["3"]["I_r"]["stderr"]
     path.write_text(json.dumps(content))
     with pytest.raises(
-        ModelError, match=r"b/yaw_model.json: KeyError at 'stderr'; expected a file as automarine writes"
+        ModelError,
+        match=r"b/yaw_model.json: models.3.I_r: found a number without stderr and ci95, expected an estimate",
     ):
         compare(folders)

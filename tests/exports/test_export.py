@@ -140,7 +140,7 @@ def test_odd_drag_is_the_same_in_both_frames_and_asymmetry_changes_sign(tmp_path
     ]
 
 
-@pytest.mark.parametrize("target", ["gz-sim", "uuv", "labust", "mss", "stonefish", "python", "card"])
+@pytest.mark.parametrize("target", ["gz-sim", "uuv", "labust", "mjcf", "mss", "stonefish", "python", "card"])
 def test_every_file_is_stamped_with_its_frame_its_origin_and_its_unit(tmp_path: Path, target: str) -> None:
     path, own = model_file(tmp_path), targets.get(target)
     for frame in own.frames:
@@ -208,10 +208,10 @@ def test_normalised_moments_need_their_size_where_the_target_is_in_si(tmp_path: 
 
 
 REFUSALS: list[tuple[dict[str, Any], str]] = [
-    ({"to": "gazebo"}, "--to gazebo: no such target; known are card, gz-sim, labust, mss, python, stonefish, "
+    ({"to": "gazebo"}, "--to gazebo: no such target; known are card, gz-sim, labust, mjcf, mss, python, stonefish, "
                        "thrusters, uuv"),
-    ({"to": "gz"}, "--to gz: no such target; known are card, gz-sim, labust, mss, python, stonefish, thrusters, uuv. "
-                   "Did you mean gz-sim?"),
+    ({"to": "gz"}, "--to gz: no such target; known are card, gz-sim, labust, mjcf, mss, python, stonefish, thrusters, "
+                   "uuv. Did you mean gz-sim?"),
     ({"to": "uuv", "form": "sdf"}, "--form of uuv: found sdf, expected urdf or controller"),
     ({"to": "uuv", "number": "4"}, "--number: found 4, expected 1 or 2 or 3"),
     ({"to": "uuv", "symmetrise": True}, "--symmetrise means nothing to uuv; it is for thrusters, so leave it out"),
@@ -233,7 +233,7 @@ def test_refusals_say_what_was_found_and_what_to_do(tmp_path: Path, settings: di
     assert str(problem.value) == sentence
 
 
-@pytest.mark.parametrize("target", ["gz-sim", "uuv", "labust", "stonefish"])
+@pytest.mark.parametrize("target", ["gz-sim", "uuv", "labust", "mjcf", "stonefish"])
 def test_drag_that_would_drive_the_vehicle_is_refused_by_simulators(tmp_path: Path, target: str) -> None:
     path = model_file(tmp_path, k_r=-0.02)
     with pytest.raises(SettingError) as problem:
@@ -294,7 +294,7 @@ def test_a_file_that_is_there_stays_until_it_may_go(tmp_path: Path) -> None:
 
 def test_names_of_files_cannot_leave_their_comment(tmp_path: Path) -> None:
     strange = model_file(tmp_path).rename(tmp_path / 'a--->--> """\n x é.json')
-    for target in ("gz-sim", "uuv", "stonefish", "python", "mss", "labust"):
+    for target in ("gz-sim", "uuv", "stonefish", "python", "mjcf", "mss", "labust"):
         for form in targets.get(target).forms:
             text = exported(strange, target, form).text
             if target == "python":
@@ -343,3 +343,26 @@ def test_python_takes_places_and_results(tmp_path: Path) -> None:
     out = tmp_path / "vehicle.sdf"
     am.export(path, to="gz-sim", out=str(out))
     assert out.read_text() == export(path, to="gz-sim").text
+
+
+MJCF_LACKS = {
+    "thruster-lag": ({"T": 0.2, "law": 0.0}, "MuJoCo's filterexact is first order in the thrust"),
+    "coulomb-drag": (
+        {"c": 0.1, "law": 1.0, "c_s": 0.1, "v_s": 0.2},
+        "MuJoCo's frictionloss is the same at every speed",
+    ),
+    "saturation": ({"tau_max": 1.0, "law": 1.0}, "MuJoCo's ctrlrange is a hard limit"),
+    "tether-spring": ({"kappa": 0.1, "law": 1.0, "slack": 1.0}, "the spring of a MuJoCo joint has no slack"),
+    "input-delay": ({"t_d": 0.2, "law": 1.0, "t_off": 0.1}, "MuJoCo's delay is the same for rise and fall"),
+    "dead-band": ({"width": 0.1}, "it acts in the thrusters, before the moment"),
+}
+
+
+@pytest.mark.parametrize("name", MJCF_LACKS)
+def test_what_mujoco_has_no_counterpart_for_is_refused_or_listed(tmp_path: Path, name: str) -> None:
+    values, why = MJCF_LACKS[name]
+    path = model_file(tmp_path, {name: values})
+    with pytest.raises(SettingError, match=re.escape(why)):
+        export(path, to="mjcf")
+    found = export(path, to="mjcf", allow_partial=True)
+    assert [one.name for one in found.left_out] == [name] and f"Left out: {name}: " in found.text

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from automarine_cli.errors import ModelError
 from automarine_cli.pipeline.manifest import sha256
 from automarine_cli.workflows.export import export
 
@@ -63,6 +64,12 @@ def test_the_range_is_that_of_the_runs(fitted: Path) -> None:
     assert rates[0] < 0 < rates[1]
 
 
+BARE = {
+    "schema": "automarine/yaw-model/1", "moment_unit": "nu", "models": {"3": {"k_rr": 1.2, "I_r": 1.0}},
+    "preferred": "3",
+}  # fmt: skip
+
+
 def test_units_and_frame_turn_values_and_intervals(tmp_path: Path) -> None:
     def told(value: float, spread: float) -> dict[str, object]:
         return {"value": value, "stderr": spread, "ci95": [value - 2 * spread, value + 2 * spread], "unit": "nu"}
@@ -91,15 +98,40 @@ def test_units_and_frame_turn_values_and_intervals(tmp_path: Path) -> None:
     assert "there is no manifest.json beside the model file" in text and "fit again with this version" in text
 
 
-ODD = ["x", None, -1, [], {}, [1], ["a", "b"], [[1, "a"], [2, 3]], {"parameters": ["I_r"], "matrix": [["x"]]}]
+NO_NUMBER = ["x", [], [1], ["a", "b"]]
 
 
-@pytest.mark.parametrize("odd", ODD, ids=repr)
-def test_a_card_takes_what_hands_made_of_the_file(tmp_path: Path, odd: object) -> None:
+@pytest.mark.parametrize("odd", NO_NUMBER, ids=repr)
+def test_what_is_no_result_is_refused_with_its_place(tmp_path: Path, odd: object) -> None:
+    """Whatever hands made of the parts that only a card shows."""
     path = tmp_path / "a`b*[c](d).json"
-    entry = {"k_rr": {"value": 1.2, "stderr": odd, "ci95": odd}, "I_r": 1.0, "output_error": {"covariance": odd}}
-    content = {"schema": "automarine/yaw-model/1", "moment_unit": "nu", "models": {"3": entry}, "preferred": "3"}
-    path.write_text(json.dumps(content | {"valid_range": {"moment": odd}, "parent": odd, "warnings": [odd]}))
+    found = f"a list of {len(odd)}" if isinstance(odd, list) else f'"{odd}"'
+    parts = {
+        "models.3.k_rr.stderr": {"models": {"3": {"k_rr": {"value": 1.2, "stderr": odd}, "I_r": 1.0}}},
+        "models.3.output_error.covariance.matrix[0][0]": {
+            "models": {"3": {"k_rr": 1.2, "I_r": 1.0, "output_error": {
+                "covariance": {"parameters": ["I_r"], "matrix": [[odd]]},
+            }}},
+        },
+        "valid_range.moment[0]": {"valid_range": {"moment": [odd, 1.0]}},
+    }  # fmt: skip
+    for place, part in parts.items():
+        path.write_text(json.dumps(BARE | part))
+        with pytest.raises(ModelError) as refusal:
+            export(path, to="card")
+        assert str(refusal.value) == f"{path.name}: {place}: found {found}, expected a number"
+    path.write_text(json.dumps(BARE | {"warnings": [["nested"]]}))
+    with pytest.raises(ModelError, match=r"warnings\[0\]: found a list of 1, expected a text in quotes"):
+        export(path, to="card")
+
+
+@pytest.mark.parametrize("covariance", [None, {"parameters": ["I_r"], "matrix": [[1.0, 2.0]]}])
+def test_a_card_takes_a_file_that_says_little(tmp_path: Path, covariance: object) -> None:
+    path = tmp_path / "a`b*[c](d).json"
+    entry = {
+        "k_rr": {"value": 1.2, "stderr": None, "ci95": None}, "I_r": 1.0, "output_error": {"covariance": covariance},
+    }  # fmt: skip
+    path.write_text(json.dumps(BARE | {"models": {"3": entry}, "valid_range": {"moment": None}, "parent": None}))
     text = export(path, to="card").text
     assert "| quadratic-drag k_rr | quadratic yaw drag | 1.2000 | " in text
     assert text.count("fit again with this version of automarine") == 2 and "`a'b*[c](d).json`" in text

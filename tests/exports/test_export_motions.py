@@ -16,12 +16,13 @@ from effect_contract import strange_to
 from export_readers import constants_of, number_in, yaml_of
 
 from automarine_cli import exports as targets
-from automarine_cli.dofs import DOFS, YAW
+from automarine_cli.dofs import DOFS, SURGE, YAW, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.exports.base import FORCES, FRAMES, THRUSTER_MAP, Origin, Settings, Written, YawSubject
 from automarine_cli.exports.conversions import in_enu
 from automarine_cli.exports.prepare import in_unit, refuse_inertia, refuse_motion, split
 from automarine_cli.models.yaw_model import YawModel, steady_rate
+from automarine_cli.results.models import ModelEntry, ModelFile
 from automarine_cli.workflows.export import export
 
 MASS, OWN, LINEAR, QUADRATIC, SKEW = 16.0, 9.5, 4.2, 21.0, 1.5
@@ -45,6 +46,11 @@ def written(motion: str, target: str, form: str, **change: Any) -> Written:
     found = targets.get(target).write(subject(motion, target, form, **change))
     assert isinstance(found, Written)
     return found
+
+
+def told_by_nobody(dof: Dof) -> ModelFile:
+    """A model file that says nothing."""
+    return ModelFile(schema="", models={"3": ModelEntry(), "2": ModelEntry()}, preferred="3", dof=dof)
 
 
 def letters(motion: str) -> tuple[str, str]:
@@ -71,7 +77,7 @@ def test_files_have_no_word_of_another_motion(motion: str) -> None:
         for form, frame in product(target.forms, target.frames):
             kept, left_out = split(target, model, Settings())
             own = replace(model, terms=kept)
-            made = written(motion, name, form, model=own, frame=frame, left_out=left_out, data={})
+            made = written(motion, name, form, model=own, frame=frame, left_out=left_out, file=told_by_nobody(dof))
             told = made.text if name in ("python", "card") else "\n".join([*made.notes, *comments(made.text)])
             for text in FRAMES.values():
                 told = told.replace(text, "")
@@ -144,7 +150,7 @@ def test_sway_and_heave_turn_over_in_enu_and_surge_does_not() -> None:
 
 @pytest.mark.parametrize("motion", ["surge", "sway", "heave"])
 def test_a_card_speaks_of_the_motion(motion: str) -> None:
-    text = written(motion, "card", "markdown", data={}).text
+    text = written(motion, "card", "markdown", file=told_by_nobody(DOFS[motion])).text
     assert text.startswith(f"# Model of {motion}: `model.json`") and "- Unit of force: N" in text
     (force, letter), name = letters(motion), DOFS[motion].symbols.inertia
     assert re.search(rf"^\| {name} \| rigid and added together \|.*\| kg \|$", text, flags=re.MULTILINE)
@@ -174,11 +180,10 @@ def test_python_has_the_motions_letters_and_moves_it(tmp_path: Path, motion: str
 
 def test_what_a_target_does_not_take_is_refused() -> None:
     origin = Origin("surge_model.json", "0" * 64)
-    data = {"schema": "automarine/surge-model/1"}
     with pytest.raises(SettingError) as problem:
-        refuse_motion(targets.get("stonefish"), data, origin)
+        refuse_motion(targets.get("stonefish"), SURGE, origin)
     assert str(problem.value) == "surge_model.json is a model of surge; --to stonefish takes models of yaw"
-    refuse_motion(targets.get("uuv"), data, origin)
+    refuse_motion(targets.get("uuv"), SURGE, origin)
 
 
 def test_a_mass_that_holds_water_is_not_a_links_mass() -> None:

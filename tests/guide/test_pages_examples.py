@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import pytest
 from click.testing import CliRunner
+from pool_day import write_pool_day
 from repository import ROOT, SAMPLE_RUNS
 from test_readme import PAGES, fences
 
@@ -45,6 +46,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """What each command line printed: each is run once, in the order of the pages, in one folder."""
     folder = tmp_path_factory.mktemp("pages")
     shutil.copytree(SAMPLE_RUNS, folder / "sample_runs")
+    write_pool_day(folder / "pool_day")
     found: dict[str, str] = {}
     here = Path.cwd()
     os.chdir(folder)

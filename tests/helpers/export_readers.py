@@ -151,12 +151,27 @@ def stonefish(text: str) -> Slope:
     return lambda r, tau: (tau - form * abs(r) * r - friction * r) / inertia[2]
 
 
+def mjcf(text: str) -> Slope:
+    """A joint of MuJoCo: (I + armature) r' = force - (d0 + d1 |r| + d2 r^2) r; the force the control, clamped."""
+    root = ET.fromstring(text)
+    body, option = root.find("worldbody/body"), root.find("option")
+    assert body is not None and option is not None and option.get("gravity") == "0 0 0"
+    own, joint, motor = body.find("inertial"), body.find("joint"), root.find("actuator/general")
+    assert own is not None and joint is not None and motor is not None and motor.get("joint") == joint.get("name")
+    inertias = [float(x) for x in own.attrib["diaginertia"].split()]
+    inertia = inertias[2] if joint.get("type") == "hinge" else float(own.attrib["mass"])
+    drag = [float(x) for x in joint.attrib["damping"].split()]
+    total = inertia + float(joint.get("armature", "0"))
+    return lambda r, tau: (tau - (drag[0] + drag[1] * abs(r) + drag[2] * r * r) * r) / total
+
+
 READERS: dict[tuple[str, str], Callable[[str], Slope]] = {
     ("gz-sim", "fluid-added-mass"): gz_sim,
     ("gz-sim", "added-mass-derivative"): gz_sim,
     ("uuv", "urdf"): uuv_urdf,
     ("uuv", "controller"): uuv_controller,
     ("labust", "model"): labust,
+    ("mjcf", "joint"): mjcf,
     ("mss", "python"): mss,
     ("mss", "matlab"): mss,
     ("stonefish", "body"): stonefish,

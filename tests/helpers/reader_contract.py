@@ -19,6 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from vehicle_bags import bag
+from vehicle_blueos import recorded as blueos
 from vehicle_can import COLUMNS, DBC, capture
 from vehicle_logs import Dive, dataflash, dive, telemetry
 from vehicle_ulog import ulog
@@ -111,6 +112,10 @@ RECORDERS = {
         )
         for suffix in (".bag", ".db3", ".mcap")
     },
+    ".json.mcap": Recorder(
+        blueos, "mcap", "blueos", pwm("SERVO_OUTPUT_RAW.servo1_raw", "SERVO_OUTPUT_RAW.servo2_raw"),
+        ("ATTITUDE",), ("SERVO_OUTPUT_RAW",), starts=1.7e9, clock=2e-3, cut_is_sound=False,
+    ),
 }  # fmt: skip
 SUFFIXES = sorted(suffix for form in formats() for suffix in form.suffixes)
 

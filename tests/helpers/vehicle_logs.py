@@ -14,7 +14,8 @@ class Dive:
     """What a vehicle does: heading at 10 Hz turning clockwise through north, commands at 4 Hz, voltage at 2 Hz.
 
     `time` [s], `heading` [deg, unwrapped], `rate` [deg/s]; commands are PWM [us] of two thrusters. Modes and arming
-    are (time, state).
+    are (time, state). `outputs` are pulses [us] of eight outputs in place of the two, shape (8, commands), and
+    `parameters` are (time, name, value).
     """
 
     time: Floats
@@ -27,6 +28,15 @@ class Dive:
     voltage: Floats
     modes: tuple[tuple[float, int], ...] = ((0.5, 19), (12.0, 2))
     arming: tuple[tuple[float, bool], ...] = ((0.5, False), (2.0, True), (18.0, False))
+    outputs: Floats | None = None
+    parameters: tuple[tuple[float, str, float], ...] = ()
+
+    @property
+    def pulses(self) -> Floats:
+        """What is sent to eight outputs, shape (commands, 8); 0 where nothing is connected."""
+        none = np.zeros((5, len(self.port)))
+        two = np.vstack([self.port, self.stbd, np.full(len(self.port), 1500.0), none])
+        return (two if self.outputs is None else self.outputs).T.astype(int)
 
     def commands_at(self, time: Floats) -> tuple[Floats, Floats]:
         """What the two commands are at the given times: the last one sent."""
@@ -53,12 +63,13 @@ FORMATS = {  # name: type, characters, columns
     "FMT": (128, "BBnNZ", "Type,Length,Name,Format,Columns"),
     "ATT": (10, "QccccCCCC", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,ErrRP,ErrYaw"),
     "RATE": (11, "Qfff", "TimeUS,YDes,Y,YOut"),
-    "RCOU": (12, "QHHHH", "TimeUS,C1,C2,C3,C4"),
+    "RCOU": (12, "QHHHHHHHH", "TimeUS,C1,C2,C3,C4,C5,C6,C7,C8"),
     "BAT": (13, "QBff", "TimeUS,Instance,Volt,Curr"),
     "MODE": (14, "QMBB", "TimeUS,Mode,ModeNum,Rsn"),
     "ARM": (15, "QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method"),
     "MSG": (16, "QZ", "TimeUS,Message"),
     "EV": (17, "QB", "TimeUS,Id"),
+    "PARM": (20, "QNf", "TimeUS,Name,Value"),
     "IMU": (18, "QBfff", "TimeUS,I,GyrX,GyrY,GyrZ"),
 }
 CODES = {
@@ -88,8 +99,8 @@ def dataflash(dive: Dive, without: tuple[str, ...] = ("EV", "IMU")) -> bytes:
         rows.append((t, "ATT", (0, 0, 0, 0, 0, round(psi % 360 * 100) % 36000, 0, 0)))
         rows.append((t - 0.02, "RATE", (0.0, rate, 0.0)))
         rows += [(t - 0.02, "IMU", (i, 0.0, 0.0, np.deg2rad(rate) + i)) for i in (0, 1)]
-    for t, port, stbd in zip(dive.command_time, dive.port, dive.stbd):
-        rows.append((t, "RCOU", (int(port), int(stbd), 1500, 0)))
+    rows += [(t, "RCOU", tuple(pulses)) for t, pulses in zip(dive.command_time, dive.pulses.tolist())]
+    rows += [(t, "PARM", (name.encode(), value)) for t, name, value in dive.parameters]
     for t, volt in zip(dive.voltage_time, dive.voltage):
         rows += [(t, "BAT", (0, volt, 3.0)), (t, "BAT", (1, 5.0, 0.1))]
     rows += [(t, "MODE", (mode, mode, 1)) for t, mode in dive.modes]
@@ -121,8 +132,9 @@ def telemetry(dive: Dive, without: tuple[str, ...] = (), start: float = 1.7e9, d
         rows.append((t, vehicle, attitude))
         if round(t * 10) % 5 == 0:
             rows.append((t, other, mavlink.MAVLink_attitude_message(round(t * 1e3), 0, 0, 1.0, 0, 0, 0)))
-    for t, port, stbd in zip(dive.command_time, dive.port, dive.stbd):
-        servos = (int(port), int(stbd), 1500, *[0] * 5)
+    for t, name, value in dive.parameters:
+        rows.append((t, vehicle, mavlink.MAVLink_param_value_message(name.encode(), value, 9, 500, 1)))
+    for t, servos in zip(dive.command_time, dive.pulses.tolist()):
         rows.append((t, vehicle, mavlink.MAVLink_servo_output_raw_message(round(t * 1e6) % 2**32, 0, *servos)))
     for t, volt in zip(dive.voltage_time, dive.voltage):
         status = mavlink.MAVLink_sys_status_message(0, 0, 0, 0, round(volt * 1e3), -1, -1, 0, 0, 0, 0, 0, 0)

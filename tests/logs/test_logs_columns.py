@@ -42,8 +42,8 @@ def test_the_contract_s_example(tmp_path: Path) -> None:
 
 REFUSED = {
     "": ': the column map is empty; write lines such as heading_deg = "yaw" under [columns]',
-    "time_s = 't'": ": unknown key 'time_s'; a column map holds [columns], [defaults] and [can] only; "
-    "write it below one of them",
+    "time_s = 't'": ": unknown key 'time_s'; a column map holds [columns], [[columns_of]], [logs], "
+    "[defaults] and [can] only; write it below one of them",
     "columns = 3": ": columns is 3; expected a table, written [columns]",
     "[columns]\nyaw = 'a'": ": columns.yaw is no column that automarine knows; known are time_s, "
     "time_ms, time_us, "
@@ -57,7 +57,23 @@ REFUSED = {
     "[columns]\ntau = { unit = 'nu' }": ": columns.tau.from is missing; expected the name of a column in quotes",
     "[columns]\ntau = { from = 'a', form = 1 }": ": columns.tau.form is not known; a column takes from, "
     "unit, sign, "
-    "scale, offset",
+    "scale, offset, subtract, sign_from, day_first",
+    "[columns]\ntau = { from = 'a', subtract = true }": ": columns.tau.subtract is true; expected a finite number",
+    "[columns]\nn = { from = 'a', sign_from = 1 }": ": columns.n.sign_from is 1; expected the name of a column in "
+    'quotes, or a table such as { from = "pwm", subtract = 1500 }',
+    "[columns]\nn = { from = 'a', sign_from = { from = '' } }": ": columns.n.sign_from.from is ''; expected the name "
+    "of a column in quotes",
+    "[columns]\ntime = { from = 'a', day_first = 1 }": ": columns.time.day_first is 1; expected true or false",
+    "[columns]\ntau = { from = 'a', day_first = true }": ": columns.tau.day_first goes with time, a column of dates, "
+    "only; leave it out",
+    "columns_of = 1": ": columns_of is 1; expected tables, each written [[columns_of]]",
+    "[[columns_of]]\nn = 'a'": ": columns_of[0].logs is missing; expected the logs that it is of, such as "
+    '["bollard/*.csv"]',
+    "[logs]\nsteps = ['a']": ": logs.steps is not known; [logs] of a column map takes join",
+    "[logs]\njoin = { logs = 'a' }": ": logs.join[0]: key 'with' is missing; expected a text in quotes or a list, each "
+    "entry a text in quotes",
+    "[logs]\njoin = { logs = 'nav_*', with = '*_cmd_*' }": ': logs.join[0]: join of "nav_*" with "*_cmd_*": expected '
+    "as many stars in both, or none in the second; a star stands for the same letters in both names",
     "[columns]\ntau = { from = 'a', sign = 2 }": ": columns.tau.sign is 2; expected 1 or -1",
     "[columns]\ntau = { from = 'a', sign = true }": ": columns.tau.sign is true; expected 1 or -1",
     "[columns]\ntau = { from = 'a', unit = 'N m' }": ": columns.tau.unit is 'N m'; expected nu",

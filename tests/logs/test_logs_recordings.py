@@ -29,7 +29,8 @@ from automarine_cli.logs import (
 from automarine_cli.runs.load import load_runs, read_runs
 
 VOLTS = {  # what stands in for a load cell
-    "ardupilot": "voltage_V", "can": "Battery.Volt", "px4": "battery_status.voltage_v", "ros": "/battery.voltage",
+    "ardupilot": "voltage_V", "blueos": "SYS_STATUS.voltage_battery", "can": "Battery.Volt",
+    "px4": "battery_status.voltage_v", "ros": "/battery.voltage",
 }  # fmt: skip
 EVERY = pytest.mark.parametrize("suffix", RECORDERS)
 
@@ -178,7 +179,7 @@ def test_one_bad_recording_in_a_folder_is_set_aside(tmp_path: Path, suffix: str)
     recorded(tmp_path, suffix, content)
     (tmp_path / f"cut{suffix}").write_bytes(content[: len(content) // 50])
     found = load_runs([tmp_path], told.columns, dof=YAW)
-    assert [run.name for run in found.runs] == ["dive"]
+    assert [run.name.removesuffix(".json") for run in found.runs] == ["dive"]
     assert [one.file.rpartition("/")[2] for one in found.set_aside] == [f"cut{suffix}"]
 
 

@@ -117,5 +117,5 @@ def test_an_mcap_file_of_something_else(tmp_path: Path) -> None:
     other = bytearray(bag(".mcap", dive()))
     at = other.find(b"ros2")
     other[at : at + 4] = b"ros1"
-    with pytest.raises(LogError, match="an MCAP file of the profile 'ros1', expected one of ros2"):
+    with pytest.raises(LogError, match="an MCAP file of the profile 'ros1', expected one of ros2 or of JSON"):
         read(tmp_path, ".mcap", bytes(other))

@@ -127,7 +127,7 @@ def test_numbers_that_are_none(ask: Callable[[str, bytes], list[Result]], name: 
     )
     say(
         ask(name, changed(GOOD[name], path, 1e300)),
-        f"{name}: {path}: found 1e+300, expected 0 or a size of 1e-30 to 1e+30",
+        f"{name}: {path.removesuffix('.value')}: found 1e+300, expected 0 or a size of 1e-30 to 1e+30",
     )
     elsewhere = changed(GOOD[name], "runs" if name == "map.json" else "heading_noise_deg", float("nan"))
     place = "runs" if name == "map.json" else "heading_noise_deg"
@@ -155,14 +155,13 @@ SPECIFICATIONS = {
     ("levels = [-50, 50, 100]", "levels = [-50, 1e99]"): "bollard.levels[1]: found 1e+99, expected 0 or a size of "
     "1e-12 to 1e+12",
     ("seed = 4", "seed = 0x" + "f" * 400): "seed: found a whole number of more than 300 digits, expected a smaller one",
-    ("seed = 4", "seed = '4'"): 'seed: expected a whole number, found "4"',
-    ("I_r = 1.018", "I_r = [1]"): "vehicle: I_r: expected a number, found a list of 1",
-    ("[logger]", "[loger]"): "unknown key 'loger' (did you mean 'logger'?); allowed keys: schema, vehicle, seed, "
-    "effects, logger, scatter, campaign, runs, bollard",
+    ("seed = 4", "seed = '4'"): 'seed: found "4", expected a whole number',
+    ("I_r = 1.018", "I_r = [1]"): "vehicle.I_r: found a list of 1, expected a number",
+    ("[logger]", "[loger]"): 'unknown key "loger"; did you mean "logger"?',
     ("noise_deg = 1.0", "noise_deg = 1.0\n" + "a." * 60 + "a = 1"): "not valid TOML: a key of more than 40 parts "
     "(at line 9)",
-    ("seed = 4", 'seed = 4\n"\\u001b[31m" = 1'): "unknown key '\\x1b[31m'; allowed keys: schema, vehicle, "
-    "seed, effects, logger, scatter, campaign, runs, bollard",
+    ("seed = 4", 'seed = 4\n"\\u001b[31m" = 1'): 'unknown key "\\u001b[31m"; known are schema, vehicle, seed, '
+    "effects, logger, scatter, campaign, runs, bollard",
     ("repeats = 2", "repeats = 1_000_000_000"): "more than 1000000 runs would be made; ask for fewer",
 }  # fmt: skip
 

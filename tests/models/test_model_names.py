@@ -15,7 +15,6 @@ from automarine_cli.diagnosis.study import study_of
 from automarine_cli.diagnosis.variables import columns
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import FitError, ModelError
-from automarine_cli.fits.estimate import Estimate
 from automarine_cli.fits.identify import identify
 from automarine_cli.fits.linear_mixed import NotFinite, in_words_of, not_finite
 from automarine_cli.fits.output_error import prefer
@@ -26,6 +25,7 @@ from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.fits.yaw_warnings import EARLY, LATE, fit_warnings
 from automarine_cli.models.store import yaw_models_from_json
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.half_turn import Trim
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run

@@ -87,7 +87,7 @@ REFUSED = {
     "switch_offset: found 0.7, expected a share of a sample interval between -0.5 and 0.5": put(
         "switch_offset", 0.7
     ),
-    "effects: found an object, expected a list": put("effects", {}),
+    "effects: found an object, expected a list, each entry a table": put("effects", {}),
     "unknown key \"efects\"; did you mean \"effects\"?": lambda d: d.update(efects=d.pop("effects")),
     "effects[0]: key \"parameters\" is missing": put("effects", [{"name": "bias-moment"}]),
     "effects[0].parameters: key \"b\" is missing": put("effects", [{"name": "bias-moment", "parameters": {}}]),

@@ -230,12 +230,12 @@ def test_other_bytes_and_other_versions_are_said(
         ({"schema": "automarine/manifest/2"}, "schema is 'automarine/manifest/2'; expected 'automarine/manifest/1'"),
         ({"schema": "other"}, "is no manifest of automarine"),
         ({"command": "rm -rf"}, "command is 'rm -rf'; known are check, diagnose, fit-planar"),
-        ({"options": {"form": 3}}, "options.form: expected a text in quotes, found 3"),
+        ({"options": {"form": 3}}, "options.form: found 3, expected a text in quotes"),
         ({"options": {"out": "/etc"}}, "options: unknown key 'out'"),
         ({"options": {"evil": 1}}, "options: unknown key 'evil' of fit-thrusters"),
         ({"options": {"columns": "columns.toml"}}, "no input was recorded as the columns"),
         ({"inputs": [{"file": "../../etc/passwd", "role": "log"}]}, "leads out of the folder"),
-        ({"inputs": "all"}, "inputs: expected a list"),
+        ({"inputs": "all"}, "inputs: found a table, expected a list"),
     ],
 )  # fmt: skip
 def test_a_manifest_that_cannot_be_followed_is_refused(

@@ -234,7 +234,7 @@ def test_the_example_is_the_default(run: Run) -> None:
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("[pool]\nminuts = 3", r"limits.toml: pool: unknown key 'minuts' \(did you mean 'minutes'\?\)"),
+        ("[pool]\nminuts = 3", r'limits.toml: pool: unknown key "minuts"; did you mean "minutes"\?'),
         ("[pool]\nminutes = 1", r"the limits allow no campaign: two runs already need 1.24 of pool.minutes"),
         ("[battery]\ncharge_Ah = 0.001", r"of battery.charge_Ah \(less the reserve\)"),
         ('schema = "other/1"', "expected the line schema"),

@@ -19,7 +19,9 @@ EACH = LINE[:, :, None] * LINE[:, None, :]
 
 def shop(room: tuple[float, float, float, float], costs: Floats | None = None, most: float = 100.0) -> PlanBudget:
     cost = np.ones((9, 4)) if costs is None else costs
-    return PlanBudget(cost, np.array(room), np.zeros(9), np.full(9, most), np.arange(9)[::-1].copy())
+    return PlanBudget(
+        cost, np.array(room), np.zeros(9), np.full(9, most), np.arange(9)[::-1].copy(), np.zeros((9, 1)), np.inf
+    )
 
 
 def intervals(wanted: Floats, goal: float | None = None) -> Intervals:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from automarine_cli.dofs import YAW
@@ -34,6 +35,24 @@ def test_as_many_runs_to_one_side_as_to_the_other(plain: Campaign) -> None:
     assert abs(sum(own)) <= 1
     assert plain.why[0] == plain.why[-1] == DRIFT
     assert plain.candidates[0].label == plain.candidates[-1].label
+
+
+@pytest.mark.parametrize("percent", [50.0, 34.0])
+def test_not_all_runs_are_of_one_size(percent: float) -> None:
+    """Quadratic drag alone is best known from the largest moment; how drag grows is told by other sizes only."""
+    made = planned(replace(LIMITS, pool=Pool(minutes=25, runs=16), runs=Runs(of_one_size_percent=percent)))
+    largest = [max(abs(moment) for moment, _ in one.commands) for one in made.candidates if one.kind != "rest"]
+    times = np.unique(largest, return_counts=True)[1]
+    assert len(largest) >= 12 and times.max() <= np.ceil(16 * percent / 100)
+    assert len(times) >= (2 if percent == 50 else 3)
+
+
+def test_runs_of_one_size_are_few_whatever_is_wanted() -> None:
+    """Only the inertia asked for, of steps to be fitted as half-turns: still several sizes."""
+    runs = Runs(kinds=("step",), fit="half-turns", most_alike=100)
+    made = [planned(replace(LIMITS, runs=replace(runs, of_one_size_percent=share))) for share in (100.0, 50.0)]
+    sizes = [np.unique([abs(one.commands[0][0]) for one in each.candidates], return_counts=True)[1] for each in made]
+    assert sizes[0].max() > 6 >= sizes[1].max(), "what the limit is for"
 
 
 def test_start_headings_come_in_turn_and_no_run_turns_far(plain: Campaign) -> None:

@@ -20,6 +20,7 @@ from automarine_cli.report.campaign_steps import read_steps
 from automarine_cli.report.campaign_summary import summary
 from automarine_cli.report.html.markdown import to_html
 from automarine_cli.report.html.page import figure
+from automarine_cli.workflows.campaign_steps import FOLDERS
 from automarine_cli.workflows.report import report, report_files
 
 HOSTILE = (
@@ -165,10 +166,14 @@ def test_refusals_say_what_to_do(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder / "yaw", tmp_path / "yaw")
     model = tmp_path / "yaw" / "yaw_model.json"
     model.write_text('{"schema": "automarine/yaw-model/1"}')
-    with pytest.raises(OutputError, match=r"yaw/yaw_model.json: \w+ is missing; .* Run that step again"):
+    with pytest.raises(
+        OutputError, match=r'yaw/yaw_model.json: key "models" is missing; give a file as `automarine fit-yaw`'
+    ):
         report_files(tmp_path)
     model.write_text('{"schema": "other"}')
-    with pytest.raises(OutputError, match=r"yaw/yaw_model.json: schema is 'other'; expected automarine/yaw-model/1"):
+    with pytest.raises(
+        OutputError, match=r'yaw/yaw_model.json: schema: found "other", expected "automarine/yaw-model/1"'
+    ):
         report_files(tmp_path)
 
 
@@ -202,7 +207,7 @@ def test_the_third_sentence_is_the_verdict(tmp_path: Path, verdict: str, says: s
     }  # fmt: skip
     (tmp_path / "diagnosis").mkdir()
     (tmp_path / "diagnosis" / "diagnosis.json").write_text(json.dumps(content))
-    (paragraph,) = summary(read_steps(tmp_path))
+    (paragraph,) = summary(read_steps(tmp_path, FOLDERS))
     assert says in to_html(paragraph, lambda place, said: "").html
 
 

@@ -14,7 +14,8 @@ from automarine_cli.fits.identify import identify
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report import yaw_report
 from automarine_cli.report.figures import yaw as figures
-from automarine_cli.report.figures.style import png
+from automarine_cli.report.figures.many import FINE, distinct, lines
+from automarine_cli.report.figures.style import new_figure, png
 
 SIZES = (0.2, 0.5, 0.8, 1.1)
 
@@ -127,7 +128,8 @@ def test_half_turns_are_drawn_to_both_sides(fit: YawFit) -> None:
     is_complete(figure)
     port, starboard = figure.axes[:2]
     for ax, sign in ((port, -1), (starboard, 1)):
-        ends = [float(np.asarray(line.get_ydata())[-1]) for line in ax.lines if len(np.asarray(line.get_xdata())) > 20]
+        shown = [segment for each in ax.collections for segment in each.get_segments()]  # type: ignore[attr-defined]
+        ends = [float(segment[-1, 1]) for segment in shown if len(segment) > 20]
         assert len(ends) >= len(SIZES) and all(sign * end > -5 for end in ends)
         limit = [line for line in ax.lines if np.all(np.asarray(line.get_ydata()) == sign * 180.0)]
         assert limit
@@ -186,3 +188,19 @@ def test_figures_of_turns_to_one_side_are_whole_too() -> None:
         figures.collapse_figure(fit, fit.data),
     ):
         is_complete(figure)
+
+
+def test_many_points_are_thinned_to_what_an_eye_resolves() -> None:
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(0, 3, 400_000), rng.normal(0, 1, 400_000)
+    kept = distinct(x, y)
+    assert len(kept) < (FINE + 1) ** 2 and np.all(np.diff(kept) > 0)
+    cells = {(int(FINE * (a - x.min()) / np.ptp(x)), int(FINE * (b - y.min()) / np.ptp(y))) for a, b in zip(x, y)}
+    assert len(kept) == len(cells), "every cell that holds a point keeps one"
+    few = np.linspace(0, 1, 50)
+    np.testing.assert_array_equal(distinct(few, few), np.arange(50))
+    long = np.stack([np.arange(70_000.0), np.zeros(70_000)], axis=1)
+    axes = new_figure()[1][0, 0]
+    lines(axes, [long, long[:10]], colors="0.5")
+    thinned = axes.collections[0].get_segments()
+    assert [len(one) for one in thinned] == [40, 10] and thinned[0][-1, 0] == long[-1, 0]

@@ -182,8 +182,8 @@ def test_a_logger_of_metres_does_to_them_what_one_of_degrees_does(tmp_path: Path
     ({"motion": "roll"}, "vehicle.motion: found \"roll\", expected yaw or surge or heave or sway"),
     ({"m_w": -1.0}, "m_w is -1; expected more than 0"),
     ({"half_difference": 60.0}, "half_difference is not below Z_ww"),
-    ({"k_rr": 1.0}, "unknown key 'k_rr'; in heave it is 'Z_ww'"),
-    ({"motion": "surge"}, "unknown key 'm_w'; in surge it is 'm_u'"),
+    ({"k_rr": 1.0}, "vehicle: unknown key \"k_rr\"; did you mean \"Z_ww\"?"),
+    ({"motion": "surge"}, "vehicle: unknown key \"m_w\"; did you mean \"m_u\"?"),
 ])  # fmt: skip
 def test_specifications_are_refused_in_the_words_of_their_motion(change: dict[str, object], why: str) -> None:
     runs = [{"kind": "step", "forces": [12.0], "travel_m": 2.5}]

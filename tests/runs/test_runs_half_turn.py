@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_runs import mirrored, step_run
 
-from automarine_cli.runs.half_turn import LOG_ENDS, HalfTurn, half_turn, half_turns
+from automarine_cli.dofs import YAW
+from automarine_cli.runs.half_turn import LOG_ENDS, HalfTurn, first_half_turn, half_turn, half_turns
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import find_steps
 
@@ -143,3 +144,28 @@ def test_what_ended_it_is_told() -> None:
     longer = step_run(0.5, length=7.0)
     ended = replace(longer, moment=np.where(longer.time > 105, 0.0, longer.command))
     assert trimmed(ended).cut_by == "the moment changed" and trimmed(ended).serves
+
+
+@pytest.mark.parametrize("way", [-1, 1])
+def test_a_sensor_that_answers_seldom_is_not_stuck(way: int) -> None:
+    """A compass of 0.5 Hz in a log of 10 Hz repeats each value for 2 s; one that stops for good is stuck."""
+    run = step_run(0.1 * way, noise_deg=0.3)
+    slow = replace(run, position=np.repeat(run.position[::20], 20)[: len(run)])
+    assert "stuck" not in reason(slow)
+    first = int(np.argmax(run.command != 0))
+    stopped = np.where(np.arange(len(run)) < first, run.position, run.position[first])
+    assert reason(replace(run, position=stopped)).startswith("compass stuck: ")
+
+
+@pytest.mark.parametrize("way", [-1, 1])
+def test_a_driven_run_is_told_by_what_moved_it(way: int) -> None:
+    """A trifle of a moment before a vehicle is steered through a turn: not that trifle is what the run is about."""
+    time = np.arange(0, 40, 0.1)
+    moment = np.where(time < 2, 0.0023, 0.5 * np.sin(0.9 * time)) * way
+    heading = np.where(time < 2, 0.0, way * (1 - np.cos(0.12 * (time - 2))))
+    run = Run("driven", "driven.csv", time, heading, moment, "N m", dof=YAW)
+    turn, why = first_half_turn(run)
+    assert turn is None and why == (
+        "no step: the vehicle turned over 115 deg, but under a changing moment; none that is constant lasts. "
+        "Hold the moment constant, or fit whole runs"
+    )

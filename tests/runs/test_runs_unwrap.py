@@ -114,6 +114,20 @@ def test_a_gap_that_leaves_it_open_breaks_the_run(rate_after: float, hole: float
     assert unwrap(time, np.mod(heading, 2 * np.pi), np.array([49]), YAW).broken_after == (49,)
 
 
+@pytest.mark.parametrize("way", [-1, 1])
+def test_short_gaps_in_a_row_break_no_run(way: int) -> None:
+    """A logger that drops samples every now and then: 0.225 s in a log of 20 Hz, no rate between two such gaps, and
+    never 3 degrees from one sample to the next."""
+    time = np.delete(np.arange(0, 20, 0.025), np.s_[202:600:10])
+    time = np.concatenate([time[:200], time[200:240:9], time[240:]])
+    heading = way * np.deg2rad(12) * np.clip(time - 3, 0, None)
+    gaps = np.flatnonzero(np.diff(time) > 3 * np.median(np.diff(time)))
+    assert len(gaps) >= 4 and np.diff(time).max() == pytest.approx(0.25, abs=0.03)
+    found = unwrap(time, np.mod(heading, 2 * np.pi), gaps, YAW)
+    assert found.broken_after == ()
+    np.testing.assert_allclose(found.position - found.position[0], heading, atol=1e-9)
+
+
 def test_wrapped_is_within_half_a_turn() -> None:
     angles = np.linspace(-20, 20, 401)
     assert (np.abs(wrapped(angles)) <= np.pi).all()

@@ -43,9 +43,9 @@ def refused(tmp_path: Path, old: str, new: str) -> str:
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("noise_deg", "noise_degrees", "spec.toml: logger: unknown key 'noise_degrees' (did you mean 'noise_deg'?)"),
-        ("seed = 3", "sed = 3", "spec.toml: unknown key 'sed' (did you mean 'seed'?)"),
-        ("turn_deg", "turns_deg", "spec.toml: runs[0]: unknown key 'turns_deg' (did you mean 'turn_deg'?)"),
+        ("noise_deg", "noise_degrees", 'spec.toml: logger: unknown key "noise_degrees"; did you mean "noise_deg"?'),
+        ("seed = 3", "sed = 3", 'spec.toml: unknown key "sed"; did you mean "seed"?'),
+        ("turn_deg", "turns_deg", 'spec.toml: runs[0]: unknown key "turns_deg"; did you mean "turn_deg"?'),
         ("noise_deg = 1", "rate_hz = -10", "spec.toml: logger: rate_hz is -10; expected more than 0"),
         ("noise_deg = 1", "noise_deg = -1", "spec.toml: logger: noise_deg is -1; expected 0 or more"),
         ("noise_deg = 1", "dropout = 1.0", "spec.toml: logger: dropout is 1; expected 0 to 0.9"),
@@ -53,7 +53,7 @@ def refused(tmp_path: Path, old: str, new: str) -> str:
          "spec.toml: logger: clock_jitter_s is 0.2; expected at most 0.3 of the sample period, 0.03 s"),
         ("noise_deg = 1", "rate_bias_deg_s = 0.5",
          "spec.toml: logger: rate_bias_deg_s is of the rates logged; expected rate_noise_deg_s with it (0 for none)"),
-        ("noise_deg = 1", "noise_deg = true", "spec.toml: logger: noise_deg: expected a number, found true"),
+        ("noise_deg = 1", "noise_deg = true", "spec.toml: logger.noise_deg: found true, expected a number"),
         ('"step"', '"stepp"', f"spec.toml: runs[0]: kind is 'stepp'; expected one of {', '.join(KINDS)}"),
         ('kind = "step"', "", f"spec.toml: runs[0]: kind is None; expected one of {', '.join(KINDS)}"),
         ("bias-moment", "bias-momnt", "spec.toml: effects[0]: effect 'bias-momnt' is not in the library; known are"),

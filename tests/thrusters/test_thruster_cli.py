@@ -12,7 +12,6 @@ from click.testing import Result
 from matplotlib.figure import Figure
 
 from automarine_cli.cli import fit_thrusters as fit_thrusters_command
-from automarine_cli.report.campaign_tables import outcome
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.tables import number
 from automarine_cli.thrusters.forms import FORMS
@@ -211,7 +210,7 @@ def test_the_map_that_is_used_comes_with_its_own_error(throttle: Path, tmp_path:
     assert lines[-1].startswith("  The square law:") and f"rmse {law} %" in lines[-1]
     text = (out / "thrusters.md").read_text(encoding="utf-8")
     assert text.index("Chosen form dead-band-power") < text.index("Square law F") and f"= {own} % of" in text
-    assert f"error {number(analysis.percent(analysis.chosen.rmse), 2)} %" in outcome("fit-thrusters", out)
+    assert f"error {number(analysis.percent(analysis.chosen.rmse), 2)} %" in fit_thrusters.kept.outcome(out)
     frame = fit.to_frame()
     chosen = frame[frame["form"] == "dead-band-power"].set_index(["parameter", "direction"])
     assert set(frame["form"]) == {"dead-band-power", "square"} and len(chosen) == 6

@@ -50,7 +50,7 @@ BREAKAGES = {
     r"parameters\.forward\.a: found NaN, expected a finite number": lambda d: d["parameters"]["forward"].update(
         a=float("nan")
     ),
-    r"parameters\.backward\.a\.value: found -1, expected more than 0": lambda d: d["parameters"]["backward"].update(
+    r"parameters\.backward\.a: found -1, expected more than 0": lambda d: d["parameters"]["backward"].update(
         a={"value": -1.0}
     ),
     r"parameters\.backward\.a: found nothing, expected a number": lambda d: d["parameters"]["backward"].pop("a"),
@@ -64,7 +64,7 @@ BREAKAGES = {
     r"form: found \"cubic\", expected one of square": lambda d: d.update(form="cubic"),
     r"key \"parameters\" is missing": lambda d: d.pop("parameters"),
     r"neither a forward nor a backward": lambda d: d.update(parameters={}),
-    r"n_unit: found 3, expected text": lambda d: d.update(n_unit=3),
+    r"n_unit: found 3, expected a text in quotes": lambda d: d.update(n_unit=3),
 }
 
 

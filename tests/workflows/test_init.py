@@ -140,7 +140,8 @@ def test_a_column_that_is_not_there_is_asked_about(tmp_path: Path) -> None:
     found, data = asked(tmp_path / "pool")
     assert data["columns"] == {"heading_deg": "?"}
     assert "no column looks like the heading; the logs have time_s, q7, tau" in found.text
-    assert "# Not used: 4" in found.text
+    assert data["logs"]["steps"] == ["logs"]  # placed all the same: they show what they are once it is answered
+    assert "4 logs; 4 of them show what they are once the questions are answered" in found.text
 
 
 def test_thruster_commands_ask_for_arm_and_map(tmp_path: Path) -> None:
@@ -271,4 +272,4 @@ def test_pulses_to_thrusters_are_told_with_their_neutral(tmp_path: Path) -> None
     write_logs(tmp_path / "pool" / "logs", columns)
     found, data = asked(tmp_path / "pool")
     assert data["columns"] == {"tau": "?"} and "light" not in found.text.partition("pulses about")[2][:30]
-    assert 'such as C1, C2 are written n_port = { from = "C1", offset = -1500 }' in found.text
+    assert 'such as C1, C2 are written n_port = { from = "C1", subtract = 1500 }' in found.text

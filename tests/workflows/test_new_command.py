@@ -44,12 +44,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.estimate import Estimate
+from automarine_cli.results.estimate import Estimate
 from automarine_cli.logs import given_columns
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report.tables import Table
+from automarine_cli.results.kinds import ResultKind
+from automarine_cli.results.records import ResultRecord
 from automarine_cli.runs.load import load_runs
-from automarine_cli.workflows.command import Command, Compared
+from automarine_cli.workflows.command import Command, ReadBack
 from automarine_cli.workflows.shared import Columns, OfLogs
 from automarine_cli.workflows.view import View
 
@@ -88,14 +90,19 @@ def _count(asked, runner):
     return runner.results(asked, work, write)
 
 
-def _contents(data, models):
-    return {"rows a run": Estimate.from_json(data["rows"])}, {"schema": data["schema"]}
+@dataclass(frozen=True, kw_only=True)
+class RowFile(ResultRecord):
+    rows: Estimate
+
+
+def _contents(file, models):
+    return {"rows a run": file.rows}, {"schema": file.schema}
 
 
 count_rows = Command(
     "count-rows", CountOptions, _count, {RowCount: View(RowCount.tables, lambda result: iter(["rows"]))},
-    files=lambda result: ("rows.json", "rows.md"), compared=Compared("rows.json", SCHEMA, _contents),
-    section="rows.md",
+    files=lambda result: ("rows.json", "rows.md"), section="rows.md",
+    kept=ReadBack(ResultKind("rows.json", SCHEMA, RowFile, "a count of rows", "count-rows", YAW), contents=_contents),
 )
 '''
 

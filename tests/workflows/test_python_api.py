@@ -8,13 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+import pyarrow as pa
 import pytest
 from matplotlib.figure import Figure
 from repository import ROOT, SAMPLE_RUNS
 from small_campaign import make_small_campaign
 
 import automarine_cli as am
-from automarine_cli.errors import SettingError
+from automarine_cli.errors import LogError, SettingError
+from automarine_cli.pipeline.manifest import read_manifest
 from automarine_cli.workflows.fit_yaw import fit_yaw
 
 
@@ -106,6 +109,77 @@ def test_notebooks_get_tables(results: dict[str, Any]) -> None:
 def test_more_than_one_argument_without_a_name_is_refused(logs: Path) -> None:
     with pytest.raises(TypeError, match="give logs alone so, as a list if they are many"):
         am.fit_yaw(logs / "steps", logs / "driving")
+
+
+@pytest.fixture(scope="module")
+def frames(logs: Path) -> list[pd.DataFrame]:
+    """The step runs as a notebook holds them."""
+    return [pd.read_csv(path, comment="#") for path in sorted((logs / "steps").glob("*.csv"))]
+
+
+def _told(fit: Any) -> list[object]:
+    return [fit.to_json()["models"], fit.to_json()["preferred"], fit.to_json()["runs"]["used"]]
+
+
+def test_tables_in_memory_are_runs(logs: Path, frames: list[pd.DataFrame]) -> None:
+    """DataFrames, columns by name, Arrow tables, and tables by name: the same fit as from the files."""
+    files = _told(am.fit_yaw(logs / "steps"))
+    lists = [{name: column.tolist() for name, column in frame.items()} for frame in frames]
+    named = {f"run {chr(97 + i)}": frame for i, frame in enumerate(frames)}
+    for given in (frames, lists, named, [pa.table(frame) for frame in frames]):
+        assert _told(am.fit_yaw(given)) == files
+    assert [run.run for run in am.check(named).runs] == list(named)
+    assert am.check(frames[0]).runs[0].samples == len(frames[0])
+    assert am.check([*frames, frames[0]]).logs == len(frames), "a table given twice is one log"
+
+
+def test_tables_are_told_by_their_hash(frames: list[pd.DataFrame], tmp_path: Path) -> None:
+    hashes = []
+    for name in ("one", "two"):
+        am.fit_yaw(frames, out=tmp_path / name)
+        hashes.append([(one.file, one.sha256) for one in read_manifest(tmp_path / name / "manifest.json").inputs])
+    assert hashes[0] == hashes[1] and len({sha for _, sha in hashes[0]}) == len(frames)
+    assert hashes[0][0][0] == f"logs_{1:0{len(str(len(frames)))}d}"
+
+
+def test_columns_may_be_said_in_place(frames: list[pd.DataFrame]) -> None:
+    mirrored = [
+        frame.assign(compass=-frame.heading_deg, moment=frame.tau)[["time_s", "compass", "moment"]] for frame in frames
+    ]
+    columns = {"heading_deg": {"from": "compass", "sign": -1}, "tau": "moment"}
+    assert _told(am.fit_yaw(mirrored, columns=columns)) == _told(am.fit_yaw(frames))
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        (5, "logs: found int, expected a file, a folder, a glob, a DataFrame"),
+        (None, "logs: found NoneType, expected a file"),
+        (np.zeros((3, 3)), "logs: found ndarray, expected a file"),
+        ({"time_s": [1.0, 2.0], "tau": [1.0]}, "logs: no table of columns of numbers .*columns of one length"),
+        (pd.DataFrame({"time_s": [object()]}), "logs: no table of columns of numbers "),
+        (pd.DataFrame(), "logs: a header without rows"),
+        ([{"time_s": [1.0], "heading_deg": ["x"], "tau": [0.0]}], "logs_1, row 1, column heading_deg: found 'x'"),
+    ],
+)
+def test_what_is_no_log_is_refused_in_our_words(given: Any, sentence: str) -> None:
+    with pytest.raises(LogError, match=sentence):
+        am.fit_yaw(given)
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"thrusters": 3}, "thrusters: found int, expected a file or a result"),
+        ({"columns": 3}, "columns: found int, expected a file or a result"),
+        ({"fit_to": "thirds"}, "fit_to: found 'thirds', expected auto, half-turns or whole-runs"),
+    ],
+)
+def test_settings_of_a_wrong_kind_are_refused(logs: Path, settings: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(SettingError, match=sentence):
+        am.fit_yaw(logs / "steps", **settings)
+    with pytest.raises(TypeError, match="fit_yaw has no setting 'tails'; it has arm, channels, columns, "):
+        am.fit_yaw(logs / "steps", tails=1)  # type: ignore[call-arg]
 
 
 @pytest.mark.parametrize(

@@ -192,8 +192,8 @@ def test_moments_of_the_thrusters(place: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("[logs]", "[log]", "campaign.toml: unknown key 'log' (did you mean 'logs'?)"),
-        ("per_test = 2", "per_tests = 2", "campaign.toml: thrusters: unknown key 'per_tests'"),
+        ("[logs]", "[log]", 'campaign.toml: unknown key "log"; did you mean "logs"?'),
+        ("per_test = 2", "per_tests = 2", 'campaign.toml: thrusters: unknown key "per_tests"'),
         ("per_test = 2", 'per_test = "?"', "campaign.toml: 1 question is still open: thrusters.per_test; write"),
         ("campaign/1", "campaign/9", "expected 'automarine/campaign/1'"),
         ("per_test = 2", "per_test = 0", "campaign.toml: thrusters: per_test is 0; expected 1 or more"),

@@ -114,7 +114,7 @@ def test_results_in_a_folder_of_results_are_not_extra(pool: Path, run: Run) -> N
         ("{", "Error: manifest.json: not valid JSON: "),
         ("[" * 100_000, "Error: manifest.json: not valid JSON: "),
         ('{"schema": "web/1"}', "Error: manifest.json: is no manifest of automarine; expected the manifest.json in "),
-        ('{"schema": "automarine/manifest/1", "automarine": 3}', "Error: manifest.json: automarine: expected a text"),
+        ('{"schema": "automarine/manifest/1", "automarine": 3}', "Error: manifest.json: automarine: found 3, expected"),
         ('{"schema": "automarine/manifest/1", "automarine": "1", "command": "c", "outputs": [{"file": "/etc/passwd"}]}',
          "Error: manifest.json: outputs[0]: the file name '/etc/passwd' leads out of the folder; "
      "give a manifest as automarine wrote it\n"),

@@ -15,6 +15,8 @@ from automarine_cli.fits.velocity_error import VelocityErrorFit
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import steady_rate
+from automarine_cli.quantities import Floats
+from automarine_cli.report.figures.many import distinct, lines
 from automarine_cli.report.figures.style import (
     COLOURS,
     MEASURED,
@@ -25,8 +27,10 @@ from automarine_cli.report.figures.style import (
     legend,
     new_figure,
 )
+from automarine_cli.runs.half_turn import HalfTurn
 
 MOMENT_MAP = "cividis"
+MOST_RUNS = 2000  # whose samples are drawn one by one
 
 
 @house_style
@@ -40,20 +44,11 @@ def half_turns_figure(fit: YawFit) -> Figure:
     for ax, sign, side in zip(
         axes[0], (-1, 1), (f"{back} (negative {words.force}s)", f"{there} (positive {words.force}s)")
     ):
-        for turn in fit.turns:
-            if np.sign(turn.moment) != sign:
-                continue
-            run, start = turn.step.run, turn.step.switch_mid
-            first = turn.step.rest.start if turn.step.rest is not None else turn.kept.start
-            after = slice(turn.kept.stop - 1, turn.step.stop)
-            zero = dof.shown(turn.start_position)
-            for part, style in ((slice(first, turn.kept.start + 1), "-"), (after, "-")):
-                ax.plot(
-                    run.time[part] - start, dof.shown(run.position[part]) - zero, style, color="0.82", lw=0.7, zorder=1
-                )
-            ax.plot(
-                turn.time - start, dof.shown(turn.position) - zero, color=colours(abs(turn.moment)), lw=0.9, zorder=2
-            )
+        own = [turn for turn in fit.turns if np.sign(turn.moment) == sign]
+        rest = [_heading(turn, part) for turn in own for part in _left_out(turn)]
+        lines(ax, rest, colors="0.82", linewidths=0.7, zorder=1)
+        sizes = np.array([abs(turn.moment) for turn in own])
+        lines(ax, [_heading(turn, turn.kept) for turn in own], colors=colours(sizes), linewidths=0.9, zorder=2)
         if dof.wraps:
             ax.axhline(sign * 180.0, color=COLOURS["vermilion"], lw=0.9, ls="--", zorder=3)
         ax.set_title(side)
@@ -66,6 +61,20 @@ def half_turns_figure(fit: YawFit) -> Figure:
     legend(axes[0, 1], loc="lower right")
     figure.colorbar(scale, ax=axes, label=_size_of_force(fit), pad=0.01)
     return figure
+
+
+def _left_out(turn: HalfTurn) -> tuple[slice, slice]:
+    """The rest before a half-turn, and what follows it in the step."""
+    first = turn.step.rest.start if turn.step.rest is not None else turn.kept.start
+    return slice(first, turn.kept.start + 1), slice(turn.kept.stop - 1, turn.step.stop)
+
+
+def _heading(turn: HalfTurn, part: slice) -> Floats:
+    """A part of a run as a line, (N, 2): time since the step, position less the start."""
+    run, dof = turn.step.run, turn.step.run.dof
+    return np.stack(
+        [run.time[part] - turn.step.switch_mid, dof.shown(run.position[part]) - dof.shown(turn.start_position)], axis=1
+    )
 
 
 @house_style
@@ -147,18 +156,21 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     k_rr, inertia = model.estimates[own.quadratic].value, model.estimates[own.inertia].value
     scale, colours = _moment_scale(data.moment)
     late = model.offset.value * data.interval
-    longest = 0.0
-    for i, moment in enumerate(data.moment):
+    points, runs = [], len(data.moment)
+    for i in np.unique(np.linspace(0, runs - 1, min(runs, MOST_RUNS)).round().astype(int)):
+        moment = data.moment[i]
         used = data.seen[i] & (data.time[i] >= 0)
         acting, share = _acting(model, float(moment))
         scaled = np.maximum(data.time[i][used] - late[i], 0.0) * np.sqrt(abs(acting) * share)
         turned = np.sign(acting) * data.heading[i][used] * share
         curve = response(scaled, 1.0, inertia, 0.0, k_rr)[0]
-        look: dict[str, Any] = {"color": colours(abs(moment)), "ms": 2.0, "mec": "none"}
-        top.plot(scaled, dof.shown(turned), "o", **look)
-        bottom.plot(scaled, dof.shown(turned - curve), "o", **look)
-        longest = max(longest, float(scaled.max(initial=0.0)))
-    grid = np.linspace(0.0, longest, 400)
+        points.append((scaled, dof.shown(turned), dof.shown(turned - curve), np.full(len(scaled), abs(moment))))
+    time, turned, off, size = (np.concatenate(column) for column in zip(*points))
+    for ax, value in ((top, turned), (bottom, off)):
+        seen = distinct(time, value)
+        look: dict[str, Any] = {"c": colours(size[seen]), "s": 4.0, "linewidths": 0}
+        ax.scatter(time[seen], value[seen], **look).set_in_layout(False)
+    grid = np.linspace(0.0, float(time.max(initial=0.0)), 400)
     heavy, drag = own.inertia_math, own.quadratic_math
     name = rf"$({heavy}/{drag})\,\ln\cosh\,(s\,{drag}^{{1/2}}/{heavy})$"
     top.plot(
@@ -169,7 +181,7 @@ def collapse_figure(fit: YawFit, data: StepData) -> Figure:
     top.set_ylabel(f"{dof.words.position.capitalize()} {dof.words.moved} sgn({force})({x} − {x}₀) [{unit}]")
     bottom.set_ylabel(f"Off the curve [{unit}]")
     bottom.set_xlabel(f"Scaled time s = t √|{force}| [s ({fit.moment_unit})$^{{1/2}}$]")
-    legend(top, loc="upper left")
+    legend(top, loc="upper left", title=f"{MOST_RUNS} of {runs} runs are shown" if runs > MOST_RUNS else None)
     figure.colorbar(scale, ax=axes, label=_size_of_force(fit), pad=0.01)
     return figure
 

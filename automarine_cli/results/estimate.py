@@ -1,10 +1,11 @@
 """A number with its uncertainty: what every fit returns and every result file holds."""
 
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 from scipy import stats
+
+from automarine_cli.errors import ModelError
 
 WIDE = 2.0
 """Half width of an interval on the logarithm from which on it is given on the number itself."""
@@ -47,9 +48,32 @@ class Estimate:
         """The contract's form."""
         return {"value": self.value, "stderr": self.stderr, "ci95": list(self.ci95), "unit": self.unit}
 
+
+@dataclass(frozen=True)
+class Given:
+    """A number as a result file holds it: an estimate, a value without an interval (`at_bound` says why), or a plain
+    number; the value is None for what lies beyond all that was measured."""
+
+    value: float | None
+    stderr: float | None = None
+    ci95: tuple[float, float] | None = None
+    unit: str = ""
+    at_bound: str = ""
+
     @classmethod
-    def from_json(cls, data: dict[str, object]) -> "Estimate":
-        """Inverse of `to_json`; the caller has checked the types."""
-        low, high = cast(list[float], data["ci95"])
-        value, stderr = cast(float, data["value"]), cast(float, data["stderr"])
-        return cls(float(value), float(stderr), (float(low), float(high)), str(data["unit"]))
+    def of_number(cls, value: float) -> "Given":
+        """A plain number."""
+        return cls(value)
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """The estimate; None where the interval is not known."""
+        if self.value is None or self.stderr is None or self.ci95 is None:
+            return None
+        return Estimate(self.value, self.stderr, self.ci95, self.unit)
+
+    def known(self, place: str) -> Estimate:
+        """The estimate. Raises ModelError with the `place` in the file where the interval is not known."""
+        if (found := self.estimate) is None:
+            raise ModelError(f"{place}: found a number without stderr and ci95, expected an estimate")
+        return found

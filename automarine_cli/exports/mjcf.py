@@ -1,0 +1,144 @@
+"""MuJoCo: an MJCF model of the vehicle on one joint, with the water's drag as the joint's damping.
+
+The joint is (I + armature) r' = tau - (d0 + d1 |r| + d2 r^2) r - frictionloss sgn(r) - (s0 + s2 x^2) x. The force of
+its actuator is the control, clamped to ctrlrange, late by `delay` and filtered by `filterexact` with one time constant
+(T f' = f_c - f, solved exactly), plus the constant of its bias. No fluid model acts: `density` and `viscosity` stay 0.
+Sources: mujoco.readthedocs.io, "XML Reference" (joint: damping, stiffness, frictionloss, armature; actuator/general:
+dyntype, dynprm, delay, nsample, biasprm, ctrlrange; option) and "Computation" (actuation model, passive forces);
+tried in the library: coefficients of higher order are read from 3.7 on, `delay` from 3.5 on.
+"""
+
+import math
+from collections.abc import Mapping
+
+from automarine_cli.effects.coulomb_drag import CREEP
+from automarine_cli.exports.base import DRAG, Target, Written, YawSubject, head, mirrored, number, row, xml_comment
+
+STEP = 0.001  # s; at 50 degrees/s a semi-implicit step is late by a twentieth of a degree
+AXES = ("1 0 0", "0 1 0", "0 0 1")
+SOFTEST = 1e-4  # MuJoCo's least impedance of a constraint (mjMINIMP)
+HARDENING = 2  # the law of a tether that pulls with the cube of the way as well
+VERSION = "Needs MuJoCo 3.7 or newer, which reads damping and stiffness of higher order."
+FREE = "Only {0} is identified, and the joint leaves nothing else free: merge it and the actuator with your model."
+STICKS = "Dry friction is as soft near rest as in automarine; without solreffriction and solimpfriction it would stick."
+HEAVY = "Gravity is 0: weight and buoyancy are not part of the model."
+LACKS = {
+    **{
+        ("thruster-lag", law): "it is slow in the propeller's speed; MuJoCo's filterexact is first order in the thrust"
+        for law in (0, 2, 3, 4)
+    },
+    ("coulomb-drag", 1): "MuJoCo's frictionloss is the same at every speed",
+    ("input-delay", 1): "MuJoCo's delay is the same for rise and fall",
+    ("saturation", 1): "MuJoCo's ctrlrange is a hard limit",
+    ("tether-spring", 1): "the spring of a MuJoCo joint has no slack",
+}
+"""Laws of effects that it has no counterpart for."""
+
+
+def write(subject: YawSubject) -> Written:
+    """The MJCF text."""
+    dof = subject.dof
+    rigid, added = subject.inertias
+    kind = "hinge" if dof.wraps else "slide"
+    turned = subject.frame == "NED" and mirrored(dof)  # MuJoCo's z is up, its y to port
+    axis = AXES[dof.number % 3].replace("1", "-1") if turned else AXES[dof.number % 3]
+    damping = [subject.value(name) for name in (*DRAG, "cubic-drag")]
+    spring = subject.values.get("tether-spring", (0.0, 0.0, 0.0, 0.0))
+    stiffness = [spring[0], 0.0, spring[3] if spring[1] == HARDENING else 0.0]
+    joint = {
+        "damping": row(damping),
+        "armature": number(added) if added else "",
+        **_friction(subject),
+        "stiffness": row(stiffness) if any(stiffness) else "",
+    }
+    v = dof.symbols.velocity
+    equation = (
+        f"({dof.words.inertia} + armature) {v}' = {dof.symbols.force} - (d0 + d1 |{v}| + d2 {v}^2) {v}, d of damping"
+    )
+    notes = [subject.about_inertia(), FREE.format(dof.name), VERSION]
+    notes += [STICKS] * ("frictionloss" in joint) + [HEAVY] * (not dof.levered)
+    mass, moment = (1.0, rigid) if dof.wraps else (rigid, 1.0)
+    return Written(
+        f"""{xml_comment(head(subject, equation, notes))}<mujoco model="vehicle">
+  <compiler angle="radian"/>
+  <option timestep="{number(STEP)}" integrator="implicitfast" gravity="0 0 0"/>
+  <worldbody>
+    <light pos="0 0 3"/>
+    <body name="vehicle">
+      <inertial pos="0 0 0" mass="{number(mass)}" diaginertia="{row([moment] * 3)}"/>
+      <joint name="{dof.name}" type="{kind}" axis="{axis}"{_attributes(joint)}/>
+      <geom type="box" size="0.25 0.15 0.1" contype="0" conaffinity="0"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <general name="{dof.words.force}" joint="{dof.name}"{_attributes(_actuator(subject))}/>
+  </actuator>
+  <sensor>
+    <jointpos name="{dof.words.position}" joint="{dof.name}"/>
+    <jointvel name="{dof.words.rate.replace(" ", "_")}" joint="{dof.name}"/>
+  </sensor>
+</mujoco>
+""",
+        tuple(notes),
+    )
+
+
+def _friction(subject: YawSubject) -> dict[str, str]:
+    """Dry friction as a constraint that is soft: its force rises with the speed as our smoothed sign does, to the same
+    way of stopping, integral of v coth(v/CREEP): a straight line to pi/sqrt(6) CREEP. The impedance is MuJoCo's least,
+    so that the constraint answers the speed and not what pushes."""
+    size = subject.value("coulomb-drag")
+    if not size:
+        return {}
+    damping = size / (math.pi / math.sqrt(6) * CREEP * subject.model.inertia)
+    return {
+        "frictionloss": number(size),
+        "solreffriction": row([-SOFTEST, -damping]),
+        "solimpfriction": row([SOFTEST, SOFTEST, 0.001, 0.5, 2.0]),
+    }
+
+
+def _actuator(subject: YawSubject) -> dict[str, str]:
+    """What the actuator makes of its control, as attributes; empty where the model has nothing of the kind."""
+    lag, delay = subject.value("thruster-lag"), subject.value("input-delay")
+    most, constant = subject.values.get("saturation", (math.inf,))[0], subject.value("bias-moment")
+    return {
+        "dyntype": "filterexact" if lag else "",
+        "dynprm": number(lag) if lag else "",
+        "actearly": "true" if lag else "",
+        "delay": number(delay) if delay else "",
+        "nsample": str(math.ceil(delay / STEP) + 2) if delay else "",
+        "ctrllimited": "true" if math.isfinite(most) else "",
+        "ctrlrange": row([-most, most]) if math.isfinite(most) else "",
+        "biastype": "affine" if constant else "",
+        "biasprm": row([constant, 0.0, 0.0]) if constant else "",
+    }
+
+
+def _attributes(given: Mapping[str, str]) -> str:
+    return "".join(f' {name}="{value}"' for name, value in given.items() if value)
+
+
+TARGET = Target(
+    name="mjcf",
+    says="MuJoCo: an MJCF model, drag as damping of a joint",
+    source="mujoco.readthedocs.io, XML Reference (3.7 or newer)",
+    forms={"joint": ".xml"},
+    frames=("ENU", "NED"),
+    carries=frozenset(
+        {
+            *DRAG,
+            "cubic-drag",
+            "coulomb-drag",
+            "tether-spring",
+            "bias-moment",
+            "thruster-lag",
+            "input-delay",
+            "saturation",
+        }
+    ),
+    laws=None,
+    lacks=LACKS,
+    uses=frozenset({"rigid_inertia", "newton_metres_per_nu"}),
+    write=write,
+)

@@ -1,0 +1,54 @@
+"""What `run` says of each result in a few words."""
+
+from automarine_cli.dofs.motion import PLANAR
+from automarine_cli.report.tables import number
+from automarine_cli.results.judged import CheckFile, DiagnosisFile, ValidationFile
+from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile
+
+
+def of_check(file: CheckFile) -> str:
+    """How many logs and runs, and how many of them serve nothing."""
+    used, aside = file.runs.used, len(file.runs.set_aside)
+    idle = sum(run.step is None for run in file.yaw_runs)
+    said = f"{file.logs} log{'s' * (file.logs != 1)}, {used} run{'s' * (used != 1)}" + (
+        f", {idle} without a half-turn" if idle else ""
+    )
+    return said + (f", {aside} set aside" if aside else "")
+
+
+def of_thrusters(file: ThrusterFile) -> str:
+    """The law, and how well it fits."""
+    if (chosen := file.chosen) is None:
+        return ""
+    error = number(chosen.rmse_percent_of_full_scale, 2)
+    return f"{chosen.form} law, R² {number(chosen.r2)}, error {error} % of full scale"
+
+
+def of_model(file: ModelFile) -> str:
+    """The preferred model and its parameters."""
+    values = [f"{name} {number(given.value)}" for name, given in file.main_parameters()]
+    return f"model {file.preferred}: {', '.join(values)}"
+
+
+def of_planar(file: PlanarFile) -> str:
+    """What the model is made of."""
+    return file.structure
+
+
+def of_validation(file: ValidationFile) -> str:
+    """How far the best model is from what was measured."""
+    best, unit = file.models[file.best], file.dof.units.key
+    if file.motion == PLANAR.name:
+        return f"heading {number(best.rmse, 3)} deg free run"
+    return (
+        f"model {file.best}: {number(best.rmse, 3)} {unit} free run, {number(best.restarted, 3)} {unit} restarted, "
+        f"noise {number(file.noise_floor, 2)} {unit}"
+    )
+
+
+def of_diagnosis(file: DiagnosisFile) -> str:
+    """The verdict, what was named, and the gap."""
+    gap, unit = file.gap.fitted_runs, file.unit
+    names = ", ".join(effect.name for effect in file.effects)
+    said = file.verdict.replace("-", " ") + (f": {names}" if names else "")
+    return f"{said}; gap {number(gap.before, 3)} to {number(gap.after, 3)} {unit}"

@@ -1,0 +1,235 @@
+"""Model files, which people write too: models of one motion, of the plane, and thruster maps.
+
+A key that means nothing is refused (`closed`): it may be meant as one that is read. What nobody reads is an `object`.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.codec import keyed
+from automarine_cli.pipeline.plain_data import told
+from automarine_cli.results.estimate import Given
+from automarine_cli.results.records import Covariance, ResultRecord, Sensor
+
+
+@dataclass(frozen=True)
+class Likeliest:
+    """What the fit by maximum likelihood says beside its parameters."""
+
+    covariance: Covariance | None = None
+
+
+@dataclass(frozen=True)
+class AddedEffect:
+    """An effect of a model, parameters by name."""
+
+    closed: ClassVar[bool] = True
+    name: str
+    parameters: Mapping[str, Given]
+    says: object = None
+    confidence: object = None
+    p_value: object = None
+    rivals: object = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelEntry:
+    """One of the models of a file; None is what it does not have."""
+
+    closed: ClassVar[bool] = True
+    inertia: Given | None = field(default=None, metadata=keyed("{inertia_symbol}"))
+    quadratic: Given | None = field(default=None, metadata=keyed("{quadratic}"))
+    linear: Given | None = field(default=None, metadata=keyed("{linear}"))
+    constant: Given | None = field(default=None, metadata=keyed("{constant}"))
+    difference: Given | None = field(default=None, metadata=keyed("{difference}"))
+    ratio: Given | None = field(default=None, metadata=keyed("{ratio_key}"))
+    output_error: Likeliest | None = None
+    effects: tuple[AddedEffect, ...] | None = None
+    velocity_error: object = None
+    sse: object = None
+    why: object = None
+    sides: object = None
+    warnings: object = None
+    notes: object = None
+
+
+@dataclass(frozen=True)
+class ValidRange:
+    """Smallest and largest force and velocity of what was fitted."""
+
+    force: tuple[float, float] | None = field(default=None, metadata=keyed("{force}"))
+    velocity: tuple[float, float] | None = field(default=None, metadata=keyed("{velocity_key}"))
+
+
+@dataclass(frozen=True)
+class Parent:
+    """The file that a model grew from."""
+
+    file: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Said:
+    """A part of a result of which the sentence is read."""
+
+    says: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelFile(ResultRecord):
+    """`yaw_model.json`, or that of another motion: models by number."""
+
+    closed: ClassVar[bool] = True
+    models: Mapping[str, ModelEntry | None]
+    preferred: str
+    force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))
+    switch_offset: Given | None = None
+    effects: tuple[AddedEffect, ...] = ()
+    preferred_because: str = ""
+    ratio: Given | None = field(default=None, metadata=keyed("{ratio_key}"))
+    gain_scatter: Given | None = None
+    noise: float | None = field(default=None, metadata=keyed("{position}_noise_{shown_unit}"))
+    valid_range: ValidRange | None = None
+    parent: Parent | None = None
+    channels: tuple[Sensor, ...] = ()
+    buoyancy: Said | None = None
+    warnings: tuple[str, ...] = ()
+    notes: object = None
+    fitted_to: object = None
+    driven: object = None
+    random: object = None
+    prediction: object = None
+
+    def __post_init__(self) -> None:
+        there = [number for number, entry in self.models.items() if entry is not None]
+        if there and self.preferred not in there:
+            raise SettingError(
+                f"preferred: found {told(self.preferred)}, expected one of the file's models ({', '.join(there)})"
+            )
+
+    @property
+    def chosen(self) -> ModelEntry:
+        """The preferred model."""
+        return self.models[self.preferred] or ModelEntry()
+
+    def main_parameters(self) -> Iterator[tuple[str, Given]]:
+        """Drag and inertia of the preferred model that it has, in letters for print."""
+        own, entry = self.dof.symbols, self.chosen
+        found = {own.quadratic_print: entry.quadratic, own.linear: entry.linear, own.inertia: entry.inertia}
+        return ((name, given) for name, given in found.items() if given is not None)
+
+
+@dataclass(frozen=True)
+class Foretold:
+    """What a planar model predicts of runs left out, in sentences."""
+
+    says: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarFile(ResultRecord):
+    """`planar_model.json`: parameters by qualified name."""
+
+    closed: ClassVar[bool] = True
+    force_unit: str = "N"
+    moment_unit: str = "N m"
+    parameters: Mapping[str, Given]
+    structure: str = ""
+    covariance: Covariance | None = None
+    random: Mapping[str, float] = field(default_factory=dict)
+    prediction: Foretold | None = None
+    warnings: tuple[str, ...] = ()
+    fitted_to: object = None
+    assumptions: object = None
+    valid_range: object = None
+    channels: object = None
+    disturbance: object = None
+    noises: object = None
+    log_likelihood: object = None
+    structure_because: object = None
+    effects: object = None
+    predicts: object = None
+    parent: object = None
+    notes: object = None
+
+
+@dataclass(frozen=True)
+class SquareLaw:
+    """The square law of one direction; None where it was not measured."""
+
+    a: Given | None = None
+
+
+@dataclass(frozen=True)
+class CurveEntry:
+    """The parameters of one direction's curve."""
+
+    closed: ClassVar[bool] = True
+    a: Given | None = None
+    p: Given | None = None
+    n_0: Given | None = None
+    n_sat: Given | None = None
+
+    @property
+    def named(self) -> dict[str, Given]:
+        """Those that there are, by name."""
+        return {name: one for name, one in vars(self).items() if one is not None}
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Both directions."""
+
+    closed: ClassVar[bool] = True
+    forward: CurveEntry | None = None
+    backward: CurveEntry | None = None
+
+
+@dataclass(frozen=True)
+class FormEntry:
+    """A form of the curve, and how well it fits."""
+
+    form: str = ""
+    equation: str = ""
+    r2: float | None = None
+    rmse_percent_of_full_scale: float | None = None
+
+
+@dataclass(frozen=True)
+class VoltagePower:
+    """How the thrust of one direction grows with the voltage."""
+
+    thrust_at_fixed_n: Given | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThrusterFile(ResultRecord):
+    """`thrusters.json`: a thruster map."""
+
+    closed: ClassVar[bool] = True
+    forward: SquareLaw
+    backward: SquareLaw
+    form: str
+    parameters: Curves
+    n_unit: str = ""
+    n_range: tuple[float, float] | None = None
+    full_scale_N: float | None = None
+    rmse_percent_of_full_scale: float | None = None
+    forms: tuple[FormEntry, ...] = ()
+    chosen: FormEntry | None = None
+    voltage_range_V: tuple[float, float] | None = None
+    voltage_exponent: Mapping[str, VoltagePower | float | None] = field(default_factory=dict)
+    per_test: object = None
+    thrusters_per_test: object = None
+    r2: object = None
+    rmse_N: object = None
+    cv_rmse_N: object = None
+    chosen_because: object = None
+    tare: object = None
+    flagged: object = None
+    voltages: object = None
+    notes: object = None
+    points: object = None

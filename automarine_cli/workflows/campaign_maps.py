@@ -1,0 +1,289 @@
+"""Kinds of files in a folder: which columns each has and what they are taken for, which files are one log, and the
+column map that fits them all."""
+
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from automarine_cli.dofs import DOFS, YAW, Dof
+from automarine_cli.logs import ColumnMap, LogFile, column_rules
+from automarine_cli.logs.bollard_columns import directed
+from automarine_cli.logs.canonical import CANONICAL, LABELS
+from automarine_cli.logs.columns import ColumnRule, ColumnsOf
+from automarine_cli.logs.formats import stem_of
+from automarine_cli.logs.join import OLDEST, Join, matches
+from automarine_cli.logs.reader import whole_log
+from automarine_cli.logs.recognise import Recognised, is_called, recognise
+from automarine_cli.logs.spans import Span, is_share
+from automarine_cli.pipeline.codec import to_mapping
+from automarine_cli.quantities import Floats
+from automarine_cli.workflows.campaign_places import places_of
+
+NEEDED = ("time", YAW.position, YAW.command)
+OF_YAW = (*NEEDED, *YAW.thrusters, YAW.velocity, "surge", "sway", "voltage")
+BOLLARD = ("n", "force", "time", "voltage")
+MOST_LOOKED_INTO = 20  # bollard tests of one layout
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Logs with the same columns: whether they are thruster tests, what each column does over all of them, and of which
+    motion they are (translations only by columns of those names); what their columns are taken for, and which
+    quantities no column looks like."""
+
+    names: tuple[str, ...]
+    bollard: bool
+    files: tuple[LogFile, ...]
+    seen: Mapping[str, Span]
+    dof: Dof
+    columns: tuple[Recognised, ...] = ()
+    lacking: tuple[str, ...] = ()
+
+    @property
+    def rules(self) -> dict[str, ColumnRule]:
+        """The column map as everything is taken to be; where a column is open the likelier reading."""
+        return column_rules({one.key: one.rule for one in self.columns if not one.as_named}, "")
+
+    @property
+    def clock(self) -> "Layout":
+        """The same with nothing but its time."""
+        times = tuple(one for one in self.columns if CANONICAL[one.key].quantity == "time")
+        return replace(self, columns=times, lacking=(), names=tuple(one.source for one in times))
+
+    def ends(self, one: Recognised) -> tuple[float, float, float] | None:
+        """The lowest, the highest and the usual value of a column as its rule reads it."""
+        span, rule = self.seen.get(one.source), self.rules.get(one.key, ColumnRule(one.source))
+        if span is None or rule.sign_from is not None:
+            largest = None if span is None else abs(rule.scale) * span.high
+            return None if largest is None else (-largest, largest, 0.0)
+        read = [rule.sign * (rule.scale * (value - rule.subtract) + rule.offset)
+                for value in (span.low, span.high, span.middle)]  # fmt: skip
+        return min(read[:2]), max(read[:2]), read[2]
+
+    @property
+    def foreign(self) -> bool:
+        """Whether it is no log of a vehicle: nothing that moves and nothing that drives."""
+        of_vehicle = {YAW.position, YAW.velocity, YAW.command, *YAW.thrusters}
+        found = {CANONICAL[one.key].quantity for one in self.columns}
+        return not self.bollard and self.dof is YAW and not found & of_vehicle
+
+
+@dataclass(frozen=True)
+class Maps:
+    """The layouts that share the map of all logs, and those with maps of their own, each with the names by which its
+    files are told; which files are one log."""
+
+    shared: tuple[Layout, ...] = ()
+    own: tuple[tuple[tuple[str, ...], tuple[Layout, ...]], ...] = ()
+    join: tuple[Join, ...] = ()
+    given: ColumnMap = field(default_factory=ColumnMap)
+
+    def columns(self) -> ColumnMap:
+        """All of it as a column map."""
+        parts = tuple(ColumnsOf(names, merged(layouts)) for names, layouts in self.own)
+        return replace(self.given, columns=merged(self.shared), columns_of=parts, join=self.join)
+
+
+def merged(layouts: Sequence[Layout]) -> dict[str, ColumnRule]:
+    """The rules of layouts that share a map."""
+    return {key: rule for layout in reversed(layouts) for key, rule in layout.rules.items()}
+
+
+def recognised(layout: Layout, alike: Mapping[str, Span], given: ColumnMap) -> Layout:
+    """The layout with what its columns are taken for: first as `given`, then by name and by what they do in all logs
+    of the kind (`alike`)."""
+    known = {}
+    for key, rule in given.of(layout.files[0].path).columns.items():
+        if key not in LABELS and rule.source in layout.names:
+            known[CANONICAL[key].quantity] = _given(key, rule, layout.seen)
+    taken = {one.source for one in known.values()}
+    names = [name for name in layout.names if name not in taken]
+    seen = {name: alike[name] for name in names if name in alike}
+    wanted = BOLLARD if layout.bollard else OF_YAW
+    found = {quantity: known.get(quantity) or recognise(quantity, names, seen) for quantity in wanted}
+    found |= {quantity: one for quantity, one in known.items() if quantity not in found}
+    if layout.bollard:
+        found |= _tests(found, layout, known)
+    elif not all(found[side] is not None for side in YAW.thrusters):
+        found |= {side: known.get(side) for side in YAW.thrusters}
+    needed = BOLLARD[:2] if layout.bollard else _needed(found)
+    return replace(
+        layout,
+        columns=_each_once(one for one in found.values() if one is not None),
+        lacking=tuple(quantity for quantity in needed if found.get(quantity) is None),
+    )
+
+
+def _needed(found: Mapping[str, Recognised | None]) -> tuple[str, ...]:
+    """What no log of yaw does without; thruster commands stand in for a moment that is not there."""
+    return NEEDED[:2] if all(found[side] is not None for side in YAW.thrusters) else NEEDED
+
+
+def _each_once(found: Iterable[Recognised]) -> tuple[Recognised, ...]:
+    """A column that was recognised as two quantities is the first of them."""
+    return tuple({one.source: one for one in reversed(list(found))}.values())[::-1]
+
+
+def _given(key: str, rule: ColumnRule, seen: Mapping[str, Span]) -> Recognised:
+    """A column as the user's own map says."""
+    keys = {"source": "from"}
+    defaults = ColumnRule("")
+    more = {keys.get(name, name): value for name, value in to_mapping(rule).items()
+            if name not in ("source", "unit") and value != getattr(defaults, name)}  # fmt: skip
+    if "sign_from" in more and rule.sign_from is not None:
+        more["sign_from"] = {"from": rule.sign_from.source, "subtract": rule.sign_from.subtract}
+    span = seen.get(rule.source)
+    told = "" if span is None or span.stamps else f", {span.low:.5g} to {span.high:.5g}"
+    return Recognised(key, rule.source, f"as --columns says{told}", rule.unit, more=more)
+
+
+def _tests(
+    found: Mapping[str, Recognised | None], layout: Layout, known: Mapping[str, Recognised]
+) -> dict[str, Recognised | None]:
+    """Control signal and force of bollard tests, looked at together."""
+    n, force = found["n"], found["force"]
+    if n is None and force is not None:  # a throttle called thrust, beside a force with its unit
+        free = [name for name in layout.names if name.lower().startswith("thrust") and name != force.source]
+        throttle = next((name for name in free if name in layout.seen and is_share(layout.seen[name])), None)
+        if throttle is not None:
+            span = layout.seen[throttle]
+            n = Recognised("n", throttle, f"{span.low:.5g} to {span.high:.5g}, a throttle beside {force.source}")
+    if n is None or force is None or n.source == force.source or known.keys() & {"n", "force"}:
+        return {"n": None if n is not None and force is not None and n.source == force.source else n, "force": force}
+    n, force = directed(n, force, _numbers(layout), layout.seen)
+    return {"n": n, "force": force}
+
+
+def _numbers(layout: Layout) -> dict[str, Floats]:
+    """The columns of numbers of the tests of a layout, one test after the other."""
+    raws = [whole_log(file, ColumnMap()) for file in layout.files[:MOST_LOOKED_INTO]]
+    found = {}
+    for i, name in enumerate(layout.names):
+        if name in layout.seen and not layout.seen[name].stamps:
+            arrays = [np.asarray(raw.arrays[i].to_numpy(zero_copy_only=False), dtype=float) for raw in raws]
+            found[name] = np.concatenate(arrays)
+    return found
+
+
+def maps_of(layouts: Sequence[Layout], files: Sequence[LogFile], folder: Path, given: ColumnMap) -> Maps:
+    """The maps of layouts, of which the first to come has the map of all logs; those that would read each other's
+    columns wrong have maps of their own."""
+    shared: list[Layout] = []
+    own: list[list[Layout]] = []
+    for layout in layouts:
+        group = next((one for one in (shared, *own) if all(_agree(layout, other) for other in one)), None)
+        if group is None:
+            own.append(group := [])
+        group.append(layout)
+    named = []
+    for group in own:
+        wanted = [file for layout in group for file in layout.files]
+        named.append((_names(wanted, files, folder), tuple(group)))
+    return Maps(tuple(shared), tuple(named), given.join, given)
+
+
+def _agree(one: Layout, other: Layout) -> bool:
+    """Whether two layouts can be read by one map: no rule of the one means another column of the other."""
+    return _fits(one, other) and _fits(other, one)
+
+
+def _fits(one: Layout, other: Layout) -> bool:
+    """Whether the rules of `one` read nothing of `other` but what its own rules read."""
+    theirs = {taken.key: taken.rule for taken in other.columns}
+    quantities = {CANONICAL[key].quantity: key for key in theirs}
+    for taken in one.columns:
+        key = quantities.get(CANONICAL[taken.key].quantity)
+        same = key == taken.key and theirs[taken.key] == taken.rule
+        if not same and not taken.as_named and (key == taken.key or taken.source in other.names):
+            return False
+    return True
+
+
+def _names(wanted: Sequence[LogFile], every: Sequence[LogFile], folder: Path) -> tuple[str, ...]:
+    """Patterns that mean these files of all."""
+    top = folder.resolve()
+    inner = {file: Path(os.path.relpath(file.path.resolve(), top)).as_posix() for file in every}
+    places = places_of([inner[file] for file in wanted], list(inner.values()))
+    found = []
+    for place in places:
+        stray = [file for file in every if file not in wanted and matches(file.path, place)]
+        found.append(f"{top.name}/{place}" if stray else place)
+    return tuple(found)
+
+
+def joins_of(kinds: Sequence[Layout], folder: Path) -> tuple[Join, ...]:
+    """Which files of a folder are one log, by their names: those that hold what moves beside those that hold what
+    drives."""
+    moved = [layout for layout in kinds if _moves(layout) and not _drives(layout)]
+    driven = [layout for layout in kinds if _drives(layout) and not _moves(layout)]
+    found: dict[tuple[str, str], None] = {}
+    top = folder.resolve()
+    there = [(Path(os.path.relpath(f.path.resolve(), top)), one) for one in driven for f in one.files]
+    for layout in moved:
+        for file in layout.files:
+            own = Path(os.path.relpath(file.path.resolve(), top))
+            pairs = (_pattern(own, path) for path, _ in there)
+            pair = next((one for one in pairs if one), None)
+            beside = [path for path, _ in there if path.parent == own.parent]
+            if pair is None and len(beside) == 1:
+                pair = own.name, beside[0].name
+            if pair is not None:
+                found.setdefault(pair)
+    longest = max((_gap(one) for one in driven), default=0.0)
+    age = OLDEST if longest < OLDEST else float(np.ceil(1.1 * longest))
+    return tuple(Join(*pair, max_age_s=age) for pair in found)
+
+
+def _moves(layout: Layout) -> bool:
+    return is_called(YAW.position, layout.names) or is_called(YAW.velocity, layout.names)
+
+
+def _drives(layout: Layout) -> bool:
+    sides = all(is_called(side, layout.names) for side in YAW.thrusters)
+    return not layout.bollard and (sides or any(is_called(dof.command, layout.names) for dof in DOFS.values()))
+
+
+def _gap(layout: Layout) -> float:
+    """The longest time [s] between two rows."""
+    clock = recognise("time", layout.names, layout.seen)
+    if clock is None:
+        return 0.0
+    unit = {"time_ms": 1e-3, "time_us": 1e-6}.get(clock.key, 1.0)
+    return unit * layout.seen[clock.source].largest_step
+
+
+def _pattern(one: Path, other: Path) -> tuple[str, str] | None:
+    """Patterns of two names that differ in one word: nav_*.csv and cmd_*.csv, or nav/*.csv and cmd/*.csv."""
+    if one.name == other.name and one.parent.parent == other.parent.parent and one.parent != other.parent:
+        return f"{one.parent.name}/*{one.suffix}", f"{other.parent.name}/*{other.suffix}"
+    if one.parent != other.parent:
+        return None
+    words = [re.split(r"([_\-. ]+)", stem_of(path.name)) for path in (one, other)]
+    if len(words[0]) != len(words[1]) or len(words[0]) < 3:
+        return None
+    differ = [i for i, (mine, theirs) in enumerate(zip(*words)) if mine != theirs]
+    if len(differ) != 1:
+        return None
+    i = differ[0]
+    before = "*" + words[0][i - 1] if i else ""
+    after = words[0][i + 1] + "*" if i + 1 < len(words[0]) else ""
+    endings = [path.name[len(stem_of(path.name)) :] for path in (one, other)]
+    return f"{before}{words[0][i]}{after}{endings[0]}", f"{before}{words[1][i]}{after}{endings[1]}"
+
+
+def together(seen: Sequence[Mapping[str, Span]]) -> dict[str, Span]:
+    """What each column does over several logs."""
+    whole: dict[str, Span] = {}
+    for one in seen:
+        for name, span in one.items():
+            whole[name] = whole[name] + span if name in whole else span
+    return whole
+
+
+def quantities_of(names: Iterable[str]) -> set[str]:
+    """What columns of these names hold by themselves."""
+    return {CANONICAL[name].quantity for name in names if name in CANONICAL}

@@ -1,0 +1,126 @@
+"""A navigation file and a command file of one run are one log, by their names and clocks."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from automarine_cli.errors import LogError, SettingError
+from automarine_cli.logs import ColumnMap, LogFile, column_rules, find_logs, read_column_map, read_log, whole_logs
+from automarine_cli.logs.columns import ColumnsOf
+from automarine_cli.logs.join import Join, matches
+from automarine_cli.workflows.check import check
+from automarine_cli.workflows.command import inputs_of
+
+JOIN = Join("nav_*.csv", "cmd_*.csv")
+
+
+def write(path: Path, columns: Mapping[str, object]) -> LogFile:
+    """A CSV file of these columns."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = zip(*(list(values) for values in columns.values()))  # type: ignore[call-overload]
+    path.write_text("\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n", encoding="utf-8")
+    return LogFile(path, path.name, True)
+
+
+def pair(folder: Path, name: str = "01", begin: float = 100.0) -> LogFile:
+    """Navigation at 10 Hz for 8 s, commands at 2 Hz that change at 2.05 s and end after 6 s."""
+    time = np.round(np.arange(0, 8, 0.1), 3) + begin
+    sent = np.round(np.arange(0.05, 6.1, 0.5), 3) + begin
+    command = np.where(sent - begin >= 2.0, 40.0, 0.0)
+    write(folder / f"cmd_{name}.csv", {"stamp": sent, "port_cmd": command, "stbd_cmd": -command, "light": sent})
+    moved = np.cumsum(np.where(time - begin > 2.0, 3.0, 0.0))
+    return write(folder / f"nav_{name}.csv", {"stamp": time, "heading_deg": moved, "light": 0 * time})
+
+
+RULES = column_rules({"time_s": "stamp", "n_port": "port_cmd", "n_stbd": "stbd_cmd"}, "")
+
+
+@pytest.mark.parametrize(("take", "lag"), [("previous", 0.0), ("nearest", 0.25)])
+def test_commands_are_held_and_their_age_told(tmp_path: Path, take: str, lag: float) -> None:
+    file = pair(tmp_path)
+    join = Join("nav_*.csv", "cmd_*.csv", "nearest" if take == "nearest" else "previous", 1.0)
+    table = read_log(file, ColumnMap(RULES, join=(join,)), dof=None)
+    time, port = table.columns["time"] - 100.0, table.columns["n_port"]
+    assert np.isnan(port[time < 0.05 - lag]).all()
+    assert (port[(time >= 2.05 - lag + 1e-6) & (time < 7.0)] == 40).all()
+    assert (port[(time >= 0.06) & (time < 2.05 - lag - 1e-6)] == 0).all()
+    assert np.isnan(port[time > 7.06]).all()  # older than a second: none
+    assert np.array_equal(table.columns["n_stbd"], -port, equal_nan=True)
+    assert (table.extras["light"] == 0).all()  # the log's own
+    assert table.rows[0] == 2  # rows are those of the log
+    (note,) = table.notes
+    assert note.startswith("joined to the clock of nav_01.csv: cmd_01.csv 0.")
+    assert "at most" in note and "none in" in note
+
+
+def test_clocks_of_the_day_meet_past_midnight(tmp_path: Path) -> None:
+    def clock(seconds: float) -> str:
+        hours, rest = divmod(seconds % 86400, 3600)
+        return f"{int(hours):02d}:{int(rest // 60):02d}:{rest % 60:06.3f}"
+
+    nav, cmd = np.arange(86390, 86410, 0.5), np.arange(86401, 86409, 0.5)
+    write(tmp_path / "cmd.csv", {"time": map(clock, cmd), "tau": cmd - 86400})
+    file = write(tmp_path / "nav.csv", {"time": map(clock, nav), "heading_deg": nav - 86390})
+    table = read_log(file, ColumnMap(join=(Join("nav.csv", "cmd.csv"),)), dof=None)
+    known = np.isfinite(table.columns["moment"])
+    assert known.sum() > 10
+    assert np.all(np.abs(table.columns["moment"][known] - (table.columns["time"][known] - 86400)) <= 5.0)
+
+
+def test_clocks_that_never_meet_are_refused(tmp_path: Path) -> None:
+    file = pair(tmp_path)
+    write(tmp_path / "cmd_01.csv", {"stamp": [1.0, 2.0], "port_cmd": [0, 1], "stbd_cmd": [0, 1]})
+    with pytest.raises(LogError) as refused:
+        read_log(file, ColumnMap(RULES, join=(JOIN,)), dof=None)
+    assert str(refused.value).startswith(
+        "nav_01.csv runs from 100 to 107.9 s, cmd_01.csv, which is joined to it, from 1 to 2 s: their clocks do not "
+        "meet within 5 s; expected one clock"
+    )
+
+
+def test_a_file_that_is_not_there_and_a_clock_that_is_not(tmp_path: Path) -> None:
+    file = pair(tmp_path)
+    with pytest.raises(LogError, match=r"cmd_01\.csv: no time, by which it is joined; found the columns stamp"):
+        read_log(file, ColumnMap(RULES, columns_of=(ColumnsOf(("cmd_*",), {}),), join=(JOIN,)), dof=None)
+    (tmp_path / "cmd_01.csv").unlink()
+    with pytest.raises(LogError, match=r"nav_01\.csv: no cmd_01\.csv beside it, which join expects"):
+        read_log(file, ColumnMap(RULES, join=(JOIN,)), dof=None)
+
+
+def test_commands_in_a_file_are_no_log_of_their_own(tmp_path: Path) -> None:
+    for name in ("01", "02"):
+        pair(tmp_path / "day", name)
+    text = (
+        '[columns]\ntime_s = "stamp"\nn_port = "port_cmd"\nn_stbd = "stbd_cmd"\n'
+        '[logs]\njoin = { logs = "nav_*.csv", with = "cmd_*.csv", max_age_s = 1 }\n'
+    )
+    (tmp_path / "columns.toml").write_text(text, encoding="utf-8")
+    columns = read_column_map(tmp_path / "columns.toml")
+    assert columns.join == (Join("nav_*.csv", "cmd_*.csv", max_age_s=1.0),)
+    files = find_logs([tmp_path / "day"])
+    assert [file.path.name for file in whole_logs(files, columns)] == ["nav_01.csv", "nav_02.csv"]
+    found = check(tmp_path / "day", columns=tmp_path / "columns.toml", strict=True)
+    assert [run.run for run in found.runs] == ["nav_01", "nav_02"]
+    assert any(note.startswith("joined to the clock of day/nav_01.csv") for note in found.runs[0].notes)
+    # what is joined is an input all the same, also where only the log was named
+    asked = check.asked({"logs": [tmp_path / "day" / "nav_01.csv"], "columns": tmp_path / "columns.toml"})
+    assert [one.name for one in inputs_of(asked) if one.role == "log"] == ["cmd_01.csv", "nav_01.csv"]
+
+
+def test_which_files_belong_together(tmp_path: Path) -> None:
+    for name in ("cmd/7.csv", "run_7_cmd.csv", "all.csv"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("t\n", encoding="utf-8")
+
+    def beside(join: Join, name: str) -> list[str]:
+        return [path.relative_to(tmp_path).as_posix() for path in join.beside(tmp_path / name)]
+
+    assert beside(Join("nav/*.csv", "cmd/*.csv"), "nav/7.csv") == ["cmd/7.csv"]
+    assert beside(Join("*_nav.csv", ("*_cmd.csv", "all.csv")), "run_7_nav.csv") == ["run_7_cmd.csv", "all.csv"]
+    assert beside(Join("*_nav.csv", "*_cmd.csv"), "run_7_cmd.csv") == []
+    with pytest.raises(SettingError, match="max_age_s is 0; expected seconds above 0"):
+        Join("a", "b", max_age_s=0.0)
+    assert matches(Path("/x/bench/deep/a.csv"), "bench") and matches(Path("/x/bench/a.csv"), "bench/*.csv")
+    assert not matches(Path("/x/runs/a.csv"), "bench/*.csv")
