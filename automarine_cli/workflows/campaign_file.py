@@ -135,6 +135,21 @@ class Together:
 
 
 @dataclass(frozen=True)
+class Tune:
+    """A controller of the heading at the end: its `target`, and what `tune` has to know beside the model."""
+
+    target: str
+    full: float | None = None
+    delay: float | None = None
+    step: float | None = None
+    load: float = 10.0
+    margin: float = 0.75
+    present: str | None = None
+    sample_time: float | None = None
+    beyond_range: bool = False
+
+
+@dataclass(frozen=True)
 class Settings:
     """A campaign: its logs, how to read them, and the settings of the steps; those of translations are added below."""
 
@@ -148,6 +163,7 @@ class Settings:
     thrusters: Thrusters = Thrusters()
     yaw: Yaw = Yaw()
     planar: Together | None = None
+    tune: Tune | None = None
     seed: int = 0
     strict: bool = False
 
@@ -225,6 +241,11 @@ class Campaign:
     def motions(self) -> tuple[str, ...]:
         """What the campaign has logs of beside yaw: translations, and all three together."""
         return (*self.forces, *([PLANAR.name] if self.asked.planar else []))
+
+    @property
+    def sections(self) -> tuple[str, ...]:
+        """What it has steps for that not every campaign has."""
+        return (*self.motions, *(["tune"] if self.asked.tune else []))
 
     def settings(self, motion: str) -> Yaw | Force | Together:
         """The settings of a motion that the campaign has."""

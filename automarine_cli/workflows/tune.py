@@ -14,17 +14,17 @@ from automarine_cli.control.targets import get
 from automarine_cli.control.targets.base import Design
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.logs import given_columns
-from automarine_cli.pipeline.manifest import Input
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.pipeline.shown import Shown
-from automarine_cli.report import tuning_tables
+from automarine_cli.report import outcomes, tuning_tables
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.tuning import tuning_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.results.estimate import Estimate
+from automarine_cli.results.kinds import TUNING
 from automarine_cli.thrusters.map import ThrusterMap
-from automarine_cli.workflows.command import Command, Runner, reads
+from automarine_cli.workflows.command import Command, ReadBack, Runner, reads
 from automarine_cli.workflows.moments import map_and_arm
 from automarine_cli.workflows.shared import Columns, Drawn, aligned
 from automarine_cli.workflows.view import Row, View
@@ -143,6 +143,7 @@ class TuneOptions(Drawn, Columns, _Asked):
     whole output; `delay` [s] that the logs cannot show, `supply` voltage in shares of that of the logs; `present`
     gains, `sample_time` [s] of targets that have none of their own; `seed` draws the vehicles."""
 
+    extended: Source | None = field(default=None, metadata=reads("file"))
     delay: float | None = None
     supply: tuple[float, float] = SUPPLY
     present: Source | None = field(default=None, metadata=reads("file"))
@@ -152,6 +153,9 @@ class TuneOptions(Drawn, Columns, _Asked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        beside = self.model.with_name(EXTENDED) if isinstance(self.model, Path) else None
+        if self.extended is None and beside is not None and beside.is_file() and is_diagnosis(self.model):
+            object.__setattr__(self, "extended", beside)
         low, high = self.supply
         for name, fine, wanted in (
             ("--margin", 0.0 < self.margin < 2.0, "between 0 and 2"),
@@ -172,7 +176,7 @@ def _tune(asked: TuneOptions, runner: Runner) -> Tuning:
     Raises ModelError for a model that the target cannot use, SettingError for settings that contradict each other, and
     OutputError.
     """
-    known, also = _known(asked)
+    known = _known(asked)
     target = get(asked.target, asked.sample_time, asked.beyond_range)
     dof = known.model.dof
     if dof.name not in target.motions:
@@ -192,20 +196,16 @@ def _tune(asked: TuneOptions, runner: Runner) -> Tuning:
         made = design(target, known, full, bend, task, present, asked.seed)
         return Tuning(made, known.stored.source, asked)
 
-    return runner.results(asked, work, lambda folder, result: _write(folder, result, asked.figure_formats), also)
+    return runner.results(asked, work, lambda folder, result: _write(folder, result, asked.figure_formats))
 
 
-def _known(asked: TuneOptions) -> tuple[Knowledge, list[Input]]:
-    """What the files say, and the model that lies beside a diagnosis as one more input."""
+def _known(asked: TuneOptions) -> Knowledge:
+    """What the files say."""
     if not is_diagnosis(asked.model):
-        return read_knowledge(asked.model, None, asked.delay, asked.supply), []
-    beside = asked.model.with_name(EXTENDED) if isinstance(asked.model, Path) else None
-    if beside is None or not beside.is_file():
-        raise ModelError(
-            f"{asked.model.name}: the {EXTENDED} that belongs to it is not beside it; keep both in one folder"
-        )
-    known = read_knowledge(beside, asked.model, asked.delay, asked.supply)
-    return known, [Input(EXTENDED, beside, "extended_model")]
+        return read_knowledge(asked.model, None, asked.delay, asked.supply)
+    if asked.extended is None:
+        raise ModelError(f"{asked.model.name}: its {EXTENDED} is not beside it; keep both in one folder")
+    return read_knowledge(asked.extended, asked.model, asked.delay, asked.supply)
 
 
 def _write(folder: ResultFolder, result: Tuning, formats: tuple[str, ...]) -> None:
@@ -254,5 +254,5 @@ def _rows(result: Tuning) -> Iterator[Row]:
 tune = Command(
     "tune", TuneOptions, _tune,
     {Tuning: View(Tuning.tables, _lines, _rows, lambda result: {"tuning": lambda: tuning_figure(result.made)})},
-    files=_files, section="tuning.md",
+    files=_files, kept=ReadBack(TUNING, outcomes.of_tuning), section="tuning.md",
 )  # fmt: skip
