@@ -7,7 +7,7 @@ from automarine_cli.cli import options
 
 @click.command("tune", short_help="Gains of a controller, with the margin they need.")
 @click.argument("model", type=options.FILE, metavar="MODEL.json")
-@click.option("--for", "target", required=True, metavar="TARGET", help="ardusub, ardurover, pid, labust or python.")
+@click.option("--for", "target", default="", metavar="TARGET", help="ardusub, ardurover, pid, labust or python.")
 @click.option("--step", type=float, metavar="DEG", help="Step of the heading.  [default: 90; of others 1 m]")
 @click.option("--load", type=float, default=10.0, show_default=True, metavar="PERCENT", help="Load to hold against.")
 @click.option("--margin", type=float, default=0.75, show_default=True, metavar="M", help="Disk margin to keep.")
@@ -20,6 +20,11 @@ from automarine_cli.cli import options
 @click.option("--present", type=options.FILE, metavar="FILE", help="The vehicle's .param file.  [default: defaults]")
 @click.option("--sample-time", type=float, metavar="SECONDS", help="Time between two loops (pid, labust, python).")
 @click.option("--beyond-range", is_flag=True, help="Allow gains beyond the ranges that the firmware documents.")
+@click.option(
+    "--check", multiple=True, type=click.Path(readable=False), metavar="LOG",
+    help="A log flown with the gains: MODEL.json is then the tuning.json. May be repeated.",
+)  # fmt: skip
+@click.option("--reference", metavar="COLUMN", help="Column of such a log with the heading asked for.")
 @options.thrusters_option
 @options.arm_option
 @options.columns_option
@@ -37,6 +42,8 @@ def tune(**given: object) -> object:
       automarine fit-yaw sample_runs/steps -o out/yaw
       automarine tune out/yaw/yaw_model.json --for ardusub --full 1.2 --delay 0.1 -o out/tuning
     """
+    if not given["target"] and not given["check"]:
+        raise click.UsageError("give --for TARGET, or --check LOG with a tuning.json")
     from automarine_cli.workflows.tune import tune as command
 
     return options.perform(command, given)

@@ -89,8 +89,14 @@ def step_and_load(
 
 def scores(flight: Flight, step: float, band: float) -> Scores:
     """What two flights of every set came to; `band` is within what a step counts as settled."""
-    way, time = flight.position[:, 0] / step, flight.time
-    left = np.abs(flight.position[:, 0] - step)
+    overshoot, settling, rms = step_scores(flight.time, flight.position[:, 0], step, band)
+    pushed = np.abs(np.nan_to_num(flight.position[:, 1], nan=1e6, posinf=1e6, neginf=1e6))
+    return Scores(overshoot, settling, rms, pushed.max(axis=1), pushed[:, -1])
+
+
+def step_scores(time: Floats, position: Floats, step: float, band: float) -> tuple[Floats, Floats, Floats]:
+    """Overshoot in shares of a `step`, when positions (S, N) settle within a `band` [s], and the rms from then on."""
+    way, left = position / step, np.abs(position - step)
     with np.errstate(invalid="ignore"):
         outside = ~(left <= band)
     last = len(time) - 1 - np.argmax(outside[:, ::-1], axis=1)
@@ -99,6 +105,5 @@ def scores(flight: Flight, step: float, band: float) -> Scores:
     settled = time[None, :] >= np.where(never, 0.75 * time[-1], settling)[:, None]
     square = np.where(settled, np.nan_to_num(left, nan=1e6, posinf=1e6) ** 2, 0.0)
     rms = np.sqrt(square.sum(axis=1) / np.maximum(settled.sum(axis=1), 1))
-    pushed = np.abs(np.nan_to_num(flight.position[:, 1], nan=1e6, posinf=1e6, neginf=1e6))
     overshoot = np.maximum(np.nan_to_num(way, nan=1e6, posinf=1e6).max(axis=1) - 1.0, 0.0)
-    return Scores(overshoot, settling, rms, pushed.max(axis=1), pushed[:, -1])
+    return overshoot, settling, rms

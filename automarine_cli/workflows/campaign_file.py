@@ -255,9 +255,12 @@ class Campaign:
 
     @property
     def beside(self) -> dict[str, Path]:
-        """Files that it needs beside its logs, by role: the thruster map at hand, the DBC of CAN logs."""
-        both = {"thrusters": self.map, "dbc": self.columns.database}
-        return {role: path for role, path in both.items() if path is not None}
+        """Files that it needs beside its logs, by role: the thruster map at hand, the DBC of CAN logs, the
+        vehicle's parameters."""
+        own = self.asked.tune.present if self.asked.tune else None
+        present = None if own is None else self.path.parent / own
+        every = {"thrusters": self.map, "dbc": self.columns.database, "present": present}
+        return {role: path for role, path in every.items() if path is not None}
 
     def every_log(self) -> list[LogFile]:
         """The logs of all kinds and motions."""

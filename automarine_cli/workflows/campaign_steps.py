@@ -57,8 +57,8 @@ def _plan(work: Work, logs: list[LogFile], **settings: object) -> Plan:
 
 @dataclass(frozen=True)
 class Step:
-    """A step of every campaign, or of those with logs of `motion`, or another section: its name, its folder, the command, and what makes
-    its plan (or says why there is none)."""
+    """A step of every campaign, or of those with logs of `motion` or another section of that name: its name, its
+    folder, the command, and what makes its plan (or says why there is none)."""
 
     name: str
     folder: str

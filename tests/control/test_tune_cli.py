@@ -4,6 +4,7 @@ import csv
 import io
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,12 @@ from repository import SAMPLE_RUNS
 
 import automarine_cli as am
 from automarine_cli.control import design as designing
+from automarine_cli.control.flight import fly
+from automarine_cli.errors import RunError
 from automarine_cli.pipeline.manifest import MANIFEST
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.workflows import tune_check
 
 Run = Callable[..., Result]
 
@@ -65,11 +69,10 @@ def twin_map(a: float, dead: float) -> dict[str, Any]:
     return ThrusterMap("dead-band-saturation", curve, curve, "").to_json()
 
 
-def test_gains_are_better_than_the_defaults_that_swing(run: Run, tmp_path: Path) -> None:
+def test_gains_are_better_than_the_defaults_that_swing(tmp_path: Path) -> None:
     path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05))
     out = tmp_path / "out"
-    found = run("tune", path, "--for", "ardusub", "--full", "30", "-o", str(out))
-    assert (found.exit_code, found.stderr) == (0, "")
+    again = am.tune(path, target="ardusub", full=30.0, out=out)
     result = json.loads((out / "tuning.json").read_text())
     assert result["schema"] == "automarine/tuning/1" and result["verdict"] == "gains"
     assert result["margins"]["present"]["stable"] == 0.0
@@ -93,8 +96,7 @@ def test_gains_are_better_than_the_defaults_that_swing(run: Run, tmp_path: Path)
     assert "roll, pitch" in (out / "tuning.md").read_text()
     table = list(csv.reader(io.StringIO((out / "gains.csv").read_text())))
     assert table[0][:3] == ["parameter", "present", "new"] and len(table) == 7
-    again = am.tune(path, target="ardusub", full=30.0)
-    assert again.to_json() == result
+    assert json.loads(json.dumps(again.to_json())) == result
     assert "settling_s" in repr(again) and len(again.to_frame()) == len(result["gains"])
 
 
@@ -220,3 +222,63 @@ def test_a_thruster_map_is_flown_with_its_dead_band(run: Run, tmp_path: Path) ->
         result = json.loads(found.stdout)
         errors[target] = result["promised"]["rms_after_deg"]["value"] if result["promised"] else np.inf
     assert errors["python"] < errors["pid"]
+
+
+def flown_log(folder: Path, found: Any, noise_deg: float, later: float = 0.0) -> str:
+    """A log of two steps, there and back, of the vehicle that was tuned or of one that answers later."""
+    made = found.made
+    one = made.crowds[0].vehicles.pick(slice(0, 1))
+    one = replace(one, late=one.late + later)
+    target, random = made.target, np.random.default_rng(2)
+    own = {name: np.full((1, 1), value) for name, value in made.new.gains.items()}
+    loops = round(60.0 / target.period)
+    clock = np.arange(loops) * target.period
+    reference = np.where(clock < 2.0, 0.0, np.where(clock < 30.0, np.pi / 2, -np.pi / 6))
+    flight = fly(target, own, one, reference[None, None], np.zeros((1, 1)), every=0.1)
+    asked = np.interp(flight.time, clock, reference)
+    heading = np.rad2deg(flight.position[0, 0]) + noise_deg * random.standard_normal(len(flight.time))
+    rows = zip(flight.time, heading % 360.0, made.nominal.full * flight.output[0, 0], np.rad2deg(asked) % 360.0)
+    lines = ["time_s,heading_deg,tau_Nm,target_heading_deg", *(",".join(f"{x:.4f}" for x in row) for row in rows)]
+    path = folder / "flown.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return str(path)
+
+
+def test_a_log_of_the_vehicle_that_was_tuned_holds_the_promise(run: Run, tmp_path: Path) -> None:
+    path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05))
+    found = am.tune(path, target="python", full=30.0, out=tmp_path / "out")
+    log = flown_log(tmp_path, found, 0.5)
+    checked = run("tune", str(tmp_path / "out" / "tuning.json"), "--check", log, "-o", str(tmp_path / "check"))
+    assert checked.exit_code == 0, checked.stderr
+    assert checked.stdout.startswith("As promised: all 2 steps are within the bands.")
+    result = json.loads((tmp_path / "check" / "tuning_check.json").read_text())
+    assert result["schema"] == "automarine/tuning-check/1" and result["verdict"] == "held"
+    assert [round(one["step_deg"]) for one in result["steps"]] == [90, -120] and result["changed"] is None
+    assert (tmp_path / "check" / "tuning_check.png").is_file()
+    bare = run("tune", str(tmp_path / "out" / "tuning.json"), "--check", log, "--reference", "setpoint")
+    assert bare.exit_code == 1 and "there is no column 'setpoint'; name it with --reference, from" in bare.stderr
+    wrong = run("tune", path, "--check", log)
+    assert (
+        wrong.exit_code == 1 and "this is no tuning; give the tuning.json that `automarine tune` wrote" in wrong.stderr
+    )
+    assert run("tune", path).exit_code == 2
+
+
+def test_a_log_of_a_vehicle_that_answers_later_does_not(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a diagnosis names is its own tests' business: here it is asked with the log in pieces."""
+    path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05))
+    found = am.tune(path, target="python", full=30.0, out=tmp_path / "out")
+    log = flown_log(tmp_path, found, 0.5, later=0.35)
+    asked: list[int] = []
+
+    def few(runs: Any, base: Any, **settings: Any) -> Any:
+        asked.append(len(runs))
+        raise RunError("too few")
+
+    monkeypatch.setattr(tune_check, "diagnose_runs", few)
+    checked = run("tune", str(tmp_path / "out" / "tuning.json"), "--check", log)
+    assert checked.exit_code == 0, checked.stderr
+    assert checked.stdout.startswith("Not as promised: 2 of 2 steps leave the bands of 95 %.")
+    assert "The log could not be diagnosed: too few." in checked.stdout and asked == [8]

@@ -1,14 +1,19 @@
 """The figure of `tune`: step and load with the bands of present and new gains, and the margins of the whole crowd."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from automarine_cli.control.design import Designed, Outcome
+from automarine_cli.control.flown import FlownStep
+from automarine_cli.dofs import Dof
 from automarine_cli.quantities import Floats
 from automarine_cli.report.figures.style import COLOURS, PAGE_IN, house_style, legend, new_figure
 
 LOOKS = {"present": ("orange", (0, (5, 1.5))), "new": ("blue", "-")}
+MOST_STEPS = 4
 FURTHEST = 3.0
 """Steps beyond which a flight that runs away is not followed."""
 
@@ -39,6 +44,23 @@ def tuning_figure(made: Designed) -> Figure:
     last.set_ylim(0.0, 1.12 * task.seconds)
     last.set_yticks([*last.get_yticks()[:-1]])
     last.text(0.98, 0.97, "top: never", transform=last.transAxes, ha="right", va="top", fontsize=6)
+    legend(axes[0, 0], loc="lower right")
+    return figure
+
+
+@house_style
+def flown_figure(steps: Sequence[FlownStep], dof: Dof) -> Figure:
+    """The first steps of a log as flown, and the bands that were promised."""
+    shown = steps[:MOST_STEPS]
+    figure, axes = new_figure(1, len(shown), PAGE_IN if len(shown) > 1 else PAGE_IN / 2, 2.6)
+    for ax, one in zip(axes[0], shown):
+        ax.fill_between(one.time, dof.shown(one.low), dof.shown(one.high), color=COLOURS["blue"], alpha=0.25, lw=0,
+                        label="promised, 95 %")  # fmt: skip
+        ax.plot(one.time, dof.shown(one.position), ".", color=COLOURS["black"], ms=1.5, label="flown")
+        ax.axhline(dof.shown(one.size), color="0.4", lw=0.6, ls=":")
+        ax.set_title(f"{one.run}, {one.begins:.0f} s", loc="left", parse_math=False)
+        ax.set_xlabel("time [s]")
+    axes[0, 0].set_ylabel(f"{dof.words.position} [{dof.units.shown}]")
     legend(axes[0, 0], loc="lower right")
     return figure
 
