@@ -92,12 +92,24 @@ def design(
     """The verdict of a target on a vehicle; `present` gains by name, None where there are none."""
     crowds = crowds_of(known, full, bend, seed)
     nominal = nominal_of(crowds[0].vehicles, task.step)
-    task = replace(task, seconds=seconds_for(nominal))
-    old = (
-        None
-        if present is None
-        else outcome(target, present, [one.first(PRESENT // len(crowds)) for one in crowds], task)
+    for longer in (1.0, 2.0):
+        found = _designed(target, known, crowds, nominal, replace(task, seconds=longer * seconds_for(nominal)), present)
+        if found is not None:
+            return found
+    why = (
+        f"The best gains that keep a disk margin of {task.margin:g} do not settle for {SHARE:.0%} of the vehicles that"
     )
+    why = f"{why} the model allows."
+    return Designed("cannot-promise", why, target, task, nominal, crowds, None, None, _run(known, ""), known.notes)
+
+
+def _designed(
+    target: Target, known: Knowledge, crowds: tuple[Crowd, ...], nominal: Nominal, task: Task,
+    present: Mapping[str, float] | None,
+) -> Designed | None:  # fmt: skip
+    """The verdict from flights of so many seconds; None where gains keep the margin and do not settle in time."""
+    some = [one.first(PRESENT // len(crowds)) for one in crowds]
+    old = None if present is None else outcome(target, present, some, task)
 
     def said(verdict: Verdict, why: str, new: Outcome | None = None, run: str = "") -> Designed:
         return Designed(verdict, why, target, task, nominal, crowds, new, old, run, known.notes)
@@ -118,10 +130,7 @@ def design(
     assert chosen is not None
     new = outcome(target, chosen, crowds, task)
     if not _keeps(new, crowds, task):
-        why = (
-            f"The best gains that keep a disk margin of {task.margin:g} settle for {new.scores.settles.mean():.0%} only"
-        )
-        return said("cannot-promise", f"{why} of the vehicles that the model allows.", run=_run(known, ""))
+        return None
     return said("gains", _why(new, old, task), new)
 
 

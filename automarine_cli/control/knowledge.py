@@ -23,6 +23,8 @@ LATE = ("input-delay", "thruster-lag", "sensor-lag")
 """Effects that make a vehicle answer late."""
 UNKNOWN_DELAY = 0.3
 """Longest delay [s] of a vehicle of which no diagnosis says how short one would have been seen."""
+OWN_LAWS = 0.03
+"""Share by which parameters are off beyond their errors: no vehicle follows the laws of a library to the letter."""
 EXTENDED = "extended_model.json"
 SUPPLY = (0.88, 1.08)
 """Voltage of the supply, lowest and highest, in shares of that of the logs: four lithium cells about 15 V."""
@@ -77,7 +79,8 @@ def read_knowledge(
     _refuse(known.model, name, known)
     main = Explanation(known.model, _covariance(known, known.model, data), "the model as it was named")
     bare = known.stored.models[known.stored.preferred]
-    others = [_rival(known, main, doubt.effect, doubt.rival) for doubt in known.doubts]
+    largest = _largest(data)
+    others = [_rival(known, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in known.doubts]
     if len(bare.terms) < len(known.model.terms):
         names = [term.name for term in known.model.terms if term not in bare.terms and not term.own]
         others.append(Explanation(bare, _covariance(known, bare, data), f"without {', '.join(names)}", names[0]))
@@ -87,7 +90,7 @@ def read_knowledge(
     scatter = SCATTER if known.scatter is None else known.scatter
     spread = Spread(np.zeros((0, 0)), scatter, late, volts)
     notes = tuple(one for one in (*known.notes, note) if one and one != NO_RIVALS and "planned runs" not in one)
-    return Knowledge(known.stored, (main, *others), spread, _largest(data), guessed, _splits(said), notes)
+    return Knowledge(known.stored, (main, *others), spread, largest, guessed, _splits(said), notes)
 
 
 def _refuse(model: YawModel, name: str, known: PriorResults) -> None:
@@ -116,7 +119,8 @@ def _covariance(known: PriorResults, model: YawModel, data: Mapping[str, object]
         there = [k for k, one in enumerate(names) if one in order]
         rows = [order.index(names[k]) for k in there]
         found[np.ix_(there, there)] = matrix[np.ix_(rows, rows)]
-    return found
+    fitted = np.diagonal(found) > 0
+    return found + np.diag(np.where(fitted, (OWN_LAWS * model.theta) ** 2, 0.0))
 
 
 def _error(known: PriorResults, model: YawModel, place: int) -> float:
@@ -143,10 +147,9 @@ def _stored_covariance(data: Mapping[str, object], number: str) -> tuple[list[st
     return [str(one) for one in names], matrix
 
 
-def _rival(known: PriorResults, main: Explanation, effect: str, rival: str) -> Explanation:
+def _rival(known: PriorResults, main: Explanation, effect: str, rival: str, largest: float) -> Explanation:
     """The model with another effect in the place of the one that was named, as like it as it can be."""
     fitting = fitting_of(known, Limits())
-    largest = max((abs(end) for end in (1.0,)), default=1.0)
     grid = paper_grid(fitting.base, largest)[:24:3]
     bare = replace(known.model, terms=tuple(term for term in known.model.terms if term.name != effect))
     found, _ = closest(replace(fitting, fit="diagnosis"), with_effect(fitting, bare, rival, largest), grid)

@@ -54,7 +54,7 @@ def flown_figure(steps: Sequence[FlownStep], dof: Dof) -> Figure:
     shown = steps[:MOST_STEPS]
     figure, axes = new_figure(1, len(shown), PAGE_IN if len(shown) > 1 else PAGE_IN / 2, 2.6)
     for ax, one in zip(axes[0], shown):
-        ax.fill_between(one.time, dof.shown(one.low), dof.shown(one.high), color=COLOURS["blue"], alpha=0.25, lw=0,
+        ax.fill_between(one.time, dof.shown(one.low), dof.shown(one.high), color=COLOURS["sky"], alpha=0.6, lw=1.0,
                         label="promised, 95 %")  # fmt: skip
         ax.plot(one.time, dof.shown(one.position), ".", color=COLOURS["black"], ms=1.5, label="flown")
         ax.axhline(dof.shown(one.size), color="0.4", lw=0.6, ls=":")
