@@ -15,9 +15,10 @@ from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import paper_grid
 from automarine_cli.planning.limits import Limits
-from automarine_cli.planning.prior_results import DIAGNOSIS, NO_RIVALS, SCATTER, PriorResults, read_prior_results
+from automarine_cli.planning.prior_results import NO_RIVALS, SCATTER, PriorResults, read_prior_results
 from automarine_cli.planning.rivals import closest, with_effect
 from automarine_cli.quantities import Floats
+from automarine_cli.results.kinds import DIAGNOSIS
 
 LATE = ("input-delay", "thruster-lag", "sensor-lag")
 """Effects that make a vehicle answer late."""
@@ -61,7 +62,7 @@ class Knowledge:
 
 def is_diagnosis(source: Source) -> bool:
     """Whether a file is a diagnosis."""
-    return read_plain(source, "JSON", ModelError).get("schema") == DIAGNOSIS
+    return read_plain(source, "JSON", ModelError).get("schema") == DIAGNOSIS.schema
 
 
 def read_knowledge(

@@ -32,6 +32,11 @@ def directed(
         n = _about(n, *found, (float(signal.min()) + float(signal.max())) / 2)
     elif signal.min() >= 0 and is_pulses(n.source, seen[n.source]):
         n = _about(n, PULSES[1], PULSES[1], PULSES[1])
+    elif n.ask == "subtract":  # percent, 0 to 100: is there thrust in the middle?
+        middle = (float(signal.min()) + float(signal.max())) / 2
+        near = np.abs(signal - middle) <= LITTLE * np.ptp(signal) / 2
+        rests = near.any() and np.abs(pull[near]).max() < LITTLE * np.abs(pull).max()
+        n = _about(n, middle, middle, middle) if rests else replace(n, open="", ask="", more={})
     neutral = n.more.get("subtract", 0.0)
     assert isinstance(neutral, int | float)
     return n, _signed(force, n, signal - neutral, pull)
@@ -58,7 +63,8 @@ def _neutral(signal: Floats, pull: Floats) -> tuple[float, float] | None:
 def _about(n: Recognised, low: float, high: float, middle: float) -> Recognised:
     """The signal less its neutral, which lies between two values: that of pulses, or the middle of the range."""
     seen, usual = n.seen.partition(",")[0], PULSES[1]
-    told = "pulses about 1500" if low == high else f"the force changes sign between {low:.5g} and {high:.5g}"
+    told = f"about {low:.5g}" if low == high else f"the force changes sign between {low:.5g} and {high:.5g}"
+    told = "pulses about 1500" if low == high == usual else told
     if PULSES[0] <= low - NEAR <= usual <= high + NEAR:
         return replace(n, unit="us", open="", ask="", more={"subtract": usual}, seen=f"{seen}, {told}")
     if low <= middle <= high:

@@ -142,7 +142,7 @@ def _database(library: Any, columns: ColumnMap) -> list[Any]:
 
 def _streams(message: Any, time: Floats, frames: list[bytes], columns: ColumnMap) -> Iterator[Stream]:
     """The signals of a message, if the column map names one of them: those of each multiplexer value on their own."""
-    asked = {rule.source for rule in columns.columns.values()}
+    asked = columns.sources
     if not any(f"{message.name}.{signal.name}" in asked for signal in message.signals):
         return
     good = np.array([len(frame) >= message.length for frame in frames])
@@ -151,7 +151,7 @@ def _streams(message: Any, time: Floats, frames: list[bytes], columns: ColumnMap
     time, bits = time[good], bits_of([frame for frame, whole in zip(frames, good) if whole], message.length)
     words = {columns.columns[label].source for label in LABELS if label in columns.columns}
     by_name = {signal.name: signal for signal in message.signals}
-    groups: dict[tuple[str, tuple[int, ...]], dict[str, Any]] = {}
+    groups: dict[tuple[str, tuple[int, ...]], dict[str, object]] = {}
     for signal in message.signals:
         if places_of(signal).max() >= bits.shape[1]:  # a DBC in use may describe more than a frame holds
             continue

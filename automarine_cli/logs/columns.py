@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN
+from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, RUN
 from automarine_cli.logs.join import Join, matches
 from automarine_cli.pipeline.codec import Codec
 from automarine_cli.pipeline.plain_data import read_plain
@@ -35,6 +35,10 @@ class ColumnRule:
     subtract: float = 0.0
     sign_from: "ColumnRule | None" = None
     day_first: bool | None = None
+
+    def written(self, value: float, factor: float = 1.0) -> float:
+        """A value as the file's own column holds it; `factor` is that of the rule's unit."""
+        return (self.sign * value / factor - self.offset) / self.scale + self.subtract
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,12 @@ class ColumnMap:
     def database(self) -> Path | None:
         """The DBC's file, if one is named."""
         return Path(self.dbc) if self.dbc else None
+
+    @property
+    def sources(self) -> set[str]:
+        """Every column of a file that a rule reads."""
+        rules = list(self.columns.values())
+        return {one.source for one in (*rules, *(rule.sign_from for rule in rules)) if one is not None}
 
     def source_of(self, name: str) -> str:
         """The column of the file that a canonical name stands for."""
@@ -180,7 +190,7 @@ def _rule(name: str, key: str, value: object) -> ColumnRule:
             raise LogError(f"{where}.{printable(inner)} is not known; a column takes {', '.join(TAKEN)}")
     source = _source(where, value)
     if key in LABELS and len(value) > 1:
-        what = "names runs" if key == RUN else "is a state"
+        what = {RUN: "names runs", BY: "names what each row is of"}.get(key, "is a state")
         raise LogError(f"{where} {what}; unit, sign, scale and offset do not apply; leave them out")
     sign = value.get("sign", 1)
     if isinstance(sign, bool) or sign not in (1, -1):

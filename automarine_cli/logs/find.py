@@ -56,6 +56,8 @@ def find_logs(arguments: Logs) -> list[LogFile]:
 
 def whole_logs(files: Sequence[LogFile], columns: ColumnMap) -> tuple[LogFile, ...]:
     """The logs without the files that `columns` joins to others of them."""
+    if not columns.join:
+        return tuple(files)
     joined = {_key(path) for file in files for path in _beside(file, columns)}
     return tuple(file for file in files if _key(file.path) not in joined)
 

@@ -31,6 +31,7 @@ SLOWEST, FASTEST = 2.0, 2e-3  # s between the samples of an ordinary logger
 SLOWEST_OF_ALL, FASTEST_OF_ALL = 5.0, 2e-4
 DEGREES, RADIANS = 360.0, 2 * np.pi
 HARDLY = 20.0  # an angle that stays within as many degrees in all logs may be radians
+LEAST_SUPPLY = 3.0  # V
 FAR = 100.0  # radians that nothing turns through in a pool test without wrapping
 FORCE = {
     "kgf": "kgf", "kg": "kgf", "lbf": "lbf", "lb": "lbf", "lbs": "lbf", "gf": "gf", "g": "gf", "grams": "gf",
@@ -98,6 +99,8 @@ def recognise(quantity: str, names: Sequence[str], seen: Mapping[str, Span]) -> 
     own = next((name for name in names_of(quantity) if name in names), None)
     free = [name for name in names if name in seen and name not in CANONICAL and name not in LABELS]
     free = [name for name in free if quantity == "time" or not seen[name].stamps]
+    if quantity == "force":  # a supply under load is none
+        free = [name for name in free if not (_named_exactly("voltage", name) and seen[name].high > LEAST_SUPPLY)]
     if own == "time" and own in seen and not seen[own].stamps:  # plain numbers: no timestamps
         own, free = None, [*free, "time"]
     exact = [name for name in free if _named_exactly(quantity, name)]
@@ -210,6 +213,9 @@ def _moment(quantity: str, source: str, span: Span) -> Recognised:
 
 def _force(quantity: str, source: str, span: Span) -> Recognised:
     told = _told(source, FORCE) if source not in CANONICAL else UNITS_OF_KEYS[source]
+    if told is None and words_of(source)[-1:] in (["v"], ["mv"], ["volts"]):
+        why = f'volts of a load cell? Then write {{ from = "{source}", scale = NEWTONS_PER_VOLT }}'
+        return Recognised("force_N", source, _range(span), open=why)
     if told is None and is_share(span):
         why = f'this looks like a throttle; which column is the force? If it is this one, write "{source}"'
         return Recognised("force_N", source, _range(span), open=why)
@@ -224,8 +230,8 @@ def _force(quantity: str, source: str, span: Span) -> Recognised:
 def _voltage(quantity: str, source: str, span: Span) -> Recognised:
     if span.low > 1000:
         return Recognised("voltage_V", source, _range(span), "mV")
-    sure = source in CANONICAL or _named_exactly(quantity, source) or {"v", "volts"} & set(words_of(source))
-    return Recognised("voltage_V", source, _range(span), open="" if sure and span.high < 1000 else "is this in volts?")
+    sure = source in CANONICAL or (_named_exactly(quantity, source) and LEAST_SUPPLY < span.high < 1000)
+    return Recognised("voltage_V", source, _range(span), open="" if sure else "is this the supply, in volts?")
 
 
 def _speed(quantity: str, source: str, span: Span) -> Recognised:
@@ -249,7 +255,7 @@ def _signal(quantity: str, source: str, span: Span) -> Recognised:
         return Recognised(key, source, seen, open=why, more={"subtract": span.middle}, ask="subtract")
     unit = unit_in(source)
     if low >= 0 and unit in ("rpm", "rev/s") and quantity != "n":
-        why = "never below 0: the column whose sign says which way it turns; leave sign_from out if it never reverses"
+        why = "never below 0: the column whose sign says which way it turns; its own name if it never reverses"
         return Recognised(key, source, seen, open=why, more={"sign_from": source}, ask="sign_from")
     return Recognised(key, source, seen)
 

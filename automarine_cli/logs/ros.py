@@ -70,7 +70,7 @@ def read(path: Path, name: str, columns: ColumnMap) -> RawLog:
     one = path.suffix.lower() == ".bag"
     library = needed("rosbags.rosbag1" if one else "rosbags.rosbag2", "ros", name, "ROS bags")
     with unsound_is_refused(name, "bag's", MEND), library.Reader(path) as bag:
-        asked = {rule.source for rule in columns.columns.values()}
+        asked = columns.sources
         wanted = [link for link in bag.connections if link.msgcount and _wanted(link, asked)]
         topics = list(_topics(bag, wanted, one, asked))
         holds = {link.topic: f"{link.topic} ({link.msgtype.replace('/msg/', '/')})" for link in bag.connections}

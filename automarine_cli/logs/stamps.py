@@ -149,9 +149,11 @@ def _seconds(array: pa.ChunkedArray) -> Floats:
 
 def _parsed(array: pa.ChunkedArray) -> pa.ChunkedArray | None:
     """ISO 8601 text as timestamps; a decimal comma will do, as Python's logging writes it."""
-    for kind in (pa.timestamp("ns"), pa.timestamp("ns", tz="UTC")):
-        try:
-            return pc.cast(pc.replace_substring_regex(plain(array), r",(\d+)", r".\1"), kind)
-        except pa.ArrowInvalid:
-            continue
+    for comma in (False, True):
+        for kind in (pa.timestamp("ns"), pa.timestamp("ns", tz="UTC")):
+            try:
+                cells = plain(array)
+                return pc.cast(pc.replace_substring(cells, ",", ".") if comma else cells, kind)
+            except pa.ArrowInvalid:
+                continue
     return None

@@ -71,7 +71,7 @@ def taken(
     column map takes that quantity from elsewhere, and as NAME.FIELD what it names, or with `keep` all. None where
     there is nothing.
     """
-    asked = {rule.source for rule in columns.columns.values()}
+    asked = columns.sources
     mapped = {CANONICAL[key].quantity for key in columns.columns if key in CANONICAL}
     own = {
         key: canonical

@@ -14,9 +14,11 @@ import numpy as np
 from scipy import optimize
 
 from automarine_cli.errors import RunError, SettingError
+from automarine_cli.logs import ColumnMap, ColumnRule
+from automarine_cli.logs.canonical import CANONICAL
 from automarine_cli.planning.candidates import POWER_LAW, Candidate
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.command_range import misfit_of
+from automarine_cli.runs.command_range import FAR_BEYOND
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import Series
@@ -105,10 +107,12 @@ def drive_of(known: ThrusterMap, arm: float, most: float | None, equal_thrust: b
             "the thruster map does not say how far the control signal goes; give thrusters.largest_command in "
             "the limits"
         )
-    for one in (known.compared(("largest_command",), [np.array([0.0, largest])]),):
-        unfit = None if one is None else misfit_of([one])
-        if unfit is not None and unfit.impossible:
-            raise SettingError(f"thrusters.largest_command: {unfit.sentence}")
+    if known.n_range is not None and largest > FAR_BEYOND * max(map(abs, known.n_range)):
+        low, high = known.n_range
+        raise SettingError(
+            f"thrusters.largest_command is {largest:g}, but the thruster map was measured from {low:.4g} to {high:.4g}"
+            f"{f' {known.n_unit}' * bool(known.n_unit)}; give it in the map's own unit"
+        )
     return Drive(known.forward, known.backward, arm, largest, equal_thrust, unit)
 
 
@@ -165,14 +169,20 @@ def _power(one: Series, volts: float) -> Floats | None:
     return one.extras["current_A"] * (volts if one.voltage is None else one.voltage)
 
 
-def command_file(candidate: Candidate, rest: float, unit: str, drive: Drive | None) -> str:
-    """CSV with `time_s` since the log's start and the moment, or `n_port` and `n_stbd` where a `drive` makes it."""
+def command_file(candidate: Candidate, rest: float, unit: str, drive: Drive | None, names: ColumnMap) -> str:
+    """CSV with `time_s` since the log's start and the moment, or `n_port` and `n_stbd` where a `drive` makes it; under
+    the names and in the units of the logs where `names` says what these are (pulses about their neutral, percent)."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("time_s", *((MOMENT_COLUMNS[unit],) if drive is None else ("n_port", "n_stbd"))))
+    columns = (MOMENT_COLUMNS[unit],) if drive is None else ("n_port", "n_stbd")
+    rules = [names.columns.get(name, ColumnRule(name)) for name in columns]
+    rules = [rule if rule.sign_from is None else ColumnRule(name) for name, rule in zip(columns, rules)]
+    factors = [CANONICAL[name].factor(rule.unit) for name, rule in zip(columns, rules)]
+    writer.writerow(("time_s", *(rule.source for rule in rules)))
     time = 0.0
     for moment, seconds in ((0.0, rest), *candidate.commands, (0.0, 0.0)):
-        values = (moment,) if drive is None else drive.commands(moment)
+        asked = (moment,) if drive is None else drive.commands(moment)
+        values = [rule.written(value, factor) for rule, value, factor in zip(rules, asked, factors)]
         writer.writerow((f"{round(time, 3):g}", *(f"{value + 0.0:.{DIGITS}g}" for value in values)))
         time += seconds
     return text.getvalue()

@@ -86,7 +86,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def thruster_test_table(tests: Sequence[ThrusterTestSeen]) -> Table:
-    """Points, levels and ranges."""
+    """Points, levels and ranges; in the notes what a person should know of the reading."""
     header = ("thruster test", "points", "missing", "levels", "n from", "n to", "N from", "N to", "voltages")
     rows = tuple(
         (
@@ -102,4 +102,5 @@ def thruster_test_table(tests: Sequence[ThrusterTestSeen]) -> Table:
         )
         for test in tests
     )
-    return Table("Thruster tests", header, rows)
+    notes = tuple(f"{test.run}: {'; '.join(test.notes)}" for test in tests if test.notes)
+    return Table("Thruster tests", header, rows, notes=notes)

@@ -14,6 +14,8 @@ INSIDE, FAR_INSIDE, HALF = 0.1, 0.02, 0.5
 """The same towards zero, shares of the range; below half of it the largest command must not be exactly 1 or 100."""
 SHARES = {1.0: "normalised (-1 to 1)", 100.0: "like percent"}
 """What commands are whose largest value comes near one of these."""
+LITTLE = 0.1
+"""Share of the largest force below which a force says no direction."""
 PULSES = (800.0, 1500.0, 2200.0)  # us: shortest, neutral, longest
 
 
@@ -40,10 +42,17 @@ class CommandRange:
 
 @dataclass(frozen=True)
 class Misfit:
-    """Why commands do not fit a map, a sentence; `impossible` where they cannot be of this map at all."""
+    """Why commands do not fit a map, and the `rule` of a column map that would mend it; `impossible` where they cannot
+    be of this map at all."""
 
-    sentence: str
+    why: str
+    rule: str
     impossible: bool
+
+    @property
+    def sentence(self) -> str:
+        """One sentence, without a stop."""
+        return f"{self.why}; write {self.rule} under [columns] to mend that, or give the map of this signal"
 
 
 def misfit_of(ranges: Iterable[CommandRange]) -> Misfit | None:
@@ -52,47 +61,58 @@ def misfit_of(ranges: Iterable[CommandRange]) -> Misfit | None:
     if not every:
         return None
     low, high = min(one.low for one in every), max(one.high for one in every)
-    ends, unit = every[0].of_map, every[0].unit
-    size, most = max(abs(low), abs(high)), max(map(abs, ends))
+    (least, largest), unit, names = every[0].of_map, every[0].unit, every[0].names
+    size, most = max(abs(low), abs(high)), max(abs(least), abs(largest))
     if size == 0 or most == 0:
         return None
     ratio, usual = size / most, float(np.median([one.usual for one in every]))
-    names = every[0].names
     said = (
         f"the thruster commands {' and '.join(names)} go from {low:.4g} to {high:.4g}, those of the thruster map from "
-        f"{ends[0]:.4g} to {ends[1]:.4g}{f' {unit}' if unit else ''}"
+        f"{least:.4g} to {largest:.4g}{f' {unit}' if unit else ''}: "
     )
-    rule = f'{names[0]} = {{ from = "NAME", '
-    share = next((word for most_of, word in SHARES.items() if 0.2 * most_of < size <= 1.01 * most_of), "")
+    share = next((word for whole, word in SHARES.items() if 0.2 * whole < size <= 1.01 * whole), "")
+    scale = f"{most if size <= 1.01 else most / 100:.4g}" if size <= 101 else "FACTOR"
+
+    def misfit(why: str, key: str, value: str, impossible: bool) -> Misfit:
+        return Misfit(said + why, f'{names[0]} = {{ from = "NAME", {key} = {value} }}', impossible)
+
     if PULSES[0] <= low and high <= PULSES[2] and most < PULSES[0]:
-        return Misfit(f"{said}: pulses of which the neutral was not subtracted; write {rule}subtract = 1500 }} under "
-                      "[columns]", True)  # fmt: skip
-    if low >= 0 > ends[0] and low < usual < high and abs(usual - (low + high) / 2) <= 0.05 * (high - low):
-        return Misfit(f"{said}: they never go below 0 and are mostly {usual:.4g}, half the range, which looks like a "
-                      f"neutral that was not subtracted; if so, write {rule}subtract = {usual:.4g} }} under [columns]",
-                      False)  # fmt: skip
-    if ratio > BEYOND:
+        return misfit("pulses of which the neutral was not subtracted", "subtract", "1500", True)
+    if low >= 0 > least and low < usual < high and abs(usual - (low + high) / 2) <= 0.05 * (high - low):
+        why = f"they are never negative and mostly {usual:.4g}, half the range, a neutral that was not subtracted"
+        return misfit(why, "subtract", f"{usual:.4g}", False)
+    if ratio > FAR_BEYOND:
         looks = f"they look {share}, not" if share else "they are not"
-        why = f"{looks} the signal of this map" if ratio > FAR_BEYOND else "beyond it the thrust is a guess"
-        return Misfit(f"{said}: {why}; {_remedy(rule, most, size)}", ratio > FAR_BEYOND)
-    if ratio <= INSIDE or (ratio <= HALF and _whole(size)):
+        return misfit(f"{looks} the signal of this map", "scale", scale, True)
+    if ratio > BEYOND:
+        return misfit("beyond its ends the thrust is a guess", "scale", "FACTOR", False)
+    whole = any(abs(size - one) <= 0.01 * one for one in SHARES)
+    if ratio <= INSIDE or (ratio <= HALF and whole):
         looks = f"they look {share}" if share else "they look like another unit"
-        return Misfit(f"{said}: {looks}, or the vehicle was hardly driven; {_remedy(rule, most, size)}",
-                      ratio <= FAR_INSIDE)  # fmt: skip
+        return misfit(f"{looks}, or the vehicle was hardly driven", "scale", scale, ratio <= FAR_INSIDE)
     return None
 
 
-def _whole(size: float) -> bool:
-    """Whether the largest command is exactly that of a share: 1, or 100 percent."""
-    return any(abs(size - most) <= 0.01 * most for most in SHARES)
+def usual_neutral(low: float, high: float, seen: float) -> float:
+    """The neutral of a signal that goes from `low` to `high` and gives nothing at `seen`: 1500 where it is pulses."""
+    pulses = PULSES[0] <= low and high <= PULSES[2] and abs(seen - PULSES[1]) <= 100.0
+    return PULSES[1] if pulses else seen
 
 
-def _remedy(rule: str, most: float, size: float) -> str:
-    scale = most if size <= 1.01 else most / 100 if size <= 101 else 0
-    example = f"{scale:.4g}" if scale else "FACTOR"
-    return (
-        f"bring them to the map's unit with {rule}scale = {example} }} under [columns], or give the map of this signal"
-    )
+def undirected(n: Floats, force: Floats) -> str:
+    """What is wrong with the control signal of a thruster test, arrays (N,); "" where it can be right."""
+    low, high = float(n.min()), float(n.max())
+    if PULSES[0] <= low and PULSES[1] <= high <= PULSES[2] and low > 0.4 * high:
+        return (
+            f"the control signal goes from {low:.4g} to {high:.4g}, as pulses about 1500 do; if it is that, write n = "
+            '{ from = "NAME", subtract = 1500 } under [columns]'
+        )
+    if low >= 0 and force.min() < -LITTLE * force.max() < 0:
+        return (
+            'the control signal is never negative while the force goes both ways; write n = { from = "NAME", sign_from '
+            '= "COLUMN" } with a column that says the direction, or subtract its neutral, under [columns]'
+        )
+    return ""
 
 
 def warnings_of(ranges: Iterable[CommandRange]) -> tuple[str, ...]:
@@ -101,5 +121,5 @@ def warnings_of(ranges: Iterable[CommandRange]) -> tuple[str, ...]:
     if found is None:
         return ()
     if found.impossible:
-        raise RunError(found.sentence)
+        raise RunError(f"{found.why}; write {found.rule} under [columns] to mend that, or give the map of this signal")
     return (f"{found.sentence[0].upper()}{found.sentence[1:]}.",)

@@ -10,6 +10,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.logs import LogTable
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.runs.allocation_limits import AllocationLimit, Commanded, commanded, limit_of, limits_in
+from automarine_cli.runs.command_range import undirected
 from automarine_cli.runs.half_turn import HalfTurn, half_turn, why_none
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run, SetAside
@@ -227,5 +228,5 @@ def _test(table: LogTable, name: str, rows: Indices, missing: int) -> ThrusterTe
         highest_force_N=float(force.max()),
         voltages=volts if len(volts) <= MOST_LEVELS else [],
         columns=sorted(table.extras),
-        notes=list(table.notes),
+        notes=[*table.notes, *filter(None, [undirected(n, force)])],
     )

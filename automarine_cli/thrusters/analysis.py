@@ -7,6 +7,7 @@ import numpy as np
 from automarine_cli.errors import FitError
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Estimate
+from automarine_cli.runs.command_range import usual_neutral
 from automarine_cli.thrusters.fit import (
     FEWEST_LEVELS,
     Parameter,
@@ -148,7 +149,7 @@ def _refused_directions(sides: dict[str, Side], full_scale: float, where: str) -
             )
         if len(sides) == 1 and _rests_above(side):
             low, high = float(side.magnitude.min()), float(side.magnitude.max())
-            rest = float(side.magnitude[np.argmin(np.abs(side.thrust))])
+            rest = usual_neutral(low, high, float(side.magnitude[np.argmin(np.abs(side.thrust))]))
             raise FitError(
                 f"{where}: commands go from {low:.4g} to {high:.4g} and the thruster gives nothing at {rest:.4g}; the "
                 'control signal looks counted from its end, not from rest. Write n = { from = "NAME", subtract = '

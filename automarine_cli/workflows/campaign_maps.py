@@ -16,6 +16,7 @@ from automarine_cli.logs.canonical import CANONICAL, LABELS
 from automarine_cli.logs.columns import ColumnRule, ColumnsOf
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.logs.join import OLDEST, Join, matches
+from automarine_cli.logs.labels import splitting
 from automarine_cli.logs.reader import whole_log
 from automarine_cli.logs.recognise import Recognised, is_called, recognise
 from automarine_cli.logs.spans import Span, is_share
@@ -42,11 +43,13 @@ class Layout:
     dof: Dof
     columns: tuple[Recognised, ...] = ()
     lacking: tuple[str, ...] = ()
+    words: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def rules(self) -> dict[str, ColumnRule]:
         """The column map as everything is taken to be; where a column is open the likelier reading."""
-        return column_rules({one.key: one.rule for one in self.columns if not one.as_named}, "")
+        rules = column_rules({one.key: one.rule for one in self.columns if not one.as_named}, "")
+        return rules | {key: ColumnRule(name) for key, name in splitting(self.words, self.bollard).items()}
 
     @property
     def clock(self) -> "Layout":
@@ -154,7 +157,8 @@ def _tests(
             n = Recognised("n", throttle, f"{span.low:.5g} to {span.high:.5g}, a throttle beside {force.source}")
     if n is None or force is None or n.source == force.source or known.keys() & {"n", "force"}:
         return {"n": None if n is not None and force is not None and n.source == force.source else n, "force": force}
-    n, force = directed(n, force, _numbers(layout), layout.seen)
+    if not force.open or force.unit_open:
+        n, force = directed(n, force, _numbers(layout), layout.seen)
     return {"n": n, "force": force}
 
 
@@ -248,12 +252,13 @@ def _drives(layout: Layout) -> bool:
 
 
 def _gap(layout: Layout) -> float:
-    """The longest time [s] between two rows."""
+    """The longest time [s] between two rows of a file that is written seldom; none of one that pauses now and then."""
     clock = recognise("time", layout.names, layout.seen)
     if clock is None:
         return 0.0
     unit = {"time_ms": 1e-3, "time_us": 1e-6}.get(clock.key, 1.0)
-    return unit * layout.seen[clock.source].largest_step
+    span = layout.seen[clock.source]
+    return unit * span.largest_step if 3 * unit * span.median_step > OLDEST else 0.0
 
 
 def _pattern(one: Path, other: Path) -> tuple[str, str] | None:

@@ -20,8 +20,8 @@ def answered(text: str, ask: Ask) -> str:
     for i, line in enumerate(lines):
         while (found := _QUESTION.match(line)) is not None:
             key = found["head"].strip().rstrip("= ").replace(" = { from =", ", from").replace("{", "")
-            comment = line.partition(" # ")[2] or before.removeprefix("# ")
-            answer = ask(key.strip(), comment.removeprefix("? ")).strip()
+            comment = line.partition(" # ")[2] or (before if before.startswith("# ? ") else "")
+            answer = ask(key.strip(), comment.removeprefix("# ").removeprefix("? ")).strip()
             if not answer or answer == "?":
                 break
             line = f"{found['head']}{_as_toml(answer)}{found['rest']}"

@@ -9,11 +9,12 @@ from typing import Any
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
+from automarine_cli.pipeline.codec import Record
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.pipeline.reuse import why_made_again
 from automarine_cli.report.campaign_steps import StepFolder
 from automarine_cli.results.kinds import DIAGNOSIS, MODELS
-from automarine_cli.workflows.campaign_file import Campaign
+from automarine_cli.workflows.campaign_file import Campaign, Together
 from automarine_cli.workflows.check import check
 from automarine_cli.workflows.command import Command, Runner, inputs_of, recorded, seed_of
 from automarine_cli.workflows.diagnose import diagnose
@@ -37,7 +38,7 @@ class Plan:
     """One step, ready to run: the command and its options."""
 
     work: Work
-    asked: Any
+    asked: Record
 
     def run(self, out: Path, overwrite: bool, jobs: int, progress: Progress) -> object:
         """Run it into the folder `out`."""
@@ -73,7 +74,7 @@ class Step:
 
     def belongs_to(self, campaign: Campaign) -> bool:
         """Whether the campaign has such a step."""
-        return not self.motion or self.motion in campaign.sections
+        return not self.motion or getattr(campaign.asked, self.motion) is not None
 
 
 def _check(campaign: Campaign, out: Path) -> Plan | str:
@@ -95,7 +96,8 @@ def _fit(campaign: Campaign, out: Path, motion: str) -> Plan | str:
     drive = _drive(campaign, out, motion)
     if drive is None:
         return f"its {DOFS[motion].words.force}s need the thruster map, and fit-thrusters gave none"
-    asked: Any = campaign.settings(motion)
+    asked = campaign.settings(motion)
+    assert not isinstance(asked, Together)
     own = {key: getattr(asked, key) for key in ("within", "depths") if hasattr(asked, key)}
     own |= {"fit_to": asked.fit_to, "tail": asked.tail, "channels": asked.channels}
     return _plan(FITS[motion], logs, **_common(campaign), **drive, **own)
@@ -111,7 +113,8 @@ def _judge(campaign: Campaign, out: Path, motion: str, work: Work) -> Plan | str
     if not model.is_file() or drive is None:
         return f"it needs the {motion} model, and fit-{motion} gave none"
     more: dict[str, object] = {"hold_out": held} if work is diagnose else {}
-    asked: Any = campaign.settings(motion)
+    asked = campaign.settings(motion)
+    assert not isinstance(asked, Together)
     more |= {"model": model, "seed": campaign.asked.seed, "channels": asked.channels}
     return _plan(work, logs, **_common(campaign), **drive, **more)
 

@@ -3,10 +3,9 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from automarine_cli.errors import ModelError
-from automarine_cli.logs import Logs, given_columns
+from automarine_cli.logs import ColumnMap, Logs, given_columns
 from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import Source
@@ -44,7 +43,7 @@ class Plan(Shown):
     source: str
     seed: int
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The result: schema automarine/plan/1."""
         made, limits = self.campaign, self.campaign.limits
         return {
@@ -147,12 +146,12 @@ def _plan(asked: PlanOptions, runner: Runner) -> Plan:
         return Plan(found, known.stored.source, drive, source, asked.seed)
 
     def write(folder: ResultFolder, result: Plan) -> None:
-        _write(folder, result, asked.figure_formats)
+        _write(folder, result, asked.figure_formats, names)
 
     return runner.results(asked, work, write)
 
 
-def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...]) -> None:
+def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...], names: ColumnMap) -> None:
     made = result.campaign
     spec, missing = specification(made, result.seed)
     rehearsal = missing
@@ -164,12 +163,12 @@ def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...]) -> None
     folder.write_json("plan.json", result.to_json())
     unit, rest = made.fitting.model.moment_unit, made.limits.runs.rest_before_s
     for slot in made.slots:
-        content = command_file(slot.candidate, rest, unit, result.drive)
+        content = command_file(slot.candidate, rest, unit, result.drive, names)
         folder.write(plan_tables.command_name(slot.name), content)
     write_figures(folder, {"plan": lambda: plan_figure(made)}, formats)
 
 
-def _slot_json(slot: Slot, why: str) -> dict[str, Any]:
+def _slot_json(slot: Slot, why: str) -> dict[str, object]:
     one = slot.candidate
     return {
         "number": slot.number,
@@ -186,7 +185,7 @@ def _slot_json(slot: Slot, why: str) -> dict[str, Any]:
     }
 
 
-def _split_json(one: Split, grid: Split) -> dict[str, Any]:
+def _split_json(one: Split, grid: Split) -> dict[str, object]:
     return {"true": one.true, "other": one.other, "evidence": one.evidence, "evidence_of_grid": grid.evidence}
 
 

@@ -4,7 +4,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from automarine_cli.errors import OutputError
 from automarine_cli.pipeline import staging
@@ -26,7 +25,7 @@ class Report:
     files: dict[str, str]
     steps: Steps
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """What is in it: schema automarine/report/1."""
         steps, missing = list(self.steps.found), self.steps.missing
         return {"schema": SCHEMA, "files": list(self.files), "steps": steps, "missing": missing}

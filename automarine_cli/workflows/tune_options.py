@@ -76,6 +76,21 @@ class TuneOptions(Drawn, Columns, _Asked):
 
 
 @dataclass(frozen=True)
+class TuneSection:
+    """The same in a campaign's file: the `target`, and what `tune` has to know beside the model."""
+
+    target: str
+    full: float | None = None
+    delay: float | None = None
+    step: float | None = None
+    load: float = 10.0
+    margin: float = 0.75
+    present: str | None = None
+    sample_time: float | None = None
+    beyond_range: bool = False
+
+
+@dataclass(frozen=True)
 class Ready:
     """Everything that a tuning is made of."""
 

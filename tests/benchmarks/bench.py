@@ -2,7 +2,7 @@
 out/bench.json.
 
 Usage: python tests/benchmarks/bench.py [efficiency] [coverage] [thrusters] [effects] [planning] [tails] [sensors]
-       [startup] [simulator] [fit] [many] [diagnose] [reading] [memory] [broken] [cluster]
+       [commands] [startup] [simulator] [fit] [many] [diagnose] [reading] [memory] [broken] [cluster]
        [--jobs N] [--campaigns N] [--repeats N] [--full]
 """
 
@@ -17,6 +17,7 @@ import time
 from pathlib import Path
 
 from cluster import cluster
+from commands import commands
 from coverage_effects import effect_coverage
 from coverage_thrusters import thruster_coverage
 from efficiency import efficiency
@@ -40,7 +41,9 @@ CAMPAIGNS = {
     "tails": 400,
     "sensors": 200,
 }
-SECTIONS = (*CAMPAIGNS, "startup", "simulator", "fit", "many", "diagnose", "reading", "memory", "broken", "cluster")
+SECTIONS = (
+    *CAMPAIGNS, "commands", "startup", "simulator", "fit", "many", "diagnose", "reading", "memory", "broken", "cluster",
+)  # fmt: skip
 
 
 def run_section(name: str, jobs: int, campaigns: int | None, repeats: int, full: bool, progress: Progress) -> Result:
@@ -53,8 +56,8 @@ def run_section(name: str, jobs: int, campaigns: int | None, repeats: int, full:
         return reading(repeats, full, progress)
     if name in ("memory", "broken", "cluster"):
         return {"memory": memory, "broken": broken, "cluster": cluster}[name](full, progress)
-    if name in ("many", "diagnose"):
-        return {"many": many, "diagnose": diagnose}[name](min(repeats, 3), progress)
+    if name in ("many", "diagnose", "commands"):
+        return {"many": many, "diagnose": diagnose, "commands": commands}[name](min(repeats, 3), progress)
     return {"startup": startup, "simulator": simulator, "fit": fit}[name](3 * repeats, progress)
 
 
@@ -88,6 +91,8 @@ def main() -> None:
         options.out.parent.mkdir(parents=True, exist_ok=True)
         options.out.write_text(json.dumps(results, indent=1, default=float) + "\n")
     print(f"Results are in {options.out}", file=sys.stderr)
+    if outside := results.get("commands", {}).get("outside"):
+        sys.exit(f"Slower or faster than expected: {', '.join(outside)}")
 
 
 if __name__ == "__main__":

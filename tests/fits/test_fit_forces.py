@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from identified import identify
 from repository import SAMPLE_RUNS
 
 from automarine_cli.dofs import HEAVE, SURGE
 from automarine_cli.errors import FitError, SettingError
-from automarine_cli.fits.identify import identify, starts_at_rest
+from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import steady_rate

@@ -50,7 +50,7 @@ REFUSED = {
     "time, heading_deg, heading_rad, yaw_rate_deg_s, yaw_rate_rad_s, tau, tau_Nm, n_port, n_stbd, voltage_V, "
     "surge_m_s, sway_m_s, heave_m_s, distance_m, depth_m, force_X_N, X, force_Z_N, Z, force_Y_N, Y, n_vert, "
     "north_m, east_m, lat_deg, lon_deg, "
-    "n, force_N, force_kgf, force_lbf, run, mode, armed",
+    "n, force_N, force_kgf, force_lbf, run, mode, armed, by",
     "[columns]\ntau = 1": ": columns.tau is 1; expected the name of a column in quotes, or a table such as "
     '{ from = "yaw", unit = "rad", sign = -1 }',
     "[columns]\ntau = ''": ": columns.tau.from is ''; expected the name of a column in quotes",
@@ -70,9 +70,9 @@ REFUSED = {
     "[[columns_of]]\nn = 'a'": ": columns_of[0].logs is missing; expected the logs that it is of, such as "
     '["bollard/*.csv"]',
     "[logs]\nsteps = ['a']": ": logs.steps is not known; [logs] of a column map takes join",
-    "[logs]\njoin = { logs = 'a' }": ": logs.join[0]: key 'with' is missing; expected a text in quotes or a list, each "
-    "entry a text in quotes",
-    "[logs]\njoin = { logs = 'nav_*', with = '*_cmd_*' }": ': logs.join[0]: join of "nav_*" with "*_cmd_*": expected '
+    "[logs]\njoin = { logs = 'a' }": ': logs.join: [0]: key "with" is missing; expected a text in quotes or a list, '
+    "each entry a text in quotes",
+    "[logs]\njoin = { logs = 'nav_*', with = '*_cmd_*' }": ': logs.join: [0]: join of "nav_*" with "*_cmd_*": expected '
     "as many stars in both, or none in the second; a star stands for the same letters in both names",
     "[columns]\ntau = { from = 'a', sign = 2 }": ": columns.tau.sign is 2; expected 1 or -1",
     "[columns]\ntau = { from = 'a', sign = true }": ": columns.tau.sign is true; expected 1 or -1",

@@ -9,6 +9,7 @@ from tolerances import assert_close
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, column_rules, read_column_map, read_log
+from automarine_cli.workflows.check import check
 
 BENCH = "PWM_us,rpm,load\n1100,3000,-40\n1300,1500,-10\n1500,0,0\n1700,1600,12\n1900,3200,48\n"
 
@@ -52,6 +53,17 @@ def test_single_files_have_maps_of_their_own(tmp_path: Path) -> None:
     tables = [read_log(LogFile(tmp_path / name, name, True), columns, dof=YAW) for name in ("bench/a.csv", "run.csv")]
     assert tables[0].columns.keys() == {"time", "n", "force"} and tables[0].columns["time"][1] == 1.0
     assert tables[1].columns.keys() == {"time", "heading", "moment"} and tables[1].columns["time"][1] == 0.1
+
+
+def test_check_tells_a_signal_that_holds_its_neutral_or_lacks_its_sign(tmp_path: Path) -> None:
+    (tmp_path / "bench.csv").write_text(BENCH, encoding="utf-8")
+    for name, words in (("PWM_us", "from 1100 to 1900, as pulses about 1500 do"), ("rpm", "never negative while the")):
+        columns = ColumnMap(column_rules({"n": name, "force_N": "load"}, ""))
+        found = check(tmp_path / "bench.csv", columns=columns)
+        assert words in found.tests[0].notes[0]
+        assert words in found.tables()[0].notes[0]
+    right = ColumnMap(column_rules({"n": {"from": "PWM_us", "subtract": 1500}, "force_N": "load"}, ""))
+    assert check(tmp_path / "bench.csv", columns=right).tests[0].notes == []
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from automarine_cli.errors import RunError, SettingError
+from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.planning.candidates import Candidate, Supply, allowance, costs, in_order, scheduled
 from automarine_cli.planning.limits import Battery, Limits, Pool, Runs
 from automarine_cli.planning.vehicle import command_file, consumption, drive_of, in_words
@@ -91,10 +92,12 @@ def test_tests_without_a_current_are_refused() -> None:
 
 def test_a_command_file_holds_each_moment_until_the_next() -> None:
     coast = Candidate("coast-down", "coast", ((-1.2, 2.5), (0.0, 5.0)))
-    rows = list(csv.reader(io.StringIO(command_file(coast, 3.0, "nu", None))))
+    rows = list(csv.reader(io.StringIO(command_file(coast, 3.0, "nu", None, ColumnMap()))))
     assert rows == [["time_s", "tau"], ["0", "0"], ["3", "-1.2"], ["5.5", "0"], ["10.5", "0"]]
     drive = drive_of(MAP, 0.11, 150.0, True, 1.0)
-    rows = list(csv.reader(io.StringIO(command_file(Candidate("step", "s", ((0.1, 4.0),)), 3.0, "N m", drive))))
+    rows = list(
+        csv.reader(io.StringIO(command_file(Candidate("step", "s", ((0.1, 4.0),)), 3.0, "N m", drive, ColumnMap())))
+    )
     assert rows[0] == ["time_s", "n_port", "n_stbd"]
     port, starboard = (float(cell) for cell in rows[2][1:])
     assert float(MAP.moment(port, starboard, 0.11)) == pytest.approx(0.1, rel=1e-4)
@@ -121,3 +124,23 @@ def test_what_a_person_reads() -> None:
 def test_limits_that_make_no_sense_are_refused(make: object, why: str) -> None:
     with pytest.raises(SettingError, match=why):
         make()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("way", [-1, 1])
+def test_commands_are_written_as_the_logs_hold_them(way: int) -> None:
+    """Pulses about their neutral, percent of the other sign, a moment in per cent of a newton metre: what is read back
+    by the same map is what was planned."""
+    step = Candidate("step", "s", ((way * 0.1, 4.0),))
+    names = ColumnMap({
+        "n_port": ColumnRule("port_us", subtract=1500.0), "n_stbd": ColumnRule("stbd %", sign=-1, scale=1.5),
+        "tau": ColumnRule("moment", offset=0.05, sign_from=None),
+    })  # fmt: skip
+    drive = drive_of(ThrusterMap("square", Curve(1e-3), Curve(1e-3)), 0.2, 100.0, True, 1.0)
+    plain = list(csv.DictReader(io.StringIO(command_file(step, 3.0, "nu", drive, ColumnMap()))))
+    own = list(csv.DictReader(io.StringIO(command_file(step, 3.0, "nu", drive, names))))
+    assert own[0] == {"time_s": "0", "port_us": "1500", "stbd %": "0"}
+    for one, other in zip(own, plain):
+        assert float(one["port_us"]) - 1500 == pytest.approx(float(other["n_port"]), abs=0.01)
+        assert -1.5 * float(one["stbd %"]) == pytest.approx(float(other["n_stbd"]), rel=1e-5)
+    (_, pushed, _) = csv.DictReader(io.StringIO(command_file(step, 3.0, "nu", None, names)))
+    assert float(pushed["moment"]) + 0.05 == pytest.approx(way * 0.1)

@@ -21,8 +21,8 @@ def commands(low: float, high: float, of_map: tuple[float, float], usual: float 
         (commands(-400, 400, (-1, 1)), "they are not the signal of this map", True),
         (commands(-100, 100, (-400, 400)), "they look like percent, or the vehicle was hardly driven", False),
         (commands(-100, 100, (-3000, 3000)), "scale = 30 }", False),
-        (commands(0, 1, (-1, 1), 0.5), "half the range, which looks like a neutral that was not subtracted", False),
-        (commands(-500, 450, (-400, 400)), "beyond it the thrust is a guess", False),
+        (commands(0, 1, (-1, 1), 0.5), "mostly 0.5, half the range, a neutral that was not subtracted", False),
+        (commands(-500, 450, (-400, 400)), "beyond its ends the thrust is a guess", False),
         (commands(-30, 25, (-400, 400)), "or the vehicle was hardly driven", False),
     ],
 )

@@ -222,6 +222,7 @@ def test_a_direction_that_was_not_measured_has_a_why() -> None:
         (BOTH, np.abs(paper(BOTH)), "logged as a magnitude"),
         (np.array([10.0, 20.0]), np.array([1.0, 4.0]), "at least 3 different commands"),
         (np.zeros(5), np.ones(5), "no direction can be fitted"),
+        (BOTH + 1500.0, np.abs(paper(BOTH)), r"gives nothing at .*subtract = 1500"),
         (BOTH + 1500.0, paper(BOTH), r"push both ways.*subtract = REST"),
     ],
 )

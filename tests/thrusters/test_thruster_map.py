@@ -6,7 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from automarine_cli.errors import ModelError
+from automarine_cli.errors import ModelError, SettingError
+from automarine_cli.planning.vehicle import drive_of
 from automarine_cli.thrusters.forms import FORMS, Curve
 from automarine_cli.thrusters.map import ThrusterMap
 
@@ -38,6 +39,29 @@ def test_dead_band_and_saturation() -> None:
 def test_json_there_and_back(thruster_map: ThrusterMap) -> None:
     text = json.dumps(thruster_map.to_json(), allow_nan=False)
     assert ThrusterMap.from_json(json.loads(text)) == thruster_map
+
+
+@pytest.mark.parametrize("ends", [(-400.0, 400.0), (-300.0, 400.0), (0.0, 150.0)])
+def test_a_map_says_from_where_to_where_it_was_measured(ends: tuple[float, float]) -> None:
+    known = ThrusterMap("square", Curve(2.0), Curve(1.0), "us", ends)
+    data = json.loads(json.dumps(known.to_json()))
+    assert data["n_range"] == list(ends) and ThrusterMap.from_json(data) == known
+    seen = known.compared(("n_port", "n_stbd"), [np.array([0.0, 10.0]), np.array([-20.0, 0.0])])
+    assert seen is not None
+    assert (seen.low, seen.high, seen.of_map, seen.unit) == (-20.0, 10.0, ends, "us")
+    del data["n_range"]  # a map of old
+    assert ThrusterMap.from_json(data).compared(("n_port",), [np.ones(3)]) is None
+    for wrong, words in (([1.0], "expected a list of 2 values"), ([2.0, 1.0], "expected the lower one first")):
+        with pytest.raises(ModelError, match=f"n_range: found .*, {words}"):
+            ThrusterMap.from_json({**data, "n_range": wrong})
+
+
+def test_a_plan_goes_as_far_as_the_map_was_measured() -> None:
+    known = ThrusterMap("square", Curve(2.0), Curve(1.0), "us", (-300.0, 400.0))
+    assert drive_of(known, 0.2, None, False, 1.0).most == 300.0
+    assert drive_of(known, 0.2, 350.0, False, 1.0).most == 350.0
+    with pytest.raises(SettingError, match="measured from -300 to 400 us; give it in the map's own unit"):
+        drive_of(known, 0.2, 1900.0, False, 1.0)
 
 
 BREAKAGES = {
