@@ -99,7 +99,7 @@ def test_flights_begin_to_swing_where_the_delay_margin_says(name: str) -> None:
     omega = grid_for(target, [Crowd("", base)], 2000)
     margin = all_margins(target, own, base, omega).delay[0]
     assert 0.02 < margin < 5.0
-    loops = round(max(10.0, 25.0 * margin) / target.period)
+    loops = round(max(20.0, (25.0 if target.period < 0.01 else 60.0) * margin) / target.period)
     small = np.full((1, 1, loops), 0.01)  # rad: no limit is met
     sizes = []
     for share in (0.85, 1.15):
