@@ -63,8 +63,6 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
     """What the files say. Raises ModelError with file and key."""
     name = printable(model.name)
     file, stored = file_and_models(read_plain(model, "JSON", ModelError), name)
-    if not stored.dof.wraps:
-        raise ModelError(f"{name} is a model of {stored.dof.name}; campaigns are planned from models of yaw")
     chosen = stored.models[stored.preferred]
     now, spread = _stored_estimates(file), file.gain_scatter.value if file.gain_scatter else None
     notes: tuple[str, ...] = ()

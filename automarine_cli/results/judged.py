@@ -82,6 +82,14 @@ class FoundEffect:
     rivals: tuple[Named, ...] = ()
 
 
+@dataclass(frozen=True, kw_only=True)
+class TuningFile(ResultRecord):
+    """`tuning.json`: what became of the gains of a target."""
+
+    verdict: str
+    target: str
+
+
 @dataclass(frozen=True)
 class Moved:
     """A parameter before and after what was missing was added."""

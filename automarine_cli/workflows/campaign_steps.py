@@ -13,6 +13,7 @@ from automarine_cli.pipeline.codec import Record
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.pipeline.reuse import why_made_again
 from automarine_cli.report.campaign_steps import StepFolder
+from automarine_cli.results.kinds import DIAGNOSIS, MODELS
 from automarine_cli.workflows.campaign_file import Campaign, Together
 from automarine_cli.workflows.check import check
 from automarine_cli.workflows.command import Command, Runner, inputs_of, recorded, seed_of
@@ -21,6 +22,7 @@ from automarine_cli.workflows.diagnose_planar import diagnose_planar
 from automarine_cli.workflows.fit_planar import fit_planar
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
 from automarine_cli.workflows.fit_yaw import FITS
+from automarine_cli.workflows.tune import tune
 from automarine_cli.workflows.validate import validate
 from automarine_cli.workflows.validate_planar import validate_planar
 
@@ -56,8 +58,8 @@ def _plan(work: Work, logs: list[LogFile], **settings: object) -> Plan:
 
 @dataclass(frozen=True)
 class Step:
-    """A step of every campaign, or of those with logs of `motion`: its name, its folder, the command, and what makes
-    its plan (or says why there is none)."""
+    """A step of every campaign, or of those with logs of `motion` or another section of that name: its name, its
+    folder, the command, and what makes its plan (or says why there is none)."""
 
     name: str
     folder: str
@@ -72,7 +74,7 @@ class Step:
 
     def belongs_to(self, campaign: Campaign) -> bool:
         """Whether the campaign has such a step."""
-        return not self.motion or self.motion in campaign.motions
+        return not self.motion or getattr(campaign.asked, self.motion) is not None
 
 
 def _check(campaign: Campaign, out: Path) -> Plan | str:
@@ -138,6 +140,19 @@ def _together(campaign: Campaign, out: Path, work: Work) -> Plan | str:
     return _plan(work, logs, **settings)
 
 
+def _tune(campaign: Campaign, out: Path) -> Plan | str:
+    """Gains for what the diagnosis of yaw left behind, or for the model where there is none."""
+    places = (out / "diagnosis" / DIAGNOSIS.file, out / YAW.name / MODELS[YAW.name].file)
+    model = next((place for place in places if place.is_file()), None)
+    if model is None or campaign.asked.tune is None:
+        return "it needs the yaw model, and fit-yaw gave none"
+    settings = vars(campaign.asked.tune)
+    if campaign.asked.tune.present is not None:
+        settings = {**settings, "present": campaign.path.parent / campaign.asked.tune.present}
+    own = {"figure_formats": FIGURES, "seed": campaign.asked.seed}
+    return Plan(tune, tune.asked({"model": model, **settings, **own}))
+
+
 def _none_named(kinds: tuple[str, ...], motion: str) -> str:
     of_motion = "" if motion == YAW.name else f" of {motion}"
     return f"the campaign names no {' and no '.join(RUNS[kind] for kind in kinds)}{of_motion}"
@@ -183,6 +198,7 @@ STEPS = (
     Step("fit-thrusters", "thrusters", fit_thrusters, _fit_thrusters),
     *(step for motion in DOFS for step in _of(motion)),
     *_of_plane(),
+    Step("tune", "tune", tune, _tune, "tune"),
 )
 FOLDERS = tuple(
     StepFolder(step.folder, step.work.kept.kind, not step.motion) for step in STEPS if step.work.kept is not None

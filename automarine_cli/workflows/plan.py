@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from automarine_cli.errors import ModelError
 from automarine_cli.logs import ColumnMap, Logs, given_columns
 from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.outputs import ResultFolder
@@ -127,6 +128,9 @@ def _plan(asked: PlanOptions, runner: Runner) -> Plan:
     RunError or OutputError.
     """
     known, limits = read_prior_results(asked.model, asked.diagnosis), asked.limits
+    if not known.model.dof.wraps:
+        source, motion = known.stored.source, known.model.dof.name
+        raise ModelError(f"{source} is a model of {motion}; give a model of yaw, for no other campaigns are planned")
     allowed = limits if isinstance(limits, Limits) else Limits() if limits is None else read_limits(limits)
     names, tests = given_columns(asked.columns), asked.thruster_tests
     drive = drive_for(asked.thrusters, asked.arm, names, known, allowed)

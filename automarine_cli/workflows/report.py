@@ -75,5 +75,8 @@ def _also(folder: Path) -> dict[str, str]:
         place = folder / name / command.section
         if command.section and place.is_file():
             text = place.read_text(encoding="utf-8", errors="replace")
-            found[name.replace("-", " ").capitalize()] = re.sub(r"\A# .*\n", "", text)
+            text = re.sub(r"^(!\[.*\])\((\w+\.\w+)\)$", rf"\1({name}/\2)", text, flags=re.MULTILINE)
+            found[name.replace("-", " ").capitalize()] = re.sub(
+                r"^## ", "### ", re.sub(r"\A# .*\n", "", text), flags=re.MULTILINE
+            )
     return found
