@@ -126,7 +126,7 @@ def test_logs_to_a_folder_of_results(tmp_path: Path) -> None:
         assert told["prediction"][runs]["horizon_s"] == 5.0
     extended = load_planar_model(out / "extended_model.json")
     again = find_missing(extended, *_split(tmp_path))
-    assert again.verdict == "nothing-missing" and set(extended.data["random"]) == set(again.after.random)  # type: ignore[call-overload]
+    assert again.verdict == "nothing-missing" and set(extended.random) == set(again.after.random)
 
 
 def _split(folder: Path) -> tuple[list[Run], list[Run], Observed]:

@@ -235,7 +235,7 @@ def test_other_bytes_and_other_versions_are_said(
         ({"options": {"evil": 1}}, "options: unknown key 'evil' of fit-thrusters"),
         ({"options": {"columns": "columns.toml"}}, "no input was recorded as the columns"),
         ({"inputs": [{"file": "../../etc/passwd", "role": "log"}]}, "leads out of the folder"),
-        ({"inputs": "all"}, "inputs: found a table, expected a list"),
+        ({"inputs": "all"}, 'inputs: found "all", expected a list'),
     ],
 )  # fmt: skip
 def test_a_manifest_that_cannot_be_followed_is_refused(
