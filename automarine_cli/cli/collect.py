@@ -24,6 +24,7 @@ from automarine_cli.cli import options
     "--wait", type=click.FloatRange(min=0), metavar="SECONDS",
     help="Give up after so long without contact.  [default: never]",
 )  # fmt: skip
+@click.option("--overwrite", is_flag=True, help="Fetch again what was changed in DIR since it was fetched.")
 @options.json_option
 @options.verbosity
 def collect(**given: Any) -> object:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from automarine_cli.errors import SettingError
-from automarine_cli.link.client import Client, LinkCut
+from automarine_cli.link.client import PIECE, Client, LinkCut
 from automarine_cli.link.document import LinkCampaign
 from automarine_cli.pipeline import staging
 from automarine_cli.pipeline.manifest import sha256
@@ -38,12 +38,15 @@ class Crossing:
 
 @dataclass(frozen=True)
 class Collector:
-    """Fetches the logs of a vehicle into `folder`; gives up after `wait_s` without contact (None: never)."""
+    """Fetches the logs of a vehicle into `folder`; gives up after `wait_s` without contact (None: never).
+
+    A log that was changed here is fetched again with `overwrite`, else refused."""
 
     client: Client
     folder: Path
     wait_s: float | None = None
     progress: Progress = silent
+    overwrite: bool = False
     poll_s: float = POLL_S
     crossing: Crossing = field(default_factory=Crossing)
 
@@ -85,10 +88,10 @@ class Collector:
         ledger, target = self.ledger(), self.folder / name
         if ledger.get(name, wanted) != wanted:
             raise SettingError(f"{name} is another log now than when it was fetched; find out why, logs never change")
-        if target.exists():
-            if sha256(target) != wanted:
-                raise SettingError(f"{name} was changed here since it was fetched; move it away and collect again")
-        else:
+        changed = target.exists() and sha256(target) != wanted
+        if changed and not self.overwrite:
+            raise SettingError(f"{name} was changed here since it was fetched; move it away, or give --overwrite")
+        if changed or not target.exists():
             self._fetch_whole(target, size, wanted)
         if name not in ledger:
             runs = dict(sorted((ledger | {name: wanted}).items()))
@@ -120,6 +123,7 @@ class Collector:
                 file.write(came)
                 file.flush()
                 self.crossing.bytes_in += len(came)
+                self.crossing.cuts += len(came) < min(PIECE, size - have)
                 self.progress(f"fetching {name}", have + len(came), size)
 
     def _until_done(self, ask: Callable[[], Answer]) -> Answer:

@@ -65,7 +65,7 @@ def _collect(asked: CollectOptions, runner: Runner) -> Collected:
     if campaign is not None:
         campaign.refuse_beyond_reserve()
     client = Client.of(asked.url, asked.token)
-    collector = Collector(client, runner.out, asked.wait, runner.progress)
+    collector = Collector(client, runner.out, asked.wait, runner.progress, runner.overwrite)
     before = len(collector.ledger())
     state = collector.collect(campaign, asked.stop)
     runs = collector.ledger()
