@@ -63,7 +63,7 @@ def test_the_paper_s_battery_carries_an_hour_and_a_half_at_a_quarter_of_the_thru
     with pytest.raises(SettingError, match=r"in run 10 of 10, 09, it falls to -0.322 Ah of 2.9001, below the reserve"):
         replace(carried, battery=replace(spent, charge_Ah=2.9001), runs=runs).refuse_beyond_reserve()
     with pytest.raises(
-        SettingError, match=r"in run 8 of 10, 07, it falls to 0.322 Ah of 2.9001, below the reserve of 0.58 Ah"
+        SettingError, match=r"in run 8 of 10, 07, it falls to 0.322 Ah of 2.9, below the reserve of 0.58 Ah"
     ):
         replace(carried, battery=replace(spent, reserve_percent=20.0), runs=runs).refuse_beyond_reserve()
 
