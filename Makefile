@@ -12,7 +12,7 @@ MAKEFLAGS += --no-print-directory
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-all check fit-thrusters fit-yaw validate diagnose run reproduce wheel sample-runs paper pictures bench blind closed-loop real clean
+.PHONY: help demo test test-all check fit-thrusters fit-yaw validate diagnose tune run reproduce wheel sample-runs paper pictures bench blind closed-loop tuning real clean
 
 help: ## Show this list
 	echo "make TARGET, where TARGET is one of"
@@ -29,12 +29,13 @@ $(READY): pyproject.toml
 	$(BIN)/python -m pip install --quiet --quiet --editable . --group dev
 	touch $@
 
-demo: $(READY) ## Thrusters, yaw model, validation and a diagnosis of sample_runs, into OUT/demo
-	$(MAKE) fit-thrusters fit-yaw validate diagnose-one OUT=$(OUT)/demo
+demo: $(READY) ## Thrusters, yaw model, validation, a diagnosis of sample_runs and a controller, into OUT/demo
+	$(MAKE) fit-thrusters fit-yaw validate diagnose-one tune OUT=$(OUT)/demo
 	echo
 	echo "Tables:  $(OUT)/demo/yaw/table1.md  $(OUT)/demo/yaw/table2.md  $(OUT)/demo/validation/validation.md"
 	echo "Plots:   $(OUT)/demo/thrusters/*.png  $(OUT)/demo/yaw/*.png  $(OUT)/demo/validation/*.png"
 	echo "Hidden:  $(OUT)/demo/diagnose_one/diagnosis.md  $(OUT)/demo/diagnose_one/*.png"
+	echo "Gains:   $(OUT)/demo/tuning/ardusub.param  $(OUT)/demo/tuning/tuning.md  $(OUT)/demo/tuning/tuning.png"
 
 fit-thrusters: $(READY) ## Bollard tests of sample_runs -> thruster map, into OUT/thrusters
 	$(AUTOMARINE) fit-thrusters sample_runs/thrusters --thrusters-per-test 2 -o $(OUT)/thrusters --overwrite
@@ -53,6 +54,10 @@ diagnose-%: $(READY)
 	$(AUTOMARINE) fit-yaw sample_runs/hidden_$* --fit-to whole-runs -o $(OUT)/hidden_$* --overwrite -q --jobs $(JOBS)
 	$(AUTOMARINE) diagnose sample_runs/hidden_$* --model $(OUT)/hidden_$*/yaw_model.json \
 	  -o $(OUT)/diagnose_$* --overwrite --seed 0 --jobs $(JOBS)
+
+tune: $(READY) ## Heading gains for ArduSub from the first of these diagnoses, into OUT/tuning
+	test -e $(OUT)/diagnose_one/diagnosis.json || $(MAKE) diagnose-one
+	$(AUTOMARINE) tune $(OUT)/diagnose_one/diagnosis.json --for ardusub --full 1.2 -o $(OUT)/tuning --overwrite
 
 run: $(READY) ## Every step of the campaign sample_runs/pool_day.toml and its report, into OUT/pool_day
 	$(AUTOMARINE) run sample_runs/pool_day.toml -o $(OUT)/pool_day --jobs $(JOBS)
@@ -112,6 +117,10 @@ blind: $(READY) ## Does diagnose name what is hidden? Campaigns with a known tru
 
 closed-loop: $(READY) ## The same where a controller steers and the water disturbs
 	$(BIN)/python tests/benchmarks/closed_loop.py --jobs $(JOBS) --out $(OUT)/closed_loop.json
+
+tuning: $(READY) ## Do the promises of tune hold? Five vehicles in twelve corners, 40 blind ones with a known truth; an hour
+	$(BIN)/python tests/benchmarks/tuning.py --jobs $(JOBS) --out $(OUT)
+
 real: $(READY) ## Real logs, halves exchanged: predictions against least squares and constants, what is named; AUTOMARINE_DATA
 	$(BIN)/python tests/benchmarks/real.py --out $(OUT)
 

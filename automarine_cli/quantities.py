@@ -5,10 +5,13 @@ Inside automarine angles are radians, times seconds, forces newtons; degrees app
 The yaw moment carries the unit of the logs: "nu", the normalised moment unit of the source paper, or "N m".
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complexfloating[Any, Any]]
 
 CLOCK, SINCE = "campaign-clock", "time-since-command-change"
 """Signals that every log has beside its columns: its clock, and the time since its command last changed, both [s]."""

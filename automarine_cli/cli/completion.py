@@ -1,7 +1,6 @@
 """`automarine completion`: the name of a shell in, the lines that make it complete our commands out."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import click
 
@@ -18,7 +17,7 @@ class Completion:
     shell: str
     script: str
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Schema automarine/completion/1."""
         return {"schema": "automarine/completion/1", "shell": self.shell, "script": self.script}
 

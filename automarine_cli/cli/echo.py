@@ -2,14 +2,17 @@
 
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import click
 
 from automarine_cli.cli.terminal import coloured, folded, painted, width_of
 from automarine_cli.pipeline.progress import Progress, silent
+
+if TYPE_CHECKING:
+    from automarine_cli.workflows.run import News
 
 SHOWN = 8  # runs set aside that are listed one by one without -v
 PATIENCE_S = 1.0  # work shorter than this shows no bar
@@ -92,8 +95,8 @@ class CampaignTeller:
     def __init__(self) -> None:
         self.progress = terminal_progress()
 
-    def tell(self, news: Any) -> None:
-        """A step starts or is over (`workflows.run.News`)."""
+    def tell(self, news: "News") -> None:
+        """A step starts or is over."""
         bar = self.progress if isinstance(self.progress, Bar) else None
         if bar is not None:
             bar.clear()
@@ -126,17 +129,16 @@ def _stage_lines(stage: str, done: int, total: int) -> None:
         click.echo(f"{stage}: {total}", err=True)
 
 
-def echo_set_aside(set_aside: Iterable[Any]) -> None:
-    """Count and name on standard error the runs left out: `SetAside`s, or the dicts of a result file.
+def echo_set_aside(runs: Sequence[Mapping[str, str]]) -> None:
+    """Count and name on standard error the runs left out, as a result file has them.
 
     A reason that many runs share is said once; with -v every run has its line.
     """
-    runs = [run if isinstance(run, dict) else vars(run) for run in set_aside]
     if not runs or verbosity_level() < 0:
         return
     head = f"Set aside: {len(runs)} run{'s' if len(runs) > 1 else ''}"
     click.echo(coloured(head, sys.stderr, "yellow"), err=True)
-    alike: dict[object, list[Any]] = {}
+    alike: dict[object, list[Mapping[str, str]]] = {}
     for i, run in enumerate(runs):
         alike.setdefault(i if verbosity_level() > 0 else run["why"], []).append(run)
     shown = list(alike.values()) if verbosity_level() > 0 else list(alike.values())[:SHOWN]

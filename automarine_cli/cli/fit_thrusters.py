@@ -4,8 +4,11 @@ import click
 
 from automarine_cli.cli import options
 
-FORM_NAMES = ("square", "dead-band", "power", "dead-band-power")
-FORMS = (*FORM_NAMES, *(f"{name}-saturation" for name in FORM_NAMES))
+
+def _forms() -> tuple[str, ...]:
+    from automarine_cli.thrusters.forms import FORMS
+
+    return ("auto", *FORMS)
 
 
 @click.command("fit-thrusters", short_help="Fit a thruster map to bollard tests.")
@@ -19,12 +22,13 @@ FORMS = (*FORM_NAMES, *(f"{name}-saturation" for name in FORM_NAMES))
 )
 @click.option(
     "--form",
-    type=click.Choice(("auto", *FORMS)),
+    type=options.OneOf(_forms),
     default="auto",
     show_default=True,
     callback=lambda ctx, param, value: None if value == "auto" else value,
     metavar="FORM",
-    help=f"Thrust curve of the map: {', '.join(FORMS)}; or auto, which chooses by cross-validation.",
+    help="Thrust curve of the map, such as square or dead-band-power-saturation; or auto, which chooses by "
+    "cross-validation.",
 )
 @options.ending("strict", "jobs")
 def fit_thrusters(**given: object) -> object:

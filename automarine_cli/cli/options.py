@@ -1,11 +1,12 @@
 """The options and arguments that commands share, as named decorators, and how a command is performed with them."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click.shell_completion import CompletionItem
 
 from automarine_cli.cli.echo import Result as Printed
 from automarine_cli.cli.echo import echo_result, terminal_progress, verbosity_level
@@ -18,6 +19,23 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 Result = TypeVar("Result", bound=Printed)
 
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+
+
+class OneOf(click.ParamType):
+    """One of the names that a registry holds, looked up when one is given: asking for help loads no room."""
+
+    name = "name"
+
+    def __init__(self, names: Callable[[], Iterable[str]]) -> None:
+        self.names = names
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The name. Raises BadParameter for another, with all of them."""
+        return click.Choice(tuple(self.names())).convert(value, param, ctx)
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """The names that begin so."""
+        return click.Choice(tuple(self.names())).shell_complete(ctx, param, incomplete)
 
 
 def _count_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> None:

@@ -7,17 +7,22 @@ import click
 
 from automarine_cli.cli import options
 from automarine_cli.cli.echo import CampaignTeller, echo_result, end_with, terminal_progress
-from automarine_cli.dofs import TRANSLATIONS
 
-OF_TRANSLATIONS = tuple(f"{step}-{name}" for name in TRANSLATIONS for step in ("fit", "validate", "diagnose"))
-STEPS = ("check", "fit-thrusters", "fit-yaw", "validate", "diagnose", *OF_TRANSLATIONS, "report")
+
+def _steps() -> tuple[str, ...]:
+    from automarine_cli.workflows.campaign_steps import NAMES
+
+    return NAMES
 
 
 @click.command("run", short_help="Run every step of a campaign and report.")
 @click.argument(
     "campaigns", nargs=-1, metavar="[CAMPAIGN.toml]...", type=click.Path(exists=True, dir_okay=False, path_type=Path)
 )  # fmt: skip
-@click.option("--until", type=click.Choice(STEPS), metavar="STEP", help=f"Stop after this step: {', '.join(STEPS)}.")
+@click.option(
+    "--until", type=options.OneOf(_steps), metavar="STEP",
+    help="Stop after this step, by its name in the table of results, such as fit-yaw.",
+)  # fmt: skip
 @click.option("--force", is_flag=True, help="Run every step, also where nothing has changed.")
 @click.option(
     "--from", "recorded", type=click.Path(exists=True, path_type=Path), metavar="MANIFEST",

@@ -9,7 +9,6 @@ is half its deviance, half of log R for each number in it, and what its form tak
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 from scipy import optimize
@@ -91,7 +90,7 @@ class Formula:
         """The formula as people write it."""
         return f"{self.form.text} + c" if self.constant else self.form.text
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """What the result file has of it."""
         return {
             "form": self.form.name,

@@ -1,7 +1,6 @@
 """A formula as a file of the library of effects: what `automarine effects --new` takes."""
 
 import re
-from typing import Any
 
 from automarine_cli.diagnosis.formula import Formula, formula_of
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
@@ -103,7 +102,7 @@ def _name(curve: LearnedCurve, formula: Formula) -> str:
     return f"own-{variable}-{formula.form.name}"
 
 
-def learned_json(curve: LearnedCurve, runs: int, dof: Dof) -> dict[str, Any]:
+def learned_json(curve: LearnedCurve, runs: int, dof: Dof) -> dict[str, object]:
     """The contract's form of a curve learned from so many runs of a motion, with its formula, null where no form
     fits."""
     formula = formula_of(curve, runs)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -51,7 +50,7 @@ class LearnedCurve:
         """Largest less smallest value of the curve."""
         return float(np.ptp(self.y))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The contract's form."""
         return {
             "variable": self.variable,

@@ -21,7 +21,7 @@ from automarine_cli.fits.yaw_cautions import design_cautions, fit_cautions, seed
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.fits.yaw_warnings import fit_warnings, step_warnings, told
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, choose_channels
-from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, half_turns
+from automarine_cli.runs.half_turn import HalfTurn
 from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.runs.steps import find_steps, released
 from automarine_cli.runs.stuck import without_stuck
@@ -37,33 +37,6 @@ FEWEST_STEPS = 3
 FEWEST_SAMPLES = 20  # of a whole run
 
 
-def identify(
-    runs: Sequence[Run],
-    fit_to: str = "auto",
-    known: Known = NOTHING_KNOWN,
-    each: Map | None = None,
-    trim: Trim = UNTRIMMED,
-    channels: str = AUTO,
-    tail: float | None = None,
-    with_effects: Sequence[str] = (),
-) -> YawFit:
-    """Fit the three models to `runs`, whose steps are followed as far as `trim` says.
-
-    `fit_to` is "half-turns", "whole-runs", or "auto": half-turns if at least three at two sizes of moment
-    serve and they are half of the runs or more, else whole runs. `known` is what need not be estimated;
-    `each` maps a function over the models (to use processes), `channels` says which sensors count
-    (`runs.channels.choose_channels`), `tail` [rad or m] where the tails of the paper's method start, None: where they
-    are best. Raises RunError where too few runs are left,
-    FitError where the data cannot carry a fit.
-    """
-    if not runs:
-        raise RunError("there are no runs to fit; give at least one")
-    turns, set_aside = half_turns(runs, trim)
-    return identify_turns(
-        runs[0].dof, turns, set_aside, lambda: runs, fit_to, known, each, channels, tail, with_effects
-    )
-
-
 def identify_turns(
     dof: Dof,
     turns: tuple[HalfTurn, ...],
@@ -76,7 +49,14 @@ def identify_turns(
     tail: float | None = None,
     with_effects: Sequence[str] = (),
 ) -> YawFit:
-    """As `identify`, of a motion's half-turns and the runs without one; `whole` gives the runs, if they are needed."""
+    """Fit the three models to a motion's half-turns, or to whole runs, which `whole` gives if they are needed.
+
+    `set_aside` are the runs without a half-turn. `fit_to` is "half-turns", "whole-runs", or "auto": half-turns if at
+    least three at two sizes of moment serve and they are half of the runs or more, else whole runs. `known` is what
+    need not be estimated; `each` maps a function over the models (to use processes), `channels` says which sensors
+    count (`runs.channels.choose_channels`), `tail` [rad or m] where the tails of the paper's method start, None: where
+    they are best. Raises RunError where too few runs are left, FitError where the data cannot carry a fit.
+    """
     each = each or (lambda function, models: [function(model) for model in models])
     runs = len(turns) + len(set_aside)
     sizes = len({round(abs(turn.moment), 9) for turn in turns})

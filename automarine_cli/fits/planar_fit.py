@@ -19,7 +19,8 @@ from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Estimate
-from automarine_cli.runs.run import Run, SetAside, readings
+from automarine_cli.results.records import runs_json
+from automarine_cli.runs.run import Run, SetAside
 
 FULLY = 3
 """Neighbours of a structure that are fitted, at most."""
@@ -218,11 +219,7 @@ class PlanarFit(Shown):
             "covariance": {"parameters": list(found.model.free), "matrix": found.covariance.tolist()},
             "valid_range": self.valid_range,
             "warnings": list(self.warnings),
-            "runs": {
-                "used": len(self.runs),
-                "set_aside": [asdict(one) for one in self.set_aside],
-                **readings(self.runs),
-            },
+            "runs": runs_json(len(self.runs), self.set_aside, self.runs),
         }
 
     @property

@@ -22,9 +22,10 @@ from automarine_cli.pipeline.outputs import json_document
 from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.results.estimate import Estimate
+from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import NOTHING_TO_CHOOSE, ChannelChoice
 from automarine_cli.runs.half_turn import HalfTurn
-from automarine_cli.runs.run import Run, SetAside, readings
+from automarine_cli.runs.run import Run, SetAside
 
 GRAVITY = 9.81  # m/s²; within 0.3 % of what it is anywhere
 
@@ -106,11 +107,7 @@ class YawFit(Shown):
             **channels_json(self.channels, fit.mixed, dof),
             **({"buoyancy": self.buoyancy.to_json()} if self.buoyancy else {}),
             "warnings": list(self.warnings),
-            "runs": {
-                "used": self.used,
-                "set_aside": [asdict(run) for run in self.set_aside],
-                **readings(self.read),
-            },
+            "runs": runs_json(self.used, self.set_aside, self.read),
         }  # fmt: skip
 
     @property

@@ -134,7 +134,9 @@ def _frame(source: str, outputs: Mapping[int, int], values: Values, lacking: Seq
     way = np.array([np.sign(values[key]) for key in directions.values()])
     back, found = least_squares(factors)
     if not found.any():
-        raise Unclear(f"no motor of the frame {name} is among the outputs in {source} (SERVOn_FUNCTION 33 to 40)")
+        raise Unclear(
+            f"no motor of the frame {name} is among the outputs in {source} (SERVOn_FUNCTION 33 to 40); {ELSE}"
+        )
     neutral = np.full(len(motors), NEUTRAL)
     how = f"the mixing of ArduSub's frame {name} (FRAME_CONFIG {number})"
     return Part(how, tuple(motors.values()), neutral - SPAN, neutral, neutral + SPAN, back * way, found)

@@ -151,7 +151,7 @@ def _streams(message: Any, time: Floats, frames: list[bytes], columns: ColumnMap
     time, bits = time[good], bits_of([frame for frame, whole in zip(frames, good) if whole], message.length)
     words = {columns.columns[label].source for label in LABELS if label in columns.columns}
     by_name = {signal.name: signal for signal in message.signals}
-    groups: dict[tuple[str, tuple[int, ...]], dict[str, Any]] = {}
+    groups: dict[tuple[str, tuple[int, ...]], dict[str, object]] = {}
     for signal in message.signals:
         if places_of(signal).max() >= bits.shape[1]:  # a DBC in use may describe more than a frame holds
             continue

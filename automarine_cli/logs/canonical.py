@@ -113,8 +113,8 @@ _ALL = (
     ("force_lbf", "force", "lbf"),
 )
 CANONICAL: Mapping[str, Canonical] = {name: Canonical(name, *rest) for name, *rest in _ALL}
-RUN, MODE, ARMED = "run", "mode", "armed"
-LABELS = (RUN, MODE, ARMED)  # columns of words, not of numbers
+RUN, MODE, ARMED, BY = "run", "mode", "armed", "by"
+LABELS = (RUN, MODE, ARMED, BY)  # columns of words, not of numbers
 
 
 def foreign(dof: Dof, motion: Motion | None = None) -> frozenset[str]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN
+from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, RUN
 from automarine_cli.logs.join import Join, matches
 from automarine_cli.pipeline.codec import Codec
 from automarine_cli.pipeline.plain_data import read_plain
@@ -190,7 +190,7 @@ def _rule(name: str, key: str, value: object) -> ColumnRule:
             raise LogError(f"{where}.{printable(inner)} is not known; a column takes {', '.join(TAKEN)}")
     source = _source(where, value)
     if key in LABELS and len(value) > 1:
-        what = "names runs" if key == RUN else "is a state"
+        what = {RUN: "names runs", BY: "names what each row is of"}.get(key, "is a state")
         raise LogError(f"{where} {what}; unit, sign, scale and offset do not apply; leave them out")
     sign = value.get("sign", 1)
     if isinstance(sign, bool) or sign not in (1, -1):

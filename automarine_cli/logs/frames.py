@@ -33,7 +33,7 @@ def _logs(given: object, name: str) -> Iterator[str | Path | LogFile]:
         for number, one in enumerate(given, 1):
             yield from _logs(one, f"{name}_{number:0{len(str(len(given)))}d}")
     else:
-        raise LogError(f"{name}: found {type(given).__name__}, expected {TABLES}")
+        raise LogError(f"{name}: found {type(given).__name__}; give {TABLES}")
 
 
 def _is_table(given: object) -> bool:
@@ -53,7 +53,7 @@ def _log(given: object, name: str) -> LogFile:
     except (pa.ArrowException, ValueError, TypeError) as problem:
         raise LogError(
             f"{name}: no table of columns of numbers ({printable(str(problem.args[0])).rstrip('.')}); "
-            "expected columns of one length, each of numbers, times or texts"
+            "give columns of one length, each of numbers, times or texts"
         ) from None
     data = content.getvalue().to_pybytes()
     return LogFile(Path("memory", hashlib.sha256(data).hexdigest()), printable(name), True, data)

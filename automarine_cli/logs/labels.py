@@ -1,5 +1,7 @@
 """Columns of words: the runs of a file of many, and the vehicle's mode and arming."""
 
+import re
+from collections.abc import Container, Iterable
 from typing import Any
 
 import numpy as np
@@ -8,13 +10,14 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import ARMED, MODE, RUN
+from automarine_cli.logs.canonical import ARMED, BY, MODE, RUN
 from automarine_cli.logs.columns import ColumnMap
 from automarine_cli.logs.formats import RawLog
 from automarine_cli.logs.table import Labels
 from automarine_cli.logs.text import decoded
 from automarine_cli.pipeline.words import printable, quoted
 
+MOST_NAMES, FEWEST_ROWS = 40, 3  # of a column of words that may split a table, and the rows of a name on the mean
 LONGEST_RUN_NAME = 100  # characters; every row of a log carries the name of its run
 
 
@@ -42,6 +45,49 @@ def run_names(raw: RawLog, columns: ColumnMap, source: str) -> Labels | None:
                 "Shorten it, or check which column names the runs"
             )
     return found
+
+
+def parts(raw: RawLog, columns: ColumnMap, source: str) -> Labels | None:
+    """What each row is of, by the column that the map names with `by`: thrusters in one table; None without one.
+
+    Raises LogError with the row where the column is empty.
+    """
+    index = _place(raw, columns, BY)
+    if index is None:
+        return None
+    array = raw.arrays[index]
+    if array.null_count:
+        row = int(np.flatnonzero(pc.is_null(array).to_numpy())[0])
+        raise LogError(
+            f"{source}, row {raw.rows[row]}, column {printable(raw.names[index])}: nothing named; expected a name in "
+            "every row, because the column map splits the table by this column. Complete the column"
+        )
+    return _labels(array)
+
+
+RUN_WORDS = {"run", "trial", "test", "session", "series", "experiment"}
+PART_WORDS = {"thruster", "motor", "propeller", "unit", "serial", "name", "label", "id"}
+
+
+def few_words(raw: RawLog, taken: Container[str]) -> dict[str, Labels]:
+    """Columns of words that may name runs or parts of a table: of FEWEST_ROWS rows a name and more, two to
+    MOST_NAMES names; none of those in `taken`."""
+    found = {}
+    for name, array in zip(raw.names, raw.arrays):
+        words = not (pa.types.is_floating(array.type) or pa.types.is_timestamp(array.type))
+        if not name or name in taken or not words or array.null_count or raw.holds:
+            continue
+        distinct = pc.count_distinct(array).as_py()
+        if 2 <= distinct <= min(MOST_NAMES, len(array) // FEWEST_ROWS):
+            found[printable(name)] = _labels(array)
+    return found
+
+
+def splitting(names: Iterable[str], bollard: bool) -> dict[str, str]:
+    """The line of a column map for the first column of a few words that is called like what it names: the thrusters of
+    a bollard test, or runs; {} for none."""
+    key, called = (BY, PART_WORDS) if bollard else (RUN, RUN_WORDS)
+    return next(({key: name} for name in names if set(re.findall("[a-z]+", name.lower())) & called), {})
 
 
 def states(raw: RawLog, columns: ColumnMap) -> dict[str, Labels]:

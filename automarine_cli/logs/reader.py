@@ -9,11 +9,11 @@ import pyarrow as pa
 from automarine_cli.dofs import DOFS, Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.errors import LogError
-from automarine_cli.logs.canonical import CANONICAL, LABELS, RUN, TIMESTAMP, Canonical, foreign, motion_of, unit_in
+from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, RUN, TIMESTAMP, Canonical, foreign, motion_of, unit_in
 from automarine_cli.logs.columns import ColumnMap, ColumnRule
 from automarine_cli.logs.find import LogFile
 from automarine_cli.logs.formats import RawLog, format_of, suffixes
-from automarine_cli.logs.labels import run_names, states
+from automarine_cli.logs.labels import few_words, parts, run_names, states
 from automarine_cli.logs.parquet import read_table
 from automarine_cli.logs.stamps import first_not_a_stamp, read_stamps
 from automarine_cli.logs.streams import joined
@@ -48,7 +48,7 @@ def read_log(
         dof = motion_of(raw.names, mapped)
     uses, notes = _assigned(raw, columns, file.name, foreign(dof, motion))
     runs = run_names(raw, columns, file.name)
-    used = {raw.names[use.index] for use in uses} | ({columns.source_of(RUN)} if runs else set())
+    used = {raw.names[use.index] for use in uses} | {columns.source_of(name) for name in (RUN, BY)}
     extras: dict[str, Floats] = {}
     for name, array in zip(raw.names, raw.arrays):
         if name and name not in used and pa.types.is_floating(array.type):
@@ -69,6 +69,8 @@ def read_log(
         states=states(raw, columns),
         holds=raw.holds,
         origin=raw.origin,
+        parts=parts(raw, columns, file.name),
+        words=few_words(raw, {*used, *(columns.source_of(name) for name in LABELS)}),
         dof=dof,
     )
 

@@ -36,7 +36,8 @@ class LogTable:
     `names` are all column names of the file, `notes` what a person should know about the reading. In a file of several
     runs `run_names` are theirs in the order in which they begin, and `run_code` says for each row which it is.
     `states` are the vehicle's mode and arming where the file tells them, `holds` the messages or topics of the file,
-    `origin` where its commands come from, if they were worked back from what was sent to motors.
+    `origin` where its commands come from, if they were worked back from what was sent to motors. `parts` are what each
+    row is of where the column map says (`by`), `words` other columns of few words, which may name runs or parts.
     """
 
     source: str
@@ -53,6 +54,8 @@ class LogTable:
     states: Mapping[str, Labels] = field(default_factory=dict)
     holds: tuple[str, ...] = ()
     origin: Origin = LOGGED
+    parts: Labels | None = None
+    words: Mapping[str, Labels] = field(default_factory=dict)
 
     @property
     def run(self) -> NDArray[np.str_] | None:

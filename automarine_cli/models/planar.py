@@ -11,7 +11,7 @@ adds, so that m_v = m - Y_v', m_vr = m x_g - Y_r' and Y_r stands for what Fossen
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import astuple, dataclass, fields, replace
 from typing import ClassVar
 
@@ -63,6 +63,8 @@ class Inertia:
         return cls(mass, mass, turning, m_vr=mass * x_g, m_ur=-mass * y_g)
 
     def __add__(self, other: "Inertia") -> "Inertia":
+        """Of both, such as a rigid body and what the water adds: m_u = -X_u', m_v = -Y_v', I_r = -N_r',
+        m_vr = -Y_r' = -N_v'."""
         return Inertia(*(a + b for a, b in zip(astuple(self), astuple(other))))
 
     @property
@@ -126,30 +128,6 @@ class PlanarModel:
     def __post_init__(self) -> None:
         for term in self.cross:
             derivative(term.name)
-
-    @classmethod
-    def from_rigid_and_added(
-        cls,
-        mass: float,
-        inertia: float,
-        added: Inertia,
-        *,
-        x_g: float = 0.0,
-        y_g: float = 0.0,
-        surge: Sequence[Term] = (),
-        sway: Sequence[Term] = (),
-        yaw: Sequence[Term] = (),
-        cross: Sequence[Term] = (),
-        water: tuple[float, float] | None = None,
-    ) -> "PlanarModel":
-        """From mass and inertia as in `Inertia.rigid` and what the water adds to them: m_u = -X_u', m_v = -Y_v',
-        I_r = -N_r', m_vr = -Y_r' = -N_v'.
-
-        Raises ModelError where the two together are no inertia: kinetic energy must be above zero in every motion.
-        """
-        both = Inertia.rigid(mass, inertia, x_g, y_g) + added
-        both.refuse_unless_positive("rigid and added inertia together")
-        return cls(both, tuple(surge), tuple(sway), tuple(yaw), tuple(cross), water)
 
     @property
     def motion(self) -> Motion:

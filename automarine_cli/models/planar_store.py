@@ -35,7 +35,6 @@ from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import LONGEST, printable
 from automarine_cli.results.kinds import PLANAR_MODEL
 
-SCHEMA = PLANAR_MODEL.schema
 PARAMETERS = ("parameters",)
 UNITS = {"force_unit": "N", "moment_unit": "N m"}
 CURRENT = ("current.north", "current.east")
@@ -61,7 +60,11 @@ def planar_json(model: PlanarModel, estimates: Mapping[str, object] | None = Non
     """What every file of a planar model begins with; `estimates` by qualified name as plain data, else the number."""
     known = estimates or {}
     values = zip(model.parameter_names, model.theta.tolist())
-    return {"schema": SCHEMA, **UNITS, "parameters": {name: known.get(name, value) for name, value in values}}
+    return {
+        "schema": PLANAR_MODEL.schema,
+        **UNITS,
+        "parameters": {name: known.get(name, value) for name, value in values},
+    }
 
 
 def planar_from_json(data: Mapping[str, object], where: str = "planar model") -> StoredPlanar:

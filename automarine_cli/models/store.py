@@ -107,8 +107,6 @@ def _models(file: ModelFile, codec: Codec) -> StoredModels:
             values = added if own is None else _effects(own, codec, (*place, "effects"), file.dof)
             model = _base(number, entry, unit, codec, place, file.dof)
             models[number] = reduce(lambda one, term: one.with_effect(*term), values, model)
-    if not models:
-        raise codec.refusal(("models",), f"holds no model; expected one or more of {', '.join(BASE_TERMS)}")
     offset = ("switch_offset",)
     late = 0.0 if file.switch_offset is None else number_at(file.switch_offset, codec, offset)
     if abs(late) > LATEST_SWITCH:

@@ -45,8 +45,9 @@ class Words(Protocol):
 
 FILLER: Mapping[str, object] = {"filler": True}
 """Metadata of a field that is in no file: who fills the keys, as given to the codec."""
-CLOSED = "closed"
-"""Name of the class attribute of records of results that takes no other keys; of those of settings none does."""
+UNREAD = "unread"
+"""Name of the class attribute of records of results that refuse a key that means nothing, as all settings do: keys that
+may be there and that nobody reads."""
 
 
 def keyed(*keys: str) -> Mapping[str, object]:
@@ -88,9 +89,10 @@ class Codec:
             table = "an object with named keys" if self.writer else "a table of settings"
             raise self.refusal(place, f"found {told(data)}, expected {table}")
         known = {field.name: self.keys(field) for field in _fields(record) if "filler" not in field.metadata}
-        if not self.writer or getattr(record, CLOSED, False):
-            self._refuse_unknown(record, data, [key for keys in known.values() for key in keys], place)
-        values: dict[str, Any] = {}
+        unread: Sequence[str] | None = getattr(record, UNREAD, None if self.writer else ())
+        if unread is not None:
+            self._refuse_unknown(record, data, [*(key for keys in known.values() for key in keys), *unread], place)
+        values: dict[str, object] = {}
         hints = _hints(record)
         for field in _fields(record):
             if field.name not in known:
@@ -184,7 +186,7 @@ class Codec:
         return self.refusal(place, f"found {found}, expected {_expected(hint)}")
 
 
-def to_mapping(record: Record) -> dict[str, Any]:
+def to_mapping(record: Record) -> dict[str, object]:
     """Plain data of a record, field order kept; what is None is left out (TOML has no null)."""
     words = words_of(record)
     return {
@@ -218,7 +220,7 @@ def _fields(record: type[Record]) -> "tuple[Field[Any], ...]":
 
 
 @functools.cache
-def _hints(record: type[Record]) -> dict[str, Any]:
+def _hints(record: type[Record]) -> dict[str, object]:
     return typing.get_type_hints(record)
 
 

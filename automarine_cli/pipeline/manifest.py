@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from automarine_cli import __version__
 from automarine_cli.errors import SettingError
@@ -59,7 +59,7 @@ class Manifest:
     automarine: str
     command: str
     libraries: Mapping[str, str] = field(default_factory=dict)
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, object] = field(default_factory=dict)
     seed: int | None = None
     inputs: tuple[Entry, ...] = ()
     outputs: tuple[Entry, ...] = ()

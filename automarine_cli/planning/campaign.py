@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -213,7 +212,7 @@ def _percent(fitting: Fitting, information: Floats) -> dict[str, float]:
     return {name: 100.0 * stderr_along(covariance, direction) for name, direction in wanted.items()}
 
 
-def specification(campaign: Campaign, seed: int) -> tuple[dict[str, Any], str]:
+def specification(campaign: Campaign, seed: int) -> tuple[dict[str, object], str]:
     """Plain data of the specification, and a sentence on what it leaves out; no data where it cannot be simulated."""
     fitting, limits = campaign.fitting, campaign.limits
     dof, (linear, quadratic) = fitting.model.dof, fitting.model.drag()

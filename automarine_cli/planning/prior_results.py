@@ -2,22 +2,23 @@
 open."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from automarine_cli import effects
 from automarine_cli.errors import ModelError
-from automarine_cli.models.store import StoredModels, yaw_models_from_json
+from automarine_cli.models.store import StoredModels, file_and_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.fitting import Fitting
 from automarine_cli.planning.information import ANGLE, LOOSE, OFFSET, labels, names_of, relative_directions
 from automarine_cli.quantities import Floats
-from automarine_cli.results.estimate import Estimate
+from automarine_cli.results.estimate import Estimate, Given
+from automarine_cli.results.kinds import DIAGNOSIS
+from automarine_cli.results.models import ModelFile
 
-DIAGNOSIS = "automarine/diagnosis/1"
 NOISE_DEG, SCATTER = 1.0, 0.03
 """Of a model whose file does not say: a compass in a pool, and the thrust of small motors."""
 NO_RIVALS = "The diagnosis leaves no rivals open to split, so the runs are chosen to narrow the intervals."
@@ -61,16 +62,9 @@ class Diagnosed:
 def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
     """What the files say. Raises ModelError with file and key."""
     name = printable(model.name)
-    data = read_plain(model, "JSON", ModelError)
-    stored = yaw_models_from_json(data, name)
-    if not stored.dof.wraps:
-        raise ModelError(f"{name} is a model of {stored.dof.name}; campaigns are planned from models of yaw")
+    file, stored = file_and_models(read_plain(model, "JSON", ModelError), name)
     chosen = stored.models[stored.preferred]
-    now = _stored_estimates(data, stored)
-    noise, scatter = (data.get(f"{stored.dof.words.position}_noise_{stored.dof.units.key}"), data.get("gain_scatter"))
-    runs = data.get("runs")
-    used = runs.get("used") if isinstance(runs, Mapping) else None
-    spread = scatter.get("value") if isinstance(scatter, Mapping) else scatter
+    now, spread = _stored_estimates(file), file.gain_scatter.value if file.gain_scatter else None
     notes: tuple[str, ...] = ()
     doubts: tuple[Doubt, ...] = ()
     if diagnosis is not None:
@@ -92,16 +86,15 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
         )
         if not doubts:
             notes = (*notes, NO_RIVALS)
-    for term in chosen.terms:
-        if _lacking(term.name):
-            raise ModelError(
-                f"{name}: {term.name} needs the column {_lacking(term.name)[0]!r}, which planned runs do not have; "
-                "plan from the model without it"
-            )
+    for term in (one for one in chosen.terms if _lacking(one.name)):
+        chosen = replace(chosen, terms=tuple(one for one in chosen.terms if one is not term))
+        by = f"the column {_lacking(term.name)[0]!r}"
+        notes = (*notes, f"{term.name} is left out: it acts by {by}, which planned runs, on the spot, do not have.")
+    rates = (one.noise for one in file.channels if one.used and one.quantity == stored.dof.velocity)
+    rate = next((noise.value for noise in rates if noise is not None), None)
     return PriorResults(
-        stored, chosen, now, _size(noise), _size(spread), used if isinstance(used, int) else 0, doubts, notes,
-        _noise_of(data.get("channels"), stored.dof.velocity),
-    )  # fmt: skip
+        stored, chosen, now, _size(file.noise), _size(spread), file.runs.used, doubts, notes, _size(rate)
+    )
 
 
 def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:
@@ -152,92 +145,61 @@ def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
     return np.stack([known[name] for name in names or [n for n in known if n != ANGLE]], axis=1)
 
 
-def _noise_of(channels: object, quantity: str) -> float | None:
-    """The noise of a sensor that a file says it rests on."""
-    for one in channels if isinstance(channels, list) else ():
-        if isinstance(one, Mapping) and one.get("quantity") == quantity and one.get("used") is True:
-            noise = _estimate(one.get("noise"))
-            return None if noise is None else _size(noise.value)
-    return None
-
-
 def _lacking(effect: str) -> list[str]:
     """Columns that an effect needs and planned runs do not have."""
     return [need for need in effects.get(effect).columns if need != "voltage"]
 
 
-def _size(value: object) -> float | None:
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) and value > 0 else None
+def _size(value: float | None) -> float | None:
+    return value if value is not None and value > 0 else None
 
 
-def _estimate(data: object) -> Estimate | None:
-    """An estimate of a result file, or None where it is a plain number or nothing."""
-    if not isinstance(data, Mapping):
-        return None
-    numbers = [data.get("value"), data.get("stderr")]
-    ends, unit = data.get("ci95"), data.get("unit")
-    if not (isinstance(ends, list) and len(ends) == 2 and isinstance(unit, str)):
-        return None
-    if any(isinstance(one, bool) or not isinstance(one, int | float) for one in (*numbers, *ends)):
-        return None
-    return Estimate(float(numbers[0]), float(numbers[1]), (float(ends[0]), float(ends[1])), unit)  # type: ignore[arg-type]
+def _some(found: Mapping[str, Given | None]) -> dict[str, Estimate]:
+    """Those of which the interval is known; a file written by hand may have none."""
+    known = {name: given.estimate for name, given in found.items() if given is not None}
+    return {name: one for name, one in known.items() if one is not None}
 
 
-def _some(found: Mapping[str, Estimate | None]) -> dict[str, Estimate]:
-    return {name: one for name, one in found.items() if one is not None}
-
-
-def _stored_estimates(data: Mapping[str, object], stored: StoredModels) -> dict[str, Estimate]:
-    """Estimates of the preferred model by label; a file written by hand may have none."""
-    entry = data["models"][stored.preferred]  # type: ignore[index]
-    dof, own = stored.dof, stored.dof.symbols
-    found = {name: _estimate(entry.get(name)) for name in (own.inertia, own.quadratic, own.linear)}
-    found[ANGLE] = _estimate(entry.get(dof.ratio_key) or data.get(dof.ratio_key))
-    for effect in data.get("effects") or ():  # type: ignore[attr-defined]
-        for name, one in effect["parameters"].items():
-            found[f"{effect['name']} {name}"] = _estimate(one)
-    return _some(found)
+def _stored_estimates(file: ModelFile) -> dict[str, Estimate]:
+    """Estimates of the preferred model by label."""
+    entry, own = file.chosen, file.dof.symbols
+    found = {own.inertia: entry.inertia, own.quadratic: entry.quadratic, own.linear: entry.linear}
+    found[ANGLE] = entry.ratio or file.ratio
+    added = {f"{one.name} {name}": given for one in file.effects for name, given in one.parameters.items()}
+    return _some(found | added)
 
 
 def _read_diagnosis(path: Source, stored: StoredModels) -> Diagnosed:
-    where, force = printable(path.name), stored.dof.words.force
-    data, key = read_plain(path, "JSON", ModelError), f"{force}_unit"
-    if data.get("schema") != DIAGNOSIS or key not in data:
+    file, force, where = DIAGNOSIS.read(path), stored.dof.words.force, printable(path.name)
+    if file.dof is not stored.dof or file.force_unit is None:
         raise ModelError(
-            f"{where}: found {told(data.get('schema'))}, expected the diagnosis.json that `automarine diagnose` "
-            f"writes of {stored.dof.name} runs"
+            f"{where}: expected the diagnosis.json that `automarine diagnose` writes of {stored.dof.name} runs"
         )
-    if data[key] != stored.moment_unit:
+    if file.force_unit != stored.moment_unit:
         raise ModelError(
-            f"{where}: a diagnosis of {force}s in {told(data[key])}, but {stored.source} is a model of {force}s in "
-            f"{stored.moment_unit}; give the diagnosis of this model"
+            f"{where}: a diagnosis of {force}s in {told(file.force_unit)}, but {stored.source} is a model of {force}s "
+            f"in {stored.moment_unit}; give the diagnosis of this model"
         )
-    named, estimates, doubts = [], dict[str, Estimate | None](), []
-    entries = data.get("effects")
-    for i, entry in enumerate(entries if isinstance(entries, list) else ()):
-        name = _effect_name(entry, f"{where}: effects[{i}]")
-        given = entry.get("parameters") or {}
-        values = []
-        effect = effects.get(name)
+    named, estimates, doubts = [], dict[str, Given | None](), []
+    for i, entry in enumerate(file.effects):
+        name = _known(entry.name, f"{where}: effects[{i}]")
+        values, effect = [], effects.get(name)
         for key, parameter in zip(effect.names_in(stored.dof), effect.parameters):
-            estimate = _estimate(given.get(key)) if isinstance(given, Mapping) else None
-            if estimate is None and not parameter.optional:
+            given = estimates[f"{name} {key}"] = entry.parameters.get(key)
+            if given is not None and given.estimate is not None:
+                values.append(given.estimate.value)
+            elif parameter.optional:
+                values.append(parameter.start)
+            else:
                 raise ModelError(f"{where}: effects[{i}].parameters: {key} has no value; expected an estimate")
-            values.append(parameter.start if estimate is None else estimate.value)
-            estimates[f"{name} {key}"] = estimate
         named.append((name, tuple(values)))
-        for j, rival in enumerate(entry.get("rivals") or ()):
-            doubts.append(Doubt(name, _effect_name(rival, f"{where}: effects[{i}].rivals[{j}]")))
-    base = data.get("base")
-    after = {
-        str(name): _estimate(one.get("after")) for name, one in (base.items() if isinstance(base, Mapping) else ())
-        if isinstance(one, Mapping)
-    }  # fmt: skip
-    return Diagnosed(tuple(named), _some(estimates), _some(after), tuple(doubts))
+        for j, rival in enumerate(entry.rivals):
+            doubts.append(Doubt(name, _known(rival.name, f"{where}: effects[{i}].rivals[{j}]")))
+    base = _some({name: moved.after for name, moved in file.base.items()})
+    return Diagnosed(tuple(named), _some(estimates), base, tuple(doubts))
 
 
-def _effect_name(entry: object, where: str) -> str:
-    name = entry.get("name") if isinstance(entry, Mapping) else None
-    if not isinstance(name, str) or name not in effects.names():
+def _known(name: str, where: str) -> str:
+    if name not in effects.names():
         raise ModelError(f"{where}: name: found {told(name)}, expected one of {', '.join(effects.names())}")
     return name

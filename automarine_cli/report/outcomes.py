@@ -2,7 +2,7 @@
 
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.report.tables import number
-from automarine_cli.results.judged import CheckFile, DiagnosisFile, ValidationFile
+from automarine_cli.results.judged import CheckFile, DiagnosisFile, TuningFile, ValidationFile
 from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile
 
 
@@ -44,6 +44,11 @@ def of_validation(file: ValidationFile) -> str:
         f"model {file.best}: {number(best.rmse, 3)} {unit} free run, {number(best.restarted, 3)} {unit} restarted, "
         f"noise {number(file.noise_floor, 2)} {unit}"
     )
+
+
+def of_tuning(file: TuningFile) -> str:
+    """The verdict, and of which target."""
+    return f"{file.verdict.replace('-', ' ')} for {file.target}"
 
 
 def of_diagnosis(file: DiagnosisFile) -> str:

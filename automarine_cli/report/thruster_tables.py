@@ -24,6 +24,8 @@ def tables(result: ThrusterFit) -> tuple[Table, ...]:
         found.append(voltages(result))
     if any(result.exponents.values()):
         found.append(exponents(result))
+    if result.parts:
+        found.insert(0, thrusters(result))
     if np.any(result.points.flag != ""):
         found.append(flagged(result))
     return tuple(found)
@@ -40,6 +42,29 @@ def sentences(result: ThrusterFit) -> tuple[str, ...]:
     if result.logs.missing:
         said.append(f"{result.logs.missing} rows without a control signal or a force were left out.")
     return (*said, *result.notes)
+
+
+def thrusters(result: ThrusterFit) -> Table:
+    """One row a thruster where a column names them: its square law, and whether it differs from the others."""
+    rows = []
+    for one in result.compared:
+        if one.why:
+            rows.append((one.name, *[MISSING] * 5, one.why))
+            continue
+        laws = [interval(one.law.get(side)) for side, _ in SIDES]
+        off = [f"{one.percent[side]:+.1f} %" if side in one.percent else MISSING for side, _ in SIDES]
+        verdict = "differs" if one.differs else "alike"
+        rows.append((one.name, str(one.points), laws[0], off[0], laws[1], off[1], verdict))
+    unit = next(iter(result.analysis.square.values())).unit
+    header = (
+        result.logs.by, "points", f"a forward [{unit}]", "from the others", f"a backward [{unit}]", "from the others",
+        "beyond chance",
+    )  # fmt: skip
+    note = (
+        "Square laws [95 % interval] against the median of the others; a thruster differs where chance is below 5 % "
+        "over all of them. The map below is of all together; each has its own file."
+    )
+    return Table(f"Each thruster by itself (column {result.logs.by})", header, tuple(rows), notes=(note,))
 
 
 def coefficients(result: ThrusterFit) -> Table:

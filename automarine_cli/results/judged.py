@@ -82,6 +82,14 @@ class FoundEffect:
     rivals: tuple[Named, ...] = ()
 
 
+@dataclass(frozen=True, kw_only=True)
+class TuningFile(ResultRecord):
+    """`tuning.json`: what became of the gains of a target."""
+
+    verdict: str
+    target: str
+
+
 @dataclass(frozen=True)
 class Moved:
     """A parameter before and after what was missing was added."""
@@ -112,8 +120,24 @@ class DiagnosisFile(ResultRecord):
         return "N" if self.of_thrusters else self.dof.units.key
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunFile(ResultRecord):
+@dataclass(frozen=True)
+class StepDone:
+    """A step of a campaign: its folder and the hash of its manifest, which holds those of all its files; or why it was
+    skipped or refused."""
+
+    step: str
+    folder: str | None = None
+    manifest_sha256: str | None = None
+    skipped: str | None = None
+    refused: str | None = None
+
+
+@dataclass(frozen=True)
+class RunFile:
     """`run.json`: what `run` left beside the report."""
 
+    schema: str
+    title: str = ""
+    campaign: str = ""
+    steps: tuple[StepDone, ...] = ()
     cautions: tuple[str, ...] = ()

@@ -7,14 +7,14 @@ from typing import Generic, TypeVar
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import AutomarineError, ModelError
-from automarine_cli.pipeline.codec import Codec
+from automarine_cli.pipeline.codec import Codec, Record
 from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import printable
-from automarine_cli.results.judged import CheckFile, DiagnosisFile, RunFile, ValidationFile
+from automarine_cli.results.judged import CheckFile, DiagnosisFile, RunFile, TuningFile, ValidationFile
 from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile
 from automarine_cli.results.records import ResultRecord
 
-Read = TypeVar("Read", bound=ResultRecord, covariant=True)
+Read = TypeVar("Read", bound=Record, covariant=True)
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,7 @@ THRUSTER_MAP = ResultKind(
 CHECK = ResultKind("check.json", "automarine/check/1", CheckFile, "a look at the logs", "check", YAW)
 VALIDATION = ResultKind("validation.json", "automarine/validation/1", ValidationFile, "a validation", "validate")
 DIAGNOSIS = ResultKind("diagnosis.json", "automarine/diagnosis/1", DiagnosisFile, "a diagnosis", "diagnose")
+TUNING = ResultKind("tuning.json", "automarine/tuning/1", TuningFile, "a tuning", "tune")
 RUN = ResultKind("run.json", "automarine/run/1", RunFile, "a campaign", "run", YAW)
 KINDS: tuple[ResultKind[ResultRecord], ...] = (
     *MODELS.values(),
@@ -75,4 +76,5 @@ KINDS: tuple[ResultKind[ResultRecord], ...] = (
     CHECK,
     VALIDATION,
     DIAGNOSIS,
+    TUNING,
 )

@@ -1,6 +1,6 @@
 """Model files, which people write too: models of one motion, of the plane, and thruster maps.
 
-A key that means nothing is refused (`closed`): it may be meant as one that is read. What nobody reads is an `object`.
+A key that means nothing is refused: it may be meant as one that is read. `unread` are those that may be there beside.
 """
 
 from collections.abc import Iterator, Mapping
@@ -25,20 +25,16 @@ class Likeliest:
 class AddedEffect:
     """An effect of a model, parameters by name."""
 
-    closed: ClassVar[bool] = True
+    unread: ClassVar[tuple[str, ...]] = ("says", "confidence", "p_value", "rivals")
     name: str
     parameters: Mapping[str, Given]
-    says: object = None
-    confidence: object = None
-    p_value: object = None
-    rivals: object = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelEntry:
     """One of the models of a file; None is what it does not have."""
 
-    closed: ClassVar[bool] = True
+    unread: ClassVar[tuple[str, ...]] = ("velocity_error", "sse", "why", "sides", "warnings", "notes")
     inertia: Given | None = field(default=None, metadata=keyed("{inertia_symbol}"))
     quadratic: Given | None = field(default=None, metadata=keyed("{quadratic}"))
     linear: Given | None = field(default=None, metadata=keyed("{linear}"))
@@ -47,12 +43,6 @@ class ModelEntry:
     ratio: Given | None = field(default=None, metadata=keyed("{ratio_key}"))
     output_error: Likeliest | None = None
     effects: tuple[AddedEffect, ...] | None = None
-    velocity_error: object = None
-    sse: object = None
-    why: object = None
-    sides: object = None
-    warnings: object = None
-    notes: object = None
 
 
 @dataclass(frozen=True)
@@ -82,7 +72,7 @@ class Said:
 class ModelFile(ResultRecord):
     """`yaw_model.json`, or that of another motion: models by number."""
 
-    closed: ClassVar[bool] = True
+    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "random", "prediction")
     models: Mapping[str, ModelEntry | None]
     preferred: str
     force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))
@@ -97,15 +87,12 @@ class ModelFile(ResultRecord):
     channels: tuple[Sensor, ...] = ()
     buoyancy: Said | None = None
     warnings: tuple[str, ...] = ()
-    notes: object = None
-    fitted_to: object = None
-    driven: object = None
-    random: object = None
-    prediction: object = None
 
     def __post_init__(self) -> None:
         there = [number for number, entry in self.models.items() if entry is not None]
-        if there and self.preferred not in there:
+        if not there:
+            raise SettingError("models: holds no model; expected one or more of 1, 2, 3")
+        if self.preferred not in there:
             raise SettingError(
                 f"preferred: found {told(self.preferred)}, expected one of the file's models ({', '.join(there)})"
             )
@@ -133,7 +120,10 @@ class Foretold:
 class PlanarFile(ResultRecord):
     """`planar_model.json`: parameters by qualified name."""
 
-    closed: ClassVar[bool] = True
+    unread: ClassVar[tuple[str, ...]] = (
+        "fitted_to", "assumptions", "valid_range", "channels", "disturbance", "noises", "log_likelihood",
+        "structure_because", "effects", "predicts", "parent", "notes",
+    )  # fmt: skip
     force_unit: str = "N"
     moment_unit: str = "N m"
     parameters: Mapping[str, Given]
@@ -142,18 +132,6 @@ class PlanarFile(ResultRecord):
     random: Mapping[str, float] = field(default_factory=dict)
     prediction: Foretold | None = None
     warnings: tuple[str, ...] = ()
-    fitted_to: object = None
-    assumptions: object = None
-    valid_range: object = None
-    channels: object = None
-    disturbance: object = None
-    noises: object = None
-    log_likelihood: object = None
-    structure_because: object = None
-    effects: object = None
-    predicts: object = None
-    parent: object = None
-    notes: object = None
 
 
 @dataclass(frozen=True)
@@ -167,7 +145,7 @@ class SquareLaw:
 class CurveEntry:
     """The parameters of one direction's curve."""
 
-    closed: ClassVar[bool] = True
+    unread: ClassVar[tuple[str, ...]] = ()
     a: Given | None = None
     p: Given | None = None
     n_0: Given | None = None
@@ -183,7 +161,7 @@ class CurveEntry:
 class Curves:
     """Both directions."""
 
-    closed: ClassVar[bool] = True
+    unread: ClassVar[tuple[str, ...]] = ()
     forward: CurveEntry | None = None
     backward: CurveEntry | None = None
 
@@ -209,7 +187,10 @@ class VoltagePower:
 class ThrusterFile(ResultRecord):
     """`thrusters.json`: a thruster map."""
 
-    closed: ClassVar[bool] = True
+    unread: ClassVar[tuple[str, ...]] = (
+        "per_test", "r2", "rmse_N", "cv_rmse_N", "chosen_because", "tare", "flagged",
+        "voltages", "notes", "points", "by",
+    )  # fmt: skip
     forward: SquareLaw
     backward: SquareLaw
     form: str
@@ -220,16 +201,6 @@ class ThrusterFile(ResultRecord):
     rmse_percent_of_full_scale: float | None = None
     forms: tuple[FormEntry, ...] = ()
     chosen: FormEntry | None = None
+    thrusters_per_test: int | None = None
     voltage_range_V: tuple[float, float] | None = None
     voltage_exponent: Mapping[str, VoltagePower | float | None] = field(default_factory=dict)
-    per_test: object = None
-    thrusters_per_test: object = None
-    r2: object = None
-    rmse_N: object = None
-    cv_rmse_N: object = None
-    chosen_because: object = None
-    tare: object = None
-    flagged: object = None
-    voltages: object = None
-    notes: object = None
-    points: object = None

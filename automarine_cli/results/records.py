@@ -2,20 +2,39 @@
 motion; what else a file holds is passed over.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from automarine_cli.dofs import Dof
-from automarine_cli.pipeline.codec import FILLER
+from automarine_cli.pipeline.codec import FILLER, to_mapping
 from automarine_cli.results.estimate import Estimate
-from automarine_cli.runs.run import SetAside
+from automarine_cli.runs.run import Run, SetAside, command_warnings
+
+
+@dataclass(frozen=True)
+class LogReading:
+    """What to know of the reading of a log."""
+
+    file: str
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class RunsUsed:
-    """How many runs were used, and which were not."""
+    """How many runs were used, which were not, what to know of the reading of their logs, and how thruster commands do
+    not fit their map (None for nothing)."""
 
     used: int = 0
     set_aside: tuple[SetAside, ...] = ()
+    readings: tuple[LogReading, ...] | None = None
+    commands: tuple[str, ...] | None = None
+
+
+def runs_json(used: int, set_aside: Iterable[SetAside], runs: Sequence[Run] = ()) -> dict[str, object]:
+    """The `runs` of a result file; `runs` are those of which the logs may have been read in a way to be told."""
+    told = {run.source: run.reading for run in runs if run.reading}
+    readings = tuple(LogReading(file, tuple(notes)) for file, notes in told.items())
+    return to_mapping(RunsUsed(used, tuple(set_aside), readings or None, command_warnings(runs) or None))
 
 
 @dataclass(frozen=True, kw_only=True)

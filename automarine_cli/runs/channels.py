@@ -83,11 +83,6 @@ def wanted_channels(text: str, dof: Dof, key: str = "channels") -> tuple[str, ..
     return names
 
 
-def asked_channels(text: str) -> dict[str, str]:
-    """The setting for the record of a result, where it is not what goes without saying."""
-    return {} if text == AUTO else {"channels": text}
-
-
 def choose_channels(runs: Sequence[Run], dof: Dof, wanted: str = AUTO, *, late_position: bool = False) -> ChannelChoice:
     """Judge the sensors of all runs and choose, as `wanted` says.
 

@@ -11,6 +11,7 @@ from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
 from automarine_cli.logs.needs import is_velocity_only
+from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.noise import NORMAL, median, slope
 from automarine_cli.runs.plain import plain_position
@@ -56,7 +57,7 @@ def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tupl
             raise NotUsable(
                 f"no row has time, {what} and command ({counts['missing']} rows lack one); check the columns"
             )
-    fresh = _rising(columns["time"], rows, table.source, name)
+    fresh = _rising(columns["time"], rows, table, name)
     if len(rows) > 1 and not fresh[1:].any():
         raise NotUsable(_or_clear(clock_trouble(columns["time"])))
     counts["duplicates"] = len(fresh) - int(np.count_nonzero(fresh))
@@ -126,18 +127,30 @@ def _or_clear(why: str | None) -> str:
     return why or "the clock stands still"
 
 
-def _rising(time: Floats, rows: NDArray[np.int64], source: str, name: str) -> NDArray[np.bool_]:
+def _rising(time: Floats, rows: NDArray[np.int64], table: LogTable, name: str) -> NDArray[np.bool_]:
     """Which samples have a new stamp. Raises RunError where the clock steps back."""
     steps = np.diff(time)
     back = np.flatnonzero(steps < 0)
     if back.size:
         i = int(back[0])
         raise RunError(
-            f"{source}, row {rows[i + 1]}, run {name!r}: the clock steps back from {time[i]:.10g} s to "
-            f"{time[i + 1]:.10g} s; expected a rising clock. If two runs share the file, tell them apart by "
-            "a column run; else sort or correct the rows"
+            f"{table.source}, row {rows[i + 1]}, run {name!r}: the clock steps back from {time[i]:.10g} s to "
+            f"{time[i + 1]:.10g} s; expected a rising clock. {_other_run(table, rows[i], rows[i + 1])}; else sort or "
+            "correct the rows"
         )
     return np.concatenate([[True], steps > 0]) if len(time) else np.zeros(0, dtype=bool)
+
+
+def _other_run(table: LogTable, before: int, after: int) -> str:
+    """What to do where another run may begin: by the column of words that changes between the two rows, if one does."""
+    here, there = np.searchsorted(table.rows, [before, after])
+    for name, labels in table.words.items():
+        if labels.code[here] != labels.code[there]:
+            return (
+                f"The column {name} names something else from there on ({listed(labels.names)}): if these are runs, "
+                f'write run = "{name}" under [columns] in a file and give it with --columns FILE.toml'
+            )
+    return "If two runs share the file, tell them apart by a column run"
 
 
 def _any_command(run: Run) -> Floats:

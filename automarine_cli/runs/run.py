@@ -157,18 +157,6 @@ class Run:
         )
 
 
-def readings(runs: Sequence[Run]) -> dict[str, list[dict[str, object]] | list[str]]:
-    """`{"readings": [{"file", "notes"}]}` for a result: what to know of the reading of each log; {} for nothing. With
-    "commands" where thruster commands do not fit their map."""
-    told = {run.source: run.reading for run in runs if run.reading}
-    said: dict[str, list[dict[str, object]] | list[str]] = {}
-    if told:
-        said["readings"] = [dict[str, object](file=file, notes=list(notes)) for file, notes in told.items()]
-    if warned := command_warnings(runs):
-        said["commands"] = list(warned)
-    return said
-
-
 def command_warnings(runs: Iterable[Run]) -> tuple[str, ...]:
     """How the thruster commands of a campaign do not fit their map. Raises RunError where they cannot be its at all."""
     return warnings_of(run.commanded for run in runs if run.commanded is not None)

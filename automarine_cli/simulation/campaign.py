@@ -1,4 +1,4 @@
-"""`make_campaign`: a specification becomes runs with known truth; `make_runs`: the same as clean `Run`s."""
+"""`make_campaign`: a specification becomes runs with known truth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,14 +9,11 @@ from math import exp, floor, log2
 import numpy as np
 
 from automarine_cli import effects
-from automarine_cli.dofs import Dof
 from automarine_cli.errors import SettingError
-from automarine_cli.logs import LogTable
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.clean import NotUsable, clean
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.logging_chain import Log, commanded, log_run, sample_times, switch_times
@@ -58,30 +55,6 @@ class SimulatedRun:
     plan: Plan
     drawn: Drawn
     log: Log
-
-
-def make_runs(specification: Specification, seed: int | None = None) -> list[Run]:
-    """The campaign as runs, cleaned as if read from its logs; a run that cleaning sets aside is left out.
-
-    `seed` replaces the specification's. No file is written. Raises SettingError.
-    """
-    runs: list[Run] = []
-    for made in make_campaign(specification, seed):
-        table = as_table(made, specification.vehicle.force_unit, specification.vehicle.dof)
-        try:
-            runs += clean(table, np.arange(len(table)), made.plan.name)
-        except NotUsable:
-            continue
-    return runs
-
-
-def as_table(made: SimulatedRun, moment_unit: str, dof: Dof) -> LogTable:
-    """The log as the reader would give it."""
-    columns = {"time": made.log.time_s, dof.position: dof.inner(made.log.position), dof.command: made.log.moment}
-    if made.log.rate is not None:
-        columns[dof.velocity] = dof.inner(made.log.rate)
-    rows = np.arange(1, len(made.log.time_s) + 1)
-    return LogTable(made.plan.file, columns, rows, moment_unit=moment_unit, dof=dof)
 
 
 def make_campaign(

@@ -15,10 +15,10 @@ from automarine_cli import effects
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.planar import PlanarModel
-from automarine_cli.models.planar_store import SCHEMA as MODEL_SCHEMA
 from automarine_cli.models.planar_store import planar_from_json
 from automarine_cli.pipeline.plain_data import told
 from automarine_cli.pipeline.recipe import from_mapping
+from automarine_cli.results.kinds import PLANAR_MODEL
 from automarine_cli.simulation.checks import at_least_zero, positive, safe_path
 from automarine_cli.simulation.run_groups import Format
 from automarine_cli.simulation.specification import refuse_unlikely
@@ -178,7 +178,7 @@ class PlanarSpecification:
         """The true model, or what a model knows of it without what is `hidden`. Raises SettingError."""
         parameters = {**self.vehicle.parameters, **(self.hidden if hidden else {})}
         try:
-            model = planar_from_json({"schema": MODEL_SCHEMA, "parameters": parameters}, "vehicle").model
+            model = planar_from_json({"schema": PLANAR_MODEL.schema, "parameters": parameters}, "vehicle").model
         except ModelError as problem:
             raise SettingError(str(problem)) from None
         for dof, terms in zip(PLANAR.dofs, (model.surge, model.sway, model.yaw)):

@@ -6,7 +6,6 @@ path. The kinds of runs are in `run_groups`.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 from automarine_cli import effects as library
 from automarine_cli.dofs import DOFS, YAW, Dof
@@ -14,8 +13,6 @@ from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.codec import FILLER, Codec, Place
 from automarine_cli.pipeline.plain_data import everything, in_words, told
-from automarine_cli.pipeline.recipe import read_mapping
-from automarine_cli.pipeline.words import printable
 from automarine_cli.simulation.checks import at_least_zero
 from automarine_cli.simulation.run_groups import RunGroup, group_from
 from automarine_cli.simulation.settings import Bollard, Logger, Scatter, Schedule
@@ -102,11 +99,6 @@ class _Raw:
     campaign: Schedule
     runs: tuple[object, ...] = ()
     bollard: Bollard | None = None
-
-
-def read_specification(path: Path) -> Specification:
-    """The specification in a TOML (or JSON) file. Raises SettingError with file and key."""
-    return specification_from(read_mapping(path), printable(path.name))
 
 
 def specification_from(mapping: Mapping[str, object], where: str = "specification") -> Specification:

@@ -7,6 +7,8 @@ import numpy as np
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.quantities import Floats
+from automarine_cli.results.kinds import DIAGNOSIS
+from automarine_cli.results.records import runs_json
 from automarine_cli.runs.run import SetAside
 from automarine_cli.thrusters.bollard_data import BollardData, bollard_data, held_out_levels, noise_level
 from automarine_cli.thrusters.forms import SIDES, SQUARE, Curve
@@ -17,8 +19,6 @@ from automarine_cli.thrusters.search import Round, Search, Trial, search_around_
 from automarine_cli.thrusters.shapes import Fitted, Shape, effects_of, form_of
 from automarine_cli.thrusters.verdict import Named, curve_parameters, named_effects, verdict_of
 from automarine_cli.thrusters.where import Fault, Region, faults, regions
-
-SCHEMA = "automarine/diagnosis/1"
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class ThrusterDiagnosis(Shown):
         """Content of diagnosis.json (schema automarine/diagnosis/1)."""
         held = self.held_out_gap
         return {
-            "schema": SCHEMA,
+            "schema": DIAGNOSIS.schema,
             "model": "thruster-map",
             "verdict": self.verdict,
             "effects": [effect.to_json() for effect in self.effects],
@@ -130,10 +130,7 @@ class ThrusterDiagnosis(Shown):
                 for number, look in enumerate(self.search.rounds, 1)
                 for trial in look.trials
             ],
-            "runs": {
-                "used": len({int(number) for number in self.data.points.record}),
-                "set_aside": [vars(run) for run in self.set_aside],
-            },
+            "runs": runs_json(len({int(number) for number in self.data.points.record}), self.set_aside),
         }
 
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from automarine_cli.errors import FitError
 from automarine_cli.pipeline.parallel import ordered_map
-from automarine_cli.pipeline.progress import Progress
+from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.words import listed
 from automarine_cli.thrusters.analysis import Analysis, analyse
 from automarine_cli.thrusters.contradictions import flag_contradictions
 from automarine_cli.thrusters.fit import Side
@@ -30,7 +31,8 @@ def fit_records(
     points = reduction.points.divided(thrusters)
     step = voltage_steps(points.voltage)
     unsorted = _without_voltages(points, step)
-    points, tare = subtract_tare(flag_contradictions(points, step))
+    points, apart = _flagged(loaded, points, step)
+    points, tare = subtract_tare(points)
     varied = step if step is not None and step.max() > 0 else None
     analysis, _ = analyse(points, varied, tare.stderr if tare.subtracted else 0.0, n_unit, form, where)
     voltages, exponents, notes = _by_voltage(points, step, tare, n_unit, form, jobs, progress)
@@ -42,8 +44,42 @@ def fit_records(
         thrusters,
         voltages,
         exponents,
-        (*reduction.notes, *unsorted, *_notes(points), *notes),
+        (*apart, *reduction.notes, *unsorted, *_notes(points), *notes),
+        _by_part(loaded, thrusters, n_unit, form) if loaded.asked else {},
     )
+
+
+def _flagged(loaded: ThrusterLogs, points: Points, step: Ints | None) -> tuple[Points, tuple[str, ...]]:
+    """Points with contradictions flagged, each thruster's among themselves: where a column names thrusters and nobody
+    asked for them, if that leaves fewer, which is then told."""
+    if len(loaded.parts) < 2:
+        return flag_contradictions(points, step), ()
+    number = {name: i for i, name in enumerate(("", *loaded.parts))}
+    part = np.array([number[record.part] for record in loaded.records])[points.record]
+    apart = flag_contradictions(points, part if step is None else part * (int(step.max()) + 1) + step)
+    if loaded.asked:
+        return apart, ()
+    pooled = flag_contradictions(points, step)
+    before, after = (int(np.count_nonzero(one.flag != "")) for one in (pooled, apart))
+    if before <= after:
+        return pooled, ()
+    told = (
+        f"The column {loaded.by} names {len(loaded.parts)} parts ({listed(loaded.parts)}): taken together {before} of "
+        f"{len(points)} points contradict their neighbours, each by itself {after}. They may be thrusters that differ: "
+        f'write by = "{loaded.by}" under [columns] in a file and give it with --columns FILE.toml for a map of each.'
+    )
+    return apart, (told,)
+
+
+def _by_part(loaded: ThrusterLogs, thrusters: int, n_unit: str, form: str | None) -> dict[str, ThrusterFit | str]:
+    """The fit of each thruster by itself, or why there is none."""
+    found: dict[str, ThrusterFit | str] = {}
+    for name in loaded.parts:
+        try:
+            found[name] = fit_records(loaded.of(name), thrusters, n_unit, form, 1, silent)
+        except FitError as refusal:
+            found[name] = str(refusal)
+    return found
 
 
 def _by_voltage(

@@ -18,8 +18,6 @@ from automarine_cli.results.models import CurveEntry
 from automarine_cli.runs.command_range import CommandRange
 from automarine_cli.thrusters.forms import FORMS, SIDES, SQUARE, Curve, thrust_both_ways
 
-SCHEMA = THRUSTER_MAP.schema
-
 
 @dataclass(frozen=True)
 class ThrusterMap:
@@ -72,7 +70,7 @@ class ThrusterMap:
     def to_json(self) -> dict[str, object]:
         """The least that a map file holds: schema, form and the parameters of each direction."""
         return {
-            "schema": SCHEMA,
+            "schema": THRUSTER_MAP.schema,
             "forward": _square_json(self.form, self.forward),
             "backward": _square_json(self.form, self.backward),
             "form": self.form,

@@ -1,14 +1,18 @@
 """Records of bollard tests: read from logs with missing values dropped and counted, or simulated."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_thruster
+from automarine_cli.logs.canonical import BY
+from automarine_cli.logs.labels import splitting
+from automarine_cli.logs.table import Labels
 from automarine_cli.pipeline.progress import Progress, counted, silent
+from automarine_cli.pipeline.words import listed, quoted
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.load import has_bytes, none_left, refused_by_strict, unreadable
 from automarine_cli.runs.run import SetAside
@@ -27,6 +31,7 @@ class Series:
 
     `n` is the control signal [unit as logged], `force` the thrust of all pulling thrusters together [N],
     `time` [s] and `voltage` [V] are None where the log has none; `extras` are its other columns by their own names.
+    `part` is which thruster it is of, where a column says (`ThrusterLogs.by`).
     """
 
     source: str
@@ -36,23 +41,45 @@ class Series:
     time: Floats | None = None
     voltage: Floats | None = None
     extras: Mapping[str, Floats] = field(default_factory=dict)
+    part: str = ""
 
     @property
     def place(self) -> str:
-        """File and run, for people."""
-        return f"{self.source}, run {self.run}" if self.run else self.source
+        """File, run and part, for people."""
+        run = f", run {self.run}" if self.run else ""
+        return f"{self.source}{run}, {self.part}" if self.part else f"{self.source}{run}"
 
 
 @dataclass(frozen=True)
 class ThrusterLogs:
     """Test records in file and row order, what was set aside, files read, rows with missing values; the unit of the
-    control signal where all logs tell the same, else ""."""
+    control signal where all logs tell the same, else "".
+
+    `by` is the column that says which thruster a record is of, "" without; `asked` whether the user named it, else it
+    was found: a column of a few words in every table.
+    """
 
     records: tuple[Series, ...]
     set_aside: tuple[SetAside, ...]
     inputs: tuple[LogFile, ...]
     missing: int
     n_unit: str = ""
+    by: str = ""
+    asked: bool = False
+
+    @property
+    def used(self) -> int:
+        """How many runs there are; parts that nobody asked for count as one."""
+        return len({(one.source, one.run, one.part if self.asked else "") for one in self.records})
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of the parts in the order in which they first appear."""
+        return tuple(dict.fromkeys(record.part for record in self.records if record.part))
+
+    def of(self, part: str) -> "ThrusterLogs":
+        """The records of one part, as logs of their own."""
+        return replace(self, records=tuple(r for r in self.records if r.part == part), by="", asked=False, set_aside=())
 
 
 def load_thruster_logs(
@@ -66,17 +93,21 @@ def load_thruster_logs(
     files = find_logs(logs)
     records: list[Series] = []
     set_aside: list[SetAside] = []
-    missing, units = 0, set[str]()
+    missing, units, found_by = 0, set[str](), ""
     for file in counted(progress, "reading", files, len(files)):
         try:
             table = read_log(file, columns, dof=YAW)  # of no motion: columns of others keep their names
             require_thruster(table)
+            _require_parts(table, columns)
         except LogError as refusal:
             if file.named:
                 raise
             set_aside.append(unreadable(file, refusal))
             continue
-        found, gone, idle = _records(table)
+        parts = table.parts
+        if parts is None and (name := _name_of_parts(table)):
+            parts, found_by = table.words[name], name
+        found, gone, idle = _records(table, parts)
         records += found
         units.add(table.units.get("n", ""))
         missing += gone
@@ -85,16 +116,30 @@ def load_thruster_logs(
         raise refused_by_strict(set_aside[0])
     if not records:
         raise none_left(len(files), set_aside)
-    return ThrusterLogs(
-        tuple(records),
-        tuple(set_aside),
-        tuple(filter(has_bytes, files)),
-        missing,
-        units.pop() if len(units) == 1 else "",
-    )
+    asked = columns.source_of(BY) if BY in columns.columns or (any(r.part for r in records) and not found_by) else ""
+    unit = units.pop() if len(units) == 1 else ""
+    used = tuple(filter(has_bytes, files))
+    return ThrusterLogs(tuple(records), tuple(set_aside), used, missing, unit, asked or found_by, bool(asked))
 
 
-def _records(table: LogTable) -> tuple[list[Series], int, list[SetAside]]:
+def _require_parts(table: LogTable, columns: ColumnMap) -> None:
+    """Raise LogError where the column that the map names with `by` is not in the table."""
+    if BY in columns.columns and table.parts is None:
+        raise LogError(
+            f"{table.source}: no column {quoted(columns.source_of(BY))}, which the column map names with by; found the "
+            f"columns {listed(table.names)}. Correct the name, or leave the line out"
+        )
+
+
+def _name_of_parts(table: LogTable) -> str:
+    """The column of words that may say which thruster a row is of, "" for none: one that is called like that, else the
+    only one. In a series over time the words come one after the other."""
+    blocks = {name: 1 + int(np.count_nonzero(np.diff(labels.code))) for name, labels in table.words.items()}
+    may = [name for name, one in table.words.items() if "time" not in table.columns or blocks[name] <= len(one.names)]
+    return splitting(may, bollard=True).get(BY, may[0] if len(may) == 1 else "")
+
+
+def _records(table: LogTable, parts: Labels | None) -> tuple[list[Series], int, list[SetAside]]:
     n, force = table.columns["n"], table.columns["force"]
     time, voltage = table.columns.get("time"), table.columns.get("voltage")
     good = np.isfinite(n) & np.isfinite(force)
@@ -102,14 +147,16 @@ def _records(table: LogTable) -> tuple[list[Series], int, list[SetAside]]:
         good &= np.isfinite(time)
     names = np.full(len(table), "") if table.run is None else table.run
     records, idle = [], []
-    for name in dict.fromkeys(map(str, names)):  # in the order in which they first appear
-        here = (names == name) & good
+    part_names = np.full(len(table), "") if parts is None else np.array(parts.names)[parts.code]
+    both = zip(map(str, names), map(str, part_names))
+    for name, part in dict.fromkeys(both):  # in the order in which they first appear
+        here = (names == name) & (part_names == part) & good
         if not np.any(here):
-            idle.append(SetAside(table.source, name, "no row has both a control signal and a force"))
+            idle.append(SetAside(table.source, name or part, "no row has both a control signal and a force"))
             continue
         clock, volts = (None if column is None else column[here] for column in (time, voltage))
         extras = {key: column[here] for key, column in table.extras.items()}
-        records.append(Series(table.source, name, n[here], force[here], clock, volts, extras))
+        records.append(Series(table.source, name, n[here], force[here], clock, volts, extras, part))
     return records, int(np.count_nonzero(~good)), idle
 
 

@@ -1,7 +1,7 @@
 """The result of `fit-thrusters` and its form in JSON (the contract's section 3, with additions)."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -9,10 +9,13 @@ from automarine_cli.pipeline.outputs import json_document
 from automarine_cli.pipeline.plain_data import Document
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.results.estimate import Estimate
+from automarine_cli.results.kinds import THRUSTER_MAP
+from automarine_cli.results.records import runs_json
+from automarine_cli.thrusters.alike import Compared, compared
 from automarine_cli.thrusters.analysis import Analysis
 from automarine_cli.thrusters.fit import Parameter
 from automarine_cli.thrusters.forms import SIDES
-from automarine_cli.thrusters.map import SCHEMA, ThrusterMap
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.plateaus import Reduction
 from automarine_cli.thrusters.points import Points
 from automarine_cli.thrusters.records import ThrusterLogs
@@ -23,7 +26,10 @@ from automarine_cli.thrusters.voltage import VoltageExponent
 
 @dataclass(frozen=True, repr=False)
 class ThrusterFit(Shown):
-    """The pooled analysis of one thruster, one for each voltage step, and how the data were treated."""
+    """The pooled analysis of one thruster, one for each voltage step, and how the data were treated.
+
+    `parts` are the fits of each thruster by itself where a column names them (`logs.by`), or why there is none.
+    """
 
     logs: ThrusterLogs
     reduction: Reduction
@@ -33,11 +39,17 @@ class ThrusterFit(Shown):
     voltages: tuple[tuple[float, Analysis], ...]
     exponents: dict[str, VoltageExponent | None]
     notes: tuple[str, ...]
+    parts: Mapping[str, "ThrusterFit | str"] = field(default_factory=dict)
 
     @property
     def map(self) -> ThrusterMap:
         """The chosen map of one thruster."""
         return self.analysis.map
+
+    @property
+    def compared(self) -> tuple[Compared, ...]:
+        """Each thruster that a column names, beside the others."""
+        return compared({name: one if isinstance(one, str) else one.analysis for name, one in self.parts.items()})
 
     @property
     def points(self) -> Points:
@@ -55,7 +67,7 @@ class ThrusterFit(Shown):
     def to_json(self) -> dict[str, object]:
         """Content of thrusters.json (schema automarine/thruster-map/1)."""
         analysis = self.analysis
-        result: dict[str, object] = {"schema": SCHEMA, **_square_json(analysis)}
+        result: dict[str, object] = {"schema": THRUSTER_MAP.schema, **_square_json(analysis)}
         result["per_test"] = {
             name: {"a": _estimate(scaled(analysis.square.get(name), self.thrusters_per_test))} for name, _ in SIDES
         }
@@ -84,8 +96,10 @@ class ThrusterFit(Shown):
             result["voltage_exponent"] = {
                 name: None if found is None else found.to_json() for name, found in self.exponents.items()
             }
+        if self.parts:
+            result["by"] = {"column": self.logs.by, "thrusters": [one.to_json() for one in self.compared]}
         result["notes"] = list(self.notes)
-        result["runs"] = {"used": len(self.logs.records), "set_aside": [vars(run) for run in self.logs.set_aside]}
+        result["runs"] = runs_json(self.logs.used, self.logs.set_aside)
         return result
 
     def _flagged_json(self, index: int) -> dict[str, object]:

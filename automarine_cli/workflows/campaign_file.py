@@ -17,6 +17,7 @@ from automarine_cli.pipeline.plain_data import everything, in_words
 from automarine_cli.pipeline.recipe import from_mapping, read_mapping
 from automarine_cli.pipeline.words import listed, printable
 from automarine_cli.runs.channels import AUTO, wanted_channels
+from automarine_cli.workflows.tune_options import TuneSection
 
 SCHEMA = "automarine/campaign/1"
 OPEN = "?"  # a value that a person still has to give
@@ -142,12 +143,13 @@ class Settings:
     logs: Logs = Logs()
     title: str = ""
     vehicle: Vehicle = Vehicle()
-    columns: Mapping[str, Any] = field(default_factory=dict)
+    columns: Mapping[str, object] = field(default_factory=dict)
     columns_of: tuple[Mapping[str, Any], ...] = ()
-    can: Mapping[str, Any] = field(default_factory=dict)
+    can: Mapping[str, object] = field(default_factory=dict)
     thrusters: Thrusters = Thrusters()
     yaw: Yaw = Yaw()
     planar: Together | None = None
+    tune: TuneSection | None = None
     seed: int = 0
     strict: bool = False
 
@@ -221,11 +223,6 @@ class Campaign:
         """The translations that the campaign has logs of, by name."""
         return self.asked.forces
 
-    @property
-    def motions(self) -> tuple[str, ...]:
-        """What the campaign has logs of beside yaw: translations, and all three together."""
-        return (*self.forces, *([PLANAR.name] if self.asked.planar else []))
-
     def settings(self, motion: str) -> Yaw | Force | Together:
         """The settings of a motion that the campaign has."""
         if self.asked.planar is not None and motion == PLANAR.name:
@@ -234,9 +231,11 @@ class Campaign:
 
     @property
     def beside(self) -> dict[str, Path]:
-        """Files that it needs beside its logs, by role: the thruster map at hand, the DBC of CAN logs."""
-        both = {"thrusters": self.map, "dbc": self.columns.database}
-        return {role: path for role, path in both.items() if path is not None}
+        """Files that it needs beside its logs, by role: a thruster map, the DBC of CAN logs, the vehicle's gains."""
+        own = self.asked.tune.present if self.asked.tune else None
+        present = None if own is None else self.path.parent / own
+        every = {"thrusters": self.map, "dbc": self.columns.database, "present": present}
+        return {role: path for role, path in every.items() if path is not None}
 
     def every_log(self) -> list[LogFile]:
         """The logs of all kinds and motions."""

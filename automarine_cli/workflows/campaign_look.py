@@ -11,7 +11,8 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.errors import LogError
 from automarine_cli.fits.planar_structure import PLACES
 from automarine_cli.logs import ColumnMap, LogFile, read_log, require_thruster, whole_logs
-from automarine_cli.logs.canonical import driven, motion_of, names_of
+from automarine_cli.logs.canonical import BY, LABELS, RUN, driven, motion_of, names_of
+from automarine_cli.logs.labels import few_words
 from automarine_cli.logs.needs import means_thruster_test
 from automarine_cli.logs.reader import whole_log
 from automarine_cli.logs.recognise import Recognised
@@ -150,7 +151,7 @@ def _joined(columns: ColumnMap, file: LogFile) -> bool:
         return True
 
 
-Seen = tuple[tuple[str, ...], bool, str, dict[str, Span]]
+Seen = tuple[tuple[str, ...], bool, str, dict[str, Span], dict[str, tuple[str, ...]]]
 
 
 def _columns_of(file: LogFile, columns: ColumnMap) -> Seen | SetAside:
@@ -164,17 +165,28 @@ def _columns_of(file: LogFile, columns: ColumnMap) -> Seen | SetAside:
     dof = motion_of(raw.names, mapped)
     held = quantities_of([*raw.names, *mapped])
     names = tuple(name for name in raw.names if name)
-    return names, means_thruster_test(held, names, dof), dof.name, spans(raw)
+    named = {key: labels.names for key, labels in few_words(raw, {*LABELS, *mapped.values()}).items()}
+    words = {} if RUN in raw.names or RUN in own.columns or BY in own.columns else named
+    return names, means_thruster_test(held, names, dof), dof.name, spans(raw), words
 
 
 def _layouts(files: Sequence[LogFile], seen: Sequence[Seen | SetAside]) -> list[Layout]:
     """Files of the same columns together: yaw first, and of yaw those with more logs."""
-    groups: dict[tuple[tuple[str, ...], bool, str], list[tuple[LogFile, dict[str, Span]]]] = {}
+    groups: dict[
+        tuple[tuple[str, ...], bool, str], list[tuple[LogFile, dict[str, Span], dict[str, tuple[str, ...]]]]
+    ] = {}
     for file, one in zip(files, seen):
         if not isinstance(one, SetAside):
-            groups.setdefault(one[:3], []).append((file, one[3]))
+            groups.setdefault(one[:3], []).append((file, *one[3:]))
     found = [
-        Layout(names, bollard, tuple(file for file, _ in group), together([span for _, span in group]), DOFS[motion])
+        Layout(
+            names,
+            bollard,
+            tuple(file for file, *_ in group),
+            together([span for _, span, _ in group]),
+            DOFS[motion],
+            words=group[0][2],
+        )
         for (names, bollard, motion), group in groups.items()
     ]
     return sorted(found, key=lambda one: (one.dof is not YAW, one.bollard, -len(one.files)))

@@ -16,6 +16,7 @@ from automarine_cli.logs.canonical import CANONICAL, LABELS
 from automarine_cli.logs.columns import ColumnRule, ColumnsOf
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.logs.join import OLDEST, Join, matches
+from automarine_cli.logs.labels import splitting
 from automarine_cli.logs.reader import whole_log
 from automarine_cli.logs.recognise import Recognised, is_called, recognise
 from automarine_cli.logs.spans import Span, is_share
@@ -42,11 +43,13 @@ class Layout:
     dof: Dof
     columns: tuple[Recognised, ...] = ()
     lacking: tuple[str, ...] = ()
+    words: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def rules(self) -> dict[str, ColumnRule]:
         """The column map as everything is taken to be; where a column is open the likelier reading."""
-        return column_rules({one.key: one.rule for one in self.columns if not one.as_named}, "")
+        rules = column_rules({one.key: one.rule for one in self.columns if not one.as_named}, "")
+        return rules | {key: ColumnRule(name) for key, name in splitting(self.words, self.bollard).items()}
 
     @property
     def clock(self) -> "Layout":

@@ -9,10 +9,12 @@ from typing import Any
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.logs import LogFile
+from automarine_cli.pipeline.codec import Record
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.pipeline.reuse import why_made_again
 from automarine_cli.report.campaign_steps import StepFolder
-from automarine_cli.workflows.campaign_file import Campaign
+from automarine_cli.results.kinds import DIAGNOSIS, MODELS
+from automarine_cli.workflows.campaign_file import Campaign, Together
 from automarine_cli.workflows.check import check
 from automarine_cli.workflows.command import Command, Runner, inputs_of, recorded, seed_of
 from automarine_cli.workflows.diagnose import diagnose
@@ -20,6 +22,7 @@ from automarine_cli.workflows.diagnose_planar import diagnose_planar
 from automarine_cli.workflows.fit_planar import fit_planar
 from automarine_cli.workflows.fit_thrusters import fit_thrusters
 from automarine_cli.workflows.fit_yaw import FITS
+from automarine_cli.workflows.tune import tune
 from automarine_cli.workflows.validate import validate
 from automarine_cli.workflows.validate_planar import validate_planar
 
@@ -35,7 +38,7 @@ class Plan:
     """One step, ready to run: the command and its options."""
 
     work: Work
-    asked: Any
+    asked: Record
 
     def run(self, out: Path, overwrite: bool, jobs: int, progress: Progress) -> object:
         """Run it into the folder `out`."""
@@ -55,8 +58,8 @@ def _plan(work: Work, logs: list[LogFile], **settings: object) -> Plan:
 
 @dataclass(frozen=True)
 class Step:
-    """A step of every campaign, or of those with logs of `motion`: its name, its folder, the command, and what makes
-    its plan (or says why there is none)."""
+    """A step of every campaign, or of those with logs of `motion` or another section of that name: its name, its
+    folder, the command, and what makes its plan (or says why there is none)."""
 
     name: str
     folder: str
@@ -71,7 +74,7 @@ class Step:
 
     def belongs_to(self, campaign: Campaign) -> bool:
         """Whether the campaign has such a step."""
-        return not self.motion or self.motion in campaign.motions
+        return not self.motion or getattr(campaign.asked, self.motion) is not None
 
 
 def _check(campaign: Campaign, out: Path) -> Plan | str:
@@ -93,7 +96,8 @@ def _fit(campaign: Campaign, out: Path, motion: str) -> Plan | str:
     drive = _drive(campaign, out, motion)
     if drive is None:
         return f"its {DOFS[motion].words.force}s need the thruster map, and fit-thrusters gave none"
-    asked: Any = campaign.settings(motion)
+    asked = campaign.settings(motion)
+    assert not isinstance(asked, Together)
     own = {key: getattr(asked, key) for key in ("within", "depths") if hasattr(asked, key)}
     own |= {"fit_to": asked.fit_to, "tail": asked.tail, "channels": asked.channels}
     return _plan(FITS[motion], logs, **_common(campaign), **drive, **own)
@@ -109,7 +113,8 @@ def _judge(campaign: Campaign, out: Path, motion: str, work: Work) -> Plan | str
     if not model.is_file() or drive is None:
         return f"it needs the {motion} model, and fit-{motion} gave none"
     more: dict[str, object] = {"hold_out": held} if work is diagnose else {}
-    asked: Any = campaign.settings(motion)
+    asked = campaign.settings(motion)
+    assert not isinstance(asked, Together)
     more |= {"model": model, "seed": campaign.asked.seed, "channels": asked.channels}
     return _plan(work, logs, **_common(campaign), **drive, **more)
 
@@ -133,6 +138,19 @@ def _together(campaign: Campaign, out: Path, work: Work) -> Plan | str:
     if work is diagnose_planar:
         settings |= {"seed": campaign.asked.seed, "hold_out": held}
     return _plan(work, logs, **settings)
+
+
+def _tune(campaign: Campaign, out: Path) -> Plan | str:
+    """Gains for what the diagnosis of yaw left behind, or for the model where there is none."""
+    places = (out / "diagnosis" / DIAGNOSIS.file, out / YAW.name / MODELS[YAW.name].file)
+    model = next((place for place in places if place.is_file()), None)
+    if model is None or campaign.asked.tune is None:
+        return "it needs the yaw model, and fit-yaw gave none"
+    settings = vars(campaign.asked.tune)
+    if campaign.asked.tune.present is not None:
+        settings = {**settings, "present": campaign.path.parent / campaign.asked.tune.present}
+    own = {"figure_formats": FIGURES, "seed": campaign.asked.seed}
+    return Plan(tune, tune.asked({"model": model, **settings, **own}))
 
 
 def _none_named(kinds: tuple[str, ...], motion: str) -> str:
@@ -180,6 +198,7 @@ STEPS = (
     Step("fit-thrusters", "thrusters", fit_thrusters, _fit_thrusters),
     *(step for motion in DOFS for step in _of(motion)),
     *_of_plane(),
+    Step("tune", "tune", tune, _tune, "tune"),
 )
 FOLDERS = tuple(
     StepFolder(step.folder, step.work.kept.kind, not step.motion) for step in STEPS if step.work.kept is not None

@@ -5,7 +5,8 @@ from textwrap import wrap
 
 from automarine_cli.dofs import DOFS, YAW
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.logs.canonical import CANONICAL, names_of
+from automarine_cli.logs.canonical import BY, CANONICAL, RUN, names_of
+from automarine_cli.logs.labels import splitting
 from automarine_cli.logs.recognise import Recognised
 from automarine_cli.logs.spans import pulses
 from automarine_cli.pipeline.codec import to_mapping
@@ -174,6 +175,7 @@ def _map(layouts: Sequence[Layout], look: Look) -> Iterator[str]:
     order = dict.fromkeys(one.key for layout in layouts for one in layout.columns)
     for key in order:
         yield _column(every[key], look)
+    yield from _splitting(layouts)
     there = {CANONICAL[key].quantity for key in every}
     for quantity in dict.fromkeys(one for layout in layouts for one in layout.lacking):
         keys = names_of(quantity)
@@ -185,6 +187,19 @@ def _map(layouts: Sequence[Layout], look: Look) -> Iterator[str]:
         yield _open(
             keys[0], f"no column looks like the {_IN_WORDS.get(quantity, quantity)}{other}; the logs have {names}"
         )
+
+
+def _splitting(layouts: Sequence[Layout]) -> Iterator[str]:
+    """Columns of a few words, which may name the thrusters of a bollard test or the runs of a table: a line where one
+    is called like that, else a comment that offers it."""
+    for layout in layouts:
+        named = splitting(layout.words, layout.bollard).values()
+        for name, words in layout.words.items():
+            makes = "a map of each thruster, and one of all" if layout.bollard else "each a run of its own"
+            sure = name in named
+            told = f"{len(words)} names ({listed(words)}): {makes}" + ("" if sure else "? Then write this line")
+            line = toml_line(BY if layout.bollard else RUN, name)
+            yield _beside(line if sure else f"# {line}", told)
 
 
 def _of_pulses(layouts: Sequence[Layout]) -> str:

@@ -9,12 +9,14 @@ from typing import Any
 
 from automarine_cli.errors import AutomarineError, SettingError
 from automarine_cli.logs import with_joined
+from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.manifest import Input
 from automarine_cli.pipeline.outputs import ResultFolder, refuse_unfit
 from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.parcel import Parcel, content_of, install, packed, place_of, without_dots
 from automarine_cli.report.campaign_tables import campaigns_table
 from automarine_cli.report.tables import Table
+from automarine_cli.results.judged import StepDone
 from automarine_cli.workflows.campaign_file import read_campaign
 from automarine_cli.workflows.campaign_steps import NAMES
 from automarine_cli.workflows.command import UNRECORDED, Command, Runner, reads
@@ -33,18 +35,18 @@ class Outcome:
 
     name: str
     title: str
-    steps: tuple[Mapping[str, Any], ...]
+    steps: tuple[StepDone, ...]
     says: Mapping[str, str]
     cautions: tuple[str, ...]
     refused: tuple[str, ...]
     warnings: tuple[str, ...] = ()
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """One entry of the overview."""
         return {
             "name": self.name,
             "title": self.title,
-            "steps": [dict(step) | {"says": self.says.get(step["step"], "")} for step in self.steps],
+            "steps": [to_mapping(one) | {"says": self.says.get(one.step, "")} for one in self.steps],
             "cautions": list(self.cautions),
             "refused": list(self.refused),
         }
@@ -66,7 +68,7 @@ class Campaigns:
         """What the campaigns warn of, each with its name."""
         return tuple(f"{one.name}: {warning}" for one in self.outcomes for warning in one.warnings)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The result file: schema automarine/campaigns/1."""
         return {"schema": SCHEMA, "campaigns": [one.to_json() for one in self.outcomes]}
 
@@ -192,8 +194,8 @@ def _outcome(task: _Task, campaign: Path, out: Path) -> Outcome:
     except AutomarineError as refusal:
         return Outcome(task.name, task.name, (), {}, (), (str(refusal),))
     refused = tuple(f"{one.step}: {one.why}" for one in run.refused)
-    content = run.to_json()
-    return Outcome(task.name, content["title"], tuple(content["steps"]), run.says, run.cautions, refused, run.warnings)
+    found = run.content
+    return Outcome(task.name, found.title, found.steps, run.says, found.cautions, refused, run.warnings)
 
 
 MOST_NAMED = 12  # campaigns whose folders are named at the end

@@ -23,6 +23,7 @@ from automarine_cli.report import outcomes
 from automarine_cli.report.check_tables import run_tables, thruster_test_table
 from automarine_cli.report.tables import Table
 from automarine_cli.results.kinds import CHECK
+from automarine_cli.results.records import runs_json
 from automarine_cli.runs.load import none_left, refused_by_strict, runs_of_table, unreadable
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen, look_at_run, look_at_tests, with_limits
 from automarine_cli.runs.run import NAMED_APART, SetAside, names_apart
@@ -45,7 +46,7 @@ class Check(Shown):
         return {
             "schema": CHECK.schema,
             "logs": self.logs,
-            "runs": {"used": len(self.runs) + len(self.tests), "set_aside": [asdict(run) for run in self.set_aside]},
+            "runs": runs_json(len(self.runs) + len(self.tests), self.set_aside),
             **{f"{dof.name}_runs": self._seen(dof) for dof in DOFS.values() if dof is YAW or self._seen(dof)},
             "thruster_tests": [asdict(test) for test in self.tests],
         }

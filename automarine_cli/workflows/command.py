@@ -124,7 +124,7 @@ class Command(Generic[Options, Result]):
     files: Callable[[Any], Sequence[str]] = lambda result: ()
     kept: ReadBack[Any] | None = None
     section: str = ""
-    instead: "Callable[[Mapping[str, Any]], Command[Any, Any] | None]" = lambda settings: None
+    instead: "Callable[[Mapping[str, object]], Command[Any, Any] | None]" = lambda settings: None
     python: str = ""
     listed: bool = True
     repeats: bool = True

@@ -8,7 +8,6 @@ from typing import Any
 
 from automarine_cli.comparison.result_files import Contents, shared_models
 from automarine_cli.comparison.side_by_side import Difference, Side, differences
-from automarine_cli.dofs import DOFS
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.pipeline.manifest import MANIFEST, Input, is_manifest, read_manifest
 from automarine_cli.pipeline.outputs import ResultFolder
@@ -20,13 +19,13 @@ from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.tables import Table
 from automarine_cli.results.judged import DiagnosisFile
 from automarine_cli.results.records import ResultRecord
+from automarine_cli.workflows.campaign_steps import FOLDERS
 from automarine_cli.workflows.command import Command, Runner, commands, reads
 from automarine_cli.workflows.shared import Drawn, numbers
 from automarine_cli.workflows.view import Row, View
 
 SCHEMA = "automarine/comparison/1"
 FILES = ("comparison.json", "parameters.csv", "differences.csv", "comparison.md", "comparison.png")
-STEPS = tuple(dict.fromkeys(("yaw", "thrusters", "diagnosis", *DOFS)))
 
 
 @dataclass(frozen=True, repr=False)
@@ -38,7 +37,7 @@ class ResultComparison(Shown):
     differences: tuple[Difference, ...]
     notes: tuple[str, ...]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The result: schema automarine/comparison/1."""
         return {
             "schema": SCHEMA,
@@ -152,7 +151,7 @@ def _find(folder: Path, name: str) -> _Found:
             file = kept.kind.read(path, f"{name}/{path.name}")
             of_map = isinstance(file, DiagnosisFile) and file.of_thrusters
             return _Found(name, path, file, f"{command} of thrusters" if of_map else command, kept.contents)
-    inside = [step for step in STEPS if any((folder / step / file).is_file() for file in files)]
+    inside = [one.name for one in FOLDERS if one.kind.file in files and (folder / one.name / one.kind.file).is_file()]
     if inside:
         raise SettingError(f"{folder} holds a whole campaign; compare one step of each, such as {folder / inside[0]}")
     raise SettingError(

@@ -19,7 +19,6 @@ from automarine_cli.errors import SettingError
 from automarine_cli.fits.channel_noise import channels_json, fit_sentences
 from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.logs import ColumnMap, Logs, given_columns
-from automarine_cli.models.planar_store import SCHEMA as PLANAR_SCHEMA
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.pipeline.outputs import ResultFolder, json_document
 from automarine_cli.pipeline.parallel import lasting_map
@@ -30,14 +29,15 @@ from automarine_cli.report.figures.diagnosis_gap import before_after_figure
 from automarine_cli.report.figures.diagnosis_where import where_figure
 from automarine_cli.report.figures.diagnosis_why import why_figure
 from automarine_cli.report.tables import Table
+from automarine_cli.results.kinds import DIAGNOSIS, PLANAR_MODEL, THRUSTER_MAP
+from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import wanted_channels
 from automarine_cli.runs.load import load_runs, refused_by_strict, told_beside
-from automarine_cli.runs.run import Run, SetAside, command_warnings, readings
+from automarine_cli.runs.run import Run, SetAside, command_warnings
 from automarine_cli.runs.stuck import without_stuck
 from automarine_cli.runs.undriven import without_undriven
-from automarine_cli.thrusters.map import SCHEMA as MAP_SCHEMA
 from automarine_cli.workflows.command import Command, Runner
-from automarine_cli.workflows.diagnose_planar import SCHEMA, DiagnoseOptions, PlanarDiagnosis, diagnose_planar
+from automarine_cli.workflows.diagnose_planar import DiagnoseOptions, PlanarDiagnosis, diagnose_planar
 from automarine_cli.workflows.diagnose_thrusters import FILES, ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.workflows.moments import with_moments
 from automarine_cli.workflows.shared import aligned, numbers
@@ -61,7 +61,7 @@ class YawDiagnosis(Shown):
             return json_document("diagnosis.json", self.to_json())
         return json_document("extended_model.json", self.extended_model())
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The result file: schema automarine/diagnosis/1."""
         found = self.diagnosis.found
         held = self.diagnosis.held_out_gap
@@ -69,7 +69,7 @@ class YawDiagnosis(Shown):
         before = base_estimates(self.diagnosis.study, found.base)
         dof = self.stored.dof
         return {
-            "schema": SCHEMA,
+            "schema": DIAGNOSIS.schema,
             **({} if dof.wraps else {"motion": dof.name}),
             "verdict": self.diagnosis.verdict,
             **{key: text for key in ("why", "left") if (text := getattr(self.diagnosis.said, key))},
@@ -92,14 +92,10 @@ class YawDiagnosis(Shown):
             "open_water": self.diagnosis.study.driven,
             **channels_json(self.diagnosis.channels, found.final.fit, dof),
             "held_out": [] if self.diagnosis.held_out is None else [r.name for r in self.diagnosis.held_out.runs],
-            "runs": {
-                "used": len(self.diagnosis.study.runs),
-                "set_aside": [asdict(run) for run in self.set_aside],
-                **readings(self.diagnosis.study.runs),
-            },
+            "runs": runs_json(len(self.diagnosis.study.runs), self.set_aside, self.diagnosis.study.runs),
         }
 
-    def _prediction_json(self) -> dict[str, Any]:
+    def _prediction_json(self) -> dict[str, object]:
         """What driven runs are judged by: predictions from the filtered state."""
         fitted, held = self.diagnosis.outlook, self.diagnosis.held_out_outlook
         if fitted is None:
@@ -135,7 +131,7 @@ class YawDiagnosis(Shown):
         return extended_model(self.diagnosis.study, self.diagnosis.said.leaves, self.stored, self.parent_sha256)
 
 
-def _effect_json(effect: NamedEffect, runs: int, dof: Dof) -> dict[str, Any]:
+def _effect_json(effect: NamedEffect, runs: int, dof: Dof) -> dict[str, object]:
     return {
         "name": effect.name,
         **({"law": effect.law} if effect.law else {}),
@@ -243,7 +239,13 @@ def _figures(result: YawDiagnosis) -> Figures:
 def _instead(settings: Mapping[str, object]) -> Command[Any, Any] | None:
     """The diagnosis of a planar model or of a thruster map."""
     model = schema_in(settings.get("model"))
-    return diagnose_planar if model == PLANAR_SCHEMA else diagnose_thrusters if model == MAP_SCHEMA else None
+    return (
+        diagnose_planar
+        if model == PLANAR_MODEL.schema
+        else diagnose_thrusters
+        if model == THRUSTER_MAP.schema
+        else None
+    )
 
 
 diagnose: Command[DiagnoseMotionOptions, YawDiagnosis | PlanarDiagnosis | ThrusterDiagnosis] = Command(

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 
 import numpy as np
@@ -27,14 +27,14 @@ from automarine_cli.report.figures.planar_diagnosis import before_after_figure, 
 from automarine_cli.report.tables import Table
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.results.kinds import DIAGNOSIS
+from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import AUTO
-from automarine_cli.runs.run import Run, SetAside, readings
+from automarine_cli.runs.run import Run, SetAside
 from automarine_cli.workflows.command import HOLD_OUT, SELDOM, Command, ReadBack, Runner, reads
 from automarine_cli.workflows.planar_runs import load_planar
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, aligned, numbers
 from automarine_cli.workflows.view import Figures, Row, View
 
-SCHEMA = "automarine/diagnosis/1"
 FEWEST = 4
 """Runs of which one is held out: those of motion in the plane are few and long."""
 
@@ -104,7 +104,7 @@ class PlanarDiagnosis(Shown):
         gains = [(one, fitted.get(one.added, promised)) for one, promised in first.promised]
         outlooks = {"fitted_runs": found.outlook(False), "held_out_runs": found.outlook(True)}
         return {
-            "schema": SCHEMA,
+            "schema": DIAGNOSIS.schema,
             "motion": "planar",
             "verdict": found.verdict,
             **({"why": why} if why else {}),
@@ -123,11 +123,7 @@ class PlanarDiagnosis(Shown):
                 if name in after
             },
             "held_out": [run.name for run in self.kept],
-            "runs": {
-                "used": len(self.runs),
-                "set_aside": [asdict(one) for one in self.set_aside],
-                **readings([*self.runs, *self.kept]),
-            },
+            "runs": runs_json(len(self.runs), self.set_aside, [*self.runs, *self.kept]),
         }
 
     def _gap(self, one: Outlook | None) -> dict[str, float] | None:

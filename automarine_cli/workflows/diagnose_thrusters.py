@@ -3,13 +3,14 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
-from automarine_cli.errors import ModelError, RunError, SettingError
+from automarine_cli.errors import RunError, SettingError
 from automarine_cli.logs import Logs, given_columns
 from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.pipeline.plain_data import Source, read_plain
+from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.report import thruster_diagnosis as page
 from automarine_cli.report.figures import thruster_diagnosis as figures
 from automarine_cli.report.figures.files import Draw, write_figures
+from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.runs.channels import AUTO
 from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis
 from automarine_cli.thrusters.diagnosis import diagnose_thrusters as diagnose_points
@@ -92,11 +93,8 @@ def _drawings(result: ThrusterDiagnosis) -> dict[str, Draw]:
 
 def _base(model: Source) -> tuple[ThrusterMap, bool, int]:
     """The map, whether its file says how thrust follows the voltage, and how many thrusters pulled in its tests."""
-    data = read_plain(model, "JSON", ModelError)
-    found = ThrusterMap.from_json(data, model.name)
-    voltage, count = data.get("voltage_exponent"), data.get("thrusters_per_test")
-    known = isinstance(voltage, dict) and "reference_V" in voltage
-    return found, known, count if isinstance(count, int) and count >= 1 else 1
+    found, file = ThrusterMap.load(model), THRUSTER_MAP.read(model)
+    return found, "reference_V" in file.voltage_exponent, max(file.thrusters_per_test or 1, 1)
 
 
 def _apart(loaded: ThrusterLogs, held: ThrusterLogs) -> ThrusterLogs:

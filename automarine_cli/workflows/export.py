@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
 
 from automarine_cli import exports as targets
 from automarine_cli.dofs.motion import PLANAR
@@ -71,7 +70,7 @@ class Exported:
         left = tuple(f"Left out: {one.name}: {one.why}." for one in self.left_out)
         return left + tuple(note for note in self.written.notes if note.startswith(("Warning", "Left out")))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Schema automarine/export/1."""
         return {
             "schema": SCHEMA,
@@ -98,7 +97,7 @@ class Targets:
 
     targets: tuple[Target, ...]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Schema automarine/export-targets/1."""
         return {
             "schema": "automarine/export-targets/1",

@@ -1,7 +1,9 @@
 """`fit-thrusters`: bollard tests -> thruster map (the source paper's section 3.1, equations 2 and 3)."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count
 
 from automarine_cli.comparison.result_files import of_thrusters
 from automarine_cli.errors import SettingError
@@ -47,17 +49,30 @@ def _fit_thrusters(asked: FitThrustersOptions, runner: Runner) -> ThrusterFit:
     loaded = load_thruster_logs(asked.logs, names, strict=asked.strict, progress=runner.progress)
 
     def work() -> ThrusterFit:
-        count = thrusters_pulling(asked.thrusters_per_test, names)
+        together = thrusters_pulling(asked.thrusters_per_test, names)
         with told_beside(loaded.set_aside):
-            return fit_records(loaded, count, loaded.n_unit, asked.form, runner.jobs, runner.progress)
+            return fit_records(loaded, together, loaded.n_unit, asked.form, runner.jobs, runner.progress)
 
     def write(folder: ResultFolder, result: ThrusterFit) -> None:
         folder.write_json("thrusters.json", result.to_json())
         folder.write("thrusters.csv", thruster_tables.points_csv(result))
         folder.write("thrusters.md", thruster_tables.markdown(result))
+        for name, one in _maps(result).items():
+            folder.write_json(name, one.to_json())
         write_figures(folder, {"thrusters": lambda: thruster_figure(result)}, asked.figure_formats)
 
     return runner.results(asked, work, write)
+
+
+def _maps(fit: ThrusterFit) -> dict[str, ThrusterFit]:
+    """The map of each thruster by the name of its file; no two of one name."""
+    found: dict[str, ThrusterFit] = {}
+    for part, one in fit.parts.items():
+        stem = "thrusters_" + (re.sub(r"[^A-Za-z0-9.+-]+", "_", part).strip("_.") or "unnamed")
+        name = next(name for i in count(1) if (name := f"{stem}{f'_{i}' * (i > 1)}.json") not in found)
+        if not isinstance(one, str):
+            found[name] = one
+    return found
 
 
 def thrusters_pulling(given: int | None, columns: ColumnMap, usual: int = 1) -> int:
@@ -101,5 +116,5 @@ fit_thrusters = Command(
         lambda fit: [*thruster_tables.tables(fit), *thruster_tables.sentences(fit)], _lines, _rows,
         lambda fit: {"map": lambda: thruster_figure(fit)},
     )},
-    files=lambda fit: FILES, kept=ReadBack(THRUSTER_MAP, outcomes.of_thrusters, of_thrusters),
+    files=lambda fit: (*FILES, *_maps(fit)), kept=ReadBack(THRUSTER_MAP, outcomes.of_thrusters, of_thrusters),
 )  # fmt: skip

@@ -223,8 +223,8 @@ def _command(dof: Dof) -> Command[Any, YawFit]:
     run.__doc__ = dof.fill(
         f"Identify the {{motion}} model of a vehicle from its logs: {{position}} against {{force}}.\n\n"
         f"{options.__doc__}\n\n"
-        "`fit_to` and `known` as in `fits.identify.identify`, `channels` as in `runs.channels.choose_channels`. Raises "
-        "LogError, RunError, FitError, SettingError or OutputError."
+        "`fit_to` and `known` as in `fits.identify.identify_turns`, `channels` as in `runs.channels.choose_channels`. "
+        "Raises LogError, RunError, FitError, SettingError or OutputError."
     )
     kept = ReadBack(MODELS[dof.name], outcomes.of_model, of_model)
     return Command(f"fit-{dof.name}", options, run, {YawFit: VIEW}, _files, kept)

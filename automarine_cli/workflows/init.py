@@ -5,7 +5,6 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs import ColumnMap, LogFile, find_logs, given_columns
@@ -14,6 +13,7 @@ from automarine_cli.pipeline.manifest import MANIFEST
 from automarine_cli.pipeline.one_file import refuse_existing, write_whole
 from automarine_cli.pipeline.reuse import manifest_of
 from automarine_cli.report.tables import Table
+from automarine_cli.results.records import runs_json
 from automarine_cli.workflows.campaign_file import open_questions
 from automarine_cli.workflows.campaign_look import Look, look_at
 from automarine_cli.workflows.campaign_places import places_of
@@ -35,7 +35,7 @@ class Started:
     text: str
     questions: tuple[str, ...]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """What was seen: schema automarine/init/1."""
         return {
             "schema": SCHEMA,
@@ -52,10 +52,7 @@ class Started:
             ],
             "questions": list(self.questions),
             "campaign": self.text,
-            "runs": {
-                "used": sum(len(runs) for runs in self.look.runs.values()),
-                "set_aside": [vars(run) for run in self.look.set_aside],
-            },
+            "runs": runs_json(sum(len(runs) for runs in self.look.runs.values()), self.look.set_aside),
         }
 
     def tables(self) -> tuple[Table | str, ...]:

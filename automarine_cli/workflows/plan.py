@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
+from automarine_cli.errors import ModelError
 from automarine_cli.logs import ColumnMap, Logs, given_columns
 from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.outputs import ResultFolder
@@ -44,7 +44,7 @@ class Plan(Shown):
     source: str
     seed: int
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The result: schema automarine/plan/1."""
         made, limits = self.campaign, self.campaign.limits
         return {
@@ -132,6 +132,9 @@ def _plan(asked: PlanOptions, runner: Runner) -> Plan:
     RunError or OutputError.
     """
     known, limits = read_prior_results(asked.model, asked.diagnosis), asked.limits
+    if not known.model.dof.wraps:
+        source, motion = known.stored.source, known.model.dof.name
+        raise ModelError(f"{source} is a model of {motion}; give a model of yaw, for no other campaigns are planned")
     allowed = limits if isinstance(limits, Limits) else Limits() if limits is None else read_limits(limits)
     names, tests = given_columns(asked.columns), asked.thruster_tests
     drive = drive_for(asked.thrusters, asked.arm, names, known, allowed)
@@ -169,7 +172,7 @@ def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...], names: 
     write_figures(folder, {"plan": lambda: plan_figure(made)}, formats)
 
 
-def _slot_json(slot: Slot, why: str) -> dict[str, Any]:
+def _slot_json(slot: Slot, why: str) -> dict[str, object]:
     one = slot.candidate
     return {
         "number": slot.number,
@@ -186,7 +189,7 @@ def _slot_json(slot: Slot, why: str) -> dict[str, Any]:
     }
 
 
-def _split_json(one: Split, grid: Split) -> dict[str, Any]:
+def _split_json(one: Split, grid: Split) -> dict[str, object]:
     return {"true": one.true, "other": one.other, "evidence": one.evidence, "evidence_of_grid": grid.evidence}
 
 

@@ -4,7 +4,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from automarine_cli.errors import OutputError
 from automarine_cli.pipeline import staging
@@ -26,7 +25,7 @@ class Report:
     files: dict[str, str]
     steps: Steps
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """What is in it: schema automarine/report/1."""
         steps, missing = list(self.steps.found), self.steps.missing
         return {"schema": SCHEMA, "files": list(self.files), "steps": steps, "missing": missing}
@@ -76,5 +75,8 @@ def _also(folder: Path) -> dict[str, str]:
         place = folder / name / command.section
         if command.section and place.is_file():
             text = place.read_text(encoding="utf-8", errors="replace")
-            found[name.replace("-", " ").capitalize()] = re.sub(r"\A# .*\n", "", text)
+            text = re.sub(r"^(!\[.*\])\((\w+\.\w+)\)$", rf"\1({name}/\2)", text, flags=re.MULTILINE)
+            found[name.replace("-", " ").capitalize()] = re.sub(
+                r"^## ", "### ", re.sub(r"\A# .*\n", "", text), flags=re.MULTILINE
+            )
     return found

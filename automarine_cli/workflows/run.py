@@ -4,15 +4,17 @@ import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from automarine_cli.errors import AutomarineError, OutputError, SettingError
 from automarine_cli.logs import with_joined
+from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.manifest import MANIFEST, Input, given_as, sha256
 from automarine_cli.pipeline.outputs import json_text, refuse_unfit, result_folder
 from automarine_cli.pipeline.reuse import manifest_of, remove_results, why_made_again
 from automarine_cli.report.campaign_tables import cautions, steps_table
 from automarine_cli.report.tables import Table
+from automarine_cli.results.judged import RunFile, StepDone
 from automarine_cli.results.kinds import RUN, THRUSTER_MAP
 from automarine_cli.runs.load import has_bytes
 from automarine_cli.workflows.campaign_file import Campaign, read_campaign
@@ -49,9 +51,13 @@ class CampaignRun:
 
     news: tuple[News, ...]
     says: Mapping[str, str]
-    cautions: tuple[str, ...]
-    content: dict[str, Any]
+    content: RunFile
     warnings: tuple[str, ...] = ()
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What does not fit together in the whole campaign."""
+        return self.content.cautions
 
     @property
     def refused(self) -> tuple[News, ...]:
@@ -68,9 +74,9 @@ class CampaignRun:
         )
         return (*pages, *(folders[s] for s in done if s in folders))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The result file: schema automarine/run/1. It does not say what was kept: the bytes are the same."""
-        return self.content
+        return to_mapping(self.content)
 
     def tables(self) -> tuple[Table | str, ...]:
         """One line a step: what was done, why, and what its result says."""
@@ -144,7 +150,7 @@ def _run(campaign: Campaign, asked: RunOptions, runner: Runner) -> CampaignRun:
         if step.name in says and (manifest := manifest_of(out / step.folder)) is not None
         for warning in manifest.warnings
     ]
-    return CampaignRun(tuple(news), says, tuple(content["cautions"]), content, tuple(warnings))
+    return CampaignRun(tuple(news), says, content, tuple(warnings))
 
 
 def _do(step: Step, campaign: Campaign, out: Path, runner: Runner, force: bool, said: Callable[..., News]) -> News:
@@ -170,42 +176,35 @@ def _do(step: Step, campaign: Campaign, out: Path, runner: Runner, force: bool, 
     return said("made", why)
 
 
-def _content(campaign: Campaign, out: Path, done: Mapping[str, News]) -> dict[str, Any]:
-    """The result file: for each step the hash of its manifest, which holds the hashes of all its files."""
-    steps: list[dict[str, object]] = []
+def _content(campaign: Campaign, out: Path, done: Mapping[str, News]) -> RunFile:
+    """The result file."""
+    steps = []
     for step in STEPS:
         one = done.get(step.name)
         if one is None:
             continue
-        entry: dict[str, object] = {"step": step.name}
         if one.did in ("made", "kept"):
-            entry |= {"folder": step.folder, "manifest_sha256": sha256(out / step.folder / MANIFEST)}
+            steps.append(StepDone(step.name, step.folder, sha256(out / step.folder / MANIFEST)))
         elif one.did == "skipped":
-            entry |= {"skipped": one.why.partition("; its former")[0]}
+            steps.append(StepDone(step.name, skipped=one.why.partition("; its former")[0]))
         else:
-            entry |= {"refused": one.why}
-        steps.append(entry)
+            steps.append(StepDone(step.name, refused=one.why))
     supply, tested = campaign.asked.vehicle.supply_V, out / "thrusters" / THRUSTER_MAP.file
-    return {
-        "schema": RUN.schema,
-        "title": campaign.title,
-        "campaign": campaign.path.name,
-        "steps": steps,
-        "cautions": cautions(THRUSTER_MAP.read(tested) if tested.is_file() else None, supply),
-    }
+    cautioned = cautions(THRUSTER_MAP.read(tested) if tested.is_file() else None, supply)
+    return RunFile(RUN.schema, campaign.title, campaign.path.name, tuple(steps), tuple(cautioned))
 
 
-def _report(campaign: Campaign, out: Path, content: dict[str, Any], force: bool, number: int, tell: Tell) -> News:
+def _report(campaign: Campaign, out: Path, content: RunFile, force: bool, number: int, tell: Tell) -> News:
     """The last step: one page of what is in the step folders, and the record of the whole run."""
     logs = with_joined(campaign.every_log(), campaign.columns)
     inputs = [Input(campaign.path.name, campaign.path, "campaign")]
     inputs += [Input(file.name, file.path) for file in logs if has_bytes(file)]
     inputs += given_as(**campaign.beside)
     why = why_made_again(out, command=COMMAND, options={}, seed=None, inputs=inputs)
-    if why is None and (out / RUN.file).read_text(encoding="utf-8") != json_text(content):
+    if why is None and (out / RUN.file).read_text(encoding="utf-8") != json_text(to_mapping(content)):
         why = "results of the steps changed"
     if why is None and not force:
-        kept = any("folder" in step for step in content["steps"])
+        kept = any(step.folder for step in content.steps)
         unchanged = "results of the steps unchanged"
         last = News(REPORT, number, number, *(("kept", unchanged) if kept else ("skipped", NO_PAGE)))
         tell(last)
@@ -213,7 +212,7 @@ def _report(campaign: Campaign, out: Path, content: dict[str, Any], force: bool,
     why = why or "--force"
     tell(News(REPORT, number, number, "starts", why))
     with result_folder(out, command=COMMAND, options={}, inputs=inputs, seed=None, overwrite=True) as folder:
-        folder.write_json(RUN.file, content)
+        folder.write_json(RUN.file, to_mapping(content))
         pages = _pages(out, campaign.title, content)
         for name, page in pages.items():
             folder.write(name, page)
@@ -222,11 +221,11 @@ def _report(campaign: Campaign, out: Path, content: dict[str, Any], force: bool,
     return last
 
 
-def _pages(out: Path, title: str, content: Mapping[str, Any]) -> Mapping[str, str]:
+def _pages(out: Path, title: str, content: RunFile) -> Mapping[str, str]:
     """Name and content of the files of the report; none where no step has a result."""
-    if not any("folder" in step for step in content["steps"]):
+    if not any(step.folder for step in content.steps):
         return {}
-    return report_files(out, title=title, cautions=content["cautions"])
+    return report_files(out, title=title, cautions=content.cautions)
 
 
 def _refuse_others(campaign: Campaign, out: Path, overwrite: bool) -> None:

@@ -16,6 +16,7 @@ from automarine_cli.pipeline.progress import Progress
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.pipeline.words import printable
 from automarine_cli.report.tables import Table, number
+from automarine_cli.results.records import runs_json
 from automarine_cli.runs.load import none_left, refused_by_strict, unreadable
 from automarine_cli.runs.run import SetAside
 from automarine_cli.runs.slices import By, find_slices
@@ -105,7 +106,7 @@ class Slices(Shown):
             "slices": [{"file": file, **asdict(cut)} for file, cut in zip(self.files, self.cuts)],
             "left_out": [asdict(one) for source in self.sources for one in source.between],
             "sources": [{"file": source.file, "notes": list(source.notes)} for source in self.sources],
-            "runs": {"used": len(self.cuts), "set_aside": [asdict(one) for one in self.set_aside]},
+            "runs": runs_json(len(self.cuts), self.set_aside),
         }
 
     def tables(self) -> tuple[Table, ...]:

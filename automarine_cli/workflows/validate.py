@@ -1,9 +1,8 @@
 """`validate`: simulate each log with each model, compare, plot (the source paper's section 5 and Fig. 10)."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,6 @@ from automarine_cli.effects.thruster_imbalance import lacking_signal
 from automarine_cli.errors import AutomarineError, ModelError, RunError
 from automarine_cli.fits.channel_noise import channel_sentences, channels_of, measured_noises
 from automarine_cli.logs import given_columns
-from automarine_cli.models.planar_store import SCHEMA as PLANAR_SCHEMA
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import schema_in
@@ -24,15 +22,16 @@ from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.figures.validation import validation_figure
 from automarine_cli.report.tables import Table, number
 from automarine_cli.report.validation_tables import ahead_table, overall_table, run_table, score_table
+from automarine_cli.results.kinds import PLANAR_MODEL, VALIDATION
+from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels, wanted_channels
 from automarine_cli.runs.load import load_runs, none_left, refused_by_strict
-from automarine_cli.runs.run import Run, SetAside, command_warnings, readings
+from automarine_cli.runs.run import Run, SetAside, command_warnings
 from automarine_cli.runs.undriven import without_undriven
 from automarine_cli.workflows.command import SELDOM, Command, Runner
 from automarine_cli.workflows.moments import moment_maker
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, counted
 from automarine_cli.workflows.validate_planar import (
-    SCHEMA,
     Pictures,
     PlanarValidation,
     files,
@@ -61,11 +60,11 @@ class Validation(Shown):
     channels: ChannelChoice = NOTHING_TO_CHOOSE
     ahead: Ahead | None = None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The result: schema automarine/validation/1."""
         found, dof = self.comparison, self.stored.dof
         return {
-            "schema": SCHEMA,
+            "schema": VALIDATION.schema,
             **({} if dof is YAW else {"motion": dof.name}),
             "models": {number: self._model_json(scored) for number, scored in found.models.items()},
             f"noise_floor_{dof.units.key}": found.floor,
@@ -79,11 +78,7 @@ class Validation(Shown):
             **({} if self.ahead is None else {"prediction": self.ahead.to_json()}),
             "scores": {score_key(name, dof): dof.fill(meaning) for name, meaning in MEANING.items()},
             "logs": {run.name: self._log_json(i) for i, run in enumerate(found.runs)},
-            "runs": {
-                "used": len(found.runs),
-                "set_aside": [asdict(run) for run in self.set_aside],
-                **readings(found.runs),
-            },
+            "runs": runs_json(len(found.runs), self.set_aside, found.runs),
         }
 
     def tables(self) -> tuple[Table | str, ...]:
@@ -103,8 +98,8 @@ class Validation(Shown):
         first = () if self.ahead is None else (ahead_table(self.ahead),)
         return *first, overall_table(self.comparison), run_table(self.comparison)
 
-    def _model_json(self, scored: Scored) -> dict[str, Any]:
-        data: dict[str, Any] = {}
+    def _model_json(self, scored: Scored) -> dict[str, object]:
+        data: dict[str, object] = {}
         for name in SCORES:
             key, one = score_key(name, self.stored.dof), scored.overall[name]
             data[key] = one.value
@@ -115,7 +110,7 @@ class Validation(Shown):
         data["runs"] = {name: _run_json(one, self.stored.dof) for name, one in zip(names, scored.scores)}
         return data
 
-    def _log_json(self, i: int) -> dict[str, Any]:
+    def _log_json(self, i: int) -> dict[str, object]:
         run, restarts = self.comparison.runs[i], self.comparison.restarts[i]
         return {
             "file": run.source,
@@ -129,7 +124,7 @@ class Validation(Shown):
         }
 
 
-def _run_json(one: RunScore, dof: Dof) -> dict[str, Any]:
+def _run_json(one: RunScore, dof: Dof) -> dict[str, object]:
     words, units = dof.words, dof.units
     start = {
         f"{words.position}_{units.key}": float(dof.shown(one.start.position)),
@@ -280,5 +275,5 @@ validate: Command[ValidateOptions, Validation | PlanarValidation] = Command(
     "validate", ValidateOptions, _validate,
     {Validation: View(Validation.tables, _lines, _rows, _figures), **validate_planar.views}, files,
     validate_planar.kept,
-    instead=lambda settings: validate_planar if schema_in(settings.get("model")) == PLANAR_SCHEMA else None,
+    instead=lambda settings: validate_planar if schema_in(settings.get("model")) == PLANAR_MODEL.schema else None,
 )  # fmt: skip

@@ -1,9 +1,8 @@
 """`validate` of a planar model: simulate each log by its commands alone, compare every channel, plot."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 from automarine_cli.comparison.planar import MEANING, SCORES, PlanarFree, free_runs, overall
 from automarine_cli.errors import SettingError
@@ -18,14 +17,14 @@ from automarine_cli.report.figures.files import Draw, Files, drawn, write_figure
 from automarine_cli.report.figures.planar import planar_figure
 from automarine_cli.report.tables import MISSING, Table, number
 from automarine_cli.results.kinds import VALIDATION
+from automarine_cli.results.records import runs_json
 from automarine_cli.runs.channels import AUTO
-from automarine_cli.runs.run import SetAside, command_warnings, readings
+from automarine_cli.runs.run import SetAside, command_warnings
 from automarine_cli.workflows.command import SELDOM, UNRECORDED, Command, ReadBack, Runner
 from automarine_cli.workflows.planar_runs import load_planar
 from automarine_cli.workflows.shared import Ending, Judged, Lever, OfLogs, counted
 from automarine_cli.workflows.view import Figures, Row, View
 
-SCHEMA = "automarine/validation/1"
 FILES = ("validation.json", "validation.csv", "validation.md", "validation.tex", "validation_RUN.png")
 
 HEADINGS = {
@@ -44,11 +43,11 @@ class PlanarValidation(Shown):
     free: tuple[PlanarFree, ...]
     set_aside: tuple[SetAside, ...]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The result: schema automarine/validation/1."""
         runs = [one.run for one in self.free]
         return {
-            "schema": SCHEMA,
+            "schema": VALIDATION.schema,
             "motion": NAME,
             "models": {
                 NAME: {
@@ -65,11 +64,7 @@ class PlanarValidation(Shown):
                 }
                 for run in runs
             },
-            "runs": {
-                "used": len(runs),
-                "set_aside": [asdict(one) for one in self.set_aside],
-                **readings(runs),
-            },
+            "runs": runs_json(len(runs), self.set_aside, runs),
         }  # fmt: skip
 
     def tables(self) -> tuple[Table, ...]:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.inputs import find_inputs
@@ -66,7 +65,7 @@ class Verification:
         """Whether nothing changed anywhere."""
         return all(folder.whole for folder in self.folders)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The result: schema automarine/verification/1."""
         folders = [{**asdict(folder), "whole": folder.whole} for folder in self.folders]
         return {"schema": SCHEMA, "whole": self.whole, "folders": folders}

@@ -5,6 +5,7 @@ from typing import Any
 
 from campaigns import INERTIA, K_RR
 from interval_coverage import HEADER, Outcome, Trial, failures, misses, summarise, summary_rows
+from specified import make_runs
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.estimates import base_estimates, parameter_estimates
@@ -16,7 +17,6 @@ from automarine_cli.models.yaw_model import Term, YawModel
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
-from automarine_cli.simulation.campaign import make_runs
 from automarine_cli.simulation.specification import SCHEMA, specification_from
 
 STREAM = 1000

@@ -7,12 +7,12 @@ import argparse
 from collections import defaultdict
 from pathlib import Path
 
-from automarine_cli.fits.identify import identify
+from identified import identify
+from specified import make_runs, read_specification
+
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.half_turn import Trim
-from automarine_cli.simulation.campaign import make_runs
-from automarine_cli.simulation.specification import read_specification
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_runs"
 TRIMS = {"surge": Trim(3.0), "heave": Trim(None, 0.0, 3.6)}

@@ -6,6 +6,8 @@ number falls. Prints Markdown; writes paper.md and paper.csv.
 
 import os
 
+from specified import read_specification
+
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy, and for the processes: each has one core
 
 import argparse
@@ -19,7 +21,6 @@ from paper_trials import CONSTANT, PRINTED, SETTINGS, run_trial
 from automarine_cli.cli.echo import terminal_progress
 from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.report.tables import Table, number
-from automarine_cli.simulation.specification import read_specification
 
 Floats = NDArray[np.float64]
 Values = dict[str, Floats]

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from specified import make_runs
 
 from automarine_cli.dofs import YAW
 from automarine_cli.fits.drag import fit_drag, identity_gap
@@ -11,7 +12,6 @@ from automarine_cli.fits.step_response import half_turn_data
 from automarine_cli.fits.velocity_error import fit_velocity_error
 from automarine_cli.models.closed_form import inertia_from_velocity_error
 from automarine_cli.runs.half_turn import half_turns
-from automarine_cli.simulation.campaign import make_runs
 from automarine_cli.simulation.specification import Specification
 
 Floats = NDArray[np.float64]

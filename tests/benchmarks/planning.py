@@ -6,6 +6,9 @@ Usage: python tests/benchmarks/planning.py [--campaigns N] [--jobs N]
 
 import os
 
+from identified import identify
+from specified import make_runs
+
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy, and for the processes: each has one core
 
 import argparse
@@ -22,7 +25,6 @@ from automarine_cli.diagnosis.diagnose import split_off
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.identify import identify
 from automarine_cli.models.store import StoredModels
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import ordered_map
@@ -36,7 +38,6 @@ from automarine_cli.planning.rivals import pairs_of
 from automarine_cli.report.tables import Table
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.campaign import make_runs
 from automarine_cli.simulation.specification import Specification, specification_from
 
 Floats = NDArray[np.float64]

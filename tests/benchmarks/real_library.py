@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from identified import identify
 from numpy.typing import NDArray
 from real_baseline import HORIZONS, Anchors
 
@@ -15,7 +16,7 @@ from automarine_cli.filters.course import Course, make_course
 from automarine_cli.filters.kalman import follow
 from automarine_cli.filters.prediction import carried, shown_channel
 from automarine_cli.fits.driven import driven_problem
-from automarine_cli.fits.identify import identify, starts_at_rest
+from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.innovations_problem import DrivenProblem
 from automarine_cli.models.yaw_model import YawModel

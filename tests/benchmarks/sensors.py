@@ -9,14 +9,15 @@ import numpy as np
 from bounds import bound, fisher_information
 from campaigns import INERTIA, K_RR, NOISE, PERIOD, known_half_turns, make_campaign
 from faults import FAULTS, HONEST, judged
+from identified import identify
 from numpy.typing import NDArray
+from specified import make_runs
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.estimates import base_estimates, parameter_estimates
 from automarine_cli.diagnosis.study import study_of
 from automarine_cli.diagnosis.trials import Trial as Explained
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.identify import identify
 from automarine_cli.fits.output_error import fit_half_turns
 from automarine_cli.fits.step_response import Known, half_turn_data
 from automarine_cli.models.yaw_model import YawModel
@@ -24,7 +25,6 @@ from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.half_turn import half_turns
-from automarine_cli.simulation.campaign import make_runs
 from automarine_cli.simulation.specification import SCHEMA, specification_from
 
 Floats = NDArray[np.float64]

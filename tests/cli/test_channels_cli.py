@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from click.testing import Result
 from few_candidates import few_candidates
+from identified import identify
 from made_campaigns import both_ways, campaign
 
 from automarine_cli.dofs import DOFS, Dof
-from automarine_cli.fits.identify import identify
 from automarine_cli.logs.canonical import names_of
 from automarine_cli.models.closed_form import response
 from automarine_cli.pipeline.manifest import read_manifest

@@ -10,10 +10,11 @@ import pytest
 
 import automarine_cli
 from automarine_cli.logs.csv import _SIGNATURES
+from automarine_cli.logs.mixing import ELSE, FETCH
 from automarine_cli.pipeline.staging import ADVICE
 
 PACKAGE = Path(automarine_cli.__file__).parent
-DATA = {"LogError", "RunError", "FitError", "OutputError"}
+DATA = {"LogError", "RunError", "FitError", "OutputError", "Unclear"}
 """About logs and results: what to do is a clause of its own."""
 WRITTEN = {"SettingError", "ModelError", "UsageError", "BadParameter", "Refusal"}
 """About what a person wrote, an option or a key: what is expected in its place says what to do."""
@@ -122,7 +123,14 @@ def says_what_to_do(sentence: str, kind: str, place: str) -> bool:
 
 
 EVERY = list(refusals())
-TABLES = {"{what}": _SIGNATURES, "{ADVICE.get(problem.errno or 0, 'Choose another folder with -o')}": ADVICE}
+UNCLEAR = {"": ELSE, " ": FETCH}
+TABLES = {
+    "{ELSE}": UNCLEAR,
+    "{FETCH}": UNCLEAR,
+    "{table.origin.why_not}": UNCLEAR,
+    "{what}": _SIGNATURES,
+    "{ADVICE.get(problem.errno or 0, 'Choose another folder with -o')}": ADVICE,
+}
 """Ends of sentences that are looked up in a table, which is read instead."""
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from repository import SAMPLE_RUNS
+from specified import read_specification
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
@@ -17,7 +18,6 @@ from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.report.diagnosis_tables import verdict_sentence
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.specification import read_specification
 from automarine_cli.workflows.validate import validate
 
 

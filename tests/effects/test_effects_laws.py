@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from effect_contract import Floats, base_for, long_plans, measured, planted, short_plans, unmeasured
 from few_candidates import few_candidates
+from specified import make_runs
 
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.diagnosis.estimates import parameter_estimates
@@ -17,7 +18,6 @@ from automarine_cli.effects.history_force import SHARES, TIMES
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import make_batch
-from automarine_cli.simulation.campaign import make_runs
 from automarine_cli.simulation.rollout import Start, simulate
 from automarine_cli.simulation.specification import specification_from
 

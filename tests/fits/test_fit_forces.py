@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from identified import identify
 from repository import SAMPLE_RUNS
+from specified import read_specification
 
 from automarine_cli.dofs import HEAVE, SURGE
 from automarine_cli.errors import FitError, SettingError
-from automarine_cli.fits.identify import identify, starts_at_rest
+from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import steady_rate
@@ -156,8 +158,6 @@ def test_a_held_vehicle_stays_until_its_command_changes() -> None:
 
 def load_model():  # type: ignore[no-untyped-def]
     """The true heave model."""
-    from automarine_cli.simulation.specification import read_specification
-
     return read_specification(SAMPLE_RUNS / "heave.toml").model()
 
 

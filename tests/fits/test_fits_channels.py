@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from identified import identify
 from made_campaigns import PAPER, both_ways, campaign
 from made_sequences import sequence_run
 
 from automarine_cli.fits.channel_noise import channel_noises, channels_json
-from automarine_cli.fits.identify import identify
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.runs.run import Run
 

@@ -7,13 +7,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from identified import identify
 from made_campaigns import PAPER, Vehicle, both_ways, campaign, moving_run, rescaled, shifted
 from made_runs import mirrored
 from scipy import stats
 
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import FitError, RunError
-from automarine_cli.fits.identify import NOTHING_KNOWN, identify
+from automarine_cli.fits.identify import NOTHING_KNOWN
 from automarine_cli.fits.mixed_model import fit_mixed
 from automarine_cli.fits.output_error import OutputErrorFit, Preference, fit_half_turns
 from automarine_cli.fits.step_response import Known, StepData, half_turn_data, instant, step_problem

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from identified import identify
 from made_campaigns import ODD_MOMENTS, PAPER, Vehicle, both_ways, campaign, time_to_turn
 from made_runs import mirrored
 from numpy.typing import NDArray
@@ -13,7 +14,6 @@ from tolerances import assert_close
 
 from automarine_cli.dofs import HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import FitError, SettingError
-from automarine_cli.fits.identify import identify
 from automarine_cli.fits.step_response import StepData, half_turn_data, step_data
 from automarine_cli.fits.tail_choice import BIAS_LIMIT
 from automarine_cli.fits.tails import asked_tail, tail_lines

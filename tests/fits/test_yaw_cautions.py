@@ -6,11 +6,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from identified import identify
 from made_campaigns import PAPER, Vehicle, both_ways, campaign
 from made_runs import mirrored
 
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.identify import identify
 from automarine_cli.fits.output_error import OutputErrorFit, Preference
 from automarine_cli.fits.yaw_cautions import Caution, design_cautions, fit_cautions, seed_cautions
 from automarine_cli.fits.yaw_fit import YawFit

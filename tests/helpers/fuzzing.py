@@ -19,6 +19,7 @@ import numpy as np
 from broken_logs.make import csv_of, good_table, parquet_of
 from made_runs import INERTIA, K_RR
 from reader_contract import RECORDERS
+from specified import read_specification
 from vehicle_logs import dive
 
 from automarine_cli.dofs import YAW
@@ -29,7 +30,6 @@ from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.outputs import json_text
 from automarine_cli.simulation.plans import make_plans
-from automarine_cli.simulation.specification import read_specification
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.workflows.check import check
 

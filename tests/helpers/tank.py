@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
+from specified import make_runs
+
 from automarine_cli.runs.run import Run
-from automarine_cli.simulation.campaign import make_runs
 from automarine_cli.simulation.specification import SCHEMA, Specification, specification_from
 
 INERTIA, K_RR = 1.018, 1.257  # the source paper's Tables 1 and 2

@@ -12,10 +12,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from made_link import expected_logs, made_campaign
+from made_link import BATTERY, expected_logs, made_campaign
 from test_link_cuts import logs_in
 
 from automarine_cli.link.document import LinkCampaign
@@ -134,7 +135,7 @@ def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_hundred_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
-    campaign = made_campaign(200, seconds=20.0)
+    campaign = replace(made_campaign(200, seconds=20.0), battery=replace(BATTERY, charge_Ah=100.0))
     count = kill_and_go_on(tmp_path, campaign, 100, seed=5, speed=20.0)
     assert sum(count.values()) == 100 and min(count.values()) >= 15
     assert assert_played_once(tmp_path, campaign) <= 100

@@ -50,7 +50,7 @@ REFUSED = {
     "time, heading_deg, heading_rad, yaw_rate_deg_s, yaw_rate_rad_s, tau, tau_Nm, n_port, n_stbd, voltage_V, "
     "surge_m_s, sway_m_s, heave_m_s, distance_m, depth_m, force_X_N, X, force_Z_N, Z, force_Y_N, Y, n_vert, "
     "north_m, east_m, lat_deg, lon_deg, "
-    "n, force_N, force_kgf, force_lbf, run, mode, armed",
+    "n, force_N, force_kgf, force_lbf, run, mode, armed, by",
     "[columns]\ntau = 1": ": columns.tau is 1; expected the name of a column in quotes, or a table such as "
     '{ from = "yaw", unit = "rad", sign = -1 }',
     "[columns]\ntau = ''": ": columns.tau.from is ''; expected the name of a column in quotes",

@@ -180,9 +180,10 @@ COLUMN_MAPS = {
     "expected a smaller one",
     ("sign = -1", "sign = true"): "columns.heading_deg.sign is true; expected 1 or -1",
     ('unit = "ms"', 'unite = "ms"'): "columns.time_s.unite is not known; a column takes from, unit, sign, "
-    "scale, offset",
+    "scale, offset, subtract, sign_from, day_first",
     ("arm_m = 0.44", "arm = 0.44"): "defaults.arm is not known; [defaults] takes thrusters_per_test, arm_m",
-    ("[defaults]", "[default]"): "unknown key 'default'; a column map holds [columns], [defaults] and [can] only; "
+    ("[defaults]", "[default]"): "unknown key 'default'; a column map holds [columns], [[columns_of]], [logs], "
+    "[defaults] and [can] only; "
     "write it below one of them",
 }  # fmt: skip
 

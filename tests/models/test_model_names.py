@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from effect_contract import strange_to
+from identified import identify
 from repository import SAMPLE_RUNS
 
 from automarine_cli.diagnosis.advice import extra_runs, general_advice
@@ -15,7 +16,6 @@ from automarine_cli.diagnosis.study import study_of
 from automarine_cli.diagnosis.variables import columns
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW, Dof
 from automarine_cli.errors import FitError, ModelError
-from automarine_cli.fits.identify import identify
 from automarine_cli.fits.linear_mixed import NotFinite, in_words_of, not_finite
 from automarine_cli.fits.output_error import prefer
 from automarine_cli.fits.step_response import step_data

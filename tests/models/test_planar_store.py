@@ -11,9 +11,10 @@ from made_planar import FULL
 
 from automarine_cli.errors import ModelError
 from automarine_cli.models.planar import Inertia, PlanarModel
-from automarine_cli.models.planar_store import SCHEMA, load_planar_model, planar_from_json, planar_json, units
+from automarine_cli.models.planar_store import load_planar_model, planar_from_json, planar_json, units
 from automarine_cli.models.yaw_model import Term
 from automarine_cli.pipeline.plain_data import schema_in
+from automarine_cli.results.kinds import PLANAR_MODEL
 
 
 @pytest.fixture
@@ -25,11 +26,11 @@ def test_a_model_is_read_as_it_was_written(tmp_path: Path, data: dict[str, Any])
     path = tmp_path / "planar_model.json"
     path.write_text(json.dumps(data))
     stored = load_planar_model(path)
-    assert stored.model == FULL and stored.source == "planar_model.json" and schema_in(path) == SCHEMA
+    assert stored.model == FULL and stored.source == "planar_model.json" and schema_in(path) == PLANAR_MODEL.schema
     assert (stored.free, stored.random) == ((), {})
     assert pickle.loads(pickle.dumps(stored)) == stored
     path.write_text('{"schema": "automarine/yaw-model/1"}')
-    assert schema_in(path) != SCHEMA and schema_in(tmp_path / "none.json") == ""
+    assert schema_in(path) != PLANAR_MODEL.schema and schema_in(tmp_path / "none.json") == ""
 
 
 def test_estimates_are_read_by_their_value(data: dict[str, Any]) -> None:

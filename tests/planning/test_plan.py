@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 from click.testing import Result
+from specified import read_specification
 
 import automarine_cli as am
 from automarine_cli.errors import AutomarineError, ModelError, SettingError
 from automarine_cli.pipeline.recipe import from_mapping
 from automarine_cli.planning.limits import EXAMPLE, Limits, Pool
-from automarine_cli.simulation.specification import read_specification
 from automarine_cli.workflows.plan import Plan
 
 Run = Callable[..., Result]
@@ -50,6 +50,7 @@ DIAGNOSIS = {
         "rivals": [{"name": "coulomb-drag", "confidence": 0.4, "split_by": ""}],
     }],
     "base": {"I_r": {"after": estimate(1.0, 0.02)}, "k_rr": {"after": estimate(1.25, 0.02)}},
+    "gap": {"fitted_runs": {"before_deg": 3.0, "after_deg": 1.0, "noise_floor_deg": 0.9}, "held_out_runs": None},
 }  # fmt: skip
 
 
@@ -250,7 +251,7 @@ def test_limits_are_refused(model: Path, tmp_path: Path, text: str, why: str) ->
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        ({"schema": "automarine/yaw-model/1"}, "expected the diagnosis.json that `automarine diagnose` writes"),
+        ({"schema": "automarine/yaw-model/1"}, "give the diagnosis.json that `automarine diagnose` writes"),
         ({"moment_unit": "N m"}, "a diagnosis of moments in"),
         ({"effects": [{"name": "gremlin", "parameters": {}}]}, r'effects\[0\]: name: found "gremlin"'),
         ({"effects": [{"name": "dead-band", "parameters": {}}]}, "width has no value"),
@@ -281,8 +282,14 @@ def test_a_rival_that_planned_runs_cannot_show_is_left_open(model: Path, diagnos
     assert "cross-coupling is left open: it needs the column 'surge'" in made.to_json()["notes"][1]
     held = json.loads(model.read_text())
     held["effects"] = [{"name": "cross-coupling", "parameters": {"c": 0.05}}]
-    with pytest.raises(ModelError, match="cross-coupling needs the column 'surge'"):
-        am.plan(write(model, held))
+    made = am.plan(write(model, held), limits=limits)
+    assert "cross-coupling is left out: it acts by the column 'surge'" in " ".join(made.to_json()["notes"])
+    assert made.campaign.slots and "cross-coupling" not in str(list(made.campaign.alone))
+    estimate = {"value": 0.05, "stderr": 0.01, "ci95": [0.03, 0.07], "unit": ""}
+    told["effects"].append({"name": "cross-coupling", "parameters": {"c": estimate}, "rivals": []})
+    held["effects"] = []
+    made = am.plan(write(model, held), diagnosis=write(diagnosis, told), limits=limits)
+    assert "cross-coupling is left out: it acts by the column 'surge'" in " ".join(made.to_json()["notes"])
 
 
 def test_nothing_open_is_said(model: Path, diagnosis: Path, limits: Path) -> None:

@@ -4,17 +4,17 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from identified import identify
 from numpy.typing import NDArray
+from specified import make_runs
 
 from automarine_cli.dofs import YAW
-from automarine_cli.fits.identify import identify
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.planning.candidates import Candidate, candidates, mirrors
 from automarine_cli.planning.fitting import Fitting
 from automarine_cli.planning.information import ANGLE, excursions, information, names_of, predicted, reported_covariance
 from automarine_cli.planning.limits import Limits
-from automarine_cli.simulation.campaign import make_runs
 from automarine_cli.simulation.run_groups import SequenceRuns
 from automarine_cli.simulation.settings import Logger, Scatter, Schedule
 from automarine_cli.simulation.specification import Specification

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 from effect_contract import strange_to
+from identified import identify
 from matplotlib.figure import Figure
 from repository import SAMPLE_RUNS
 
@@ -13,7 +14,6 @@ from automarine_cli.diagnosis.budget import budget
 from automarine_cli.diagnosis.diagnose import Diagnosis, diagnose_runs
 from automarine_cli.diagnosis.naming_key import naming_key
 from automarine_cli.dofs import HEAVE, SURGE, SWAY, Dof
-from automarine_cli.fits.identify import identify
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report import diagnosis_tables, yaw_report
 from automarine_cli.report.campaign_page import alternatives

@@ -6,11 +6,11 @@ import re
 
 import numpy as np
 import pytest
+from identified import identify
 from made_campaigns import both_ways, campaign, moving_run
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from automarine_cli.fits.identify import identify
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.report import yaw_report
 from automarine_cli.report.figures import yaw as figures

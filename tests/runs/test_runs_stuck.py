@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from identified import identify
 from made_runs import mirrored, step_run
 
-from automarine_cli.fits.identify import identify
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.stuck import without_stuck
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from identified import identify
 from made_runs import mirrored, step_run, written
 from repository import DATA, SAMPLE_RUNS
 from tank import pool_campaign
@@ -14,7 +15,6 @@ from tank import pool_campaign
 from automarine_cli.cli import automarine
 from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import RunError
-from automarine_cli.fits.identify import identify
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.undriven import undriven, without_undriven

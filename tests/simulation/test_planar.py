@@ -151,8 +151,8 @@ def test_a_published_craft_with_two_thrusters() -> None:
     twin = Allocation.twin(Otter.arm)
     run = planar_run(time, *twin.forces(thrust))
     k_r = -Otter.N_r
-    model = PlanarModel.from_rigid_and_added(
-        Otter.mass, Otter.inertia_z, Inertia(*Otter.added), x_g=Otter.x_g,
+    model = PlanarModel(
+        Inertia.rigid(Otter.mass, Otter.inertia_z, Otter.x_g) + Inertia(*Otter.added),
         surge=(Term("linear-drag", (-Otter.X_u,)),), sway=(Term("linear-drag", (-Otter.Y_v,)),),
         yaw=(Term("linear-drag", (k_r,)), Term("quadratic-drag", (10 * k_r,))), water=(0.3, -0.2),
     )  # fmt: skip
@@ -330,12 +330,12 @@ def test_rigid_body_and_added_mass() -> None:
     lever = np.array([[1, 0, 0.1], [0, 1, 0.2]])  # velocity of the centre of gravity by (u, v, r)
     turning = np.diag([0.0, 0.0, 0.5])
     np.testing.assert_allclose(body.matrix, 10.0 * lever.T @ lever + turning, atol=1e-15)
-    model = PlanarModel.from_rigid_and_added(10.0, 0.5, Inertia(1.0, 6.0, 0.3, m_vr=0.4), x_g=0.2)
+    model = PlanarModel(Inertia.rigid(10.0, 0.5, 0.2) + Inertia(1.0, 6.0, 0.3, m_vr=0.4))
     np.testing.assert_allclose(model.inertia.matrix, [[11, 0, 0], [0, 16, 2.4], [0, 2.4, 0.5 + 0.4 + 0.3]], atol=1e-15)
     for i, j in PLACES:
         assert model.inertia_matrix(model.theta[None])[0, i, j] == model.inertia.matrix[j, i]
     with pytest.raises(ModelError, match=r"m_v = -2.*positive definite"):
-        PlanarModel.from_rigid_and_added(10.0, 0.5, Inertia(1.0, -12.0, 0.3))
+        (Inertia.rigid(10.0, 0.5) + Inertia(1.0, -12.0, 0.3)).refuse_unless_positive("model")
 
 
 @pytest.mark.parametrize("name", ["Y_v", "N_rr", "Z_r", "Y_rrr", "yaw", "Y_p", "m_vr"])

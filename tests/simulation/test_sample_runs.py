@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from repository import ROOT, SAMPLE_RUNS
+from specified import read_specification
 
 from automarine_cli.dofs import YAW
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.load import load_runs
 from automarine_cli.simulation.campaign import make_campaign
-from automarine_cli.simulation.specification import read_specification
 
 HIDDEN = ("hidden_one", "hidden_two")
 FORCES = ("surge", "heave")

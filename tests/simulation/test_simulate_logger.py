@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from specified import make_runs
 from tank import pool_specification
 
 from automarine_cli.dofs import YAW
@@ -13,7 +14,7 @@ from automarine_cli.logs import find_logs, read_log
 from automarine_cli.runs.half_turn import half_turns
 from automarine_cli.runs.load import load_runs
 from automarine_cli.simulation import parquet_bytes as room
-from automarine_cli.simulation.campaign import make_campaign, make_runs
+from automarine_cli.simulation.campaign import make_campaign
 from automarine_cli.simulation.log_files import gzip_bytes
 from automarine_cli.simulation.parquet_bytes import parquet_bytes
 from automarine_cli.simulation.specification import Specification

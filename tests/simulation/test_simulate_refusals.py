@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
+from specified import read_specification
 
 from automarine_cli.errors import SettingError
 from automarine_cli.simulation.plans import make_plans
 from automarine_cli.simulation.run_groups import KINDS, Range, moment_text
-from automarine_cli.simulation.specification import SCHEMA, read_specification, specification_from
+from automarine_cli.simulation.specification import SCHEMA, specification_from
 
 GOOD = """schema = "automarine/simulation/1"
 seed = 3

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from specified import make_runs
 from tank import INERTIA, K_RR, pool_campaign, pool_specification
 
 from automarine_cli import effects
 from automarine_cli.dofs import YAW
 from automarine_cli.models.closed_form import response
 from automarine_cli.simulation import campaign as room
-from automarine_cli.simulation.campaign import SimulatedRun, make_campaign, make_runs
+from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
 from automarine_cli.simulation.logging_chain import DECIMALS, sample_times
 from automarine_cli.simulation.plans import make_plans
 from automarine_cli.simulation.run_groups import Resistance, time_to_turn

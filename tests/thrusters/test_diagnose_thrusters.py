@@ -12,9 +12,10 @@ from repository import DATA
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.pipeline.plain_data import schema_in
 from automarine_cli.report.thruster_diagnosis import sentences, tables
+from automarine_cli.results.kinds import THRUSTER_MAP
 from automarine_cli.thrusters.diagnosis import ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.thrusters.forms import Curve
-from automarine_cli.thrusters.map import SCHEMA, ThrusterMap
+from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import Series, ThrusterLogs
 from automarine_cli.workflows import diagnose_thrusters as workflow
 
@@ -205,7 +206,7 @@ def test_results_are_whole_and_the_same_bytes(tmp_path: Path) -> None:
     other = write_csv(tmp_path / "other.csv", logs(dead_band, 1))
     model = tmp_path / "thrusters.json"
     model.write_text(json.dumps(SQUARE.to_json()), encoding="utf-8")
-    assert schema_in(model) == SCHEMA and schema_in(log) != SCHEMA
+    assert schema_in(model) == THRUSTER_MAP.schema and schema_in(log) != THRUSTER_MAP.schema
     result = workflow.diagnose_thrusters([log], model=model, out=tmp_path / "one", jobs=1)
     workflow.diagnose_thrusters([log], model=model, out=tmp_path / "two", jobs=2)
     for name in (*workflow.FILES, "manifest.json"):

@@ -12,6 +12,7 @@ from click.testing import Result
 from matplotlib.figure import Figure
 
 from automarine_cli.cli import fit_thrusters as fit_thrusters_command
+from automarine_cli.cli.options import OneOf
 from automarine_cli.report.figures.thrusters import thruster_figure
 from automarine_cli.report.tables import number
 from automarine_cli.thrusters.forms import FORMS
@@ -186,7 +187,8 @@ def test_help_ends_with_an_example(run: Run) -> None:
 
 
 def test_the_command_offers_every_form() -> None:
-    assert set(fit_thrusters_command.FORMS) == set(FORMS)
+    form = next(one for one in fit_thrusters_command.fit_thrusters.params if one.name == "form")
+    assert isinstance(form.type, OneOf) and set(form.type.names()) == {"auto", *FORMS}
 
 
 @pytest.fixture

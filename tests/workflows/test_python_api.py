@@ -153,9 +153,9 @@ def test_columns_may_be_said_in_place(frames: list[pd.DataFrame]) -> None:
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [
-        (5, "logs: found int, expected a file, a folder, a glob, a DataFrame"),
-        (None, "logs: found NoneType, expected a file"),
-        (np.zeros((3, 3)), "logs: found ndarray, expected a file"),
+        (5, "logs: found int; give a file, a folder, a glob, a DataFrame"),
+        (None, "logs: found NoneType; give a file"),
+        (np.zeros((3, 3)), "logs: found ndarray; give a file"),
         ({"time_s": [1.0, 2.0], "tau": [1.0]}, "logs: no table of columns of numbers .*columns of one length"),
         (pd.DataFrame({"time_s": [object()]}), "logs: no table of columns of numbers "),
         (pd.DataFrame(), "logs: a header without rows"),

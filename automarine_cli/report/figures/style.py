@@ -29,7 +29,7 @@ COLOURS = {
     "grey": "#808080",
 }
 MODEL_COLOURS = {"1": COLOURS["orange"], "2": COLOURS["black"], "3": COLOURS["blue"]}
-MODEL_LINES: dict[str, Any] = {"1": (0, (5, 1.5)), "2": (0, (1.2, 1.2)), "3": "-"}
+MODEL_LINES: dict[str, object] = {"1": (0, (5, 1.5)), "2": (0, (1.2, 1.2)), "3": "-"}
 MEASURED = COLOURS["grey"]
 
 DPI = 200
@@ -109,7 +109,7 @@ def pdf(figure: Figure) -> bytes:
 FORMATS: Mapping[str, Callable[[Figure], bytes]] = {"png": png, "svg": svg, "pdf": pdf}
 
 
-def _saved(figure: Figure, kind: str, metadata: dict[str, Any], **keywords: Any) -> bytes:
+def _saved(figure: Figure, kind: str, metadata: dict[str, object], **keywords: Any) -> bytes:
     """The file of that kind. The layout is found once, for the first file: a second search would start where the
     first one ended and end a hair beside it, and so would every pixel of a colour bar."""
     buffer = io.BytesIO()

@@ -90,7 +90,7 @@ def drag_figure(fit: YawFit, seed: VelocityErrorFit) -> Figure:
     for number in ("1", "2", "3"):
         if number not in seed.drag:
             continue
-        look: dict[str, Any] = {"color": MODEL_COLOURS[number], "zorder": 4 if number == "2" else 3}
+        look: dict[str, object] = {"color": MODEL_COLOURS[number], "zorder": 4 if number == "2" else 3}
         top.plot(
             grid,
             dof.shown(steady_rate(*seed.drag[number].acting(grid))),

@@ -1,0 +1,230 @@
+"""From what is known of a vehicle to a verdict: gains with their margins, the present ones kept, or no promise."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from automarine_cli import effects
+from automarine_cli.control.actuators import dead_time, lag_of
+from automarine_cli.control.flight import Flight, Scores, scores, step_and_load
+from automarine_cli.control.knowledge import Knowledge
+from automarine_cli.control.margins import Margins
+from automarine_cli.control.members import Bend, Vehicles, crowd
+from automarine_cli.control.plant import sensor_lag
+from automarine_cli.control.search import FINE, SHARE, Crowd, Task, all_margins, flown, grid_for, picked, searched
+from automarine_cli.control.targets.base import Gains, Nominal, Target
+from automarine_cli.models.yaw_model import steady_rate
+from automarine_cli.quantities import Floats
+
+Verdict = Literal["gains", "leave", "cannot-promise"]
+CROWD, PRESENT, JUDGED = 180, 60, 24
+DEAREST = 2.0
+"""How much longer gains for all explanations may take to settle than gains for the right one alone."""
+LONG_DELAY = 0.1
+"""Uncertain delay [s] from which on it is asked what knowing it would be worth."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a set of gains does over the whole crowd: margins and scores of every vehicle, flights of every vehicle."""
+
+    gains: Mapping[str, float]
+    margins: Margins
+    scores: Scores
+    flight: Flight
+
+    def share_with(self, margin: float) -> float:
+        """Share of the crowd that keeps a disk margin."""
+        return float(np.mean(self.margins.disk >= margin))
+
+
+@dataclass(frozen=True)
+class Designed:
+    """The verdict and why; `new` and `old` outcomes where there are any; the crowds, the task, the vehicle as the
+    designer saw it, and the run that would settle what is open."""
+
+    verdict: Verdict
+    why: str
+    target: Target
+    task: Task
+    nominal: Nominal
+    crowds: tuple[Crowd, ...]
+    new: Outcome | None
+    old: Outcome | None
+    run: str
+    notes: tuple[str, ...]
+
+
+def nominal_of(vehicles: Vehicles, step: float) -> Nominal:
+    """The first of several vehicles as a designer sees it."""
+    one, full, dof = vehicles.pick(slice(0, 1)), vehicles.full, vehicles.model.dof
+    linear, quadratic = vehicles.model.with_theta(one.theta[0]).drag()
+    lag = float((dead_time(one) + lag_of(one) + sensor_lag(one))[0])
+    fastest = float(steady_rate(full, linear, max(quadratic, 1e-9 * full)))
+    return Nominal(
+        dof, float(one.theta[0, 0]) / full, linear / full, quadratic / full, lag, fastest, step, full,
+        vehicles.model.moment_unit, vehicles.bend,
+    )  # fmt: skip
+
+
+def seconds_for(nominal: Nominal) -> float:
+    """How long a flight is to take [s]: seven times the shortest turn, and the delays many times over."""
+    shortest = 2.0 * np.sqrt(nominal.step * nominal.inertia) + nominal.step / nominal.fastest
+    return float(np.clip(7.0 * shortest + 32.0 * nominal.lag, 20.0, 60.0))
+
+
+def crowds_of(known: Knowledge, full: float, bend: Bend | None, seed: int, count: int = CROWD) -> tuple[Crowd, ...]:
+    """Vehicles of every explanation, the same count of each."""
+    rng = np.random.default_rng(seed)
+    each = max(count // len(known.explanations), 40)
+    return tuple(
+        Crowd(one.name, crowd(one.model, replace(known.spread, covariance=one.covariance), full, bend, each, rng))
+        for one in known.explanations
+    )
+
+
+def design(
+    target: Target, known: Knowledge, full: float, bend: Bend | None, task: Task, present: Mapping[str, float] | None,
+    seed: int,
+) -> Designed:  # fmt: skip
+    """The verdict of a target on a vehicle; `present` gains by name, None where there are none."""
+    crowds = crowds_of(known, full, bend, seed)
+    nominal = nominal_of(crowds[0].vehicles, task.step)
+    for longer in (1.0, 2.0):
+        found = _designed(target, known, crowds, nominal, replace(task, seconds=longer * seconds_for(nominal)), present)
+        if found is not None:
+            return found
+    why = (
+        f"The best gains that keep a disk margin of {task.margin:g} do not settle for {SHARE:.0%} of the vehicles that"
+    )
+    why = f"{why} the model allows."
+    return Designed("cannot-promise", why, target, task, nominal, crowds, None, None, _run(known, ""), known.notes)
+
+
+def _designed(
+    target: Target, known: Knowledge, crowds: tuple[Crowd, ...], nominal: Nominal, task: Task,
+    present: Mapping[str, float] | None,
+) -> Designed | None:  # fmt: skip
+    """The verdict from flights of so many seconds; None where gains keep the margin and do not settle in time."""
+    some = [one.first(PRESENT // len(crowds)) for one in crowds]
+    old = None if present is None else outcome(target, present, some, task)
+
+    def said(verdict: Verdict, why: str, new: Outcome | None = None, run: str = "") -> Designed:
+        return Designed(verdict, why, target, task, nominal, crowds, new, old, run, known.notes)
+
+    if old is not None and _keeps(old, crowds, task):
+        share = old.share_with(task.margin)
+        kept = f"The present gains keep the margin of {task.margin:g} for {share:.0%} of the vehicles that the model"
+        return said("leave", f"{kept} allows, and all but a few settle.")
+    quick = type(target)(float(np.clip(0.02 * nominal.lag, target.period, max(target.period, 0.02))), target.beyond)
+    chosen = _chosen(quick, target, nominal, crowds, task)
+    dear = _price(quick, nominal, known, crowds, task, chosen)
+    if chosen is None and not dear:
+        where = "" if target.beyond or not target.firmware else " within the documented ranges"
+        return said("cannot-promise", f"No gains{where} keep a disk margin of {task.margin:g} for {SHARE:.0%} of the "
+                                      "vehicles that the model allows.", run=_run(known, ""))  # fmt: skip
+    if dear:
+        return said("cannot-promise", dear[0], run=_run(known, dear[1]))
+    assert chosen is not None
+    new = outcome(target, chosen, crowds, task)
+    if not _keeps(new, crowds, task):
+        return None
+    return said("gains", _why(new, old, task), new)
+
+
+def outcome(target: Target, gains: Mapping[str, float], crowds: Sequence[Crowd], task: Task) -> Outcome:
+    """What gains do over all crowds."""
+    own: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
+    omega = grid_for(target, crowds, FINE)
+    found = [all_margins(target, own, one.vehicles, omega) for one in crowds]
+    flights = [step_and_load(target, own, one.vehicles, task.step, task.load, task.seconds) for one in crowds]
+    flight = Flight(
+        flights[0].time, *(np.concatenate([getattr(f, k) for f in flights]) for k in ("position", "output"))
+    )
+    names = ("disk", "gain", "phase", "delay", "stable")
+    whole = Margins(*(np.concatenate([getattr(one, name) for one in found]) for name in names))
+    return Outcome(dict(gains), whole, scores(flight, task.step, task.band), flight)
+
+
+def _keeps(found: Outcome, crowds: Sequence[Crowd], task: Task) -> bool:
+    """Whether every explanation's vehicles keep the margin and settle, all but a twentieth."""
+    good = (found.margins.disk >= task.margin) & found.scores.settles
+    ends = np.cumsum([len(one.vehicles) for one in crowds])[:-1]
+    return all(np.mean(part) >= SHARE for part in np.split(good, ends))
+
+
+def _chosen(
+    quick: Target, target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task
+) -> dict[str, float] | None:
+    """The best gains that all crowds can live with; looked for with more margin on the probes where that fails."""
+    omega = grid_for(target, crowds, FINE // 2)
+    for more in (1.0, 1.12, 1.3):
+        found = searched(quick, nominal, crowds, replace(task, margin=more * task.margin), 3)
+        costs = []
+        for k in range(len(found.cost)):
+            gains = {name: float(value[k]) for name, value in found.gains.items()}
+            own: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
+            kept = [np.mean(all_margins(target, own, one.vehicles, omega).disk >= task.margin) for one in crowds]
+            if min(kept) >= SHARE:
+                costs.append((k, gains))
+        if costs:
+            return _steadiest(quick, found.gains, costs, crowds, task)
+    return None
+
+
+def _steadiest(
+    quick: Target, gains: dict[str, Floats], costs: Sequence[tuple[int, dict[str, float]]], crowds: Sequence[Crowd],
+    task: Task,
+) -> dict[str, float]:  # fmt: skip
+    """Of several sets the one whose cost is least for all but a tenth of the vehicles."""
+    some = np.array([k for k, _ in costs])
+    each = [flown(quick, picked(gains, some), one.vehicles.pick(slice(0, JUDGED)), task)[0] for one in crowds]
+    worst = np.quantile(np.concatenate(each, axis=1), 0.9, axis=1)
+    return costs[int(np.argmin(worst))][1]
+
+
+def _price(
+    quick: Target, nominal: Nominal, known: Knowledge, crowds: Sequence[Crowd], task: Task,
+    chosen: Mapping[str, float] | None,
+) -> tuple[str, str] | None:  # fmt: skip
+    """What is open and dear, in a sentence, and the effect to be settled; None where knowing it would gain little."""
+    parts = list(zip(crowds, [one.instead for one in known.explanations])) if len(crowds) > 1 else []
+    if known.spread.late >= LONG_DELAY:
+        base = crowds[0]
+        prompt = base.vehicles.pick(np.flatnonzero(base.vehicles.late <= np.quantile(base.vehicles.late, 0.25)))
+        parts.append((Crowd("a short delay", prompt), "input-delay"))
+    for part, effect in parts:
+        alone = searched(quick, nominal, [part], task, 1)
+        if not len(alone.cost):
+            continue
+        best = {name: value[:1] for name, value in alone.gains.items()}
+        mine = flown(quick, best, part.probes.pick(slice(0, 1)), task)[1].settling[0]
+        if chosen is None:
+            ours = np.inf
+        else:
+            own = {name: np.array([value]) for name, value in chosen.items()}
+            ours = flown(quick, own, part.probes.pick(slice(0, 1)), task)[1].settling[0]
+        if ours > DEAREST * mine:
+            settled = effect or next((one.instead for one in known.explanations if one.instead), "input-delay")
+            what = "no gains" if not np.isfinite(ours) else f"gains that settle in {ours:.1f} s"
+            open_still = "the delay" if settled == "input-delay" and len(crowds) == 1 else f"whether it is {settled}"
+            return (
+                f"What is open changes the answer: with {part.name} alone the step settles in {mine:.1f} s, and there "
+                f"are {what} for everything that the logs allow; {open_still} is not known well enough.",
+                settled,
+            )
+    return None
+
+
+def _run(known: Knowledge, effect: str) -> str:
+    """The run that settles what is open."""
+    name = effect or "input-delay"
+    return known.splits.get(name) or effects.get(name).card(known.model.dof).separated_by
+
+
+def _why(new: Outcome, old: Outcome | None, task: Task) -> str:
+    share = f"{new.share_with(task.margin):.0%} of the vehicles that the model allows"
+    before = "" if old is None else f"; with the present ones for {old.share_with(task.margin):.0%}"
+    return f"They keep a disk margin of {task.margin:g} for {share}{before}."

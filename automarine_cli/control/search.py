@@ -1,0 +1,192 @@
+"""Gains: as fast and as stiff as the margin allows to all vehicles that may be the one in the pool.
+
+First design numbers are spread over the space of gains and their disk margins worked out on a few vehicles of every
+explanation; those that keep the margin are flown, the best are looked at again nearby, and the last few are judged on
+the whole crowd.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from automarine_cli.control import plant
+from automarine_cli.control.actuators import dead_time, lag_of, output_slope
+from automarine_cli.control.flight import Scores, scores, step_and_load
+from automarine_cli.control.margins import TILT, Margins, disk_margin, frequencies, margins, stable_along
+from automarine_cli.control.members import Vehicles
+from automarine_cli.control.targets.base import Gains, Nominal, Target
+from automarine_cli.quantities import Complexes, Floats
+
+SHARE = 0.95
+"""Of the crowd that has to keep the margin, and to settle."""
+FIRST, NEAR, FLOWN, LAST = 1500, 200, 160, 6
+MARGINS, FEW = 400, 40
+"""Sets of gains whose margins are worked out on so many vehicles."""
+NEVER = 1e6
+"""What not settling costs, in lengths of a flight."""
+WIDTH = 0.3
+"""Of the neighbourhood of good gains, in design numbers between 0 and 1."""
+COARSE, FINE = 180, 500
+"""Frequencies of the first look and of the margins that are told."""
+DEGREE = np.pi / 180.0
+
+
+@dataclass(frozen=True)
+class Task:
+    """What gains are for: `step` of the reference and `band` within which it counts as settled [base units], `load` in
+    shares of the whole output, disk `margin` to keep, how long a flight takes [s]."""
+
+    step: float
+    band: float
+    load: float
+    margin: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Crowd:
+    """Vehicles that one explanation allows, the first as its model says."""
+
+    name: str
+    vehicles: Vehicles
+
+    def first(self, count: int) -> "Crowd":
+        """The first so many of them."""
+        return Crowd(self.name, self.vehicles.pick(slice(0, count)))
+
+    @cached_property
+    def probes(self) -> Vehicles:
+        """The first, and one that is late and lively."""
+        reach = output_slope(self.vehicles) / self.vehicles.theta[:, 0]
+        late = dead_time(self.vehicles) + lag_of(self.vehicles) + 1e-3
+        both = np.argsort(late / late.max() + reach / reach.max())
+        return self.vehicles.pick(np.array([0, both[int(0.95 * (len(both) - 1))]]))
+
+
+def grid_for(target: Target, crowds: Sequence[Crowd], count: int) -> Floats:
+    """Frequencies that matter to a target on these vehicles."""
+    late = max(float(np.max(dead_time(one.vehicles))) for one in crowds)
+    return frequencies(min(np.pi / target.period, 60.0 / max(late, 1e-3)), count)
+
+
+def loop_of(target: Target, gains: Gains, vehicles: Vehicles, s: Complexes) -> Complexes:
+    """The loop cut at the output, (S, W), for one set of gains a vehicle (S, 1), or the same for all (1, 1)."""
+    of_position, of_velocity = target.paths(gains, s)
+    position, velocity = plant.response(_seen(target, vehicles), s)
+    return of_position * position + of_velocity * velocity
+
+
+def all_margins(target: Target, gains: Gains, vehicles: Vehicles, omega: Floats) -> Margins:
+    """Margins of every vehicle under one set of gains."""
+    poles = plant.poles(vehicles)
+    return margins(lambda s: loop_of(target, gains, vehicles, s), omega, poles, target.integrators)
+
+
+def _seen(target: Target, vehicles: Vehicles) -> Vehicles:
+    """The vehicles without a map where the target makes up for it."""
+    return replace(vehicles, bend=None) if target.linear else vehicles
+
+
+def screened(target: Target, gains: dict[str, Floats], vehicles: Vehicles, omega: Floats) -> tuple[Floats, Floats]:
+    """Disk margins of sets of gains (C,) on vehicles (V): (C, V), zero where a loop is unstable; and the largest swing
+    of position per load on the first vehicle, (C,)."""
+    seen, own = _seen(target, vehicles), {name: value[:, None] for name, value in gains.items()}
+    poles, lines = plant.poles(seen), (omega * (1j - TILT), 1j * omega)
+    ways = [(*target.paths(own, s), *plant.response(seen, s)) for s in lines]
+    disk, swing = np.zeros((len(next(iter(gains.values()))), len(seen))), np.zeros(0)
+    for k in range(len(seen)):
+        tilted, ratio = (x * position[k] + v * velocity[k] for x, v, position, velocity in ways)
+        good = stable_along(tilted, poles[k : k + 1], target.integrators)
+        disk[:, k] = np.where(good, disk_margin(ratio), 0.0)
+        if k == 0:
+            swing = np.max(np.abs(ways[1][2][0] / (1.0 + ratio)), axis=1)
+    return disk, swing
+
+
+@dataclass(frozen=True)
+class Tried:
+    """Sets of gains with the design numbers they came from, and what they cost on a crowd, (C,)."""
+
+    numbers: Floats
+    gains: dict[str, Floats]
+    cost: Floats
+
+    def best(self, count: int) -> NDArray[np.int64]:
+        """Places of the cheapest."""
+        order = np.argsort(self.cost, kind="stable")[:count]
+        return order[np.isfinite(self.cost[order])]
+
+
+def cost_of(found: Scores, task: Task) -> Floats:
+    """Settling, the largest error under load and what is left of it, in ratios; overshoot beyond a tenth of the step;
+    (S,)."""
+    settling = np.log(np.where(found.settles, found.settling, NEVER * task.seconds))
+    load = 0.75 * np.log(np.maximum(found.error, 1e-6)) + 0.25 * np.log(found.end + task.band)
+    return np.asarray(settling + load + 4.0 * np.maximum(found.overshoot - 0.1, 0.0))
+
+
+def flown(target: Target, gains: dict[str, Floats], vehicles: Vehicles, task: Task) -> tuple[Floats, Scores]:
+    """Cost of sets of gains (C,) on some vehicles (V): (C, V), and the scores (C V,), vehicles fastest."""
+    sets, count = len(next(iter(gains.values()))), len(vehicles)
+    own: Gains = {name: np.repeat(value, count)[:, None] for name, value in gains.items()}
+    many = vehicles.times(sets)
+    found = scores(step_and_load(target, own, many, task.step, task.load, task.seconds), task.step, task.band)
+    return cost_of(found, task).reshape(sets, count), found
+
+
+def spread_numbers(count: int, size: int) -> Floats:
+    """Points (count, size) that fill the unit cube evenly: the R-sequence (Roberts 2018)."""
+    root = 2.0
+    for _ in range(40):
+        root = (1.0 + root) ** (1.0 / (size + 1))
+    steps = (1.0 / root) ** np.arange(1, size + 1)
+    return (0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0
+
+
+def picked(gains: dict[str, Floats], which: NDArray[np.int64]) -> dict[str, Floats]:
+    """Some of several sets of gains."""
+    return {name: value[which] for name, value in gains.items()}
+
+
+def searched(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task, rounds: int = 2) -> Tried:
+    """The best sets of gains that keep the margin on the probes of all crowds, cheapest first; none where none does."""
+    omega = grid_for(target, crowds, COARSE)
+    numbers = spread_numbers(FIRST, target.numbers)
+    found = _tried(target, nominal, crowds, task, omega, numbers, FLOWN if rounds > 1 else FLOWN // 2)
+    for turn in range(1, rounds):
+        best = found.best(8)
+        if not len(best):
+            break
+        near = (spread_numbers(NEAR, target.numbers) - 0.5).reshape(8, -1, target.numbers)[: len(best)]
+        around = found.numbers[best][:, None, :] + WIDTH / turn * near
+        more = np.clip(around.reshape(-1, target.numbers), 0.0, 1.0)
+        again = _tried(target, nominal, crowds, task, omega, more, FLOWN // 2)
+        found = Tried(
+            np.concatenate([found.numbers[best], again.numbers]),
+            {name: np.concatenate([value[best], again.gains[name]]) for name, value in found.gains.items()},
+            np.concatenate([found.cost[best], again.cost]),
+        )
+    order = found.best(LAST)
+    return Tried(found.numbers[order], picked(found.gains, order), found.cost[order])
+
+
+def _tried(
+    target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task, omega: Floats, numbers: Floats, most: int
+) -> Tried:
+    gains = target.propose(numbers, nominal)
+    looked = [screened(target, gains, one.vehicles.pick(slice(0, 1)), omega) for one in crowds]
+    disk, swing = (
+        np.max([sign * one[i].reshape(len(numbers)) for one in looked], axis=0) for i, sign in ((0, -1), (1, 1))
+    )
+    kept = np.flatnonzero(-disk >= task.margin)
+    kept = kept[np.argsort(swing[kept], kind="stable")[:MARGINS]]
+    some = picked(gains, kept)
+    each = [screened(target, some, one.vehicles.pick(slice(0, FEW)), omega)[0] >= task.margin for one in crowds]
+    kept = kept[np.min([one.mean(axis=1) for one in each], axis=0) >= SHARE][:most]
+    if not len(kept):
+        return Tried(numbers[:0], picked(gains, kept), np.zeros(0))
+    costs = [flown(target, picked(gains, kept), one.probes, task)[0] for one in crowds]
+    return Tried(numbers[kept], picked(gains, kept), np.max([one.max(axis=1) for one in costs], axis=0))

@@ -1,0 +1,112 @@
+"""One PID controller from the error of position to the output, for whoever writes it: parallel and series form.
+
+    u = K_p (b r - y) + K_i sum (r - y) T_s - K_d y',    y' by differences through a low-pass of time T_f
+
+Source: Astrom and Hagglund (2006), Advanced PID Control, chapters 3 and 13 (weight b of the set point, derivative of
+the measurement alone, series form, integration that stops at the limits).
+"""
+
+import json
+
+import numpy as np
+
+from automarine_cli.control.targets.base import Design, Gains, Nominal, Parameter, State, Target, hold, spread, within
+from automarine_cli.quantities import Complexes, Floats
+
+
+class Pid(Target):
+    """See the module's docstring."""
+
+    name = "pid"
+    says = "a PID controller of your own: its numbers in parallel and series form, as JSON"
+    source = "Astrom and Hagglund (2006), Advanced PID Control"
+    file = "pid.json"
+    motions = ("yaw", "surge", "heave", "sway")
+    numbers = 4
+    period = 0.05
+    timed = True
+    parameters = (
+        Parameter("K_p", "output per error of position", "1/{x}", None, searched=True),
+        Parameter("K_i", "output per error of position, summed up over time", "1/({x} s)", None, searched=True),
+        Parameter("K_d", "output per velocity", "s/{x}", None, searched=True),
+        Parameter("b", "weight of the reference in the proportional part", "1", None, 0.0, 1.0, searched=True),
+        Parameter("T_f", "time constant of the low-pass of the derivative", "s", None, searched=True),
+    )
+
+    def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
+        """Crossover in shares of what the delays allow; damping, sum and set-point weight beside it."""
+        speed, damping, summed, weight = numbers.T
+        w = spread(speed, 0.03, 0.8) / (nominal.lag + self.own_lag({}))
+        d = nominal.inertia * w * spread(damping, 0.7, 2.5)
+        p = nominal.inertia * w**2 * spread(damping, 0.5, 1.0)
+        return {
+            "K_p": p,
+            "K_i": p * w * spread(summed, 0.01, 0.4),
+            "K_d": d,
+            "b": weight,
+            "T_f": np.full(len(numbers), 0.5 * self.period),
+        }
+
+    def own_lag(self, gains: Gains) -> float:
+        """The hold, the difference and its low-pass."""
+        return 1.5 * self.period
+
+    def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
+        """At rest at the position."""
+        zero = np.zeros_like(position)
+        return (position, zero, holding + gains["K_p"] * (1.0 - gains["b"]) * position)
+
+    def step(
+        self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats
+    ) -> tuple[State, Floats]:
+        """Only positions are measured."""
+        dt = self.period
+        before, slope, integral = state
+        slope = slope + dt / (dt + gains["T_f"]) * ((position - before) / dt - slope)
+        error = reference - position
+        now = gains["K_p"] * (gains["b"] * reference - position) - gains["K_d"] * slope
+        grown = integral + gains["K_i"] * dt * error
+        out = now + grown
+        integral = np.where((np.abs(out) > 1.0) & (out * error > 0), integral, grown)
+        return (position, slope, integral), within(now + integral, 1.0)
+
+    def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
+        """Everything by way of the position."""
+        dt = self.period
+        z = np.exp(s * dt)
+        weight = dt / (dt + gains["T_f"])
+        slope = weight / (1.0 - (1.0 - weight) / z) * (1.0 - 1.0 / z) / dt
+        whole = gains["K_p"] + gains["K_i"] * dt / (1.0 - 1.0 / z) + gains["K_d"] * slope
+        return whole * hold(s, dt), np.zeros_like(whole)
+
+    def text(self, design: Design) -> str:
+        """Both forms, with what each number is."""
+        own, unit = design.gains, design.nominal.dof.units.base
+        units = {one.name: one.unit.replace("{x}", unit) for one in self.parameters}
+        numbers = {name: {"value": own[name], "unit": units[name]} for name in own}
+        series = series_form(own["K_p"], own["K_i"], own["K_d"])
+        content = {
+            "schema": "automarine/pid/1",
+            "motion": design.nominal.dof.name,
+            "law": "u = K_p (b r - y) + K_i sum (r - y) T_s - K_d y', u from -1 to 1; y' = differences of y through a "
+            "first-order low-pass T_f; the sum rests while u is at its limit and the error would carry it further",
+            "sample_time_s": self.period,
+            "parallel": numbers,
+            "series": None if series is None else {
+                "law": "K (1 + 1/(T_i s)) (1 + T_d s) from -y to u",
+                "K": {"value": series[0], "unit": units["K_p"]},
+                "T_i": {"value": series[1], "unit": "s"},
+                "T_d": {"value": series[2], "unit": "s"},
+            },
+            "notes": [*design.notes] + ([] if series is not None else ["There is no series form: T_i is below 4 T_d."]),
+        }  # fmt: skip
+        return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+
+
+def series_form(p: float, i: float, d: float) -> tuple[float, float, float] | None:
+    """Gain, integral and derivative time of K (1 + 1/(T_i s)) (1 + T_d s); None where the zeros are not real."""
+    if p * p < 4.0 * i * d:
+        return None
+    root = 0.5 * (1.0 + np.sqrt(1.0 - 4.0 * i * d / (p * p)))
+    gain = p * float(root)
+    return gain, gain / i, d / gain

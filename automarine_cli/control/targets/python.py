@@ -1,0 +1,91 @@
+"""One readable Python file: reference model, feedback linearisation of the identified drag, PI, anti-windup, map.
+
+    reference:  x_m'' = w_m^2 (x_ref - x_m) - 2 w_m x_m',  x_m' and x_m'' within what the thrusters can follow
+    velocity:   v_ref = x_m' + w_h (x_m - x)
+    moment:     tau = I (x_m'' + 2 w (v_ref - v)) + I w^2 sum (v_ref - v) T_s + linear v + quadratic |v| v
+
+Source: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, chapters 12, 15 and 16 (reference
+models, PID with acceleration feedforward, feedback linearisation).
+"""
+
+import numpy as np
+
+from automarine_cli.control.targets.base import Design, Gains, Nominal, Parameter, State, Target, hold, spread, within
+from automarine_cli.control.targets.controller_text import controller
+from automarine_cli.quantities import Complexes, Floats
+
+
+class Python(Target):
+    """See the module's docstring."""
+
+    name = "python"
+    says = "one readable Python file without libraries, to fly from a companion computer"
+    source = "Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control"
+    file = "controller.py"
+    motions = ("yaw", "surge", "heave", "sway")
+    numbers = 5
+    period = 0.05
+    timed = True
+    linear = True
+    parameters = (
+        Parameter("velocity", "closed-loop frequency of the velocity", "rad/s", None, searched=True),
+        Parameter("position", "velocity asked for per error of position", "1/s", None, searched=True),
+        Parameter("reference", "frequency of the reference model", "rad/s", None, searched=True),
+        Parameter("rate", "fastest velocity of the reference", "{x}/s", None, searched=True),
+        Parameter("acceleration", "its largest acceleration", "{x}/s²", None, searched=True),
+        Parameter("inertia", "inertia per moment of the whole output", "s²/{x}", None),
+        Parameter("drag", "its linear drag", "s/{x}", None),
+        Parameter("squared", "its quadratic drag", "s²/{x}²", None),
+    )
+
+    def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
+        """Frequencies in shares of what the delays allow, the reference in shares of what the thrusters can follow."""
+        inner, outer, ahead, rate, speed_up = numbers.T
+        w = spread(inner, 0.04, 0.6) / (nominal.lag + self.own_lag({}))
+        same = np.ones(len(numbers))
+        return {
+            "velocity": w,
+            "position": w * spread(outer, 0.05, 0.8),
+            "reference": w * spread(ahead, 0.1, 1.5),
+            "rate": spread(rate, 0.3, 0.9) * min(nominal.fastest, 20.0 * nominal.step),
+            "acceleration": spread(speed_up, 0.1, 0.8) / nominal.inertia,
+            "inertia": same * nominal.inertia,
+            "drag": same * nominal.linear,
+            "squared": same * nominal.quadratic,
+        }
+
+    def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
+        """At rest at the position."""
+        zero = np.zeros_like(position)
+        return (position, zero, holding + zero)
+
+    def step(
+        self, state: State, gains: Gains, reference: Floats, position: Floats, velocity: Floats
+    ) -> tuple[State, Floats]:
+        """Reference model, position, velocity."""
+        dt = self.period
+        model, slope, integral = state
+        w, ahead = gains["velocity"], gains["reference"]
+        pull = within(ahead**2 * (reference - model) - 2.0 * ahead * slope, gains["acceleration"])
+        after = within(slope + pull * dt, gains["rate"])
+        pull, slope = (after - slope) / dt, after
+        model = model + slope * dt
+        error = slope + gains["position"] * (model - position) - velocity
+        drag = gains["drag"] * velocity + gains["squared"] * np.abs(velocity) * velocity
+        now = gains["inertia"] * (pull + 2.0 * w * error) + drag
+        grown = integral + gains["inertia"] * w**2 * dt * error
+        out = now + grown
+        integral = np.where((np.abs(out) > 1.0) & (out * error > 0), integral, grown)
+        return (model, slope, integral), within(now + integral, 1.0)
+
+    def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
+        """Loop by loop, in z; the quadratic drag that is made up for is nothing about rest."""
+        dt = self.period
+        sums = dt / (1.0 - np.exp(-s * dt))
+        w = gains["velocity"]
+        rate = gains["inertia"] * (2.0 * w + w**2 * sums)
+        return rate * gains["position"] * hold(s, dt), (rate - gains["drag"]) * hold(s, dt)
+
+    def text(self, design: Design) -> str:
+        """The file: the same law as `step`, for one vehicle."""
+        return controller(design, self.period)

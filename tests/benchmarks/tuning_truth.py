@@ -1,0 +1,137 @@
+"""Vehicles with a known truth for the benchmark of `tune`: nothing here knows the library's equations.
+
+Own integrator (Heun, 5 ms, all runs at once), own laws, in other forms than the library's where nature allows: a
+propeller that follows its speed, a dead-band that cuts, dry friction that sticks, water stirred up by a turbulent law,
+a saturation that bends, thrust that falls with the charge drawn. Moments are outputs from -1 to 1.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+STEP = 0.005  # s
+SIZES: dict[str, tuple[float, float]] = {
+    "propeller-lag": (0.08, 0.4), "delay": (0.08, 0.4), "cut": (0.04, 0.12), "sticks": (0.01, 0.04),
+    "swirl": (0.05, 0.15), "cubic": (0.1, 0.8), "bends": (0.2, 0.6), "uneven": (0.05, 0.2), "spring": (0.005, 0.03),
+    "charge": (0.05, 0.2), "sensor-lag": (0.1, 0.3), "thrust-lag": (0.08, 0.4),
+}  # fmt: skip
+"""What may be hidden, and its smallest and largest size."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A vehicle: inertia and drag per moment of the whole output, what is hidden with its size, scatter of thrust."""
+
+    inertia: float
+    quadratic: float
+    linear: float
+    hidden: Mapping[str, float]
+    scatter: float = 0.03
+
+    @classmethod
+    def draw(cls, random: np.random.Generator) -> "Truth":
+        """A vehicle with one or two things hidden."""
+        names = random.choice(list(SIZES), size=int(random.integers(1, 3)), replace=False)
+        sizes = {str(name): float(random.uniform(*SIZES[name])) for name in names}
+        inertia = float(np.exp(random.uniform(np.log(0.1), np.log(1.2))))
+        return cls(inertia, float(random.uniform(0.4, 1.6)), float(random.choice([0.0, 0.1])), sizes)
+
+    def size(self, law: str) -> float:
+        """Size of one law, zero where it is not hidden."""
+        return self.hidden.get(law, 0.0)
+
+
+class Vehicle:
+    """R runs of one vehicle, advanced together from rest."""
+
+    def __init__(self, truth: Truth, gain: Floats) -> None:
+        self.truth, self.gain = truth, gain
+        zero = np.zeros(len(gain))
+        self.heading, self.rate, self.shown = zero, zero, zero
+        self._speed, self._water, self._charge = zero, zero, zero
+        self._late = [zero] * (round(truth.size("delay") / STEP) + 1)
+
+    def advance(self, output: Floats, load: Floats | float = 0.0) -> None:
+        """One step under an output held over it, against a `load`."""
+        own = self.truth
+        self._late = [*self._late[1:], np.clip(output, -1.0, 1.0)]
+        given = self._late[0]
+        if own.size("cut"):
+            given = np.where(np.abs(given) > own.size("cut"), given, 0.0)
+        if own.size("bends"):
+            given = np.tanh(own.size("bends") * given * 2.0) / np.tanh(own.size("bends") * 2.0)
+        given = given * (1.0 + np.where(given > 0, 0.5, -0.5) * own.size("uneven"))
+        self._charge = self._charge + np.abs(given) ** 1.5 * STEP / 60.0
+        given = given * np.exp(-own.size("charge") * self._charge)
+        if own.size("propeller-lag"):
+            wanted = np.sign(given) * np.sqrt(np.abs(given))
+            self._speed = self._speed + (wanted - self._speed) * -np.expm1(-STEP / own.size("propeller-lag"))
+            given = self._speed * np.abs(self._speed)
+        elif own.size("thrust-lag"):
+            self._speed = self._speed + (given - self._speed) * -np.expm1(-STEP / own.size("thrust-lag"))
+            given = self._speed
+        moment = self.gain * given - load
+        first = self._acceleration(self.heading, self.rate, moment)
+        there = self.rate + STEP * first
+        second = self._acceleration(self.heading + STEP * self.rate, there, moment)
+        after = self.rate + 0.5 * STEP * (first + second)
+        stick = own.size("sticks")
+        if stick:  # dry friction takes at most all of the rate, and holds what does not push harder
+            after = np.sign(after) * np.maximum(np.abs(after) - STEP * stick / own.inertia, 0.0)
+        self.heading = self.heading + 0.5 * STEP * (self.rate + after)
+        self.rate = after
+        self._water = self._water + STEP * own.size("swirl") * np.abs(self.rate) * (self.rate - 3.0 * self._water)
+        lag = own.size("sensor-lag")
+        self.shown = self.heading if not lag else self.shown + (self.heading - self.shown) * -np.expm1(-STEP / lag)
+
+    def _acceleration(self, heading: Floats, rate: Floats, moment: Floats) -> Floats:
+        own = self.truth
+        through = rate - self._water
+        drag = own.linear * through + own.quadratic * np.abs(through) * through + own.size("cubic") * through**3
+        return (moment - drag - own.size("spring") * heading) / own.inertia
+
+
+def write_logs(truth: Truth, folder: Path, random: np.random.Generator, noise_deg: float = 0.7) -> None:
+    """A pool day of 24 runs at 10 Hz: steps and their coasts, reversals, square waves, ramps; to both sides."""
+    folder.mkdir(parents=True, exist_ok=True)
+    plans: list[tuple[str, float, Callable[[Floats], Floats]]] = []
+    for side, name in ((1.0, "+"), (-1.0, "-")):
+        for size in (0.1, 0.2, 0.35, 0.5, 0.75, 1.0):
+            plans.append((f"step_{name}{size}", 12.0, lambda t, m=side * size: m * ((t >= 2.0) & (t < 8.0))))
+        for size in (0.3, 0.6, 0.9):
+            plans.append(
+                (
+                    f"back_{name}{size}",
+                    14.0,
+                    lambda t, m=side * size: m * ((t >= 2.0) & (t < 6.0)) - m * ((t >= 6.0) & (t < 9.0)),
+                )
+            )
+        for size, beat in ((0.8, 1.0), (0.4, 2.0)):
+            plans.append(
+                (
+                    f"square_{name}{size}",
+                    16.0,
+                    lambda t, m=side * size, b=beat: m * np.sign(np.sin(np.pi * (t - 2.0) / b) + 1e-9) * (t >= 2.0),
+                )
+            )
+        plans.append(
+            (f"ramp_{name}", 20.0, lambda t, m=side: m * np.round(np.clip((t - 2.0) / 16.0, 0.0, 1.0) * 0.6, 2))
+        )
+    clock = 0.0
+    for name, seconds, command in plans:
+        time = np.arange(0.0, seconds, 0.1)
+        gain = np.exp(truth.scatter * random.standard_normal(1))
+        vehicle, headings = Vehicle(truth, gain), []
+        outputs = command(time)
+        for output in outputs:
+            headings.append(float(vehicle.shown[0]))
+            for _ in range(20):
+                vehicle.advance(np.array([output]))
+        read = np.rad2deg(headings) + noise_deg * random.standard_normal(len(time))
+        rows = [f"{clock + t:.3f},{h:.3f},{u:.6g}" for t, h, u in zip(time, read, outputs)]
+        (folder / f"{name}.csv").write_text("\n".join(["time_s,heading_deg,tau", *rows]) + "\n")
+        clock += seconds + 90.0

@@ -1,0 +1,200 @@
+"""The stacks by their parts against closed forms, to both sides, and the file that is flown against the stack."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from made_vehicles import gains_of, vehicle
+
+from automarine_cli.control.authority import turning
+from automarine_cli.control.design import nominal_of
+from automarine_cli.control.flight import fly, scores, step_and_load
+from automarine_cli.control.members import Bend
+from automarine_cli.control.targets import get, names
+from automarine_cli.control.targets.ardupilot_parts import RootLaw, distance_to, gyro, gyro_response
+from automarine_cli.control.targets.base import Design, low_pass, share
+from automarine_cli.control.targets.pid import series_form
+from automarine_cli.dofs import YAW
+from automarine_cli.errors import SettingError
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
+
+DEG = np.pi / 180
+
+
+def test_the_root_law_is_in_proportion_near_and_stops_in_time_far_off() -> None:
+    gain, limit, step = np.array(4.0), np.array(2.0), 0.0025
+    law = RootLaw.of(gain, limit, step)
+    near = 2.0 / 16.0
+    error = np.array([0.1, near, 1.0, -1.0, 0.0])
+    wanted = [0.4, 4.0 * near, np.sqrt(2 * 2.0 * (1.0 - near / 2)), -np.sqrt(2 * 2.0 * (1.0 - near / 2)), 0.0]
+    assert np.allclose(law(error), wanted)
+    assert np.allclose(distance_to(law(error[:3]), gain, limit), error[:3])
+    assert np.allclose(RootLaw.of(gain, np.array(0.0), step)(np.array([3.0])), 12.0)  # no limit
+    assert np.allclose(RootLaw.of(np.array(900.0), limit * 1e6, step)(np.array([0.01])), 0.01 / step)  # never beyond
+
+
+def test_the_low_passes_answer_a_step_and_a_sine_as_they_should() -> None:
+    step, cutoff = 0.0025, 5.0
+    weight, y, found = share(step, cutoff), 0.0, []
+    for _ in range(200):
+        y = y + weight * (1.0 - y)
+        found.append(float(y))
+    assert np.allclose(found, 1.0 - (1.0 - weight) ** np.arange(1, 201))
+    assert float(share(step, 0.0)) == 1.0
+    z = np.exp(1j * 2 * np.pi * cutoff * step)
+    assert abs(low_pass(weight, np.array([z])))[0] == pytest.approx(2**-0.5, abs=0.03)
+    slow, slower, last = np.zeros(1), np.zeros(1), []
+    for k in range(4000):
+        slow, slower = gyro(slow, slower, np.array([np.sin(30.0 * step * k)]), step, 20.0)
+        last.append(float(slower[0]))
+    size = abs(gyro_response(np.exp(np.array([30j * step])), step, 20.0)[0])
+    assert max(last[2000:]) == pytest.approx(size, rel=2e-3)
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_mirrored_step_is_a_mirrored_flight(name: str) -> None:
+    target = get(name, beyond=True)
+    one = vehicle(delay=0.04)
+    numbers = np.full((1, target.numbers), 0.5)
+    gains = {key: value[:, None] for key, value in target.propose(numbers, nominal_of(one, 1.0)).items()}
+    loops = round(10.0 / target.period)
+    there = np.stack([np.full(loops, 1.0), np.full(loops, -1.0)])[None]
+    flight = fly(target, gains, one, there, np.zeros((1, 2)))
+    assert np.allclose(flight.position[0, 0], -flight.position[0, 1], atol=1e-9)
+    assert 0.1 < flight.position[0, 0, -1] < 1.5
+
+
+def test_a_steady_load_moves_the_angle_loop_cascade_by_what_the_closed_form_says() -> None:
+    """Without an integral, output = P ANG_P error in the end: 10 % load leaves 0.1/(P ANG_P)."""
+    target, one = get("ardusub"), vehicle(lag=0.02, delay=0.01)
+    own = gains_of(target, ATC_RAT_YAW_I=0.0, ATC_RAT_YAW_P=0.2, ATC_ANG_YAW_P=2.0)
+    flight = step_and_load(target, own, one, 1.0, 0.05, 20.0)
+    assert flight.position[0, 1, -1] == pytest.approx(-0.05 / (0.2 * 2.0), rel=1e-3)
+
+
+def test_the_integral_is_frozen_at_the_limit_and_held_within_its_own() -> None:
+    """Half a turn at a quarter of the moment that the default gains ask for: the integral stays below IMAX."""
+    target = get("ardusub")
+    own = gains_of(target)
+    state = target.start(own, np.zeros((1, 1)), np.zeros((1, 1)))
+    held = []
+    for _ in range(4000):
+        state, output = target.step(state, own, np.full((1, 1), 3.0), np.zeros((1, 1)), np.zeros((1, 1)))
+        assert abs(output[0, 0]) <= 1.0
+        held.append(float(state[8][0, 0]))
+    assert max(held) <= 0.222 + 1e-12
+    assert held[-1] == pytest.approx(0.222, rel=0.05)
+
+
+def test_rover_s_feed_forward_alone_holds_the_steady_rate() -> None:
+    """FF = 1/(rate at the whole output): with linear drag the rate asked for is the rate that comes."""
+    target, one = get("ardurover"), vehicle(inertia=1.0, drag=0.0, linear=2.0, full=4.0, lag=0.0, delay=0.0)
+    own = gains_of(target, ATC_STR_RAT_FF=0.5, ATC_STR_RAT_P=0.0, ATC_STR_RAT_I=0.0)
+    loops = 500
+    flight = fly(target, own, one, np.full((1, 1, loops), 1e3), np.zeros((1, 1)), every=0.02)
+    assert flight.output[0, 0, -1] == pytest.approx(1.0)
+    rate = np.diff(flight.position[0, 0])[-1] / 0.02
+    assert rate == pytest.approx(2.0, rel=1e-3)
+
+
+def test_series_and_parallel_form_are_one_controller() -> None:
+    found = series_form(2.0, 0.3, 1.0)
+    assert found is not None
+    gain, integral, derivative = found
+    s = np.array([0.3j, 1.0j, 4.0j])
+    assert np.allclose(gain * (1 + 1 / (integral * s)) * (1 + derivative * s), 2.0 + 0.3 / s + 1.0 * s)
+    assert series_form(1.0, 1.0, 1.0) is None
+
+
+def controller_class(text: str) -> Any:
+    """The class in a `controller.py` that was written."""
+    space: dict[str, Any] = {}
+    exec(text, space)
+    return space["Controller"]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_python_file_is_the_stack_that_was_flown(side: float) -> None:
+    """Loop by loop the same outputs, the map inverted, over north and back."""
+    known = ThrusterMap("dead-band", Curve(40.0, 2.0, 0.06, 1.0), Curve(30.0, 2.0, 0.06, 1.0), "")
+    bend, most = turning(known, 0.25)
+    target, one = get("python"), vehicle(full=most)
+    nominal = nominal_of(one, 1.0)
+    proposed = {key: float(value[0]) for key, value in target.propose(np.full((1, 5), 0.5), nominal).items()}
+    from dataclasses import replace
+
+    text = target.text(Design(proposed, {}, replace(nominal, bend=bend), ("a note",)))
+    flown = controller_class(text)(0.0)
+    own = {key: np.full((1, 1), value) for key, value in proposed.items()}
+    state = target.start(own, np.zeros((1, 1)), np.zeros((1, 1)))
+    random = np.random.default_rng(1)
+    heading = 0.0
+    for k in range(200):
+        reference = side * (1.2 if k < 100 else -0.5)
+        heading += side * 0.01 + 0.002 * random.standard_normal()
+        rate = 0.2 * random.standard_normal()
+        state, output = target.step(
+            state, own, np.full((1, 1), reference), np.full((1, 1), heading), np.full((1, 1), rate)
+        )
+        wanted = float(bend.inverse(output)[0, 0])
+        turned = 2 * np.pi * (k % 3)
+        assert flown.step(reference, heading + turned, rate) == pytest.approx(wanted, abs=2e-4)
+
+
+def test_the_map_inverted_gives_back_the_share_across_its_dead_band() -> None:
+    known = ThrusterMap("dead-band", Curve(40.0, 2.0, 0.06, 1.0), Curve(30.0, 2.0, 0.06, 1.0), "")
+    bend, most = turning(known, 0.25)
+    assert most == pytest.approx(0.25 * 70.0 * 0.94**2)
+    wanted = np.array([-1.0, -0.3, -0.01, 0.0, 0.01, 0.3, 1.0])
+    assert np.allclose(bend.of(bend.inverse(wanted)), wanted, atol=1e-6)
+    assert bend.inverse(np.array([1e-6]))[0] > 0.05
+    assert np.all(bend.of(np.array([-0.05, 0.05])) == 0.0)
+
+
+def test_a_sub_s_file_never_names_the_feed_forward() -> None:
+    target, one = get("ardusub"), vehicle()
+    text = target.text(Design(target.defaults, target.defaults, nominal_of(one, 1.0), ()))
+    assert "ATC_RAT_YAW_FF" not in text
+    assert "ArduSub 4" in text and "ATC_RAT_YAW_P,0.18" in text
+    rover = get("ardurover")
+    assert "ATC_STR_RAT_FF,0.2" in rover.text(Design(rover.defaults, {}, nominal_of(one, 1.0), ()))
+
+
+def test_pid_json_holds_both_forms_with_units() -> None:
+    target, one = get("pid"), vehicle()
+    own = {"K_p": 2.0, "K_i": 0.3, "K_d": 1.0, "b": 0.5, "T_f": 0.02}
+    found = json.loads(target.text(Design(own, {}, nominal_of(one, 1.0), ("a note",))))
+    assert found["parallel"]["K_d"] == {"value": 1.0, "unit": "s/rad"}
+    assert found["series"]["T_i"]["unit"] == "s" and found["sample_time_s"] == 0.05
+
+
+def test_an_unknown_target_is_answered_with_the_names() -> None:
+    with pytest.raises(
+        SettingError, match="no target is called 'px4'; give one of ardurover, ardusub, labust, pid, python"
+    ):
+        get("px4")
+    with pytest.raises(SettingError, match="ardusub runs at its firmware's own rate; leave out --sample-time"):
+        get("ardusub", 0.1)
+
+
+def test_scores_of_a_known_response() -> None:
+    from automarine_cli.control.flight import Flight
+
+    time = np.arange(0.0, 20.0, 0.1)
+    step = 1.0 - np.exp(-time) * np.cos(2.0 * time)
+    load = -0.2 * (1.0 - np.exp(-time))
+    found = scores(Flight(time, np.stack([step, load])[None], np.zeros((1, 2, 200))), 1.0, 0.02)
+    assert found.overshoot[0] == pytest.approx(step.max() - 1.0)
+    assert found.error[0] == pytest.approx(0.2, rel=1e-6)
+    assert found.settling[0] == pytest.approx(time[np.flatnonzero(np.abs(step - 1.0) > 0.02)[-1] + 1])
+    never = scores(Flight(time, np.stack([0.5 * step, load])[None], np.zeros((1, 2, 200))), 1.0, 0.02)
+    assert not never.settles[0]
+
+
+def test_a_yaw_vehicle_with_a_bend_answers_by_its_map() -> None:
+    bend = Bend(np.array([0.0, 0.1, 1.0]), np.array([0.0, 0.0, 1.0]))
+    assert bend.of(np.array([0.05, 0.55, -1.0])) == pytest.approx([0.0, 0.5, -1.0])
+    assert bend.slope(np.array([0.05, 0.5])) == pytest.approx([0.0, 1.0 / 0.9])
+    assert YAW.wraps

@@ -1,0 +1,284 @@
+"""`automarine tune`: verdicts, files, refusals."""
+
+import csv
+import io
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import Result
+from repository import SAMPLE_RUNS
+
+import automarine_cli as am
+from automarine_cli.control import design as designing
+from automarine_cli.control.flight import fly
+from automarine_cli.errors import RunError
+from automarine_cli.pipeline.manifest import MANIFEST
+from automarine_cli.thrusters.forms import Curve
+from automarine_cli.thrusters.map import ThrusterMap
+from automarine_cli.workflows import tune_check
+
+Run = Callable[..., Result]
+
+
+@pytest.fixture(autouse=True)
+def small_crowds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fewer vehicles than a user gets: the verdicts here are clear ones."""
+    monkeypatch.setattr(designing, "CROWD", 48)
+    monkeypatch.setattr(designing, "PRESENT", 24)
+
+
+def estimate(value: float, unit: str, share: float = 0.03) -> dict[str, object]:
+    """An estimate of a file."""
+    error = abs(share * value)
+    return {"value": value, "stderr": error, "ci95": [value - 2 * error, value + 2 * error], "unit": unit}
+
+
+def model(
+    inertia: float, drag: float, full: float, unit: str = "N m", lag: float = 0.0, delay: float = 0.0
+) -> dict[str, Any]:
+    """Content of a yaw model."""
+    effects = []
+    if lag:
+        effects.append(
+            {"name": "thruster-lag", "parameters": {"T": estimate(lag, "s"), "law": 1.0, "tau_ref": full, "fall": 1.0}}
+        )
+    if delay:
+        effects.append({"name": "input-delay", "parameters": {"t_d": estimate(delay, "s")}})
+    return {
+        "schema": "automarine/yaw-model/1", "moment_unit": unit, "preferred": "3", "gain_scatter": 0.03,
+        "models": {"3": {"I_r": estimate(inertia, f"{unit} s²"), "k_rr": estimate(drag, f"{unit} s²")}},
+        "valid_range": {"moment": [-full, full], "yaw_rate_rad_s": None}, "effects": effects,
+    }  # fmt: skip
+
+
+def written(folder: Path, content: Mapping[str, Any], name: str = "model.json") -> str:
+    """A file of that content."""
+    path = folder / name
+    path.write_text(json.dumps(content))
+    return str(path)
+
+
+def twin_map(a: float, dead: float) -> dict[str, Any]:
+    """Content of a map of thrusters alike both ways, with a dead-band, up to a control signal of 1."""
+    curve = Curve(a, 2.0, dead, 1.0)
+    return ThrusterMap("dead-band-saturation", curve, curve, "").to_json()
+
+
+def test_gains_are_better_than_the_defaults_that_swing(tmp_path: Path) -> None:
+    path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05))
+    out = tmp_path / "out"
+    again = am.tune(path, target="ardusub", full=30.0, out=out)
+    result = json.loads((out / "tuning.json").read_text())
+    assert result["schema"] == "automarine/tuning/1" and result["verdict"] == "gains"
+    assert result["margins"]["present"]["stable"] == 0.0
+    assert result["margins"]["new"]["share_with_margin"] >= 0.95
+    assert result["promised"]["settles"] >= 0.95 and result["present"]["settles"] == 0.0
+    low, high = result["promised"]["settling_s"]["ci95"]
+    assert 2.0 < low <= high < 20.0
+    for name, one in result["gains"].items():
+        ends = one["documented"]
+        assert name.startswith("ATC_") and ends[0] <= one["value"] <= max(ends[1], one["before"])
+    values = dict(line.split(",") for line in (out / "ardusub.param").read_text().splitlines() if line[0] != "#")
+    assert set(values) < set(result["gains"]) and "ATC_RAT_YAW_FF" not in values
+    assert float(values["ATC_RAT_YAW_P"]) == pytest.approx(result["gains"]["ATC_RAT_YAW_P"]["value"], rel=1e-5)
+    names = {path.name for path in out.iterdir()}
+    assert names == {
+        "ardusub.param",
+        *(f"tuning.{kind}" for kind in ("json", "md", "csv", "png")),
+        "gains.csv",
+        MANIFEST,
+    }
+    assert "roll, pitch" in (out / "tuning.md").read_text()
+    table = list(csv.reader(io.StringIO((out / "gains.csv").read_text())))
+    assert table[0][:3] == ["parameter", "present", "new"] and len(table) == 7
+    assert json.loads(json.dumps(again.to_json())) == result
+    assert "settling_s" in repr(again) and len(again.to_frame()) == len(result["gains"])
+
+
+def test_a_fast_vehicle_keeps_its_defaults(run: Run, tmp_path: Path) -> None:
+    """So much moment for so little inertia, 0.02 s late: the defaults keep the margin."""
+    path = written(tmp_path, model(0.375, 1.5, 30.0, delay=0.02))
+    out = tmp_path / "out"
+    found = run("tune", path, "--for", "ardusub", "--full", "30", "--margin", "0.6", "-o", str(out))
+    assert found.exit_code == 0, found.stderr
+    assert found.stdout.startswith("Leave the gains as they are. The present gains keep the margin of 0.6 for")
+    assert json.loads((out / "tuning.json").read_text())["verdict"] == "leave"
+    assert not (out / "ardusub.param").exists()
+
+
+def test_nothing_is_promised_where_the_delay_is_not_known(run: Run, tmp_path: Path) -> None:
+    """A quick vehicle of which nothing says how late it answers: gains for 0.3 s would throw its speed away."""
+    path = written(tmp_path, model(0.3, 1.0, 30.0))
+    out = tmp_path / "out"
+    found = run("tune", path, "--for", "python", "--full", "30", "-o", str(out))
+    assert found.exit_code == 0, found.stderr
+    assert found.stdout.startswith("No promise can be made. What is open changes the answer: with a short delay alone")
+    assert "What would settle it: a fast square wave" in found.stdout
+    result = json.loads((out / "tuning.json").read_text())
+    assert result["verdict"] == "cannot-promise" and result["gains"] == {} and result["promised"] is None
+    assert not (out / "controller.py").exists()
+    known = run("tune", path, "--for", "python", "--full", "30", "--delay", "0.02", "--json")
+    assert json.loads(known.stdout)["verdict"] == "gains"
+
+
+def test_no_gains_keep_a_margin_that_none_can_keep(run: Run, tmp_path: Path) -> None:
+    path = written(tmp_path, model(29.0, 30.0, 40.0, lag=0.2, delay=0.5))
+    found = run("tune", path, "--for", "ardurover", "--full", "40")
+    assert found.exit_code == 0
+    assert "No gains within the documented ranges keep a disk margin of 0.75 for 95% of" in found.stdout
+
+
+@pytest.mark.parametrize("target", ["pid", "labust", "python"])
+def test_depth_is_designed_by_the_same_code(target: str, run: Run, tmp_path: Path) -> None:
+    """Heave: weight less buoyancy is held, the step is in metres."""
+    fit = tmp_path / "fit"
+    am.fit_heave([str(SAMPLE_RUNS / "heave")], out=fit)
+    out = tmp_path / "out"
+    found = run(
+        "tune", str(fit / "heave_model.json"), "--for", target, "--full", "60", "--delay", "0.05", "-o", str(out)
+    )
+    assert found.exit_code == 0, found.stderr
+    result = json.loads((out / "tuning.json").read_text())
+    assert result["verdict"] == "gains" and result["motion"] == "heave" and result["step_m"] == 1.0
+    assert result["promised"]["load_error_cm"]["unit"] == "cm" and "depth" in (out / "tuning.md").read_text() + "depth"
+    text = (out / {"pid": "pid.json", "labust": "labust.yaml", "python": "controller.py"}[target]).read_text()
+    assert "heave" in text
+
+
+NO_NU = "its moments reach 1.2 nu, which is no output of ardusub, from -1 to 1; give --full with the moment [nu] of"
+REFUSALS: list[tuple[dict[str, Any], list[str], str]] = [
+    (model(1.0, 1.2, 1.2, "nu"), [], NO_NU),
+    (model(1.0, 1.2, 9.0), [], "its moments are in N m, and ardusub commands outputs from -1 to 1; give --full"),
+    (model(1.0, 1.2, 9.0), ["--full", "4"], "it was fitted to moments up to 9 N m, and --full is 4 N m at the"),
+    (model(1.0, -1.2, 9.0), ["--full", "9"], "models.3.k_rr: found -1.2, expected a drag of zero or more"),
+    (model(1.0, 1.2, 9.0), ["--full", "9", "--margin", "3"], "--margin: found a value that makes no sense; expected"),
+    (model(1.0, 1.2, 9.0), ["--full", "9", "--sample-time", "0.1"], "ardusub runs at its firmware's own rate"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "more", "sentence"), REFUSALS)
+def test_what_makes_no_sense_is_refused_in_one_sentence(
+    content: dict[str, Any], more: list[str], sentence: str, run: Run, tmp_path: Path
+) -> None:
+    path, out = written(tmp_path, content), tmp_path / "out"
+    found = run("tune", path, "--for", "ardusub", "-o", str(out), *more)
+    assert found.exit_code == 1
+    assert sentence in found.stderr and len(found.stderr.splitlines()) == 1
+    assert not out.exists()
+
+
+def test_drag_that_drives_is_refused(run: Run, tmp_path: Path) -> None:
+    content = model(1.0, 1.2, 9.0)
+    own = content["models"]["3"]
+    content["models"] = {"2": {**own, "k_r": estimate(-0.4, "N m s")}}
+    content["preferred"] = "2"
+    found = run("tune", written(tmp_path, content), "--for", "pid", "--full", "9")
+    assert found.exit_code == 1
+    assert "model.json: k_r is -0.4, drag that drives the vehicle; expected zero or more" in found.stderr
+
+
+def test_a_map_that_contradicts_the_model_is_refused(run: Run, tmp_path: Path) -> None:
+    thrusters = written(tmp_path, twin_map(8.0, 0.05), "map.json")
+    path = written(tmp_path, model(1.0, 1.2, 9.0, lag=0.05, delay=0.05))
+    found = run("tune", path, "--for", "ardusub", "--thrusters", thrusters, "--arm", "0.3")
+    assert found.exit_code == 1
+    assert "fitted to moments up to 9 N m, and the thruster map gives 4.332 N m at the whole" in found.stderr
+    found = run("tune", path, "--for", "ardusub", "--thrusters", thrusters, "--arm", "0.7", "--full", "14")
+    assert "--full is 14 N m, and the thruster map gives 10.11 N m at the whole output; leave out one" in found.stderr
+
+
+def test_present_gains_come_from_the_vehicle_s_file_and_are_checked(run: Run, tmp_path: Path) -> None:
+    path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.03, delay=0.02))
+    for text, sentence in (
+        ("ATC_RAT_YAW_P,0.9\n", "row 1: ATC_RAT_YAW_P is 0.9, outside the range that ArduSub 4.1 to 4.5 documents"),
+        ("# x\nATC_RAT_YAW_I abc\n", "row 2: ATC_RAT_YAW_I is 'abc'; expected a number"),
+        ("OTHER,1\n", "none of the parameters of ardusub is in it; expected lines such as ATC_ANG_YAW_P,6"),
+    ):
+        (tmp_path / "sub.param").write_text(text)
+        found = run("tune", path, "--for", "ardusub", "--full", "30", "--present", str(tmp_path / "sub.param"))
+        assert found.exit_code == 1 and sentence in found.stderr
+    (tmp_path / "sub.param").write_text("ATC_ANG_YAW_P,1.2\nATC_ACCEL_Y_MAX,110000\nATC_RAT_YAW_P,0.12\nFOO,3\n")
+    found = run("tune", path, "--for", "ardusub", "--full", "30", "--present", str(tmp_path / "sub.param"), "--json")
+    result = json.loads(found.stdout)
+    assert found.exit_code == 0
+    if result["gains"]:
+        assert result["gains"]["ATC_ANG_YAW_P"]["before"] == 1.2
+    assert result["present"]["settles"] == 1.0
+
+
+def test_a_thruster_map_is_flown_with_its_dead_band(run: Run, tmp_path: Path) -> None:
+    """The same vehicle with a map that loses small outputs hunts; the file that inverts the map does not."""
+    thrusters = written(tmp_path, twin_map(50.0, 0.06), "map.json")
+    path = written(tmp_path, model(0.59, 1.5, 25.0, lag=0.03, delay=0.03))
+    errors = {}
+    for target in ("pid", "python"):
+        found = run("tune", path, "--for", target, "--thrusters", thrusters, "--arm", "0.3", "--json")
+        assert found.exit_code == 0, found.stderr
+        result = json.loads(found.stdout)
+        errors[target] = result["promised"]["rms_after_deg"]["value"] if result["promised"] else np.inf
+    assert errors["python"] < errors["pid"]
+
+
+def flown_log(folder: Path, found: Any, noise_deg: float, later: float = 0.0) -> str:
+    """A log of two steps, there and back, of the vehicle that was tuned or of one that answers later."""
+    made = found.made
+    one = made.crowds[0].vehicles.pick(slice(0, 1))
+    one = replace(one, late=one.late + later)
+    target, random = made.target, np.random.default_rng(2)
+    own = {name: np.full((1, 1), value) for name, value in made.new.gains.items()}
+    loops = round(60.0 / target.period)
+    clock = np.arange(loops) * target.period
+    reference = np.where(clock < 2.0, 0.0, np.where(clock < 30.0, np.pi / 2, -np.pi / 6))
+    flight = fly(target, own, one, reference[None, None], np.zeros((1, 1)), every=0.1)
+    asked = np.interp(flight.time, clock, reference)
+    heading = np.rad2deg(flight.position[0, 0]) + noise_deg * random.standard_normal(len(flight.time))
+    rows = zip(flight.time, heading % 360.0, made.nominal.full * flight.output[0, 0], np.rad2deg(asked) % 360.0)
+    lines = ["time_s,heading_deg,tau_Nm,target_heading_deg", *(",".join(f"{x:.4f}" for x in row) for row in rows)]
+    path = folder / "flown.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return str(path)
+
+
+def test_a_log_of_the_vehicle_that_was_tuned_holds_the_promise(run: Run, tmp_path: Path) -> None:
+    path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05))
+    found = am.tune(path, target="python", full=30.0, out=tmp_path / "out")
+    log = flown_log(tmp_path, found, 0.5)
+    checked = run("tune", str(tmp_path / "out" / "tuning.json"), "--check", log, "-o", str(tmp_path / "check"))
+    assert checked.exit_code == 0, checked.stderr
+    assert checked.stdout.startswith("As promised: all 2 steps are within the bands.")
+    result = json.loads((tmp_path / "check" / "tuning_check.json").read_text())
+    assert result["schema"] == "automarine/tuning-check/1" and result["verdict"] == "held"
+    assert [round(one["step_deg"]) for one in result["steps"]] == [90, -120] and result["changed"] is None
+    assert (tmp_path / "check" / "tuning_check.png").is_file()
+    bare = run("tune", str(tmp_path / "out" / "tuning.json"), "--check", log, "--reference", "setpoint")
+    assert bare.exit_code == 1 and "there is no column 'setpoint'; name it with --reference, from" in bare.stderr
+    wrong = run("tune", path, "--check", log)
+    assert (
+        wrong.exit_code == 1 and "this is no tuning; give the tuning.json that `automarine tune` wrote" in wrong.stderr
+    )
+    assert run("tune", path).exit_code == 2
+
+
+def test_a_log_of_a_vehicle_that_answers_later_does_not(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a diagnosis names is its own tests' business: here it is asked with the log in pieces."""
+    path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05))
+    found = am.tune(path, target="python", full=30.0, out=tmp_path / "out")
+    log = flown_log(tmp_path, found, 0.5, later=0.35)
+    asked: list[int] = []
+
+    def few(runs: Any, base: Any, **settings: Any) -> Any:
+        asked.append(len(runs))
+        raise RunError("too few")
+
+    monkeypatch.setattr(tune_check, "diagnose_runs", few)
+    checked = run("tune", str(tmp_path / "out" / "tuning.json"), "--check", log)
+    assert checked.exit_code == 0, checked.stderr
+    assert checked.stdout.startswith("Not as promised: 2 of 2 steps leave the bands of 95 %.")
+    assert "The log could not be diagnosed: too few." in checked.stdout and asked == [8]

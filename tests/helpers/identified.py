@@ -1,0 +1,30 @@
+"""The models of runs that were made here, without a file in between."""
+
+from collections.abc import Sequence
+
+from automarine_cli.errors import RunError
+from automarine_cli.fits.identify import NOTHING_KNOWN, Map, identify_turns
+from automarine_cli.fits.step_response import Known
+from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.runs.channels import AUTO
+from automarine_cli.runs.half_turn import UNTRIMMED, Trim, half_turns
+from automarine_cli.runs.run import Run
+
+
+def identify(
+    runs: Sequence[Run],
+    fit_to: str = "auto",
+    known: Known = NOTHING_KNOWN,
+    each: Map | None = None,
+    trim: Trim = UNTRIMMED,
+    channels: str = AUTO,
+    tail: float | None = None,
+    with_effects: Sequence[str] = (),
+) -> YawFit:
+    """`identify_turns` of the steps of `runs`, which are followed as far as `trim` says."""
+    if not runs:
+        raise RunError("there are no runs to fit; give at least one")
+    turns, set_aside = half_turns(runs, trim)
+    return identify_turns(
+        runs[0].dof, turns, set_aside, lambda: runs, fit_to, known, each, channels, tail, with_effects
+    )

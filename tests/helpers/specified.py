@@ -1,0 +1,43 @@
+"""Specifications from files, and their campaigns as clean runs, without a log in between."""
+
+from pathlib import Path
+
+import numpy as np
+
+from automarine_cli.dofs import Dof
+from automarine_cli.logs import LogTable
+from automarine_cli.pipeline.recipe import read_mapping
+from automarine_cli.pipeline.words import printable
+from automarine_cli.runs.clean import NotUsable, clean
+from automarine_cli.runs.run import Run
+from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
+from automarine_cli.simulation.specification import Specification, specification_from
+
+
+def read_specification(path: Path) -> Specification:
+    """The specification in a TOML (or JSON) file. Raises SettingError with file and key."""
+    return specification_from(read_mapping(path), printable(path.name))
+
+
+def make_runs(specification: Specification, seed: int | None = None) -> list[Run]:
+    """The campaign as runs, cleaned as if read from its logs; a run that cleaning sets aside is left out.
+
+    `seed` replaces the specification's. No file is written. Raises SettingError.
+    """
+    runs: list[Run] = []
+    for made in make_campaign(specification, seed):
+        table = as_table(made, specification.vehicle.force_unit, specification.vehicle.dof)
+        try:
+            runs += clean(table, np.arange(len(table)), made.plan.name)
+        except NotUsable:
+            continue
+    return runs
+
+
+def as_table(made: SimulatedRun, moment_unit: str, dof: Dof) -> LogTable:
+    """The log as the reader would give it."""
+    columns = {"time": made.log.time_s, dof.position: dof.inner(made.log.position), dof.command: made.log.moment}
+    if made.log.rate is not None:
+        columns[dof.velocity] = dof.inner(made.log.rate)
+    rows = np.arange(1, len(made.log.time_s) + 1)
+    return LogTable(made.plan.file, columns, rows, moment_unit=moment_unit, dof=dof)
