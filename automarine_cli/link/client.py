@@ -97,7 +97,7 @@ class Client:
             answer = connection.getresponse()
             return answer.status, _whole_or_part(answer)
         except (OSError, http.client.HTTPException) as problem:
-            raise LinkCut(str(problem) or type(problem).__name__) from None
+            raise LinkCut(getattr(problem, "strerror", None) or str(problem) or type(problem).__name__) from None
         finally:
             connection.close()
 
