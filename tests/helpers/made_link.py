@@ -142,7 +142,8 @@ class CuttingProxy:
                     self.cuts += 1
                     if way.startswith("reset"):
                         client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-                        client.close()
-                        vehicle.close()
+                        for one in (client, vehicle):
+                            one.shutdown(socket.SHUT_RD)  # or who reads it in the other thread keeps it open
+                            one.close()
                     return
             client.close()
