@@ -13,8 +13,8 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "automarine_cli"
 ROOMS = (
     "errors", "quantities", "dofs", "pipeline", "logs", "runs", "results", "effects", "models", "simulation", "filters",
-    "fits", "thrusters", "comparison", "diagnosis", "planning", "control", "report", "exports", "guide", "workflows",
-    "cli",
+    "fits", "thrusters", "comparison", "diagnosis", "planning", "control", "link", "report", "exports", "guide",
+    "workflows", "cli",
 )  # fmt: skip
 OPEN_TO_ALL = {"__version__"}
 NOT_FROM = {"effects": {"logs", "runs"}, "models": {"logs", "runs"}}  # a model knows nothing of files

@@ -207,7 +207,7 @@ def _through(
     under_way: deque[Future[tuple[list[Result], BaseException | None]]] = deque()
     while True:
         while len(under_way) < AHEAD * workers and (chunk := next(chunks, None)) is not None:
-            with _deaf_to_interrupts():
+            with deaf_to_interrupts():
                 under_way.append(executor.submit(_work_on, function, chunk))
         if not under_way:
             return
@@ -233,7 +233,7 @@ def _results_of(future: "Future[tuple[list[Result], BaseException | None]]") -> 
 
 
 @contextlib.contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
+def deaf_to_interrupts() -> Iterator[None]:
     """Processes started here never hear Ctrl-C, not even while they start; this one hears it afterwards."""
     with held_back():
         if not hasattr(signal, "pthread_sigmask"):  # Windows

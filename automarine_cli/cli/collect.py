@@ -1,0 +1,42 @@
+"""`automarine collect`: an address in, one workflow call, a vehicle's logs out."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from automarine_cli.cli import options
+
+
+@click.command("collect", short_help="On the surface: send a campaign, fetch logs.")
+@click.argument("url", metavar="URL")
+@click.option(
+    "-o", "--out", type=click.Path(file_okay=False, path_type=Path), metavar="DIR", required=True,
+    help="Fetch the logs into this folder.",
+)  # fmt: skip
+@click.option("--token", default="", metavar="T", help="The token that serve printed.")
+@click.option(
+    "--campaign", type=click.Path(exists=True, path_type=Path), metavar="FILE",
+    help="Hand over the folder of a plan, or its plan.json, and stay until it was played.",
+)  # fmt: skip
+@click.option("--stop", is_flag=True, help="On contact, first stop what the vehicle plays, for good.")
+@click.option(
+    "--wait", type=click.FloatRange(min=0), metavar="SECONDS",
+    help="Give up after so long without contact.  [default: never]",
+)  # fmt: skip
+@click.option("--overwrite", is_flag=True, help="Fetch again what was changed in DIR since it was fetched.")
+@options.json_option
+@options.verbosity
+def collect(**given: Any) -> object:
+    """Wait for contact with a vehicle that runs `automarine serve` at URL, and fetch its logs into DIR.
+
+    On contact come first the vehicle's state and --stop, then the campaign, then the logs; after a cut it goes on
+    where it was. Logs have the same names and the same bytes as on the vehicle; ledger.json holds their SHA-256.
+
+    \b
+    Example:
+      automarine collect http://192.168.2.2:8722 --token T --campaign out/plan -o out/pool
+    """
+    from automarine_cli.workflows.collect import collect as command
+
+    return options.perform_one(command, given, f"The logs are in {given['out']}.")

@@ -1,0 +1,155 @@
+"""The surface's side: on contact state, stop, campaign, then logs; goes on after any cut where it was."""
+
+import json
+import re
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from automarine_cli.errors import SettingError
+from automarine_cli.link.client import PIECE, Client, LinkCut
+from automarine_cli.link.document import LinkCampaign
+from automarine_cli.pipeline import staging
+from automarine_cli.pipeline.manifest import sha256
+from automarine_cli.pipeline.one_file import write_whole
+from automarine_cli.pipeline.outputs import json_text
+from automarine_cli.pipeline.plain_data import read_plain
+from automarine_cli.pipeline.progress import Progress, silent
+
+LEDGER, LEDGER_SCHEMA = "ledger.json", "automarine/link-ledger/1"
+POLL_S = 1.0
+TRIES = 3
+"""How often a log with a wrong hash is fetched again."""
+LARGEST_LOG = 1 << 32
+LOG_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,140}\.csv")
+
+Answer = TypeVar("Answer")
+
+
+@dataclass
+class Crossing:
+    """What crossed the link: cuts that were met, and bytes of logs that came."""
+
+    cuts: int = 0
+    bytes_in: int = 0
+
+
+@dataclass(frozen=True)
+class Collector:
+    """Fetches the logs of a vehicle into `folder`; gives up after `wait_s` without contact (None: never).
+
+    A log that was changed here is fetched again with `overwrite`, else refused."""
+
+    client: Client
+    folder: Path
+    wait_s: float | None = None
+    progress: Progress = silent
+    overwrite: bool = False
+    poll_s: float = POLL_S
+    crossing: Crossing = field(default_factory=Crossing)
+
+    def collect(self, campaign: LinkCampaign | None, stop: bool) -> dict[str, Any]:
+        """The vehicle's last state, after the `campaign` is over (None: as it is now) and its logs are here.
+
+        Raises SettingError for no contact, a wrong token, a refused campaign and a log that is not what it was
+        closed as, OutputError for a folder that cannot be written.
+        """
+        with staging.one_sentence(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+        self._until_done(self.client.state)
+        if stop and not self._until_done(self.client.stop):
+            raise SettingError("the vehicle has stopped its campaigns but is not silent yet; stop it by hand")
+        if campaign is not None:
+            content = campaign.text.encode()
+            self._until_done(lambda: self.client.put_campaign(campaign.id, content))
+        while True:
+            state = self._until_done(self.client.state)
+            for log in sorted(self._until_done(self.client.logs), key=lambda one: str(one.get("name"))):
+                if log.get("closed"):
+                    self._fetch(*_checked(log))
+            if campaign is None or _is_over(state, campaign):
+                return state
+            time.sleep(self.poll_s)
+
+    def ledger(self) -> dict[str, str]:
+        """Name and SHA-256 of every log that is here. Raises SettingError."""
+        file = self.folder / LEDGER
+        if not file.exists():
+            return {}
+        data = read_plain(file, "JSON", SettingError).get("runs")
+        if not isinstance(data, Mapping):
+            raise SettingError(f"{LEDGER}: no table of runs; move the file away, and logs are looked at again")
+        return {str(name): str(found) for name, found in data.items()}
+
+    def _fetch(self, name: str, size: int, wanted: str) -> None:
+        """One log, whole and with its hash, under its name; nothing to do where it is here."""
+        ledger, target = self.ledger(), self.folder / name
+        if ledger.get(name, wanted) != wanted:
+            raise SettingError(f"{name} is another log now than when it was fetched; find out why, logs never change")
+        changed = target.exists() and sha256(target) != wanted
+        if changed and not self.overwrite:
+            raise SettingError(f"{name} was changed here since it was fetched; move it away, or give --overwrite")
+        if changed or not target.exists():
+            self._fetch_whole(target, size, wanted)
+        if name not in ledger:
+            runs = dict(sorted((ledger | {name: wanted}).items()))
+            write_whole(self.folder / LEDGER, json_text({"schema": LEDGER_SCHEMA, "runs": runs}))
+
+    def _fetch_whole(self, target: Path, size: int, wanted: str) -> None:
+        part = self.folder / f".{target.name}.part"
+        for _ in range(TRIES):
+            self._fetch_rest(part, target.name, size)
+            if sha256(part) == wanted:
+                with staging.one_sentence(self.folder):
+                    part.replace(target)
+                    staging.sync_folder(self.folder)
+                return
+            part.unlink()
+        raise SettingError(
+            f"{target.name} came {TRIES} times with another SHA-256 than it was closed with; its file on the vehicle "
+            "is damaged, or it is not the vehicle that answers"
+        )
+
+    def _fetch_rest(self, part: Path, name: str, size: int) -> None:
+        """What is missing of a log, piece by piece; what came stays, whatever happens."""
+        with staging.one_sentence(self.folder), part.open("ab") as file:
+            if file.tell() > size:
+                file.truncate(0)
+            while (have := file.tell()) < size:
+                with staging.caller():
+                    came = self._until_done(lambda: self.client.piece(name, have, size))[: size - have]
+                file.write(came)
+                file.flush()
+                self.crossing.bytes_in += len(came)
+                self.crossing.cuts += len(came) < min(PIECE, size - have)
+                self.progress(f"fetching {name}", have + len(came), size)
+
+    def _until_done(self, ask: Callable[[], Answer]) -> Answer:
+        """The answer, however often the link is cut before it comes; SettingError after `wait_s` without any."""
+        ends = None if self.wait_s is None else time.monotonic() + self.wait_s
+        while True:
+            try:
+                return ask()
+            except LinkCut as cut:
+                self.crossing.cuts += 1
+                if ends is not None and time.monotonic() >= ends:
+                    raise SettingError(
+                        f"no contact with http://{self.client.host}:{self.client.port} for {self.wait_s:g} s ({cut}); "
+                        "what came is kept, run the same command again to go on"
+                    ) from None
+                time.sleep(min(self.poll_s, 0.2))
+
+
+def _is_over(state: Mapping[str, Any], campaign: LinkCampaign) -> bool:
+    return any(one.get("id") == campaign.id and one.get("over") for one in state.get("campaigns", ()))
+
+
+def _checked(log: Mapping[str, Any]) -> tuple[str, int, str]:
+    """Name, size and hash of a log as listed, if they can be what they say. Raises SettingError."""
+    name, size, wanted = log.get("name"), log.get("size"), log.get("sha256")
+    sound = isinstance(name, str) and LOG_NAME.fullmatch(name)
+    if not (sound and isinstance(size, int) and 0 <= size < LARGEST_LOG and isinstance(wanted, str)):
+        raise SettingError(f"the vehicle lists a log that cannot be one: {json.dumps(log)[:200]}; look at its folder")
+    return str(name), size, wanted

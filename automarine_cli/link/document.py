@@ -1,0 +1,223 @@
+"""A campaign as it crosses the link: one JSON document, known by the SHA-256 of its bytes; plain data, and checked."""
+
+import hashlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.codec import Codec, to_mapping
+from automarine_cli.pipeline.outputs import json_text
+from automarine_cli.pipeline.plain_data import Document, Source, read_plain
+from automarine_cli.pipeline.words import printable
+from automarine_cli.planning.candidates import Candidate, Supply
+from automarine_cli.simulation.checks import at_least_zero, between, positive
+
+SCHEMA = "automarine/link-campaign/1"
+PLAN, PLAN_SCHEMA = "plan.json", "automarine/plan/1"
+MOST_BYTES = 4_000_000
+MOST_RUNS, MOST_COMMANDS, LONGEST_S = 500, 1000, 3600.0
+SAFE_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,99}(?<!\.)")
+WHOLE, STOPPED, INTERRUPTED = "", "_stopped", "_interrupted"
+ENDS = (WHOLE, STOPPED, INTERRUPTED)
+"""What the names of logs end with, by how their runs ended."""
+SHORT = 8
+"""So many letters of a campaign's id begin the names of its logs."""
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """One run: `commands` (moment, seconds) follow the rest at its start; the water needs `wait_s` after it."""
+
+    name: str
+    commands: tuple[tuple[float, float], ...]
+    start_heading_deg: float = 0.0
+    wait_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not SAFE_NAME.fullmatch(self.name):
+            raise SettingError(f"name is {self.name!r}; expected at most 100 letters, digits and - + _ .")
+        if self.name.endswith(ENDS[1:]):
+            raise SettingError(f"name is {self.name!r}; expected another end, this one marks runs that were cut short")
+        at_least_zero(self, "wait_s")
+        if not 0 < len(self.commands) <= MOST_COMMANDS:
+            raise SettingError(f"commands has {len(self.commands)} entries; expected 1 to {MOST_COMMANDS}")
+        if min(seconds for _, seconds in self.commands) <= 0:
+            raise SettingError("commands holds a time that is not above 0; expected [moment, seconds] pairs")
+        if self.driven > LONGEST_S or self.wait_s > LONGEST_S:
+            raise SettingError(f"lasts or waits {max(self.driven, self.wait_s):g} s; expected {LONGEST_S:g} at most")
+
+    @property
+    def driven(self) -> float:
+        """Length of the commands [s]."""
+        return self.candidate.driven
+
+    @property
+    def candidate(self) -> Candidate:
+        """The run as a plan knows it."""
+        return Candidate("planned", self.name, self.commands, start_heading=self.start_heading_deg)
+
+
+@dataclass(frozen=True)
+class Battery:
+    """What is stored and must stay, and what is drawn: `idle_A` always, `full_A` more at the moment `at_moment`."""
+
+    charge_Ah: float
+    reserve_percent: float
+    idle_A: float
+    full_A: float
+    at_moment: float
+
+    def __post_init__(self) -> None:
+        positive(self, "charge_Ah", "at_moment")
+        at_least_zero(self, "idle_A", "full_A")
+        between(self, 0.0, 99.0, "reserve_percent")
+
+    @property
+    def supply(self) -> Supply:
+        """What is drawn."""
+        return Supply(self.idle_A, self.full_A, self.at_moment)
+
+
+@dataclass(frozen=True)
+class LinkCampaign:
+    """Runs in order, each logged at `rate_hz` from `rest_s` before its first command; moments in `moment_unit`."""
+
+    schema: Literal["automarine/link-campaign/1"]
+    moment_unit: Literal["nu", "N m"]
+    rate_hz: float
+    rest_s: float
+    battery: Battery
+    runs: tuple[PlannedRun, ...]
+
+    def __post_init__(self) -> None:
+        between(self, 0.5, 200.0, "rate_hz")
+        between(self, 0.0, 60.0, "rest_s")
+        if not 0 < len(self.runs) <= MOST_RUNS:
+            raise SettingError(f"runs has {len(self.runs)} entries; expected 1 to {MOST_RUNS}")
+        names = [run.name for run in self.runs]
+        if twice := next((name for name in names if names.count(name) > 1), None):
+            raise SettingError(f"runs holds {twice!r} more than once; expected a name of its own for each run")
+        for run in self.runs:
+            if (largest := max(abs(moment) for moment, _ in run.commands)) > self.battery.at_moment:
+                raise SettingError(
+                    f"run {run.name!r} has a moment of {largest:g}; expected {self.battery.at_moment:g} at most, the "
+                    "moment that battery.full_A is given for"
+                )
+
+    @property
+    def text(self) -> str:
+        """The document."""
+        return json_text(to_mapping(self))
+
+    @cached_property
+    def id(self) -> str:
+        """SHA-256 of the document."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    def log_name(self, run: PlannedRun) -> str:
+        """Name of a run's log, without what marks its end."""
+        return f"{self.id[:SHORT]}_{run.name}"
+
+    def begins(self, number: int) -> float:
+        """When a run's log begins on the campaign's clock [s]."""
+        return round(sum(self.rest_s + run.driven + run.wait_s for run in self.runs[:number]), 3)
+
+    def left(self, number: int) -> float:
+        """Charge [Ah] of a battery that was full, after so many runs and the waits between them."""
+        supply = self.battery.supply
+        drawn = sum(supply.drawn(run.candidate, self.rest_s) for run in self.runs[:number])
+        return self.battery.charge_Ah - drawn - supply.idle * sum(run.wait_s for run in self.runs[: number - 1]) / 3600
+
+    def refuse_beyond_reserve(self) -> None:
+        """Raise SettingError with the run at which the reserve of the battery would be reached."""
+        kept = self.battery.charge_Ah * self.battery.reserve_percent / 100.0
+        for number, run in enumerate(self.runs, 1):
+            if (left := self.left(number)) < kept:
+                raise SettingError(
+                    f"the battery does not carry this campaign: in run {number} of {len(self.runs)}, {run.name}, it "
+                    f"falls to {left:.3g} Ah of {self.battery.charge_Ah:g}, below the reserve of {kept:.3g} Ah; plan "
+                    "fewer or shorter runs"
+                )
+
+
+def read_campaign(path: Path) -> LinkCampaign:
+    """The campaign in a folder that `automarine plan` wrote, its plan.json, or a document. Raises SettingError."""
+    file = path / PLAN if path.is_dir() else path
+    data = read_plain(file, "JSON", SettingError, most=MOST_BYTES)
+    where = printable(file.name)
+    return campaign_of(_of_plan(data, where) if data.get("schema") == PLAN_SCHEMA else data, where)
+
+
+def campaign_in(content: bytes) -> LinkCampaign:
+    """The campaign in the bytes of a document. Raises SettingError."""
+    source: Source = Document("campaign", content)
+    return campaign_of(read_plain(source, "JSON", SettingError, most=MOST_BYTES), "campaign")
+
+
+def campaign_of(data: Mapping[str, object], where: str) -> LinkCampaign:
+    """The same of plain data. Raises SettingError with the key's path."""
+    return Codec(where).read(LinkCampaign, data)
+
+
+@dataclass(frozen=True)
+class _Planned:
+    name: str
+    commands: object
+    start_heading_deg: float
+    wait_s: float
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    idle_A: float
+    full_A: float
+    at_moment: float
+
+
+@dataclass(frozen=True)
+class _Stored:
+    charge_Ah: float
+    reserve_percent: float
+
+
+@dataclass(frozen=True)
+class _Rest:
+    rest_before_s: float
+
+
+@dataclass(frozen=True)
+class _Rate:
+    rate_hz: float
+
+
+@dataclass(frozen=True)
+class _Limits:
+    runs: _Rest
+    logger: _Rate
+    battery: _Stored
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What of a plan.json is played."""
+
+    moment_unit: str
+    limits: _Limits
+    supply: _Drawn
+    planned: tuple[_Planned, ...]
+
+
+def _of_plan(data: Mapping[str, object], where: str) -> dict[str, object]:
+    plan = Codec(where, writer="plan").read(_Plan, data)
+    return {
+        "schema": SCHEMA,
+        "moment_unit": plan.moment_unit,
+        "rate_hz": plan.limits.logger.rate_hz,
+        "rest_s": plan.limits.runs.rest_before_s,
+        "battery": to_mapping(plan.limits.battery) | to_mapping(plan.supply),
+        "runs": [to_mapping(run) for run in plan.planned],
+    }

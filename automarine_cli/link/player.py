@@ -1,0 +1,103 @@
+"""The process that plays campaigns: it drives while its server's lease is fresh, and never begins a run twice."""
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from automarine_cli.link.document import INTERRUPTED, STOPPED, WHOLE, LinkCampaign
+from automarine_cli.link.store import Store, waiting
+from automarine_cli.link.vehicles import Vehicle
+from automarine_cli.pipeline.lock import HeldElsewhereError, held
+
+LEASE_S = 3.0
+"""A server that has not been heard of for so long is gone."""
+TICK_S = 0.1
+
+
+class Lease:
+    """Whether the server that started this player still lives: it touches a file that holds its word.
+
+    Time is this process's own: a vehicle's wall clock may jump when it hears of the true time.
+    """
+
+    def __init__(self, store: Store, word: str) -> None:
+        self._file, self._word = store.lease, word
+        self._seen, self._when = -1, time.monotonic()
+
+    def holds(self) -> bool:
+        """Whether the lease is the server's own and fresh."""
+        try:
+            touched = self._file.stat().st_mtime_ns
+            if self._file.read_text(encoding="ascii") != self._word:
+                return False
+        except OSError:
+            return False
+        now = time.monotonic()
+        if touched != self._seen:
+            self._seen, self._when = touched, now
+        return now - self._when < LEASE_S
+
+
+@dataclass(frozen=True)
+class Player:
+    """Plays what waits in a store on a vehicle, `speed` times as fast as the clock."""
+
+    store: Store
+    vehicle: Vehicle
+    speed: float
+    lives: Callable[[], bool]
+
+    def play(self) -> None:
+        """Play all that comes until the server is gone."""
+        self.store.close_leftovers()
+        while self.lives():
+            for campaign, number, _ in waiting(self.store):
+                if not self._waited(campaign, number):
+                    break
+                self._run(campaign, number)
+                if not self.lives():
+                    return
+            time.sleep(TICK_S)
+
+    def _waited(self, campaign: LinkCampaign, number: int) -> bool:
+        """Let the water come to rest after the run before; False where the campaign is to go no further."""
+        left = campaign.runs[number - 1].wait_s / self.speed if number else 0.0
+        ends = time.monotonic() + left
+        while not (over := self._over(campaign)) and (left := ends - time.monotonic()) > 0:
+            time.sleep(min(TICK_S, left))
+        return not over
+
+    def _over(self, campaign: LinkCampaign) -> bool:
+        return self.store.is_stopped(campaign) or not self.lives()
+
+    def _run(self, campaign: LinkCampaign, number: int) -> None:
+        name = campaign.log_name(campaign.runs[number])
+        halted = False
+
+        def over() -> bool:
+            nonlocal halted
+            halted = halted or self._over(campaign)
+            return halted
+
+        file = self.store.begin(name)
+        try:
+            for line in self.vehicle.drive(campaign, number, over):
+                os.write(file, line.encode())  # what was sent is known to the system before the next command
+        finally:
+            os.close(file)
+        stopped = halted and self.store.is_stopped(campaign)
+        self.store.close(name, STOPPED if stopped else INTERRUPTED if halted else WHOLE)
+
+
+def play(store: Store, vehicle: Vehicle, speed: float, word: str) -> None:
+    """The whole life of a player's process: alone in its folder, deaf to Ctrl-C, which its server hears."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    lease = Lease(store, word)
+    while lease.holds():  # a player of a server that was killed may still be closing its run
+        with contextlib.suppress(HeldElsewhereError), held(store.folder / ".player"):
+            Player(store, vehicle, speed, lease.holds).play()
+            return
+        time.sleep(TICK_S)

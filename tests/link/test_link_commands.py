@@ -1,0 +1,93 @@
+"""`serve` and `collect` at the prompt: what they print, what they refuse, and their exit statuses."""
+
+import json
+import signal
+import socket
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+from made_link import BATTERY, TOKEN, expected_logs, made_campaign, vehicle_at
+from test_link_cuts import logs_in
+from test_link_kills import ALONE, MODEL_FILE
+
+Run = Callable[..., Result]
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> str:
+    """A yaw model as a file."""
+    file = tmp_path / "yaw_model.json"
+    file.write_text(json.dumps(MODEL_FILE))
+    return str(file)
+
+
+def test_a_dry_run_says_what_a_campaign_would_be(run: Run, model: str, tmp_path: Path) -> None:
+    campaign = made_campaign(2)
+    (tmp_path / "campaign.json").write_text(campaign.text)
+    asked = ["serve", str(tmp_path / "v"), "--vehicle", "simulated", "--model", model, "--dry-run"]
+    found = run(*asked, "--campaign", str(tmp_path / "campaign.json"))
+    assert found.exit_code == 0 and "2 runs in 0.2 min; 100 % of the battery is left, 20 % must be." in found.stdout
+    planned = json.loads(run(*asked, "--campaign", str(tmp_path / "campaign.json"), "--json").stdout)["planned"]
+    assert [one["begins_s"] for one in planned] == [0.0, 7.0]
+    assert planned[0]["turned_deg"] > 0 > planned[1]["turned_deg"]
+    assert not (tmp_path / "v").exists()
+
+
+def test_a_campaign_beyond_the_battery_is_refused_on_both_sides(run: Run, model: str, tmp_path: Path) -> None:
+    campaign = replace(made_campaign(4), battery=replace(BATTERY, charge_Ah=0.01))
+    file = tmp_path / "campaign.json"
+    file.write_text(campaign.text)
+    dry = ["serve", str(tmp_path / "v"), "--vehicle", "simulated", "--model", model, "--dry-run"]
+    for asked in (dry, ["collect", "http://127.0.0.1:9", "-o", str(tmp_path / "pool")]):
+        found = run(*asked, "--campaign", str(file))
+        assert found.exit_code == 1 and "the battery does not carry this campaign: in run " in found.stderr
+
+
+def test_what_is_missing_is_wrong_usage(run: Run, tmp_path: Path) -> None:
+    assert run("serve", str(tmp_path), "--vehicle", "simulated").exit_code == 2
+    assert run("serve", str(tmp_path), "--vehicle", "replay").exit_code == 2
+    assert run("serve", str(tmp_path), "--vehicle", "ardusub").exit_code == 2
+    assert run("serve", str(tmp_path), "--vehicle", "replay", "--recordings", str(tmp_path), "--dry-run").exit_code == 2
+    assert run("collect", "http://127.0.0.1:9").exit_code == 2
+    assert run("collect", "127.0.0.1", "-o", str(tmp_path / "pool")).exit_code == 1
+
+
+def test_collect_brings_the_same_names_and_bytes(run: Run, tmp_path: Path) -> None:
+    campaign = made_campaign(2)
+    (tmp_path / "campaign.json").write_text(campaign.text)
+    with vehicle_at(tmp_path / "vehicle") as vehicle:
+        asked = ["collect", vehicle.url, "--token", TOKEN, "-o", str(tmp_path / "pool")]
+        found = run(*asked, "--campaign", str(tmp_path / "campaign.json"))
+        assert found.exit_code == 0, found.stderr
+        assert "2 logs fetched" in found.stdout and "2 of 2" in found.stdout
+        again = json.loads(run(*asked, "--json").stdout)
+        assert (again["schema"], again["new"], again["bytes"]) == ("automarine/collected/1", 0, 0)
+        changed = tmp_path / "pool" / next(iter(expected_logs(campaign)))
+        changed.write_text("changed")
+        assert run(*asked).exit_code == 1
+        assert run(*asked, "--overwrite").exit_code == 0
+    assert logs_in(tmp_path / "pool") == expected_logs(campaign)
+    assert run("check", str(tmp_path / "pool")).exit_code == 0
+
+
+def test_serve_prints_its_address_and_token_and_ends_in_order(model: str, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    command = [*ALONE, "serve", str(tmp_path / "v"), "--vehicle", "simulated", "--model", model]
+    asked = [*command, "--address", f"127.0.0.1:{port}"]
+    with subprocess.Popen(asked, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None and server.stderr is not None
+        assert server.stdout.readline() == f"http://127.0.0.1:{port}\n"
+        said = server.stdout.readline().removeprefix("token: ").strip()
+        token = tmp_path / "v" / "token"
+        assert said == token.read_text().strip() and len(said) >= 32 and token.stat().st_mode & 0o077 == 0
+        second = subprocess.run(asked, capture_output=True, text=True, check=False)
+        assert second.returncode == 1 and "is served already; end that `automarine serve`" in second.stderr
+        server.send_signal(signal.SIGTERM)
+        assert server.wait(timeout=30) == 130
+        assert server.stderr.read() == "Interrupted; nothing was left half written.\n"
+    assert not (tmp_path / "v" / "lease").exists()

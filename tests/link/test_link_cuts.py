@@ -1,0 +1,178 @@
+"""A link that is cut: no byte wrong, no run lost or played twice, nothing commanded after a stop; who has no token."""
+
+import csv
+import hashlib
+import http.client
+import json
+import socket
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from made_link import TOKEN, CuttingProxy, expected_logs, made_campaign, vehicle_at
+
+from automarine_cli.errors import SettingError
+from automarine_cli.link.client import Client
+from automarine_cli.link.collector import Collector
+from automarine_cli.link.document import LinkCampaign
+
+
+def logs_in(folder: Path) -> dict[str, bytes]:
+    """Name and bytes of the logs."""
+    return {path.name: path.read_bytes() for path in sorted(folder.glob("*.csv"))}
+
+
+def ask(port: int, method: str, path: str, body: bytes | None = None, **headers: str) -> tuple[int, bytes]:
+    """Status and content of one request."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    token = {"Authorization": f"Bearer {TOKEN}"}
+    connection.request(method, path, body, token | {key.capitalize(): value for key, value in headers.items()})
+    answer = connection.getresponse()
+    found = answer.status, answer.read()
+    connection.close()
+    return found
+
+
+def put(port: int, campaign: LinkCampaign) -> int:
+    """Status of putting a campaign."""
+    return ask(port, "PUT", f"/campaigns/{campaign.id}", campaign.text.encode())[0]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_comes_over_a_cut_link_is_what_was_sent(seed: int, tmp_path: Path) -> None:
+    campaign = made_campaign(5, seconds=30.0)
+    with vehicle_at(tmp_path / "vehicle") as vehicle:
+        proxy = CuttingProxy(vehicle.port, ("reset", "reset", "stall", "half-open", "slow", "none"), 2000, seed)
+        with proxy.running() as url:
+            client = Client.of(url, TOKEN)
+            collector = Collector(Client(client.host, client.port, TOKEN, 0.2), tmp_path / "pool", 60.0, poll_s=0.02)
+            state = collector.collect(campaign, stop=False)
+    assert proxy.cuts >= 5 and collector.crossing.cuts >= 5
+    assert logs_in(tmp_path / "pool") == expected_logs(campaign) == logs_in(vehicle.store.runs)
+    assert [(one["played"], one["over"]) for one in state["campaigns"]] == [(5, True)]
+    hashes = {name: hashlib.sha256(content).hexdigest() for name, content in expected_logs(campaign).items()}
+    assert collector.ledger() == hashes
+
+
+def test_a_campaign_put_many_times_is_played_once(tmp_path: Path) -> None:
+    campaign = made_campaign(2)
+    with vehicle_at(tmp_path) as vehicle:
+        found: list[int] = []
+        many = [threading.Thread(target=lambda: found.append(put(vehicle.port, campaign))) for _ in range(6)]
+        for one in many:
+            one.start()
+        for one in many:
+            one.join()
+        assert sorted(found) == [200] * 5 + [201]
+        Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 10.0, poll_s=0.02).collect(campaign, stop=False)
+    assert logs_in(vehicle.store.runs) == expected_logs(campaign)
+
+
+def test_half_a_campaign_is_never_accepted(tmp_path: Path) -> None:
+    campaign = made_campaign(2)
+    content = campaign.text.encode()
+    head = f"PUT /campaigns/{campaign.id} HTTP/1.1\r\nAuthorization: Bearer {TOKEN}\r\n"
+    head += f"Content-Length: {len(content)}\r\n\r\n"
+    with vehicle_at(tmp_path) as vehicle:
+        with socket.create_connection(("127.0.0.1", vehicle.port)) as half:
+            half.sendall(head.encode() + content[: len(content) // 2])
+        time.sleep(0.1)
+        assert vehicle.store.accepted() == [] and list(vehicle.store.campaigns.iterdir()) == []
+        assert ask(vehicle.port, "PUT", f"/campaigns/{campaign.id}", content[:-5])[0] == 422
+
+
+def test_nothing_is_commanded_after_a_stop(tmp_path: Path) -> None:
+    campaign = made_campaign(3, seconds=60.0)
+    with vehicle_at(tmp_path, speed=20.0) as vehicle:
+        assert put(vehicle.port, campaign) == 201
+        while not any(_is_driven(path) for path in vehicle.store.runs.glob("*.part")):
+            time.sleep(0.01)
+        status, content = ask(vehicle.port, "POST", "/stop")
+        assert (status, json.loads(content)) == (200, {"stopped": True, "quiet": True})
+        after = logs_in(vehicle.store.runs)
+        assert list(after) == [f"{campaign.log_name(campaign.runs[0])}_stopped.csv"]
+        time.sleep(0.3)  # six seconds of the vehicle's time
+        assert logs_in(vehicle.store.runs) == after and not vehicle.store.is_playing()
+        (state,) = vehicle.store.state()["campaigns"]
+        assert (state["over"], state["why_stopped"], state["played"]) == (True, "asked to stop", 1)
+        assert put(vehicle.port, campaign) == 200  # known, and stopped for good
+        time.sleep(0.2)
+        assert logs_in(vehicle.store.runs) == after
+    rows = list(csv.reader(next(iter(after.values())).decode().splitlines()))[2:]
+    assert float(rows[-1][2]) == 0.0 and float(rows[-2][2]) != 0.0 and len(rows) < 600  # neutral, then silence
+
+
+def _is_driven(log: Path) -> bool:
+    """Whether the last moment in an open log is not zero."""
+    last = log.read_text().rpartition("\n")[0].rpartition("\n")[2].rpartition(",")[2]
+    return last.startswith(("0.", "-0."))
+
+
+def test_a_stop_comes_before_the_campaign(tmp_path: Path) -> None:
+    first, second = made_campaign(2, seconds=100.0), made_campaign(3)
+    with vehicle_at(tmp_path / "vehicle", speed=50.0) as vehicle:
+        put(vehicle.port, first)
+        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 10.0, poll_s=0.02)
+        state = collector.collect(second, stop=True)
+    assert [one["why_stopped"] for one in state["campaigns"]] == ["asked to stop", None]
+    assert set(expected_logs(second)) <= set(logs_in(tmp_path / "pool"))
+
+
+@pytest.mark.parametrize("token", ["", "wrong", TOKEN[:-1], f"{TOKEN}x"])
+def test_nothing_is_told_to_who_has_no_token(token: str, tmp_path: Path) -> None:
+    with vehicle_at(tmp_path) as vehicle:
+        for method, path in (("GET", "/state"), ("GET", "/runs"), ("GET", "/runs/x.csv"), ("POST", "/stop")):
+            assert ask(vehicle.port, method, path, authorization=f"Bearer {token}")[0] == 401
+        campaign = made_campaign()
+        found = ask(vehicle.port, "PUT", f"/campaigns/{campaign.id}", b"", authorization=f"Bearer {token}")
+        assert found[0] == 401 and vehicle.store.accepted() == []
+        with pytest.raises(SettingError, match="refuses the token; give the one that serve printed with --token"):
+            Collector(Client.of(vehicle.url, token), tmp_path / "pool", 5.0).collect(None, stop=False)
+
+
+def test_ranges_and_names(tmp_path: Path) -> None:
+    campaign = made_campaign(1)
+    with vehicle_at(tmp_path) as vehicle:
+        put(vehicle.port, campaign)
+        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 10.0, poll_s=0.02)
+        collector.collect(campaign, stop=False)
+        ((name, whole),) = expected_logs(campaign).items()
+        place = f"/runs/{name.replace('+', '%2B')}"
+        assert ask(vehicle.port, "GET", place) == (200, whole)
+        assert ask(vehicle.port, "GET", place, range="bytes=10-19") == (206, whole[10:20])
+        assert ask(vehicle.port, "GET", place, range=f"bytes={len(whole) - 3}-") == (206, whole[-3:])
+        assert ask(vehicle.port, "GET", place, range=f"bytes={len(whole)}-")[0] == 416
+        (vehicle.store.folder / "secret.csv").write_text("x")
+        for path in ("/runs/../token", "/runs/..%2Ftoken", "/runs/../secret.csv", "/runs/", "/token", "/runs/none.csv"):
+            assert ask(vehicle.port, "GET", path)[0] == 404
+        assert ask(vehicle.port, "PUT", "/campaigns/../x", b"{}")[0] == 404
+        assert ask(vehicle.port, "PUT", f"/campaigns/{'0' * 64}", b"{}")[0] == 422
+
+
+def test_a_log_that_is_not_what_it_was_closed_as_is_refused(tmp_path: Path) -> None:
+    campaign = made_campaign(1)
+    with vehicle_at(tmp_path / "vehicle") as vehicle:
+        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 10.0, poll_s=0.02)
+        collector.collect(campaign, stop=False)
+        (log,) = vehicle.store.runs.glob("*.csv")
+        log.write_bytes(log.read_bytes().replace(b"0.5", b"0.6", 1)[:-1] + b"9")
+        with pytest.raises(SettingError, match="came 3 times with another SHA-256"):
+            Collector(collector.client, tmp_path / "other", 10.0).collect(None, stop=False)
+        assert logs_in(tmp_path / "other") == {} and logs_in(tmp_path / "pool") == expected_logs(campaign)
+        (tmp_path / "pool" / log.name).write_text("changed")
+        with pytest.raises(SettingError, match="was changed here since it was fetched"):
+            collector.collect(None, stop=False)
+
+
+def test_no_contact_ends_after_the_time_given(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    with pytest.raises(SettingError, match=r"no contact with http://127.0.0.1:\d+ for 0.3 s .*; what came is kept"):
+        Collector(Client.of(f"http://127.0.0.1:{port}", TOKEN), tmp_path / "pool", 0.3).collect(None, stop=False)
+
+
+@pytest.mark.parametrize("url", ["ftp://a:1", "http://a", "a", "http://a:x", "http://a:1/path"])
+def test_an_address_that_is_none(url: str) -> None:
+    with pytest.raises(SettingError, match=r"expected http://HOST:PORT"):
+        Client.of(url, TOKEN)

@@ -1,0 +1,162 @@
+"""kill -9 of the vehicle's processes and of the collector at random moments: nothing lost, nothing twice.
+
+The processes are real; a run that a kill interrupts is closed as it stood, marked, and never begun again.
+"""
+
+import contextlib
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from made_link import BATTERY, expected_logs, made_campaign
+from test_link_cuts import logs_in
+
+from automarine_cli.link.document import LinkCampaign
+
+ALONE = [sys.executable, "-m", "automarine_cli"]
+MODEL_FILE = {
+    "schema": "automarine/yaw-model/1", "moment_unit": "nu", "preferred": "3", "effects": [],
+    "models": {"3": {"I_r": {"value": 1.0, "unit": "nu s²"}, "k_rr": {"value": 1.25, "unit": "nu s²"}}},
+}  # fmt: skip
+
+
+def served(folder: Path, port: int, speed: float) -> subprocess.Popen[bytes]:
+    """A vehicle as processes of its own."""
+    model = folder.with_name("yaw_model.json")
+    model.write_text(json.dumps(MODEL_FILE))
+    options = ["--vehicle", "simulated", "--model", str(model), "--speed", f"{speed:g}"]
+    address = ["--address", f"127.0.0.1:{port}"]
+    return subprocess.Popen(
+        [*ALONE, "serve", str(folder), *options, *address], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+
+
+def collecting(folder: Path, token: str, port: int, campaign: Path) -> subprocess.Popen[bytes]:
+    """The surface as a process of its own."""
+    url = f"http://127.0.0.1:{port}"
+    return subprocess.Popen(
+        [*ALONE, "collect", url, "-o", str(folder), "--token", token, "--campaign", str(campaign), "--wait", "60", "-q"]
+    )
+
+
+def children_of(process: subprocess.Popen[bytes]) -> list[int]:
+    """The processes that it started."""
+    with contextlib.suppress(OSError):
+        return [int(one) for one in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
+    return []
+
+
+def token_in(folder: Path) -> str:
+    """The token, once there is one."""
+    while not (folder / "token").exists():
+        time.sleep(0.02)
+    return (folder / "token").read_text().strip()
+
+
+@contextlib.contextmanager
+def ended(processes: list[subprocess.Popen[bytes]]) -> Iterator[None]:
+    """None of the processes outlives the block."""
+    try:
+        yield
+    finally:
+        for one in processes:
+            for child in children_of(one):
+                with contextlib.suppress(OSError):
+                    os.kill(child, signal.SIGKILL)
+            one.kill()
+            one.wait()
+
+
+def kill_and_go_on(folder: Path, campaign: LinkCampaign, kills: int, seed: int, speed: float) -> dict[str, int]:
+    """Drive a campaign while one process or another is killed; how many of each kind were."""
+    drawn, count = random.Random(seed), {"server": 0, "player": 0, "collector": 0}
+    port = 20000 + (os.getpid() * 7 + seed) % 20000
+    document = folder / "campaign.json"
+    document.write_text(campaign.text)
+    vehicle, pool = folder / "vehicle", folder / "pool"
+    server = served(vehicle, port, speed)
+    collector = collecting(pool, token_in(vehicle), port, document)
+    processes = [server, collector]
+    with ended(processes):
+        while sum(count.values()) < kills:
+            time.sleep(drawn.uniform(0.2, 2.5))
+            victim = drawn.choice(list(count))
+            players = children_of(server)
+            if victim == "server":
+                server.kill()
+                server.wait()
+                processes[0] = server = served(vehicle, port, speed)
+            elif victim == "player" and players:
+                os.kill(players[-1], signal.SIGKILL)
+            elif victim == "collector" and collector.poll() is None:
+                collector.kill()
+                collector.wait()
+                processes[1] = collector = collecting(pool, token_in(vehicle), port, document)
+            else:
+                continue
+            count[victim] += 1
+        assert collector.wait(timeout=300) == 0
+    assert logs_in(pool) == logs_in(vehicle / "runs")
+    return count
+
+
+def assert_played_once(folder: Path, campaign: LinkCampaign) -> int:
+    """One log for each run: whole with the bytes it should have, or interrupted with their beginning; how many were."""
+    found, expected, interrupted = logs_in(folder / "pool"), expected_logs(campaign), 0
+    assert len(found) == len(expected)
+    for name, whole in expected.items():
+        cut = name.replace(".csv", "_interrupted.csv")
+        assert (name in found) != (cut in found)
+        if cut in found:
+            interrupted += 1
+            rows, right = found[cut].splitlines(), whole.splitlines()
+            same = sum(a == b for a, b in zip(rows, right, strict=False))
+            assert same >= len(rows) - 1  # the last may be neutral instead
+            assert same == len(rows) or rows[-1].endswith(b",0")
+        else:
+            assert found[name] == whole
+    return interrupted
+
+
+def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
+    campaign = made_campaign(8, seconds=20.0)
+    count = kill_and_go_on(tmp_path, campaign, 3, seed=4, speed=30.0)
+    assert sum(count.values()) == 3
+    assert assert_played_once(tmp_path, campaign) <= 3
+
+
+@pytest.mark.slow
+def test_a_hundred_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
+    campaign = replace(made_campaign(200, seconds=20.0), battery=replace(BATTERY, charge_Ah=100.0))
+    count = kill_and_go_on(tmp_path, campaign, 100, seed=5, speed=20.0)
+    assert sum(count.values()) == 100 and min(count.values()) >= 15
+    assert assert_played_once(tmp_path, campaign) <= 100
+
+
+def test_a_vehicle_without_its_server_falls_silent(tmp_path: Path) -> None:
+    campaign = made_campaign(1, seconds=600.0)
+    document = tmp_path / "campaign.json"
+    document.write_text(campaign.text)
+    vehicle, port = tmp_path / "vehicle", 20000 + os.getpid() % 20000
+    server = served(vehicle, port, 1.0)
+    collector = collecting(tmp_path / "pool", token_in(vehicle), port, document)
+    with ended([server, collector]):
+        while not (begun := list((vehicle / "runs").glob("*.part"))) or len(begun[0].read_bytes()) < 200:
+            time.sleep(0.05)
+        (player,) = children_of(server)[-1:]
+        server.kill()
+        server.wait()
+        ends = time.monotonic() + 60.0
+        while Path(f"/proc/{player}/cmdline").exists() and Path(f"/proc/{player}/cmdline").read_bytes():
+            assert time.monotonic() < ends
+            time.sleep(0.1)
+    (log,) = (vehicle / "runs").glob("*.csv")
+    assert log.name.endswith("_interrupted.csv") and log.read_text().splitlines()[-1].endswith(",0")
