@@ -54,7 +54,7 @@ def serve(**given: Any) -> object:
         raise click.UsageError("--dry-run and --campaign go together; a campaign is handed over by automarine collect")
     needed = "model" if given["vehicle"] == "simulated" else "recordings"
     if given[needed] is None:
-        raise click.UsageError(f"--vehicle {given['vehicle']} needs --{needed}.")
+        raise click.UsageError(f"--vehicle {given['vehicle']} needs --{needed}; give it.")
     from automarine_cli.workflows.serve import serve_runs
 
     return options.perform_one(serve_runs, {**given, "tell": _tell})

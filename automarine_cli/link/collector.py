@@ -60,7 +60,9 @@ class Collector:
             self.folder.mkdir(parents=True, exist_ok=True)
         self._until_done(self.client.state)
         if stop and not self._until_done(self.client.stop):
-            raise SettingError("the vehicle has stopped its campaigns but is not silent yet; stop it by hand")
+            raise SettingError(
+                "the vehicle has stopped its campaigns but is not silent yet; check the vehicle, and stop it by hand"
+            )
         if campaign is not None:
             content = campaign.text.encode()
             self._until_done(lambda: self.client.put_campaign(campaign.id, content))
@@ -80,14 +82,16 @@ class Collector:
             return {}
         data = read_plain(file, "JSON", SettingError).get("runs")
         if not isinstance(data, Mapping):
-            raise SettingError(f"{LEDGER}: no table of runs; move the file away, and logs are looked at again")
+            raise SettingError(f"{LEDGER}: no table of runs; rename the file, and the logs are looked at again")
         return {str(name): str(found) for name, found in data.items()}
 
     def _fetch(self, name: str, size: int, wanted: str) -> None:
         """One log, whole and with its hash, under its name; nothing to do where it is here."""
         ledger, target = self.ledger(), self.folder / name
         if ledger.get(name, wanted) != wanted:
-            raise SettingError(f"{name} is another log now than when it was fetched; find out why, logs never change")
+            raise SettingError(
+                f"{name} is another log now than when it was fetched; compare both, for logs never change"
+            )
         changed = target.exists() and sha256(target) != wanted
         if changed and not self.overwrite:
             raise SettingError(f"{name} was changed here since it was fetched; move it away, or give --overwrite")

@@ -73,16 +73,16 @@ class Store:
         the battery does not carry.
         """
         if (found := hashlib.sha256(content).hexdigest()) != name:
-            raise SettingError(f"the campaign has the SHA-256 {found[:12]}..., not {name[:12]}...; send it again")
+            raise SettingError(f"the campaign has the SHA-256 {found[:12]}..., not {name[:12]}...; try again")
         campaign = campaign_in(content)
         if campaign.text.encode() != content:
-            raise SettingError("the campaign is not written as `automarine collect` writes it; send it with that")
+            raise SettingError("the campaign is not written as `automarine collect` writes it; use that to send it")
         campaign.refuse_beyond_reserve()
         there = sorted(self.campaigns.glob("*.json"))
         if any(path.stem.endswith(f"_{name}") for path in there):
             return False
         if any(path.stem.partition("_")[2][:SHORT] == name[:SHORT] for path in there):
-            raise SettingError("another campaign here has an id that begins alike; change this one a little")
+            raise SettingError("another campaign here has an id that begins alike; make the plan with another --seed")
         write_whole(self.campaigns / f"{len(there) + 1:04d}_{name}.json", campaign.text)
         sync_folder(self.campaigns)
         return True

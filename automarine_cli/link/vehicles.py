@@ -83,7 +83,7 @@ class Simulated:
         if campaign.moment_unit != self.model.moment_unit:
             raise SettingError(
                 f"the campaign's moments are in {campaign.moment_unit}, the vehicle's model is in "
-                f"{self.model.moment_unit}; plan the campaign with the vehicle's model"
+                f"{self.model.moment_unit}; make the plan from the vehicle's model"
             )
 
     def track(self, campaign: LinkCampaign, run: PlannedRun) -> Track:

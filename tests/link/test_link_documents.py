@@ -72,7 +72,7 @@ def test_a_campaign_is_accepted_once_and_whole(tmp_path: Path) -> None:
     store, campaign = Store(tmp_path), made_campaign()
     store.prepare()
     content = campaign.text.encode()
-    with pytest.raises(SettingError, match="send it again"):
+    with pytest.raises(SettingError, match="try again"):
         store.accept(content[:-20], campaign.id)
     assert store.accepted() == []
     assert (store.accept(content, campaign.id), store.accept(content, campaign.id)) == (True, False)
