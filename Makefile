@@ -7,6 +7,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 AUTOMARINE := $(BIN)/automarine
+BENCHMARK := PYTHONPATH=tests/helpers $(BIN)/python tests/benchmarks
 MAKEFLAGS += --no-print-directory
 .DEFAULT_GOAL := help
 .SILENT:
@@ -100,29 +101,29 @@ sample-runs: $(READY) ## Make sample_runs again from its specifications, byte fo
 	    cp -R $$logs sample_runs/$$(basename $$logs) || exit 1; done; done
 
 paper: $(READY) ## The paper's own tables against 200 simulated campaigns
-	$(BIN)/python tests/benchmarks/paper.py --out $(OUT)
+	$(BENCHMARK)/paper.py --out $(OUT)
 
 pictures: $(READY) ## The figures of README and guide, from sample_runs
-	PYTHONPATH=tests/helpers $(BIN)/python tests/benchmarks/pictures.py
+	$(BENCHMARK)/pictures.py
 
 bench: $(READY) ## Accuracy against the Cramer-Rao bound, speed, start-up time
-	$(BIN)/python tests/benchmarks/bench.py --out $(OUT)/bench.json
+	$(BENCHMARK)/bench.py --out $(OUT)/bench.json
 
 blind: $(READY) ## Does diagnose name what is hidden? Campaigns with a known truth made without the library; hours, goes on
 	mkdir -p $(OUT)/blind
-	test -e $(OUT)/blind/key.json || $(BIN)/python tests/benchmarks/blind_frozen.py write $(OUT)/blind/campaigns --key $(OUT)/blind/key.json
-	$(BIN)/python tests/benchmarks/blind_frozen.py answer $(OUT)/blind/campaigns --answers $(OUT)/blind/answers.json --jobs $(JOBS)
-	$(BIN)/python tests/benchmarks/blind_frozen.py score $(OUT)/blind/answers.json --key $(OUT)/blind/key.json \
+	test -e $(OUT)/blind/key.json || $(BENCHMARK)/blind_frozen.py write $(OUT)/blind/campaigns --key $(OUT)/blind/key.json
+	$(BENCHMARK)/blind_frozen.py answer $(OUT)/blind/campaigns --answers $(OUT)/blind/answers.json --jobs $(JOBS)
+	$(BENCHMARK)/blind_frozen.py score $(OUT)/blind/answers.json --key $(OUT)/blind/key.json \
 	  --figure $(OUT)/blind/confusion.png
 
 closed-loop: $(READY) ## The same where a controller steers and the water disturbs
-	$(BIN)/python tests/benchmarks/closed_loop.py --jobs $(JOBS) --out $(OUT)/closed_loop.json
+	$(BENCHMARK)/closed_loop.py --jobs $(JOBS) --out $(OUT)/closed_loop.json
 
 tuning: $(READY) ## Do the promises of tune hold? Five vehicles in twelve corners, 40 blind ones with a known truth; an hour
-	$(BIN)/python tests/benchmarks/tuning.py --jobs $(JOBS) --out $(OUT)
+	$(BENCHMARK)/tuning.py --jobs $(JOBS) --out $(OUT)
 
 real: $(READY) ## Real logs, halves exchanged: predictions against least squares and constants, what is named; AUTOMARINE_DATA
-	$(BIN)/python tests/benchmarks/real.py --out $(OUT)
+	$(BENCHMARK)/real.py --out $(OUT)
 
 clean: ## Remove results, caches and the virtual environment
 	rm -rf out $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
