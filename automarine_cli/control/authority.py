@@ -54,20 +54,17 @@ def authority(
 
 def turning(known: ThrusterMap, arm: float) -> tuple[Bend, float]:
     """How the moment of two thrusters `arm` [m] off the centre line, one ahead and one astern, grows with the output,
-    and the largest one [N m]. Raises SettingError for a map that cannot say."""
-    if known.forward is None or known.backward is None:
-        lacking = "forward" if known.forward is None else "backward"
-        raise SettingError(
-            f"the thruster map has no {lacking} direction, but one thruster pulls each way in a turn; fit the map from "
-            "a test that pulls both ways"
-        )
-    ends = [curve.n_sat for curve in (known.forward, known.backward) if curve.n_sat is not None]
-    most = min(ends, default=1.0)
+    and the largest one [N m]. Raises SettingError for a map that cannot say.
+
+    The whole output is a control signal of 1, or the largest that the map tells of where that is more: pulses, percent.
+    """
+    ahead, astern = known.both_ways
+    most = max(known.largest or 1.0, 1.0)
     output = np.linspace(0.0, 1.0, POINTS)
-    thrust = known.forward.thrust(most * output) + known.backward.thrust(most * output)
+    thrust = ahead.thrust(most * output) + astern.thrust(most * output)
     if not thrust[-1] > 0:
         raise SettingError(
             "the thruster map gives no thrust at the whole output; give a map whose control signal goes from -1 to 1, "
-            "or that saturates"
+            "or that says how far it was measured (fit it again)"
         )
     return Bend(output, np.asarray(thrust / thrust[-1])), float(arm * thrust[-1])

@@ -93,15 +93,8 @@ class Drive:
 
 def drive_of(known: ThrusterMap, arm: float, most: float | None, equal_thrust: bool, unit: float) -> Drive:
     """The drive of a map. Raises SettingError for a map of one direction, and where the largest signal is not known."""
-    if known.forward is None or known.backward is None:
-        lacking = "forward" if known.forward is None else "backward"
-        raise SettingError(
-            f"the thruster map has no {lacking} direction, but one thruster pulls each way in a turn; fit the map "
-            "from a test that pulls both ways"
-        )
-    ends = [curve.n_sat for curve in (known.forward, known.backward) if curve.n_sat is not None]
-    measured = [] if known.n_range is None else [abs(end) for end in known.n_range if end]
-    largest = most if most is not None else min([*ends, *measured], default=None)
+    ahead, astern = known.both_ways
+    largest = known.largest if most is None else most
     if largest is None:
         raise SettingError(
             "the thruster map does not say how far the control signal goes; give thrusters.largest_command in "
@@ -113,7 +106,7 @@ def drive_of(known: ThrusterMap, arm: float, most: float | None, equal_thrust: b
             f"thrusters.largest_command is {largest:g}, but the thruster map was measured from {low:.4g} to {high:.4g}"
             f"{f' {known.n_unit}' * bool(known.n_unit)}; give it in the map's own unit"
         )
-    return Drive(known.forward, known.backward, arm, largest, equal_thrust, unit)
+    return Drive(ahead, astern, arm, largest, equal_thrust, unit)
 
 
 def _signal(curve: Curve, force: float) -> float:

@@ -6,7 +6,7 @@ from math import isfinite
 
 import numpy as np
 
-from automarine_cli.errors import ModelError
+from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.models.entries import number_at
 from automarine_cli.pipeline.codec import Codec, Place
 from automarine_cli.pipeline.plain_data import Source, read_plain, told
@@ -33,6 +33,24 @@ class ThrusterMap:
     backward: Curve | None
     n_unit: str = ""
     n_range: tuple[float, float] | None = None
+
+    @property
+    def both_ways(self) -> tuple[Curve, Curve]:
+        """The curves ahead and astern. Raises SettingError for a map of one direction."""
+        if self.forward is None or self.backward is None:
+            lacking = "forward" if self.forward is None else "backward"
+            raise SettingError(
+                f"the thruster map has no {lacking} direction, but one thruster pulls each way in a turn; fit the map "
+                "from a test that pulls both ways"
+            )
+        return self.forward, self.backward
+
+    @property
+    def largest(self) -> float | None:
+        """Largest control signal, either way, that it tells of: where a curve saturates, how far was measured."""
+        ends = [curve.n_sat for curve in (self.forward, self.backward) if curve is not None and curve.n_sat is not None]
+        measured = [] if self.n_range is None else [abs(end) for end in self.n_range if end]
+        return min([*ends, *measured], default=None)
 
     def compared(self, names: Sequence[str], commands: Sequence[Floats]) -> CommandRange | None:
         """The range of commands (N,) of thrusters beside the map's own; None for a map that does not say its own."""

@@ -198,3 +198,14 @@ def test_a_yaw_vehicle_with_a_bend_answers_by_its_map() -> None:
     assert bend.of(np.array([0.05, 0.55, -1.0])) == pytest.approx([0.0, 0.5, -1.0])
     assert bend.slope(np.array([0.05, 0.5])) == pytest.approx([0.0, 1.0 / 0.9])
     assert YAW.wraps
+
+
+@pytest.mark.parametrize(("unit", "reach"), [("us", 400.0), ("%", 100.0), ("", 1.0)])
+def test_the_whole_output_is_as_far_as_the_map_was_measured(unit: str, reach: float) -> None:
+    """Pulses, percent and outputs of one thruster: the same moment, the same curve."""
+    curves = [Curve(a / reach**2, 2.0, 0.06 * reach) for a in (40.0, 30.0)]
+    known = ThrusterMap("dead-band", *curves, unit, (-reach, reach))
+    plain, most = turning(ThrusterMap("dead-band", Curve(40.0, 2.0, 0.06), Curve(30.0, 2.0, 0.06)), 0.25)
+    bend, found = turning(known, 0.25)
+    assert found == pytest.approx(most, rel=1e-12)
+    np.testing.assert_allclose(bend.share, plain.share, atol=1e-12)

@@ -1,10 +1,11 @@
 """What ArduPilot's stacks share: the gyro's low-pass, the square-root law of its angle loops, parameter files."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
+from automarine_cli.control.targets.base import Design, Target
 from automarine_cli.quantities import Complexes, Floats
 
 
@@ -54,7 +55,15 @@ def distance_to(velocity: Floats, gain: Floats, limit: Floats) -> Floats:
     return np.asarray(np.where(velocity < near, velocity / np.maximum(gain, 1e-6), far))
 
 
-def params(rows: Sequence[tuple[str, float]], head: Sequence[str]) -> str:
-    """A parameter file as ground stations read it."""
-    lines = [f"# {line}" for line in head]
-    return "\n".join([*lines, *(f"{name},{value:.6g}" for name, value in rows)]) + "\n"
+class ParameterFile(Target):
+    """A target whose file is what ground stations read; `of` says whose gains are in it."""
+
+    of: ClassVar[str]
+
+    def text(self, design: Design) -> str:
+        """What is searched, with what it was before."""
+        names = [one.name for one in self.parameters if one.searched]
+        before = [f"{name} was {design.before[name]:.6g}" for name in names if name in design.before]
+        head = f"{self.of} gains for {self.firmware}; names and units may differ in other versions."
+        lines = [f"# {line}" for line in (head, *design.notes, *before)]
+        return "\n".join([*lines, *(f"{name},{design.gains[name]:.6g}" for name in names)]) + "\n"

@@ -6,27 +6,15 @@ slower than Sub's, in AP_InertialSensor.
 
 import numpy as np
 
-from automarine_cli.control.targets.ardupilot_parts import gyro, gyro_response, params
-from automarine_cli.control.targets.base import (
-    Design,
-    Gains,
-    Nominal,
-    Parameter,
-    State,
-    Target,
-    hold,
-    low_pass,
-    share,
-    spread,
-    within,
-)
+from automarine_cli.control.targets.ardupilot_parts import ParameterFile, gyro, gyro_response
+from automarine_cli.control.targets.base import Gains, Nominal, Parameter, State, hold, low_pass, share, spread, within
 from automarine_cli.quantities import Complexes, Floats
 
 RAD = np.pi / 180.0
 GYRO_HZ = 4.0
 
 
-class ArduRover(Target):
+class ArduRover(ParameterFile):
     """See the module's docstring. Feed-forward has an effect here: what the drag takes at a steady rate."""
 
     name = "ardurover"
@@ -34,6 +22,7 @@ class ArduRover(Target):
     source = "ArduPilot, APM_Control/AR_AttitudeControl"
     file = "ardurover.param"
     firmware = "Rover 4.2 to 4.6"
+    of = "Steering"
     numbers = 5
     period = 0.02
     parameters = (
@@ -105,10 +94,3 @@ class ArduRover(Target):
         rate = pid * low_pass(share(dt, gains["ATC_STR_RAT_FLTE"]), z)
         angle = gains["ATC_STR_ANG_P"] * (rate + gains["ATC_STR_RAT_FF"])
         return angle * hold(s, dt), rate * gyro_response(z, dt, GYRO_HZ) * hold(s, dt)
-
-    def text(self, design: Design) -> str:
-        """What differs from before."""
-        rows = [(one.name, design.gains[one.name]) for one in self.parameters if one.searched]
-        before = [f"{name} was {design.before[name]:.6g}" for name, _ in rows if name in design.before]
-        return params(rows, [f"Steering gains for {self.firmware}; names and units may differ in other versions.",
-                             *design.notes, *before])  # fmt: skip

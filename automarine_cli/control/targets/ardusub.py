@@ -8,20 +8,8 @@ AP_Math/control.cpp; the gyro's low-pass in AP_InertialSensor.
 
 import numpy as np
 
-from automarine_cli.control.targets.ardupilot_parts import RootLaw, distance_to, gyro, gyro_response, params
-from automarine_cli.control.targets.base import (
-    Design,
-    Gains,
-    Nominal,
-    Parameter,
-    State,
-    Target,
-    hold,
-    low_pass,
-    share,
-    spread,
-    within,
-)
+from automarine_cli.control.targets.ardupilot_parts import ParameterFile, RootLaw, distance_to, gyro, gyro_response
+from automarine_cli.control.targets.base import Gains, Nominal, Parameter, State, hold, low_pass, share, spread, within
 from automarine_cli.quantities import Complexes, Floats
 
 RAD = np.pi / 180.0
@@ -48,7 +36,7 @@ class Prepared(dict[str, Floats]):
         self.to_reference, self.to_target = to_reference, to_target
 
 
-class ArduSub(Target):
+class ArduSub(ParameterFile):
     """See the module's docstring. ATC_RAT_YAW_FF has no effect in Sub and is no parameter here."""
 
     name = "ardusub"
@@ -56,6 +44,7 @@ class ArduSub(Target):
     source = "ArduPilot, AC_AttitudeControl"
     file = "ardusub.param"
     firmware = "ArduSub 4.1 to 4.5"
+    of = "Heading"
     numbers = 5
     period = 1.0 / 400.0
     parameters = (
@@ -151,10 +140,3 @@ class ArduSub(Target):
         rate = pid * low_pass(weight["ATC_RAT_YAW_FLTE"], z) * hold(s, dt)
         angle = rate * low_pass(weight["ATC_RAT_YAW_FLTT"], z) * gains["ATC_ANG_YAW_P"] / z
         return angle, rate * gyro_response(z, dt, GYRO_HZ)
-
-    def text(self, design: Design) -> str:
-        """What differs from before, and what it is for; the feed-forward, which does nothing in Sub, is left out."""
-        rows = [(one.name, design.gains[one.name]) for one in self.parameters if one.searched]
-        before = [f"{name} was {design.before[name]:.6g}" for name, _ in rows if name in design.before]
-        return params(rows, [f"Heading gains for {self.firmware}; names and units may differ in other versions.",
-                             *design.notes, *before])  # fmt: skip

@@ -55,6 +55,11 @@ class Nominal:
     force_unit: str
     bend: Bend | None = None
 
+    def model(self, count: int) -> dict[str, Floats]:
+        """The values of `MODEL`, (count,) each."""
+        same = np.ones(count)
+        return {"inertia": same * self.inertia, "drag": same * self.linear, "squared": same * self.quadratic}
+
 
 @dataclass(frozen=True)
 class Design:
@@ -64,6 +69,14 @@ class Design:
     before: Mapping[str, float]
     nominal: Nominal
     notes: Sequence[str] = field(default_factory=tuple)
+
+
+MODEL = (
+    Parameter("inertia", "inertia per moment of the whole output", "s²/{x}", None),
+    Parameter("drag", "its linear drag", "s/{x}", None),
+    Parameter("squared", "its quadratic drag", "s²/{x}²", None),
+)
+"""What controllers made of the identified model take from it."""
 
 
 class Target(ABC):
@@ -160,6 +173,12 @@ def hold(s: Complexes, step: float) -> Complexes:
 def within(value: Floats, most: Floats | float) -> Floats:
     """`value` no larger than `most` on either side."""
     return np.minimum(np.maximum(value, -most), most)
+
+
+def summed(integral: Floats, grown: Floats, now: Floats, error: Floats) -> Floats:
+    """The integrator after a loop: `grown`, unless the output is at its limit and the error would carry it further."""
+    out = now + grown
+    return np.where((np.abs(out) > 1.0) & (out * error > 0), integral, grown)
 
 
 def spread(number: Floats, low: float, high: float) -> Floats:

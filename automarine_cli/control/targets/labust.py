@@ -10,7 +10,19 @@ One design number each: the closed-loop frequencies w of the velocity and w_h of
 import numpy as np
 
 from automarine_cli import __version__
-from automarine_cli.control.targets.base import Design, Gains, Nominal, Parameter, State, Target, hold, spread, within
+from automarine_cli.control.targets.base import (
+    MODEL,
+    Design,
+    Gains,
+    Nominal,
+    Parameter,
+    State,
+    Target,
+    hold,
+    spread,
+    summed,
+    within,
+)
 from automarine_cli.quantities import Complexes, Floats
 
 FIRST = {"yaw": "hdg_controller", "heave": "depth_controller", "surge": "dp_controller", "sway": "dp_controller"}
@@ -32,9 +44,7 @@ class Labust(Target):
     parameters = (
         Parameter("velocity", "closed-loop frequency of the velocity", "rad/s", None, searched=True),
         Parameter("position", "closed-loop frequency of the position", "rad/s", None, searched=True),
-        Parameter("inertia", "inertia per moment of the whole output", "s²/{x}", None),
-        Parameter("drag", "its linear drag", "s/{x}", None),
-        Parameter("squared", "its quadratic drag", "s²/{x}²", None),
+        *MODEL,
         Parameter("rate", "fastest velocity asked for", "{x}/s", None),
     )
 
@@ -42,14 +52,11 @@ class Labust(Target):
         """Frequencies in shares of what the delays allow; the rest is the model."""
         inner, outer = numbers.T
         w = spread(inner, 0.05, 0.6) / (nominal.lag + self.own_lag({}))
-        same = np.ones(len(numbers))
         return {
             "velocity": w,
             "position": w * spread(outer, 0.04, 0.5),
-            "inertia": same * nominal.inertia,
-            "drag": same * nominal.linear,
-            "squared": same * nominal.quadratic,
-            "rate": same * 0.8 * nominal.fastest,
+            **nominal.model(len(numbers)),
+            "rate": np.full(len(numbers), 0.8 * nominal.fastest),
         }
 
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
@@ -71,8 +78,7 @@ class Labust(Target):
         error = wanted - velocity
         now = (2.0 * w * gains["inertia"] - gains["drag"]) * error + gains["squared"] * np.abs(velocity) * velocity
         grown = integral + gains["inertia"] * w**2 * dt * error
-        out = now + grown
-        integral = np.where((np.abs(out) > 1.0) & (out * error > 0), integral, grown)
+        integral = summed(integral, grown, now, error)
         return (origin, way, integral), within(now + integral, 1.0)
 
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:

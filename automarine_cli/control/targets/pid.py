@@ -10,7 +10,18 @@ import json
 
 import numpy as np
 
-from automarine_cli.control.targets.base import Design, Gains, Nominal, Parameter, State, Target, hold, spread, within
+from automarine_cli.control.targets.base import (
+    Design,
+    Gains,
+    Nominal,
+    Parameter,
+    State,
+    Target,
+    hold,
+    spread,
+    summed,
+    within,
+)
 from automarine_cli.quantities import Complexes, Floats
 
 
@@ -66,8 +77,7 @@ class Pid(Target):
         error = reference - position
         now = gains["K_p"] * (gains["b"] * reference - position) - gains["K_d"] * slope
         grown = integral + gains["K_i"] * dt * error
-        out = now + grown
-        integral = np.where((np.abs(out) > 1.0) & (out * error > 0), integral, grown)
+        integral = summed(integral, grown, now, error)
         return (position, slope, integral), within(now + integral, 1.0)
 
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:

@@ -10,7 +10,19 @@ models, PID with acceleration feedforward, feedback linearisation).
 
 import numpy as np
 
-from automarine_cli.control.targets.base import Design, Gains, Nominal, Parameter, State, Target, hold, spread, within
+from automarine_cli.control.targets.base import (
+    MODEL,
+    Design,
+    Gains,
+    Nominal,
+    Parameter,
+    State,
+    Target,
+    hold,
+    spread,
+    summed,
+    within,
+)
 from automarine_cli.control.targets.controller_text import controller
 from automarine_cli.quantities import Complexes, Floats
 
@@ -33,25 +45,20 @@ class Python(Target):
         Parameter("reference", "frequency of the reference model", "rad/s", None, searched=True),
         Parameter("rate", "fastest velocity of the reference", "{x}/s", None, searched=True),
         Parameter("acceleration", "its largest acceleration", "{x}/s²", None, searched=True),
-        Parameter("inertia", "inertia per moment of the whole output", "s²/{x}", None),
-        Parameter("drag", "its linear drag", "s/{x}", None),
-        Parameter("squared", "its quadratic drag", "s²/{x}²", None),
+        *MODEL,
     )
 
     def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
         """Frequencies in shares of what the delays allow, the reference in shares of what the thrusters can follow."""
         inner, outer, ahead, rate, speed_up = numbers.T
         w = spread(inner, 0.04, 0.6) / (nominal.lag + self.own_lag({}))
-        same = np.ones(len(numbers))
         return {
             "velocity": w,
             "position": w * spread(outer, 0.05, 0.8),
             "reference": w * spread(ahead, 0.1, 1.5),
             "rate": spread(rate, 0.3, 0.9) * min(nominal.fastest, 20.0 * nominal.step),
             "acceleration": spread(speed_up, 0.1, 0.8) / nominal.inertia,
-            "inertia": same * nominal.inertia,
-            "drag": same * nominal.linear,
-            "squared": same * nominal.quadratic,
+            **nominal.model(len(numbers)),
         }
 
     def start(self, gains: Gains, position: Floats, holding: Floats) -> State:
@@ -74,8 +81,7 @@ class Python(Target):
         drag = gains["drag"] * velocity + gains["squared"] * np.abs(velocity) * velocity
         now = gains["inertia"] * (pull + 2.0 * w * error) + drag
         grown = integral + gains["inertia"] * w**2 * dt * error
-        out = now + grown
-        integral = np.where((np.abs(out) > 1.0) & (out * error > 0), integral, grown)
+        integral = summed(integral, grown, now, error)
         return (model, slope, integral), within(now + integral, 1.0)
 
     def paths(self, gains: Gains, s: Complexes) -> tuple[Complexes, Complexes]:
