@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from automarine_cli.link.document import INTERRUPTED, STOPPED, WHOLE, LinkCampaign
 from automarine_cli.link.store import Store, waiting
-from automarine_cli.link.vehicles import Vehicle
+from automarine_cli.link.vehicles.base import Vehicle
 from automarine_cli.pipeline.lock import HeldElsewhereError, held
 
 LEASE_S = 3.0

@@ -10,7 +10,9 @@ import numpy as np
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign, read_campaign
 from automarine_cli.link.server import Serving, serve
-from automarine_cli.link.vehicles import Replay, Simulated, Vehicle
+from automarine_cli.link.vehicles.base import Vehicle
+from automarine_cli.link.vehicles.replay import Replay
+from automarine_cli.link.vehicles.simulated import Simulated
 from automarine_cli.report.tables import Table
 from automarine_cli.workflows.command import UNRECORDED, Command, Runner, reads
 from automarine_cli.workflows.view import View

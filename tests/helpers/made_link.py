@@ -15,7 +15,7 @@ from automarine_cli.link.document import Battery, LinkCampaign, PlannedRun
 from automarine_cli.link.player import Player
 from automarine_cli.link.server import LinkServer
 from automarine_cli.link.store import Store
-from automarine_cli.link.vehicles import Simulated
+from automarine_cli.link.vehicles.simulated import Simulated
 from automarine_cli.models.yaw_model import YawModel
 
 TOKEN = "a-token-of-tests"

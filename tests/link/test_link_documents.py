@@ -12,7 +12,8 @@ from automarine_cli.link.client import Client
 from automarine_cli.link.collector import Collector
 from automarine_cli.link.document import PlannedRun, campaign_in, read_campaign
 from automarine_cli.link.store import Store
-from automarine_cli.link.vehicles import Replay, Simulated
+from automarine_cli.link.vehicles.replay import Replay
+from automarine_cli.link.vehicles.simulated import Simulated
 from automarine_cli.pipeline.codec import to_mapping
 
 
