@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from automarine_cli.errors import AutomarineError
 from automarine_cli.link.document import INTERRUPTED, STOPPED, WHOLE, LinkCampaign
 from automarine_cli.link.store import Store, waiting
 from automarine_cli.link.vehicles.base import Vehicle
@@ -43,7 +44,9 @@ class Lease:
 
 @dataclass(frozen=True)
 class Player:
-    """Plays what waits in a store on a vehicle, `speed` times as fast as the clock."""
+    """Plays what waits in a store on a vehicle, `speed` times as fast as the clock.
+
+    A run that the vehicle cuts short ends its campaign: what was wrong is wrong for the next run too."""
 
     store: Store
     vehicle: Vehicle
@@ -82,14 +85,18 @@ class Player:
             halted = halted or self._over(campaign)
             return halted
 
-        file = self.store.begin(name)
+        file, why = self.store.begin(name), ""
         try:
             for line in self.vehicle.drive(campaign, number, over):
                 os.write(file, line.encode())  # what was sent is known to the system before the next command
+        except AutomarineError as problem:
+            why = str(problem)
         finally:
             os.close(file)
         stopped = halted and self.store.is_stopped(campaign)
-        self.store.close(name, STOPPED if stopped else INTERRUPTED if halted else WHOLE)
+        if why:
+            self.store.stop_campaign(campaign, why)
+        self.store.close(name, STOPPED if stopped else INTERRUPTED if halted or why else WHOLE)
 
 
 def play(store: Store, vehicle: Vehicle, speed: float, word: str) -> None:

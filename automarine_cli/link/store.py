@@ -18,6 +18,7 @@ from automarine_cli.pipeline.one_file import write_whole
 from automarine_cli.pipeline.staging import sync_folder
 
 STATE_SCHEMA = "automarine/link-state/1"
+ASKED = "asked to stop"
 
 
 @dataclass(frozen=True)
@@ -90,9 +91,14 @@ class Store:
     def stop(self) -> None:
         """Mark every campaign here as stopped, for good."""
         for campaign in self.accepted():
-            if not self.is_stopped(campaign) and self.next_run(campaign) is not None:
-                write_whole(self._stop_mark(campaign), "")
-        sync_folder(self.campaigns)
+            if self.next_run(campaign) is not None:
+                self.stop_campaign(campaign, ASKED)
+
+    def stop_campaign(self, campaign: LinkCampaign, why: str) -> None:
+        """Mark a campaign as stopped, for good; the first reason is kept."""
+        if not self.is_stopped(campaign):
+            write_whole(self._stop_mark(campaign), why)
+            sync_folder(self.campaigns)
 
     def is_stopped(self, campaign: LinkCampaign) -> bool:
         """Whether it was stopped."""
@@ -163,7 +169,7 @@ class Store:
             "played": played,
             "interrupted": ends.count(INTERRUPTED),
             "over": (stopped and not open_run) or played == len(ends),
-            "why_stopped": "asked to stop" if stopped else None,
+            "why_stopped": self._stop_mark(campaign).read_text(encoding="utf-8") if stopped else None,
             "battery_left_Ah": round(campaign.left(played), 3) if played else campaign.battery.charge_Ah,
         }
 

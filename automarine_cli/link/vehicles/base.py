@@ -1,16 +1,22 @@
 """What drives runs, as the player knows it, and the clock that it keeps.
 
 A vehicle's `drive` yields the lines of the run's log one by one, each when its time has come, with the command as it
-was sent; before every command it asks `halted`, and then sends none but neutral.
+was sent; before every command it asks `halted`, and then sends none but neutral. Where it cannot go on it sends
+neutral and raises `CutShort`.
 """
 
 import time
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
+from automarine_cli.errors import AutomarineError
 from automarine_cli.link.document import LinkCampaign
 
 Halted = Callable[[], bool]
+
+
+class CutShort(AutomarineError):
+    """Why a run ended before its time and the campaign is over, for who reads the vehicle's state."""
 
 
 class Vehicle(Protocol):
@@ -20,7 +26,7 @@ class Vehicle(Protocol):
         """Raise SettingError for a campaign that it cannot drive."""
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
-        """The lines of a run's log, header first; ends early when `halted`, after neutral."""
+        """The lines of a run's log, header first; ends early when `halted`, after neutral. Raises CutShort."""
 
 
 class Pace:
@@ -29,8 +35,16 @@ class Pace:
     def __init__(self, speed: float) -> None:
         self._speed, self._begun = speed, time.monotonic()
 
+    @property
+    def passed(self) -> float:
+        """Seconds of the run that have passed."""
+        return (time.monotonic() - self._begun) * self._speed
+
+    def left(self, seconds: float) -> float:
+        """How long it is by the clock [s] until `seconds` of the run have passed."""
+        return self._begun + seconds / self._speed - time.monotonic()
+
     def until(self, seconds: float) -> None:
         """Return when `seconds` since the beginning have passed."""
-        left = self._begun + seconds / self._speed - time.monotonic()
-        if left > 0:
+        if (left := self.left(seconds)) > 0:
             time.sleep(left)
