@@ -17,14 +17,21 @@ def _tell(serving: Any) -> None:
 @click.command("serve", short_help="On the vehicle: play campaigns, hand out logs.")
 @click.argument("folder", metavar="DIR", type=click.Path(file_okay=False, path_type=Path))
 @click.option(
-    "--vehicle", type=click.Choice(("simulated", "replay")), required=True,
-    help="What drives: a simulated vehicle, or logs that are played once more.",
+    "--vehicle", type=click.Choice(("simulated", "replay", "can")), required=True,
+    help="What drives: a simulated vehicle, logs that are played once more, or a CAN bus.",
 )  # fmt: skip
-@click.option("--model", type=options.FILE, metavar="FILE", help="The yaw_model.json of the simulated vehicle.")
+@click.option(
+    "--model", type=options.FILE, metavar="FILE", help="The yaw_model.json of the simulated vehicle, or of a --dry-run."
+)
 @click.option(
     "--recordings", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="DIR",
     help="The logs that are replayed, NAME.csv for each run of the campaign.",
 )  # fmt: skip
+@click.option(
+    "--bus", default="", metavar="INTERFACE:CHANNEL", help="The CAN bus, as python-can names it: socketcan:can0."
+)
+@options.columns_option
+@options.thrusters_option
 @click.option(
     "--address", default="127.0.0.1:8722", show_default=True, metavar="HOST:PORT",
     help="Where to listen; 0.0.0.0:8722 for every network.",
@@ -52,8 +59,8 @@ def serve(**given: Any) -> object:
     """
     if bool(given["campaign"]) != given["dry_run"]:
         raise click.UsageError("--dry-run and --campaign go together; a campaign is handed over by automarine collect")
-    needed = "model" if given["vehicle"] == "simulated" else "recordings"
-    if given[needed] is None:
+    needed = {"simulated": "model", "replay": "recordings", "can": "bus"}[given["vehicle"]]
+    if not given[needed]:
         raise click.UsageError(f"--vehicle {given['vehicle']} needs --{needed}; give it.")
     from automarine_cli.workflows.serve import serve_runs
 
