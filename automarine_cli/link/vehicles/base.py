@@ -1,7 +1,8 @@
 """What drives runs, as the player knows it, and the clock that it keeps.
 
 A vehicle's `drive` yields the lines of the run's log one by one, each when its time has come, with the command as it
-was sent; before every command it asks `halted`, and then sends none but neutral.
+was sent; before every command it asks `halted`, and then sends none but neutral. The head comes before the run's first
+command: a log without a line is one of a run that never began.
 """
 
 import time
@@ -20,7 +21,10 @@ class Vehicle(Protocol):
         """Raise SettingError for a campaign that it cannot drive."""
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
-        """The lines of a run's log, header first; ends early when `halted`, after neutral."""
+        """The lines of a run's log, header first; ends early when `halted`, after neutral.
+
+        Raises AutomarineError where the vehicle cannot be driven (any further): the campaign is then stopped.
+        """
 
 
 class Pace:
