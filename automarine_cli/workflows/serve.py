@@ -1,5 +1,6 @@
 """`serve`: on the vehicle, plays campaigns and hands out logs; or says beforehand what a campaign would be."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +11,8 @@ import numpy as np
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign, read_campaign
 from automarine_cli.link.server import Serving, serve
+from automarine_cli.link.vehicles.ardusub.ride import Limits
+from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
 from automarine_cli.link.vehicles.base import Vehicle
 from automarine_cli.link.vehicles.replay import Replay
 from automarine_cli.link.vehicles.simulated import Simulated
@@ -66,16 +69,24 @@ def _silent(serving: Serving) -> None:
 
 @dataclass(frozen=True)
 class ServeOptions:
-    """The vehicle's folder and what drives: a simulated one with a `model`, or `recordings` played once more.
+    """The vehicle's folder and what drives: a simulated one with a `model`, `recordings` played once more, or ArduSub
+    at the address `mavlink`.
 
-    `speed` is how many times as fast as the clock; with `dry_run` a `campaign` is only looked at; `tell` hears the
-    address and the token.
+    `full` is the moment of ArduSub's whole output, or `thrusters` at an `arm` [m] tell it; `depth_limit` [m] and
+    `heading_limit` [deg] end a run. `speed` is how many times as fast as the clock; with `dry_run` a `campaign` is only
+    looked at; `tell` hears the address and the token.
     """
 
     folder: Path
-    vehicle: Literal["simulated", "replay"] = "simulated"
+    vehicle: Literal["simulated", "replay", "ardusub"] = "simulated"
     model: Path | None = field(default=None, metadata=reads("file"))
     recordings: Path | None = None
+    mavlink: str | None = None
+    full: float | None = None
+    thrusters: Path | None = field(default=None, metadata=reads("file"))
+    arm: float | None = None
+    depth_limit: float = math.inf
+    heading_limit: float = 1080.0
     address: str = "127.0.0.1:8722"
     speed: float = 1.0
     dry_run: bool = False
@@ -96,6 +107,8 @@ def _serve(asked: ServeOptions, runner: Runner) -> Rehearsal:
     campaign = read_campaign(Path(asked.campaign))
     vehicle.refuse(campaign)
     campaign.refuse_beyond_reserve()
+    if isinstance(vehicle, ArduSub):
+        vehicle.look(campaign)
     runs = []
     for number, run in enumerate(campaign.runs):
         turned = None
@@ -112,6 +125,13 @@ def _vehicle(asked: ServeOptions) -> Vehicle:
         if asked.model is None:
             raise SettingError("a simulated vehicle has the dynamics of a model; give one with --model")
         return Simulated.of(asked.model, asked.speed)
+    if asked.vehicle == "ardusub":
+        if asked.mavlink is None:
+            raise SettingError("where the autopilot is was not said; give its address with --mavlink")
+        if asked.speed != 1.0:
+            raise SettingError("a vehicle in the water goes by the clock; leave out --speed")
+        limits = Limits(asked.depth_limit, asked.heading_limit)
+        return ArduSub(asked.mavlink, asked.full, asked.thrusters, asked.arm, limits)
     if asked.recordings is None:
         raise SettingError("what is to be replayed was not said; give the folder of logs with --recordings")
     return Replay(Path(asked.recordings), asked.speed)
