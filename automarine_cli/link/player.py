@@ -44,9 +44,7 @@ class Lease:
 
 @dataclass(frozen=True)
 class Player:
-    """Plays what waits in a store on a vehicle, `speed` times as fast as the clock.
-
-    A run that the vehicle cuts short ends its campaign: what was wrong is wrong for the next run too."""
+    """Plays what waits in a store on a vehicle, `speed` times as fast as the clock."""
 
     store: Store
     vehicle: Vehicle
@@ -85,18 +83,17 @@ class Player:
             halted = halted or self._over(campaign)
             return halted
 
-        file, why = self.store.begin(name), ""
+        file = self.store.begin(name)
         try:
             for line in self.vehicle.drive(campaign, number, over):
                 os.write(file, line.encode())  # what was sent is known to the system before the next command
-        except AutomarineError as problem:
-            why = str(problem)
+        except AutomarineError as why:  # nobody is asked: what the vehicle refuses now it refuses in the next run
+            self.store.stop(str(why), campaign)
+            halted = True
         finally:
             os.close(file)
         stopped = halted and self.store.is_stopped(campaign)
-        if why:
-            self.store.stop_campaign(campaign, why)
-        self.store.close(name, STOPPED if stopped else INTERRUPTED if halted or why else WHOLE)
+        self.store.close(name, STOPPED if stopped else INTERRUPTED if halted else WHOLE)
 
 
 def play(store: Store, vehicle: Vehicle, speed: float, word: str) -> None:

@@ -4,11 +4,10 @@ import csv
 import hashlib
 import http.client
 import json
+import os
 import socket
 import threading
 import time
-from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -18,7 +17,8 @@ from automarine_cli.errors import SettingError
 from automarine_cli.link.client import Client
 from automarine_cli.link.collector import Collector
 from automarine_cli.link.document import LinkCampaign
-from automarine_cli.link.vehicles.base import CutShort, Halted
+from automarine_cli.link.player import Player
+from automarine_cli.link.store import Store
 from automarine_cli.link.vehicles.simulated import Simulated
 
 
@@ -107,36 +107,32 @@ def test_nothing_is_commanded_after_a_stop(tmp_path: Path) -> None:
     assert float(rows[-1][2]) == 0.0 and float(rows[-2][2]) != 0.0 and len(rows) < 600  # neutral, then silence
 
 
+def test_a_stop_between_two_runs_leaves_no_log(tmp_path: Path) -> None:
+    class StoppedAtTheLastMoment(Store):
+        def begin(self, name: str) -> int:
+            self.stop()
+            return super().begin(name)
+
+    store, campaign, vehicle = StoppedAtTheLastMoment(tmp_path), made_campaign(2), Simulated(MODEL, 1e9)
+    store.prepare()
+    store.accept(campaign.text.encode(), campaign.id)
+    Player(store, vehicle, 1e9, lambda: not store.is_stopped(campaign)).play()
+    assert list(store.runs.iterdir()) == [] and store.state()["campaigns"][0]["over"]
+
+
+def test_a_run_that_never_began_is_played_after_a_power_cut(tmp_path: Path) -> None:
+    store, campaign = Store(tmp_path), made_campaign(1)
+    store.prepare()
+    store.accept(campaign.text.encode(), campaign.id)
+    os.close(store.begin(campaign.log_name(campaign.runs[0])))
+    Player(store, Simulated(MODEL, 1e9), 1e9, lambda: store.next_run(campaign) is not None).play()
+    assert logs_in(store.runs) == expected_logs(campaign)
+
+
 def _is_driven(log: Path) -> bool:
     """Whether the last moment in an open log is not zero."""
     last = log.read_text().rpartition("\n")[0].rpartition("\n")[2].rpartition(",")[2]
     return last.startswith(("0.", "-0."))
-
-
-class Failing(Simulated):
-    """Drives ten lines of its second run, then cannot go on."""
-
-    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
-        lines = super().drive(campaign, number, halted)
-        yield from islice(lines, 10) if number == 1 else lines
-        if number == 1:
-            raise CutShort("the compass fell silent; look at it")
-
-
-def test_a_run_that_the_vehicle_cuts_short_ends_its_campaign(tmp_path: Path) -> None:
-    campaign = made_campaign(4)
-    with vehicle_at(tmp_path, drives=Failing(MODEL, 500.0)) as vehicle:
-        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 10.0, poll_s=0.02)
-        (state,) = collector.collect(campaign, stop=False)["campaigns"]
-        assert (state["over"], state["played"], state["interrupted"]) == (True, 2, 1)
-        assert state["why_stopped"] == "the compass fell silent; look at it"
-        time.sleep(0.1)
-        names = [f"{campaign.log_name(run)}{mark}.csv" for run, mark in zip(campaign.runs, ("", "_interrupted"))]
-        assert list(logs_in(vehicle.store.runs)) == list(logs_in(tmp_path / "pool")) == names
-        later = made_campaign(1)
-        assert put(vehicle.port, later) == 201  # another campaign is driven all the same
-        collector.collect(later, stop=False)
-        assert set(expected_logs(later)) <= set(logs_in(tmp_path / "pool"))
 
 
 def test_a_stop_comes_before_the_campaign(tmp_path: Path) -> None:

@@ -1,22 +1,17 @@
 """What drives runs, as the player knows it, and the clock that it keeps.
 
 A vehicle's `drive` yields the lines of the run's log one by one, each when its time has come, with the command as it
-was sent; before every command it asks `halted`, and then sends none but neutral. Where it cannot go on it sends
-neutral and raises `CutShort`.
+was sent; before every command it asks `halted`, and then sends none but neutral. The head comes before the run's first
+command: a log without a line is one of a run that never began.
 """
 
 import time
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
-from automarine_cli.errors import AutomarineError
 from automarine_cli.link.document import LinkCampaign
 
 Halted = Callable[[], bool]
-
-
-class CutShort(AutomarineError):
-    """Why a run ended before its time and the campaign is over, for who reads the vehicle's state."""
 
 
 class Vehicle(Protocol):
@@ -26,7 +21,10 @@ class Vehicle(Protocol):
         """Raise SettingError for a campaign that it cannot drive."""
 
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
-        """The lines of a run's log, header first; ends early when `halted`, after neutral. Raises CutShort."""
+        """The lines of a run's log, header first; ends early when `halted`, after neutral.
+
+        Raises AutomarineError where the vehicle cannot be driven (any further): the campaign is then stopped.
+        """
 
 
 class Pace:

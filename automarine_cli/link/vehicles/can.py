@@ -13,7 +13,7 @@ from typing import Any
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign, PlannedRun
-from automarine_cli.link.vehicles.base import CutShort, Halted, Pace
+from automarine_cli.link.vehicles.base import Halted, Pace
 from automarine_cli.logs import ColumnMap, ColumnRule
 from automarine_cli.logs.can import messages_of
 from automarine_cli.logs.canonical import CANONICAL, LABELS
@@ -101,11 +101,13 @@ class CanBus:
         run, begins = campaign.runs[number], campaign.begins(number)
         steps = self.steps(campaign, run)
         commands, ends = self._table(campaign, run).names, steps[-1].at
-        yield f"# Driven over CAN, {campaign.log_name(run)}; commands as sent.\n"
-        yield f"{','.join(('time_s', *self.received(), *commands))}\n"
         with self._opened() as bus:
             ear = _Ear(self, bus, {frame.arbitration_id for step in steps for frame in step.frames})
             ear.listen(LISTEN_S / self.speed)
+            if halted():
+                return
+            yield f"# Driven over CAN, {campaign.log_name(run)}; commands as sent.\n"
+            yield f"{','.join(('time_s', *self.received(), *commands))}\n"
             pace, tick, now = Pace(self.speed), 0, steps[0]
             try:
                 while (since := tick / campaign.rate_hz) <= ends and not halted():
@@ -213,21 +215,21 @@ class _Ear:
         return ",".join(self._values.values()) if any(self._values[name] for name in self._headings) else ""
 
     def listen(self, seconds: float) -> None:
-        """Hear what there is. Raises CutShort for a second sender and where no compass speaks."""
+        """Hear what there is. Raises SettingError for a second sender and where no compass speaks."""
         ends = time.monotonic() + seconds
         while (left := ends - time.monotonic()) > 0:
             self.heard(left)
         if not self.last:
-            raise CutShort("no heading came from the bus; look at the compass, the bit rate and the column map")
+            raise SettingError("no heading came from the bus; look at the compass, the bit rate and the column map")
 
     def heard(self, seconds: float) -> str | None:
-        """The next values if they come with a heading, waiting that long at most. Raises CutShort for a frame like
+        """The next values if they come with a heading, waiting that long at most. Raises SettingError for a frame like
         ours that is not ours."""
         frame = self._bus.recv(seconds)
         if frame is None:
             return None
         if frame.arbitration_id in self._ours:
-            raise CutShort(f"somebody else sends 0x{frame.arbitration_id:x}, by which the run is driven; stop that")
+            raise SettingError(f"somebody else sends 0x{frame.arbitration_id:x}, by which the run is driven; stop that")
         message, named = self._by_id.get(frame.arbitration_id, (None, {}))
         if message is None or frame.is_error_frame or len(frame.data) < message.length:
             return None
@@ -243,9 +245,9 @@ class _Ear:
         return self.last
 
     def refuse_silence(self, seconds: float) -> None:
-        """Raise CutShort where the compass has been silent for so long."""
+        """Raise SettingError where the compass has been silent for so long."""
         if time.monotonic() - self._when > seconds:
-            raise CutShort("the compass fell silent; look at it before the next campaign")
+            raise SettingError("the compass fell silent; look at it before the next campaign")
 
     @property
     def _headings(self) -> list[str]:

@@ -25,14 +25,17 @@ class Replay:
     def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
         """The lines of the recorded log."""
         head, column, lines = self._lines(campaign.runs[number])
+        if halted():
+            return
         yield from head
         pace, first = Pace(self.speed), None
         for line in lines:
             now = float(next(csv.reader([line]))[column])
+            if first is not None:
+                pace.until(now - first)
+                if halted():
+                    return
             first = now if first is None else first
-            pace.until(now - first)
-            if halted():
-                return
             yield line
 
     def _lines(self, run: PlannedRun) -> tuple[list[str], int, list[str]]:

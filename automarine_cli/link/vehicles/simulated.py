@@ -73,12 +73,14 @@ class Simulated:
         track = self.track(campaign, run)
         noise = NOISE_DEG * normal(len(track.time), 0, name)
         heading = np.round(np.rad2deg(track.heading) + noise, 3) % 360.0
+        if halted():
+            return
         yield f"# Driven by a simulated vehicle, {name}: no measurement.\n"
         yield f"time_s,heading_deg,{MOMENT_COLUMNS[campaign.moment_unit]}\n"
         pace = Pace(self.speed)
         for since, shown, moment in zip(track.time, heading, track.moment):
             pace.until(float(since))
-            ends = halted()
+            ends = since > 0 and halted()
             yield f"{begins + since:.3f},{shown:.3f},{0.0 if ends else moment:g}\n"
             if ends:
                 return
