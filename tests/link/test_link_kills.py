@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,14 +28,18 @@ MODEL_FILE = {
 }  # fmt: skip
 
 
-def served(folder: Path, port: int, speed: float) -> subprocess.Popen[bytes]:
-    """A vehicle as processes of its own."""
+def served(
+    folder: Path, port: int, speed: float, before: Sequence[str] = (), host: str = "127.0.0.1"
+) -> subprocess.Popen[bytes]:
+    """A vehicle as processes of its own, started by the command `before`, if any."""
     model = folder.with_name("yaw_model.json")
     model.write_text(json.dumps(MODEL_FILE))
     options = ["--vehicle", "simulated", "--model", str(model), "--speed", f"{speed:g}"]
-    address = ["--address", f"127.0.0.1:{port}"]
+    address = ["--address", f"{host}:{port}"]
     return subprocess.Popen(
-        [*ALONE, "serve", str(folder), *options, *address], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [*before, *ALONE, "serve", str(folder), *options, *address],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
 
 
