@@ -30,6 +30,7 @@ from automarine_cli.planning.prior_results import (
 )
 from automarine_cli.planning.rivals import Split, pairs_of, splits
 from automarine_cli.planning.selection import Choice, select
+from automarine_cli.planning.tether import turns, ways_back
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.simulation.specification import SCHEMA
@@ -50,10 +51,11 @@ class Curve:
 class Campaign:
     """A campaign on paper.
 
-    `slots` are its runs in order, `why` what each is for; `now`, `alone` and `together` the estimates by name before
-    it, of its runs alone, and of these with the earlier ones (empty where these are not known or not to be used);
-    `splits` what is expected of each pair of explanations, `grid_splits` of the same on the paper's grid; `plan` and
-    `grid` the precision against minutes, `more` that of one run more of each kind.
+    `slots` are its runs in order, `why` what each is for, `turns` how far [degrees] each turns the vehicle and
+    `ways_back` how far to turn to its start heading, against the tether's twist; `now`, `alone` and `together` the
+    estimates by name before it, of its runs alone, and of these with the earlier ones (empty where these are not known
+    or not to be used); `splits` what is expected of each pair of explanations, `grid_splits` of the same on the paper's
+    grid; `plan` and `grid` the precision against minutes, `more` that of one run more of each kind.
     """
 
     fitting: Fitting
@@ -61,6 +63,8 @@ class Campaign:
     wanted: tuple[str, ...]
     slots: tuple[Slot, ...]
     why: tuple[str, ...]
+    turns: Floats
+    ways_back: Floats
     now: Mapping[str, Estimate]
     alone: Mapping[str, Estimate]
     together: Mapping[str, Estimate]
@@ -110,12 +114,15 @@ def plan_campaign(
     runs = [slot.candidate for slot in slots]
     outcome = splits(pairs, runs)[0]
     per_run, of_grid = information(fitting, runs), information(fitting, grid_runs)
+    turned = turns(fitting.model, fitting.logger, runs)
     return Campaign(
         fitting=fitting,
         limits=limits,
         wanted=wanted,
         slots=slots,
         why=tuple(choice.why[one.label] for one in runs),
+        turns=turned,
+        ways_back=ways_back(turned, [one.start_heading for one in runs]),
         now=known.now,
         alone=predicted(fitting, per_run),
         together=_together(fitting, per_run, before, known) if earlier else {},

@@ -12,7 +12,7 @@ from automarine_cli.pipeline.plain_data import Source
 from automarine_cli.pipeline.recipe import toml_text
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.planning.campaign import Campaign, plan_campaign, specification
-from automarine_cli.planning.candidates import Slot, Supply
+from automarine_cli.planning.candidates import Supply
 from automarine_cli.planning.limits import EXAMPLE, Limits, read_limits
 from automarine_cli.planning.prior_results import read_prior_results
 from automarine_cli.planning.rivals import Split
@@ -68,7 +68,7 @@ class Plan(Shown):
                 "battery_left_Ah": made.slots[-1].left,
                 "battery_left_percent": 100.0 * made.slots[-1].left / limits.battery.charge_Ah,
             },
-            "planned": [_slot_json(slot, why) for slot, why in zip(made.slots, made.why)],
+            "planned": [_slot_json(made, place) for place in range(len(made.slots))],
             "parameters": {
                 name: {
                     "now": _json(made.now.get(name)), "new_runs": one.to_json(),
@@ -172,20 +172,22 @@ def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...], names: 
     write_figures(folder, {"plan": lambda: plan_figure(made)}, formats)
 
 
-def _slot_json(slot: Slot, why: str) -> dict[str, object]:
-    one = slot.candidate
+def _slot_json(made: Campaign, place: int) -> dict[str, object]:
+    slot, one = made.slots[place], made.slots[place].candidate
     return {
         "number": slot.number,
         "name": slot.name,
         "kind": one.kind,
         "begins_s": slot.begins,
         "start_heading_deg": one.start_heading,
+        "turn_there_deg": float(made.ways_back[place]),
+        "turns_deg": float(made.turns[place]),
         "voltage_V": one.voltage,
         "commands": [[moment, seconds] for moment, seconds in one.commands],
         "wait_s": slot.wait,
         "battery_left_Ah": slot.left,
         "command_file": plan_tables.command_name(slot.name),
-        "why": why,
+        "why": made.why[place],
     }
 
 
@@ -205,7 +207,7 @@ def _lines(result: Plan) -> Iterator[str]:
 
 
 def _rows(result: Plan) -> Iterator[Row]:
-    yield from (_slot_json(slot, why) for slot, why in zip(result.campaign.slots, result.campaign.why))
+    yield from (_slot_json(result.campaign, place) for place in range(len(result.campaign.slots)))
 
 
 plan = Command(

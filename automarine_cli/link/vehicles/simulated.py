@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.link.document import LinkCampaign, PlannedRun
 from automarine_cli.link.vehicles.base import Halted, Pace
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.pipeline.words import listed
 from automarine_cli.planning.fitting import Logger
 from automarine_cli.planning.vehicle import MOMENT_COLUMNS
 from automarine_cli.quantities import Floats
@@ -48,7 +50,12 @@ class Simulated:
         return cls(stored.models[stored.preferred], speed)
 
     def refuse(self, campaign: LinkCampaign) -> None:
-        """Raise SettingError for a campaign in moments of another unit."""
+        """Raise SettingError for a campaign in moments of another unit, and for a model of more than moments."""
+        if needed := needed_signals(self.model):
+            raise SettingError(
+                f"the vehicle's model needs {listed(needed)}, which a simulated vehicle does not log; give a model "
+                "without it"
+            )
         if campaign.moment_unit != self.model.moment_unit:
             raise SettingError(
                 f"the campaign's moments are in {campaign.moment_unit}, the vehicle's model is in "
