@@ -30,6 +30,7 @@ from automarine_cli.cli.echo import end_with
     help="When the campaigns are over, run the campaign.toml in DIR (made as by init) into DIR/analysis.",
 )  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Fetch again what was changed in DIR since it was fetched.")
+@options.jobs_option
 @options.json_option
 @options.verbosity
 @click.pass_context

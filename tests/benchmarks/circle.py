@@ -161,7 +161,7 @@ def collected(out: Path, seed: int, speed: float) -> str:
         with proxy.running() as url:
             found = json.loads(automarine(
                 "collect", url, "--token", token, "-o", str(out / "pool"), "--campaign", str(out / "day"),
-                "--wait", "120", "--then", "run", "--json",
+                "--wait", "120", "--then", "run", "--jobs", "2", "--json",
             ))  # fmt: skip
     finally:
         vehicle.terminate()
