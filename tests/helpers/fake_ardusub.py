@@ -133,6 +133,9 @@ class FakeSub:
         wished = {"tau": np.array([self.output + self.stray if self.armed else 0.0])}
         return [int(pulse) for pulse in mixed(wished, self.frame)[:, 0]]
 
+    def heard(self, packet: Packet) -> None:
+        """Nothing; for who wants to act on a packet."""
+
     def disarm(self, why: str) -> None:
         """Disarm by itself, and say why."""
         self.armed, self.disarmed_by = False, why
@@ -146,6 +149,7 @@ class FakeSub:
                 for message in parser.parse_buffer(data) or ():
                     who = message.get_srcSystem(), message.get_srcComponent()
                     self.packets.append(Packet(self.time, *who, message.get_type(), message))
+                    self.heard(self.packets[-1])
                     self._obey(message)
                 if not self.mute:
                     for peer in self._peers:
