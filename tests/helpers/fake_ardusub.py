@@ -133,6 +133,9 @@ class FakeSub:
         wished = {"tau": np.array([self.output + self.stray if self.armed else 0.0])}
         return [int(pulse) for pulse in mixed(wished, self.frame)[:, 0]]
 
+    def heard(self, packet: Packet) -> None:
+        """Nothing; for who wants to act on a packet."""
+
     def disarm(self, why: str) -> None:
         """Disarm by itself, and say why."""
         self.armed, self.disarmed_by = False, why
@@ -146,6 +149,7 @@ class FakeSub:
                 for message in parser.parse_buffer(data) or ():
                     who = message.get_srcSystem(), message.get_srcComponent()
                     self.packets.append(Packet(self.time, *who, message.get_type(), message))
+                    self.heard(self.packets[-1])
                     self._obey(message)
                 if not self.mute:
                     for peer in self._peers:
@@ -191,23 +195,23 @@ class FakeSub:
             self.disarm("Lost manual control")
         if self.armed and known["FS_GCS_ENABLE"] == 2 and self.time - self._beaten > 3.0:
             self.disarm("MYGCS: 255, heartbeat lost")
-        off = int(1500 + self._stick * 0.4 * self.gain) - 1500
-        self.output = self._manual(off) if self.mode == MANUAL else self._stabilised(off, step)
+        self.output = self.manual_output(self._stick) if self.mode == MANUAL else self._stabilised(step)
         tau = np.clip(self.output + self.stray, -1, 1) if self.armed else 0.0
         middle = self.rate + 0.5 * step * (tau - self.k_rr * self.rate * abs(self.rate)) / self.I_r
         self.rate += step * (tau - self.k_rr * middle * abs(middle)) / self.I_r
         self._psi += step * middle
         self.depth += step * self.sinks * self.armed
 
-    def _manual(self, off: float) -> float:
-        known = self.parameters
+    def manual_output(self, stick: int) -> float:
+        """What MANUAL makes of a stick."""
+        known, off = self.parameters, int(1500 + stick * 0.4 * self.gain) - 1500
         span = known["RC4_MAX"] - 1500 if off > 0 else 1500 - known["RC4_MIN"]
         way = -1 if known["RC4_REVERSED"] else 1
         return float(np.clip(way * off / span * known["ACRO_YAW_P"] / 3.375, -1, 1))
 
-    def _stabilised(self, off: float, step: float) -> float:
+    def _stabilised(self, step: float) -> float:
         """The stick is a turn rate beyond its dead zone; in the middle the heading is held after a quarter second."""
-        known = self.parameters
+        known, off = self.parameters, int(1500 + self._stick * 0.4 * self.gain) - 1500
         dead = known["RC4_DZ"] * self.gain
         way = -1 if known["RC4_REVERSED"] else 1
         share = way * math.copysign(max(abs(off) - dead, 0.0) / (400 - dead), off)

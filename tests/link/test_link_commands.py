@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
+from link_processes import ALONE
 from made_link import BATTERY, TOKEN, expected_logs, made_campaign, vehicle_at
 from test_link_cuts import logs_in
-from test_link_kills import ALONE, MODEL_FILE
+from test_link_kills import MODEL_FILE
 
 Run = Callable[..., Result]
 

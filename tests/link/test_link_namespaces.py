@@ -14,9 +14,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from link_processes import ALONE, token_in
 from made_link import expected_logs, made_campaign
 from test_link_cuts import logs_in
-from test_link_kills import ALONE, served, token_in
+from test_link_kills import served
 
 pytestmark = [
     pytest.mark.slow,

@@ -146,6 +146,25 @@ def test_a_lost_lease_is_neutral_then_silence(tmp_path: Path) -> None:
     assert not found.state["over"] and found.state["why_stopped"] is None
 
 
+@pytest.mark.parametrize("number", [511, 176, 400])
+def test_a_stop_at_any_command_leaves_it_disarmed(tmp_path: Path, number: int) -> None:
+    """Also at the word to arm, before it was answered: no run began, and there is no log."""
+    vehicle, store = FakeSub(), Store(tmp_path)
+    store.prepare()
+    store.accept(LONG.text.encode(), LONG.id)
+
+    def heard(packet: Packet) -> None:
+        if _is_command(packet, number):
+            store.stop()
+
+    vehicle.heard = heard  # type: ignore[method-assign]
+    sub = ArduSub(vehicle.address, clock=Tank(vehicle))
+    Player(store, sub, 1e3, lambda: not store.is_stopped(LONG)).play()
+    assert store.is_stopped(LONG) and list(store.runs.iterdir()) == []
+    vehicle.advance(2.0)
+    assert not vehicle.armed and not vehicle.disarmed_by and not vehicle.commanded()
+
+
 def test_what_the_vehicle_refuses_stops_the_campaign(tmp_path: Path) -> None:
     vehicle = FakeSub()
     found = Played(tmp_path, vehicle, LONG, lambda played: vehicle.disarm("Leak Detected"))

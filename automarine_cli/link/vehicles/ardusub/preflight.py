@@ -172,7 +172,10 @@ def outputs_are_known(heard: Heard) -> Part:
     try:
         part = part_of("SERVO_OUTPUT_RAW", channels, heard.parameters)
     except Unclear as unclear:
-        raise SettingError(f"what the thrusters are sent cannot be read as a yaw output: {unclear}") from None
+        raise SettingError(
+            f"no yaw output can be read in what the thrusters are sent: {str(unclear).partition(';')[0]}; use one of "
+            "ArduSub's own frames (FRAME_CONFIG 0 to 6), and check SERVOn_FUNCTION of the motors"
+        ) from None
     if not part.found[0]:
         raise SettingError("no output of the vehicle turns it; check SERVOn_FUNCTION of its motors")
     return part
@@ -203,7 +206,7 @@ def has_charge(heard: Heard, need: Need) -> None:
     if left - need.drawn < need.reserve:
         raise SettingError(
             f"the battery holds {heard.remaining_percent:.0f} % or {left:.2f} Ah by its own count; the campaign needs "
-            f"{need.drawn:.2f} Ah, and {need.reserve:.2f} Ah must stay; charge it, then make a plan of what is left"
+            f"{need.drawn:.2f} Ah, and {need.reserve:.2f} Ah must stay; charge it, and make a plan of what is left"
         )
 
 

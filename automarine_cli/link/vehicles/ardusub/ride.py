@@ -65,9 +65,8 @@ class Ride:
         """Arm, and turn to a heading [deg]. Raises SettingError, Halt."""
         self._enter(STABILIZE)
         self._still(1.0)
-        accepted = self._link.command(ARM_DISARM, 1.0)
-        self._is_armed = True  # also where only the answer was lost
-        if not (accepted and self._link.wait(SILENT_S, lambda: self._link.heard.armed)):
+        self._is_armed = True  # it may be from here on, though the answer be lost
+        if not (self._link.command(ARM_DISARM, 1.0) and self._link.wait(SILENT_S, lambda: self._link.heard.armed)):
             raise SettingError(f"the vehicle does not arm ({self._last_words}); correct what it complains of")
         self._turn_to(heading)
         self._enter(MANUAL)
