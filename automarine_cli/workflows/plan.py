@@ -22,6 +22,7 @@ from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.results.estimate import Estimate
+from automarine_cli.results.kinds import PLAN
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import load_thruster_logs
 from automarine_cli.workflows.command import Command, Runner, reads
@@ -29,8 +30,7 @@ from automarine_cli.workflows.plan_vehicle import drive_for, largest_moment, sup
 from automarine_cli.workflows.shared import Columns, Drawn, aligned
 from automarine_cli.workflows.view import Row, View
 
-SCHEMA = "automarine/plan/1"
-FILES = ("plan.md", "plan.csv", "plan.json", "plan.toml", "plan.png", "commands/")
+FILES = ("plan.md", "plan.csv", PLAN.file, "plan.toml", "plan.png", "commands/")
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,7 +48,7 @@ class Plan(Shown):
         """The result: schema automarine/plan/1."""
         made, limits = self.campaign, self.campaign.limits
         return {
-            "schema": SCHEMA,
+            "schema": PLAN.schema,
             "model": self.model,
             "moment_unit": made.fitting.model.moment_unit,
             "fit": made.fitting.fit,
@@ -164,7 +164,7 @@ def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...], names: 
         folder.write("plan.toml", toml_text(spec))
     folder.write("plan.md", plan_page.page(made, result.model, result.source, rehearsal))
     folder.write("plan.csv", plan_tables.sheet_csv(made))
-    folder.write_json("plan.json", result.to_json())
+    folder.write_json(PLAN.file, result.to_json())
     unit, rest = made.fitting.model.moment_unit, made.limits.runs.rest_before_s
     for slot in made.slots:
         content = command_file(slot.candidate, rest, unit, result.drive, names)

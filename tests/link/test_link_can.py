@@ -123,7 +123,7 @@ def test_a_second_sender_ends_the_campaign(tmp_path: Path) -> None:
         vessel.intrudes = True
 
     why = _ends_early(Vessel(SPEED), tmp_path, intrude, made_campaign(2, seconds=300.0))
-    assert why == "somebody else sends 0x124, by which the run is driven; stop that"
+    assert why == "somebody else sends 0x124, by which the run is driven; make that sender stop"
 
 
 def test_two_thrusters_get_pulses(tmp_path: Path) -> None:

@@ -229,7 +229,9 @@ class _Ear:
         if frame is None:
             return None
         if frame.arbitration_id in self._ours:
-            raise SettingError(f"somebody else sends 0x{frame.arbitration_id:x}, by which the run is driven; stop that")
+            raise SettingError(
+                f"somebody else sends 0x{frame.arbitration_id:x}, by which the run is driven; make that sender stop"
+            )
         message, named = self._by_id.get(frame.arbitration_id, (None, {}))
         if message is None or frame.is_error_frame or len(frame.data) < message.length:
             return None

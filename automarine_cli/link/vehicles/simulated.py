@@ -53,7 +53,7 @@ class Simulated:
         """Raise SettingError for a campaign in moments of another unit, and for a model of more than moments."""
         if needed := needed_signals(self.model):
             raise SettingError(
-                f"the vehicle's model needs {listed(needed)}, which a simulated vehicle does not log; give a model "
+                f"the vehicle's model needs {listed(needed)}, which a simulated vehicle does not log; choose a model "
                 "without it"
             )
         if campaign.moment_unit != self.model.moment_unit:
