@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, stats
+from scipy import optimize, special
 
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.gram import Gram, Grams
@@ -22,6 +22,9 @@ Response = Callable[[Floats, Floats], Floats]
 
 LEAST_NOISE = 1e-4
 """Where the fit of a channel's noise starts at least [its unit]."""
+
+CHI2_95 = float(2.0 * special.gammaincinv(0.5, 0.95))
+"""Rise of a deviance at the ends of a 95 % interval."""
 
 FEWEST_READINGS = 8
 """Readings from which on their noise can be told roughly."""
@@ -201,7 +204,7 @@ class MixedFit(Outcome):
         index = self.effects.factor_names.index(block)
         best, limits = self.variances, self.effects.limits[index]
         place = len(self.noises) + index
-        level = self._deviance(best) + float(stats.chi2.ppf(0.95, 1))
+        level = self._deviance(best) + CHI2_95
 
         def above(log_factor: float) -> float:
             trial = best.copy()
