@@ -29,6 +29,9 @@ CHI2_95 = float(2.0 * special.gammaincinv(0.5, 0.95))
 FEWEST_READINGS = 8
 """Readings from which on their noise can be told roughly."""
 
+Slopes = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
+"""Readings (R, N) for one theta (p,) and run effects (R, q), and their derivatives, (R, N, p) and (R, N, q)."""
+
 SWITCH = "switch-instant"
 """Name of the last entry of theta: where in their sample intervals the commands of all runs change."""
 
@@ -70,7 +73,7 @@ class Problem:
     `names` are those of theta's entries. `positive` (p,) marks the parameters that are searched, and whose intervals
     are formed, on the logarithm. `slots` are the channels, the first that counts first. Where runs were reduced (see
     nodes.py) `samples` (R, C) is how many each counted channel had and `left` (R, C) the part of their sums of squares
-    that no parameters change.
+    that no parameters change. Without `slopes` derivatives are differences.
     """
 
     response: Response
@@ -83,6 +86,7 @@ class Problem:
     slots: tuple[Slot, ...]
     samples: NDArray[np.int64] | None = None
     left: Floats | None = None
+    slopes: Slopes | None = None
 
     @cached_property
     def counted(self) -> tuple[Slot, ...]:
@@ -233,10 +237,18 @@ def without_held(problem: Problem, held: NDArray[np.bool_]) -> Problem:
         whole[:, ~held] = theta
         return problem.response(whole, b)
 
+    def slopes(theta: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
+        assert problem.slopes is not None
+        whole = values.copy()
+        whole[~held] = theta
+        readings, by_theta, by_run = problem.slopes(whole, b)
+        return readings, by_theta[:, :, ~held], by_run
+
     names = tuple(name for name, h in zip(problem.names, held) if not h)
     return replace(
-        problem, response=response, bounds=problem.bounds[~held], positive=problem.positive[~held], names=names
-    )
+        problem, response=response, bounds=problem.bounds[~held], positive=problem.positive[~held], names=names,
+        slopes=None if problem.slopes is None else slopes,
+    )  # fmt: skip
 
 
 def with_held(fit: MixedFit, problem: Problem, held: NDArray[np.bool_]) -> MixedFit:
