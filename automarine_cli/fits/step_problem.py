@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from automarine_cli.fits.mixed_problem import SWITCH, Problem, slots_of
+from automarine_cli.fits.mixed_problem import SWITCH, Problem
 from automarine_cli.fits.nodes import Nodes
 from automarine_cli.fits.run_effects import GAIN, START_POSITION, SWITCHES, Block, RunEffects, bias_of
 from automarine_cli.fits.step_response import AT_ONCE, MOST_OFFSET, NOTHING_KNOWN, Known, StepData, density, instant
@@ -48,7 +48,7 @@ def step_problem(
     bounds = np.array([(0.0, np.inf), *drags, (-most, most)])
     positive = np.array([True, *np.logical_not(signed), False])
     steps = _Steps(data, roles, main, nodes, RunEffects(_blocks(data, known)))
-    slots = slots_of(channels)
+    slots = data.slots
     if nodes is None:
         measured, seen = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in channels)))
         return Problem(
@@ -118,7 +118,7 @@ class _Steps:
             if c == 0 or self.nodes is not None:
                 states = driven.states(self._time(c, rows))
             found = states[1] + driven.of_run[bias_of(channel.quantity)] if channel.velocity else states[0]
-            shown.append(found if self.nodes is None else (self.nodes[c].carry[rows] @ found[..., None])[..., 0])
+            shown.append(found if self.nodes is None else found * self.nodes[c].root[rows])
         return shown[0] if len(shown) == 1 else np.concatenate(shown, axis=2)
 
     def _sloped(self, driven: "_Driven", rows: slice) -> Floats:
@@ -131,7 +131,7 @@ class _Steps:
             for i, name in enumerate(names):
                 if name in columns:  # the others do not show in this channel
                     out[:, i] = columns[name]
-            shown.append(out if self.nodes is None else out @ np.swapaxes(self.nodes[c].carry[rows], 1, 2))
+            shown.append(out if self.nodes is None else out * self.nodes[c].root[rows, None])
         return shown[0] if len(shown) == 1 else np.concatenate(shown, axis=2)
 
 

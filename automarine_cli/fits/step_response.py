@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from automarine_cli.dofs import Dof
+from automarine_cli.fits.mixed_problem import Slot, slots_of
 from automarine_cli.fits.nodes import Nodes, nodes_of
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import HalfTurn
@@ -51,6 +53,11 @@ class StepData:
         if self.velocity is not None and self.velocity_seen is not None:
             found.append(Channel(self.dof.velocity, 0, True, self.velocity, self.velocity_seen))
         return tuple(found)
+
+    @cached_property
+    def slots(self) -> tuple[Slot, ...]:
+        """The places of the channels among the readings."""
+        return slots_of(self.channels)
 
     def nodes(self, count: int) -> tuple[Nodes, ...] | None:
         """The half-turns at `count` nodes each (see nodes.py), channel by channel, made once for all models."""
