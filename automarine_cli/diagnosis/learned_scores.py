@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.pull import Probe, pull_of
@@ -164,5 +164,5 @@ def gains_follow(study: Study, trial: Trial) -> bool:
             left = gains - powers @ np.linalg.lstsq(powers, gains, rcond=None)[0]
             whole, rest = float(((gains - gains.mean()) ** 2).sum()), max(float(left @ left), 1e-300)
             free = len(runs) - POWERS - 1
-            chances.append(float(stats.f.sf((whole - rest) / POWERS / (rest / free), POWERS, free)))
+            chances.append(float(special.fdtrc(POWERS, free, max(whole - rest, 0.0) / POWERS / (rest / free))))
     return min(chances) * len(columns) < FOLLOWS

@@ -115,11 +115,19 @@ class _Point:
 
 
 def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
-    """Readings (R, N), their derivatives by phi (R, N, p) and by the run effects (R, N, q), one-sided differences.
+    """Readings (R, N), their derivatives by phi (R, N, p) and by the run effects (R, N, q); one-sided differences where
+    the problem has no formula for them.
 
     A run effect that can only be zero is not perturbed. Steps point away from zero, so that a mirrored campaign has
     the mirrored derivatives.
     """
+    if problem.slopes is not None:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            theta = problem.natural(phi)
+            fitted, by_theta, by_run = problem.slopes(theta, b)
+            seen = problem.seen[:, :, None]
+            by_phi = by_theta * np.where(problem.positive, theta, 1.0)
+        return np.where(problem.seen, fitted, 0.0), np.where(seen, by_phi, 0.0), np.where(seen, by_run, 0.0)
     free = np.flatnonzero(problem.effects.scale.any(axis=0))
     p, q = len(phi), len(free)
     step = PHI_STEP * np.where(phi < 0, -1.0, 1.0) * np.maximum(np.abs(phi), 1e-1)
