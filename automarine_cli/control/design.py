@@ -13,13 +13,27 @@ from automarine_cli.control.knowledge import Knowledge
 from automarine_cli.control.margins import Margins
 from automarine_cli.control.members import Bend, Vehicles, crowd
 from automarine_cli.control.plant import sensor_lag
-from automarine_cli.control.search import FINE, SHARE, Crowd, Task, all_margins, flown, grid_for, picked, searched
+from automarine_cli.control.search import (
+    FINE,
+    ROUGH,
+    SHARE,
+    Crowd,
+    Task,
+    all_margins,
+    flown,
+    grid_for,
+    paced,
+    picked,
+    searched,
+)
 from automarine_cli.control.targets.base import Gains, Nominal, Target
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.quantities import Floats
 
 Verdict = Literal["gains", "leave", "cannot-promise"]
 CROWD, PRESENT, JUDGED = 180, 60, 24
+EXACT, STEADY = 0.02, 0.05
+"""Loops of the flights that are promised, and of those that gains are chosen by: see `paced`."""
 DEAREST = 2.0
 """How much longer gains for all explanations may take to settle than gains for the right one alone."""
 LONG_DELAY = 0.1
@@ -109,7 +123,8 @@ def _designed(
 ) -> Designed | None:  # fmt: skip
     """The verdict from flights of so many seconds; None where gains keep the margin and do not settle in time."""
     some = [one.first(PRESENT // len(crowds)) for one in crowds]
-    old = None if present is None else outcome(target, present, some, task)
+    exact = paced(target, nominal, EXACT)
+    old = None if present is None else outcome(target, present, some, task, exact)
 
     def said(verdict: Verdict, why: str, new: Outcome | None = None, run: str = "") -> Designed:
         return Designed(verdict, why, target, task, nominal, crowds, new, old, run, known.notes)
@@ -118,9 +133,8 @@ def _designed(
         share = old.share_with(task.margin)
         kept = f"The present gains keep the margin of {task.margin:g} for {share:.0%} of the vehicles that the model"
         return said("leave", f"{kept} allows, and all but a few settle.")
-    quick = type(target)(float(np.clip(0.02 * nominal.lag, target.period, max(target.period, 0.02))), target.beyond)
-    chosen = _chosen(quick, target, nominal, crowds, task)
-    dear = _price(quick, nominal, known, crowds, task, chosen)
+    chosen = _chosen(target, nominal, crowds, task)
+    dear = _price(target, nominal, known, crowds, task, chosen)
     if chosen is None and not dear:
         where = "" if target.beyond or not target.firmware else " within the documented ranges"
         return said("cannot-promise", f"No gains{where} keep a disk margin of {task.margin:g} for {SHARE:.0%} of the "
@@ -128,18 +142,20 @@ def _designed(
     if dear:
         return said("cannot-promise", dear[0], run=_run(known, dear[1]))
     assert chosen is not None
-    new = outcome(target, chosen, crowds, task)
+    new = outcome(target, chosen, crowds, task, exact)
     if not _keeps(new, crowds, task):
         return None
     return said("gains", _why(new, old, task), new)
 
 
-def outcome(target: Target, gains: Mapping[str, float], crowds: Sequence[Crowd], task: Task) -> Outcome:
-    """What gains do over all crowds."""
+def outcome(
+    target: Target, gains: Mapping[str, float], crowds: Sequence[Crowd], task: Task, paced: Target | None = None
+) -> Outcome:
+    """What gains do over all crowds, flown with the loops of `paced` where that is given."""
     own: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
     omega = grid_for(target, crowds, FINE)
     found = [all_margins(target, own, one.vehicles, omega) for one in crowds]
-    flights = [step_and_load(target, own, one.vehicles, task.step, task.load, task.seconds) for one in crowds]
+    flights = [step_and_load(paced or target, own, one.vehicles, task.step, task.load, task.seconds) for one in crowds]
     flight = Flight(
         flights[0].time, *(np.concatenate([getattr(f, k) for f in flights]) for k in ("position", "output"))
     )
@@ -155,13 +171,11 @@ def _keeps(found: Outcome, crowds: Sequence[Crowd], task: Task) -> bool:
     return all(np.mean(part) >= SHARE for part in np.split(good, ends))
 
 
-def _chosen(
-    quick: Target, target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task
-) -> dict[str, float] | None:
+def _chosen(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task) -> dict[str, float] | None:
     """The best gains that all crowds can live with; looked for with more margin on the probes where that fails."""
     omega = grid_for(target, crowds, FINE // 2)
     for more in (1.0, 1.12, 1.3):
-        found = searched(quick, nominal, crowds, replace(task, margin=more * task.margin), 3)
+        found = searched(target, nominal, crowds, replace(task, margin=more * task.margin), 3)
         costs = []
         for k in range(len(found.cost)):
             gains = {name: float(value[k]) for name, value in found.gains.items()}
@@ -170,7 +184,7 @@ def _chosen(
             if min(kept) >= SHARE:
                 costs.append((k, gains))
         if costs:
-            return _steadiest(quick, found.gains, costs, crowds, task)
+            return _steadiest(paced(target, nominal, STEADY), found.gains, costs, crowds, task)
     return None
 
 
@@ -186,17 +200,18 @@ def _steadiest(
 
 
 def _price(
-    quick: Target, nominal: Nominal, known: Knowledge, crowds: Sequence[Crowd], task: Task,
+    target: Target, nominal: Nominal, known: Knowledge, crowds: Sequence[Crowd], task: Task,
     chosen: Mapping[str, float] | None,
 ) -> tuple[str, str] | None:  # fmt: skip
     """What is open and dear, in a sentence, and the effect to be settled; None where knowing it would gain little."""
+    quick = paced(target, nominal, ROUGH)
     parts = list(zip(crowds, [one.instead for one in known.explanations])) if len(crowds) > 1 else []
     if known.spread.late >= LONG_DELAY:
         base = crowds[0]
         prompt = base.vehicles.pick(np.flatnonzero(base.vehicles.late <= np.quantile(base.vehicles.late, 0.25)))
         parts.append((Crowd("a short delay", prompt), "input-delay"))
     for part, effect in parts:
-        alone = searched(quick, nominal, [part], task, 1)
+        alone = searched(target, nominal, [part], task, 1)
         if not len(alone.cost):
             continue
         best = {name: value[:1] for name, value in alone.gains.items()}

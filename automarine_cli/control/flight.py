@@ -14,6 +14,8 @@ from automarine_cli.quantities import Floats
 
 LONGEST_STEP = 0.01
 """Longest step [s] of a vehicle between two loops of its controller."""
+READ = 0.1
+"""Readings are as far off as they are for so long [s]: the pace of logs, of which their noise is known."""
 TWO = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
 """The two flights: one with the step of the reference, one with the load."""
 
@@ -31,7 +33,8 @@ def fly(
     target: Target, gains: Gains, vehicles: Vehicles, reference: Floats, load: Floats, *, every: float = 0.1
 ) -> Flight:
     """Fly from rest: `reference` (S or 1, R, M) at each loop of the controller from position 0, `load` (S or 1, R) a
-    moment against the vehicle all along; kept `every` so many seconds."""
+    moment against the vehicle all along; kept `every` so many seconds. Readings have the vehicles' noise, the same in
+    every call."""
     if target.linear:
         vehicles = replace(vehicles, bend=None)
     step, loops = target.period, reference.shape[2]
@@ -44,14 +47,19 @@ def fly(
     state = target.start(gains, hull.position[0], rest)
     lag, shown = sensor_lag(vehicles)[:, None], hull.position[0]
     late = np.exp(-step / np.maximum(lag, 1e-9))
-    stride = max(1, round(every / step))
+    stride, pace = max(1, round(every / step)), max(1, round(READ / step))
+    random, sizes = np.random.default_rng(0), np.array(vehicles.noise)[:, None, None]
+    wrong = sizes * np.zeros((2, len(vehicles), flights))
     kept: list[Floats] = []
     outputs: list[Floats] = []
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable set of gains may run away
         for k in range(loops):
             position = hull.position[0]
             shown = position + late * (shown - position)
-            state, output = target.step(state, gains, reference[:, :, k], shown, hull.velocity[0])
+            if k % pace == 0 and any(vehicles.noise):
+                wrong = sizes * random.standard_normal(wrong.shape)
+            read = shown + wrong[0], hull.velocity[0] + wrong[1]
+            state, output = target.step(state, gains, reference[:, :, k], *read)
             if k % stride == 0:
                 kept.append(position)
                 outputs.append(output)
