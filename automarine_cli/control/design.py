@@ -20,6 +20,7 @@ from automarine_cli.control.search import (
     Crowd,
     Task,
     all_margins,
+    brief,
     flown,
     grid_for,
     paced,
@@ -133,8 +134,9 @@ def _designed(
         share = old.share_with(task.margin)
         kept = f"The present gains keep the margin of {task.margin:g} for {share:.0%} of the vehicles that the model"
         return said("leave", f"{kept} allows, and all but a few settle.")
-    chosen = _chosen(target, nominal, crowds, task)
-    dear = _price(target, nominal, known, crowds, task, chosen)
+    short = brief(target, nominal, crowds, task)
+    chosen = _chosen(target, nominal, crowds, short)
+    dear = _price(target, nominal, known, crowds, short, chosen)
     if chosen is None and not dear:
         where = "" if target.beyond or not target.firmware else " within the documented ranges"
         return said("cannot-promise", f"No gains{where} keep a disk margin of {task.margin:g} for {SHARE:.0%} of the "
@@ -214,13 +216,11 @@ def _price(
         alone = searched(target, nominal, [part], task, 1)
         if not len(alone.cost):
             continue
-        best = {name: value[:1] for name, value in alone.gains.items()}
-        mine = flown(quick, best, part.probes.pick(slice(0, 1)), task)[1].settling[0]
-        if chosen is None:
-            ours = np.inf
-        else:
-            own = {name: np.array([value]) for name, value in chosen.items()}
-            ours = flown(quick, own, part.probes.pick(slice(0, 1)), task)[1].settling[0]
+        both = {
+            name: np.append(value[:1], [] if chosen is None else [chosen[name]]) for name, value in alone.gains.items()
+        }
+        settling = flown(quick, both, part.vehicles.pick(slice(0, 1)), task)[1].settling
+        mine, ours = settling[0], np.inf if chosen is None else settling[1]
         if ours > DEAREST * mine:
             settled = effect or next((one.instead for one in known.explanations if one.instead), "input-delay")
             what = "no gains" if not np.isfinite(ours) else f"gains that settle in {ours:.1f} s"

@@ -30,15 +30,16 @@ class Flight:
 
 
 def fly(
-    target: Target, gains: Gains, vehicles: Vehicles, reference: Floats, load: Floats, *, every: float = 0.1
-) -> Flight:
+    target: Target, gains: Gains, vehicles: Vehicles, reference: Floats, load: Floats, *, every: float = 0.1,
+    longest: float = LONGEST_STEP,
+) -> Flight:  # fmt: skip
     """Fly from rest: `reference` (S or 1, R, M) at each loop of the controller from position 0, `load` (S or 1, R) a
-    moment against the vehicle all along; kept `every` so many seconds. Readings have the vehicles' noise, the same in
-    every call."""
+    moment against the vehicle all along; kept `every` so many seconds, the vehicle in steps of `longest` [s] at most.
+    Readings have the vehicles' noise, the same in every call."""
     if target.linear:
         vehicles = replace(vehicles, bend=None)
     step, loops = target.period, reference.shape[2]
-    parts = max(1, int(np.ceil(step / LONGEST_STEP - 1e-9)))
+    parts = max(1, int(np.ceil(step / longest - 1e-9)))
     flights = reference.shape[1]
     hull, drive = Body(vehicles, flights), Actuators(vehicles, flights, step / parts)
     rest = holding(vehicles)[:, None]
@@ -87,12 +88,13 @@ class Scores:
 
 
 def step_and_load(
-    target: Target, gains: Gains, vehicles: Vehicles, step: float, load: float, seconds: float, every: float = 0.1
-) -> Flight:
+    target: Target, gains: Gains, vehicles: Vehicles, step: float, load: float, seconds: float, every: float = 0.1,
+    longest: float = LONGEST_STEP,
+) -> Flight:  # fmt: skip
     """Two flights of every set: a step of the reference, and a load in shares of the whole output from rest."""
     loops = max(2, round(seconds / target.period))
     reference = np.repeat((step * TWO[0])[:, :, None], loops, axis=2)
-    return fly(target, gains, vehicles, reference, load * vehicles.full * TWO[1], every=every)
+    return fly(target, gains, vehicles, reference, load * vehicles.full * TWO[1], every=every, longest=longest)
 
 
 def scores(flight: Flight, step: float, band: float) -> Scores:
