@@ -58,7 +58,7 @@ class Outcome:
 @dataclass(frozen=True)
 class Designed:
     """The verdict and why; `new` and `old` outcomes where there are any; the crowds, the task, the vehicle as the
-    designer saw it, and the run that would settle what is open."""
+    designer saw it, the effect that is open and changes the answer (empty for none), and the run that settles it."""
 
     verdict: Verdict
     why: str
@@ -68,6 +68,7 @@ class Designed:
     crowds: tuple[Crowd, ...]
     new: Outcome | None
     old: Outcome | None
+    open: str
     run: str
     notes: tuple[str, ...]
 
@@ -111,11 +112,9 @@ def design(
         found = _designed(target, known, crowds, nominal, replace(task, seconds=longer * seconds_for(nominal)), present)
         if found is not None:
             return found
-    why = (
-        f"The best gains that keep a disk margin of {task.margin:g} do not settle for {SHARE:.0%} of the vehicles that"
-    )
-    why = f"{why} the model allows."
-    return Designed("cannot-promise", why, target, task, nominal, crowds, None, None, _run(known, ""), known.notes)
+    why = f"The best gains that keep a disk margin of {task.margin:g} do not settle for {SHARE:.0%} of the vehicles"
+    why = f"{why} that the model allows. {_more(target)}"
+    return Designed("cannot-promise", why, target, task, nominal, crowds, None, None, "", "", known.notes)
 
 
 def _designed(
@@ -127,8 +126,9 @@ def _designed(
     exact = paced(target, nominal, EXACT)
     old = None if present is None else outcome(target, present, some, task, exact)
 
-    def said(verdict: Verdict, why: str, new: Outcome | None = None, run: str = "") -> Designed:
-        return Designed(verdict, why, target, task, nominal, crowds, new, old, run, known.notes)
+    def said(verdict: Verdict, why: str, new: Outcome | None = None, left: str = "") -> Designed:
+        run = _run(known, left) if left else ""
+        return Designed(verdict, why, target, task, nominal, crowds, new, old, left, run, known.notes)
 
     if old is not None and _keeps(old, crowds, task):
         share = old.share_with(task.margin)
@@ -140,9 +140,9 @@ def _designed(
     if chosen is None and not dear:
         where = "" if target.beyond or not target.firmware else " within the documented ranges"
         return said("cannot-promise", f"No gains{where} keep a disk margin of {task.margin:g} for {SHARE:.0%} of the "
-                                      "vehicles that the model allows.", run=_run(known, ""))  # fmt: skip
+                                      f"vehicles that the model allows. {_more(target)}")  # fmt: skip
     if dear:
-        return said("cannot-promise", dear[0], run=_run(known, dear[1]))
+        return said("cannot-promise", dear[0], left=dear[1])
     assert chosen is not None
     new = outcome(target, chosen, crowds, task, exact)
     if not _keeps(new, crowds, task):
@@ -235,8 +235,13 @@ def _price(
 
 def _run(known: Knowledge, effect: str) -> str:
     """The run that settles what is open."""
-    name = effect or "input-delay"
-    return known.splits.get(name) or effects.get(name).card(known.model.dof).separated_by
+    return known.splits.get(effect) or effects.get(effect).card(known.model.dof).separated_by
+
+
+def _more(target: Target) -> str:
+    """What may be tried where nothing is open."""
+    wider = "" if target.beyond or not target.firmware else "--beyond-range or "
+    return f"Try {wider}a smaller --margin, or a smaller --step."
 
 
 def _why(new: Outcome, old: Outcome | None, task: Task) -> str:

@@ -148,11 +148,13 @@ def tables(made: Designed) -> list[Table | str]:
     return shown
 
 
-def page(made: Designed, source: str, files: tuple[str, ...]) -> str:
-    """`tuning.md`."""
+def page(made: Designed, source: str, files: tuple[str, ...], plan: str = "") -> str:
+    """`tuning.md`; `plan` is the page of the runs that settle what is open."""
     parts = [f"# A controller for {made.target.name}, from {source}", *sentences(made)]
     if made.new is not None:
         parts += [f"The file to load: `{made.target.file}`. {FIRST_FLIGHT}"]
+    if plan:
+        parts += [f"Runs that settle it, with their command files: [{plan}]({plan})."]
     for one in tables(made):
         parts += [one.to_markdown().rstrip()] if isinstance(one, Table) else []
     if "tuning.png" in files:
