@@ -15,7 +15,7 @@ from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import paper_grid
 from automarine_cli.planning.limits import Limits
-from automarine_cli.planning.prior_results import NO_RIVALS, SCATTER, PriorResults, read_prior_results
+from automarine_cli.planning.prior_results import NO_RIVALS, NOISE_DEG, SCATTER, PriorResults, read_prior_results
 from automarine_cli.planning.rivals import closest, with_effect
 from automarine_cli.quantities import Floats
 from automarine_cli.results.kinds import DIAGNOSIS
@@ -89,9 +89,17 @@ def read_knowledge(
     logged = next((term.values[1] for term in known.model.terms if term.name == "voltage-exponent"), 1.0)
     volts = (logged, supply[0] * logged, supply[1] * logged)
     scatter = SCATTER if known.scatter is None else known.scatter
-    spread = Spread(np.zeros((0, 0)), scatter, late, volts)
+    spread = Spread(np.zeros((0, 0)), scatter, late, volts, _noise(known))
     notes = tuple(one for one in (*known.notes, note) if one and one != NO_RIVALS and "planned runs" not in one)
     return Knowledge(known.stored, (main, *others), spread, largest, guessed, _splits(said), notes)
+
+
+def _noise(known: PriorResults) -> tuple[float, float]:
+    """Noise of the readings of position and velocity [base units]: as the fit found it; of a position of which the file
+    does not say, one of the units that people read."""
+    sizes = (known.noise_deg or NOISE_DEG, known.rate_noise_deg_s or 0.0)
+    unit = float(known.model.dof.shown(1.0))
+    return sizes[0] / unit, sizes[1] / unit
 
 
 def _refuse(model: YawModel, name: str, known: PriorResults) -> None:

@@ -1,14 +1,15 @@
 """`plan`: what is still unsure and what a day at the pool allows -> the runs of the next campaign."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from automarine_cli.errors import ModelError
-from automarine_cli.logs import ColumnMap, Logs, given_columns
+from automarine_cli.logs import Logs, given_columns
 from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import Source
+from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.recipe import toml_text
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.planning.campaign import Campaign, plan_campaign, specification
@@ -131,6 +132,16 @@ def _plan(asked: PlanOptions, runner: Runner) -> Plan:
     `thruster_tests` that logged a current or a power the battery's use. Raises ModelError, SettingError, LogError,
     RunError or OutputError.
     """
+    work = planning(asked, runner.progress)
+
+    def write(folder: ResultFolder, result: Plan) -> None:
+        write_plan(folder, result, asked)
+
+    return runner.results(asked, work, write)
+
+
+def planning(asked: PlanOptions, progress: Progress = silent) -> Callable[[], Plan]:
+    """What makes the plan, once everything is read and checked. Raises as `plan` does."""
     known, limits = read_prior_results(asked.model, asked.diagnosis), asked.limits
     if not known.model.dof.wraps:
         source, motion = known.stored.source, known.model.dof.name
@@ -139,24 +150,22 @@ def _plan(asked: PlanOptions, runner: Runner) -> Plan:
     names, tests = given_columns(asked.columns), asked.thruster_tests
     drive = drive_for(asked.thrusters, asked.arm, names, known, allowed)
     largest = largest_moment(known, allowed, drive)
-    records = load_thruster_logs(tests, names, progress=runner.progress).records if tests else None
+    records = load_thruster_logs(tests, names, progress=progress).records if tests else None
     per_test = int(names.defaults.get("thrusters_per_test", 1))
     supply, source = supply_for(allowed, largest, known.stored.moment_unit, drive, per_test, records)
 
     def work() -> Plan:
         found = plan_campaign(
-            known, allowed, largest, supply, wanted=asked.parameters, seed=asked.seed, progress=runner.progress
+            known, allowed, largest, supply, wanted=asked.parameters, seed=asked.seed, progress=progress
         )
         return Plan(found, known.stored.source, drive, supply, source, asked.seed)
 
-    def write(folder: ResultFolder, result: Plan) -> None:
-        _write(folder, result, asked.figure_formats, names)
-
-    return runner.results(asked, work, write)
+    return work
 
 
-def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...], names: ColumnMap) -> None:
-    made = result.campaign
+def write_plan(folder: ResultFolder, result: Plan, asked: PlanOptions) -> None:
+    """The plan's files into a folder."""
+    made, names = result.campaign, given_columns(asked.columns)
     spec, missing = specification(made, result.seed)
     rehearsal = missing
     if spec:
@@ -169,7 +178,7 @@ def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...], names: 
     for slot in made.slots:
         content = command_file(slot.candidate, rest, unit, result.drive, names)
         folder.write(plan_tables.command_name(slot.name), content)
-    write_figures(folder, {"plan": lambda: plan_figure(made)}, formats)
+    write_figures(folder, {"plan": lambda: plan_figure(made)}, asked.figure_formats)
 
 
 def _slot_json(made: Campaign, place: int) -> dict[str, object]:
