@@ -5,7 +5,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import RunError
@@ -13,8 +12,9 @@ from automarine_cli.logs import LogTable
 from automarine_cli.logs.needs import is_velocity_only
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
+from automarine_cli.runs.flat import Indices, Mask
 from automarine_cli.runs.noise import NORMAL, median, slope
-from automarine_cli.runs.plain import plain_position
+from automarine_cli.runs.plain import plain_positions
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.sense import beyond, clock_trouble, command_trouble, find_jumps, position_trouble, stuck
 from automarine_cli.runs.unwrap import find_glitches, unwrap, wrapped
@@ -29,23 +29,36 @@ class NotUsable(RunError):
     """An unusable run: the reason, with a hint."""
 
 
-def clean(table: LogTable, chosen: NDArray[np.int64] | slice, name: str) -> tuple[Run, ...]:
+def plain_rows(table: LogTable, order: Indices | None, edges: Indices) -> tuple[Mask, Floats]:
+    """Which runs of a table, (R,), stay as they are but for the turns of their positions, and these positions, (N,), of
+    the rows of the table in this `order` (None: their own), of which `edges[r]` to `edges[r + 1] - 1` are of run r.
+    """
+    dof = table.dof
+    if is_velocity_only(table):
+        return np.zeros(len(edges) - 1, dtype=bool), table.columns["time"]
+    columns = [table.columns[key] for key in ("time", dof.position, *_commands(table))]
+    time, position, *commands = columns if order is None else [values[order] for values in columns]
+    return plain_positions(time, position, commands, edges, dof)
+
+
+def _commands(table: LogTable) -> tuple[str, ...]:
+    return (table.dof.command,) if table.dof.command in table.columns else table.dof.thrusters
+
+
+def clean(table: LogTable, chosen: Indices | slice, name: str, plain: Floats | None = None) -> tuple[Run, ...]:
     """Clean the rows `chosen` (indices into the table, shape (N,), or a slice) of one run; a wide gap may split it
-    into several.
+    into several. With a `plain` position nothing else is to be done, see `plain_rows`.
 
     Rows without time, position or command are dropped and counted, as are repeated stamps and spikes of the position.
     Raises RunError with the row for a clock that steps back, NotUsable for a run that cannot be used.
     """
     columns = {key: values[chosen] for key, values in {**table.extras, **table.columns}.items()}
-    dof, summed = table.dof, is_velocity_only(table)
+    dof, summed, commands = table.dof, is_velocity_only(table), _commands(table)
     measured = dof.velocity if summed else dof.position
     rows, counts = table.rows[chosen], dict.fromkeys(COUNTS, 0)
     counts["rows"] = len(rows)
-    commands = (dof.command,) if dof.command in table.columns else dof.thrusters
-    inputs = [columns[key] for key in commands]
-    position = None if summed else plain_position(columns["time"], columns[dof.position], inputs, dof)
-    if position is not None:
-        return (_run(table, {**columns, dof.position: position}, name, counts),)
+    if plain is not None:
+        return (_run(table, {**columns, dof.position: plain}, name, counts),)
     missing = np.isnan(columns["time"])
     for key in (measured, *commands):
         missing |= np.isnan(columns[key])
@@ -114,7 +127,7 @@ def _coarse_clock(counts: Mapping[str, int]) -> tuple[str, ...]:
     return (f"{repeated} of {rows} stamps repeat the one before: the clock is coarser than the log",)
 
 
-def _only(columns: Mapping[str, Floats], kept: NDArray[np.bool_]) -> dict[str, Floats]:
+def _only(columns: Mapping[str, Floats], kept: Mask) -> dict[str, Floats]:
     return dict(columns) if kept.all() else {key: values[kept] for key, values in columns.items()}
 
 
@@ -127,7 +140,7 @@ def _or_clear(why: str | None) -> str:
     return why or "the clock stands still"
 
 
-def _rising(time: Floats, rows: NDArray[np.int64], table: LogTable, name: str) -> NDArray[np.bool_]:
+def _rising(time: Floats, rows: Indices, table: LogTable, name: str) -> Mask:
     """Which samples have a new stamp. Raises RunError where the clock steps back."""
     steps = np.diff(time)
     back = np.flatnonzero(steps < 0)

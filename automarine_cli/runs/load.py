@@ -8,7 +8,6 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, LogError, RunError
@@ -17,7 +16,8 @@ from automarine_cli.logs.canonical import names_of
 from automarine_cli.pipeline.parallel import ordered_stream
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
-from automarine_cli.runs.clean import NotUsable, clean, too_short
+from automarine_cli.runs.clean import NotUsable, clean, plain_rows, too_short
+from automarine_cli.runs.flat import Indices
 from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim
 from automarine_cli.runs.run import Run, SetAside, command_warnings, named_apart, own_name
 from automarine_cli.runs.sense import clock_trouble
@@ -100,7 +100,7 @@ def load_half_turns(
     runs = _one_unit(named_apart([one.run for one in found]))
     limited, limits = within_limits(runs)
     named = [
-        one.of(run) if run is now or one.turn is None else trimmed(now, trim)
+        one.of(run) if run is now or one.turn is None else trimmed([now], trim)[0]
         for one, run, now in zip(found, runs, limited)
     ]
     return HalfTurnCampaign(
@@ -144,7 +144,7 @@ def _read_trimmed(
     file: LogFile, columns: ColumnMap | None, drive: Callable[[Run], Run] | None, dof: Dof, trim: Trim
 ) -> tuple[list[Trimmed], list[SetAside]]:
     runs, aside = read_runs(file, columns, dof=dof)
-    return [trimmed(run if drive is None else drive(run), trim) for run in runs], aside
+    return trimmed([run if drive is None else drive(run) for run in runs], trim), aside
 
 
 def has_bytes(file: LogFile) -> bool:
@@ -214,9 +214,12 @@ def runs_of_table(table: LogTable, file: LogFile) -> tuple[list[Run], list[SetAs
         return [], [unreadable(file, error)]
     runs: list[Run] = []
     aside: list[SetAside] = []
-    for name, chosen in _split(table):
+    names, order, edges = _split(table)
+    plain, positions = plain_rows(table, order, edges)
+    for name, good, start, stop in zip(names, plain.tolist(), edges.tolist(), edges[1:].tolist()):
+        chosen = slice(start, stop) if order is None else order[start:stop]
         try:
-            parts = clean(table, chosen, name)
+            parts = clean(table, chosen, name, positions[start:stop] if good else None)
         except NotUsable as error:
             aside.append(SetAside(file.name, name, str(error)))
             continue
@@ -234,20 +237,17 @@ def runs_of_table(table: LogTable, file: LogFile) -> tuple[list[Run], list[SetAs
     return runs, aside
 
 
-def _split(table: LogTable) -> Iterator[tuple[str, NDArray[np.int64] | slice]]:
-    """Name and rows of each run, in the order in which the runs begin in the file."""
+def _split(table: LogTable) -> tuple[Sequence[str], Indices | None, Indices]:
+    """The names of the runs in the order in which they begin in the file, the order of rows in which they stand one
+    behind the other (None: their own), and where each begins and ends in it."""
     names, code = table.run_names, table.run_code
     if code is None:
-        yield own_name(table.source), slice(0, len(table))
-        return
+        return [own_name(table.source)], None, np.array([0, len(table)])
     begins = np.flatnonzero(code[1:] != code[:-1]) + 1
-    edges = [0, *begins.tolist(), len(code)]
-    order = None
-    if len(edges) != len(names) + 1:  # the runs take turns
-        order = np.argsort(code, kind="stable")
-        edges = np.searchsorted(code[order], np.arange(len(names) + 1)).tolist()
-    for name, start, stop in zip(names, edges, edges[1:]):
-        yield name, slice(start, stop) if order is None else order[start:stop]
+    if len(begins) + 1 == len(names):
+        return names, None, np.concatenate([[0], begins, [len(code)]])
+    order = np.argsort(code, kind="stable")  # the runs take turns
+    return names, order, np.searchsorted(code[order], np.arange(len(names) + 1))
 
 
 def _without_source(sentence: str, source: str) -> str:

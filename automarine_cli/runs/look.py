@@ -11,10 +11,11 @@ from automarine_cli.logs import LogTable
 from automarine_cli.logs.formats import stem_of
 from automarine_cli.runs.allocation_limits import AllocationLimit, Commanded, commanded, limit_of, limits_in
 from automarine_cli.runs.command_range import undirected
-from automarine_cli.runs.half_turn import HalfTurn, half_turn, why_none
+from automarine_cli.runs.half_turn import HalfTurn, why_none
 from automarine_cli.runs.noise import position_noise
 from automarine_cli.runs.run import Run, SetAside
-from automarine_cli.runs.steps import find_steps, segments
+from automarine_cli.runs.steps import segments
+from automarine_cli.runs.turns import turns_of
 
 Indices = NDArray[np.int64]
 MOST_LEVELS = 64  # more different values than this are a signal, not levels
@@ -138,7 +139,7 @@ def look_at_run(run: Run) -> RunSeen:
     """One run. Thruster commands without a moment or force are seen as they add up: in yaw port less starboard."""
     driven = run.as_commanded()
     spans = np.diff(run.time)
-    turns = [half_turn(driven, step) for step in find_steps(driven)]
+    turns = turns_of([driven]).in_run(0)
     best = next((turn for turn in turns if turn.serves), None)
     levels = sorted({moment for _, _, moment in segments(driven.command)})
     return RunSeen(

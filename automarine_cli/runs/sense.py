@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs import Dof
 from automarine_cli.quantities import Floats
+from automarine_cli.runs.flat import Indices
 from automarine_cli.runs.noise import median
-from automarine_cli.runs.unwrap import scatter_of_steps, wrapped
+from automarine_cli.runs.unwrap import Track
 
 FEWEST_SAMPLES = 8
 LEAST_STUCK = 20  # samples of one exact position
@@ -158,8 +159,6 @@ def longest_repeat(position: Floats, where: NDArray[np.bool_]) -> tuple[int, flo
     return int(stops[best] - starts[best]) + 1, float(position[starts[best]])
 
 
-Indices = NDArray[np.int64]
-
 AROUND = 6
 """Steps on either side with which a jump is compared."""
 TIMES_FASTER = 3.0
@@ -177,10 +176,11 @@ def find_jumps(time: Floats, position: Floats, dof: Dof) -> Indices:
     change. What comes back is no jump, nor is a move, whose rate has to grow and to fall.
     """
     most = dof.limits.acceleration
-    steps, spans = wrapped(np.diff(position), dof.turn), np.diff(time)
+    track = Track.of_one(time, position, dof)
+    steps, spans = track.steps[:-1], track.spans[:-1]
     speeds, least = np.abs(steps) / spans, dof.limits.jump
     if len(steps) > 1:
-        least = max(least, JUMP_IN_SIGMA * scatter_of_steps(np.abs(np.diff(steps))))
+        least = max(least, JUMP_IN_SIGMA * float(track.scatter(np.ones(1, dtype=bool))[0]))
     found = []
     for i in np.flatnonzero((np.abs(steps) > least) & (4.0 * speeds > most * spans)):
         last = int(i)

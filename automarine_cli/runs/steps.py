@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.noise import slope
+from automarine_cli.runs.flat import Indices, Mask, first_where, spread
+from automarine_cli.runs.joined import Joined, slopes
 from automarine_cli.runs.run import Run
 
 SAME_MOMENT = 1e-6  # of the run's largest moment: moments closer than this are one
@@ -53,16 +54,56 @@ class Step:
         return (self.switch_from + self.switch_to) / 2
 
 
+@dataclass(frozen=True)
+class Steps:
+    """The steps of several runs, (S,), in their order: the `run` that each is of, its samples `first` to `stop - 1` in
+    the flat arrays, the first sample of the `rest` before it (`first` where there is none); others as in `Step`, NaN
+    for no `start_position`."""
+
+    joined: Joined
+    run: Indices
+    first: Indices
+    stop: Indices
+    moment: Floats
+    switch_from: Floats
+    rest: Indices
+    start_position: Floats
+    from_rest: Mask
+    start_rate: Floats
+
+    def step(self, i: int, run: Run, begin: int) -> Step:
+        """Step i in a version of its run that begins with sample `begin` of the flat arrays."""
+        joined, first, stop, rest = self.joined, int(self.first[i]), int(self.stop[i]), int(self.rest[i])
+        own, after = joined.edges[self.run[i]], joined.edges[self.run[i] + 1]
+        return Step(
+            run=run,
+            first=first - begin,
+            stop=min(stop - begin, len(run)),
+            moment=float(self.moment[i]),
+            switch_from=float(self.switch_from[i]),
+            switch_to=float(joined.time[first]),
+            start_position=float(self.start_position[i]) if rest < first else None,
+            rest=slice(max(rest - begin, 0), first - begin) if rest < first else None,
+            from_rest=bool(self.from_rest[i]),
+            start_rate=float(self.start_rate[i]),
+            begins_log=bool(first == own),
+            ends_log=bool(stop == after),
+            notes=(joined.dof.fill(ALREADY_ON),) if first == own else (),
+        )
+
+
+ALREADY_ON = "the log begins with the {force} already on: its switch is taken within the sample period before"
+
+
 def find_steps(run: Run) -> tuple[Step, ...]:
     """Stretches of one constant, non-zero moment of at least five samples, in the order of time.
 
     Raises RunError where the run has no moment.
     """
-    return tuple(
-        _step(run, first, stop)
-        for first, stop, moment in segments(run.command)
-        if moment != 0 and stop - first >= FEWEST_SAMPLES
-    )
+    if not len(run.command):
+        return ()
+    found = steps_of(Joined.of([run]))
+    return tuple(found.step(i, run, 0) for i in range(len(found.first)))
 
 
 def segments(moment: Floats) -> list[tuple[int, int, float]]:
@@ -71,76 +112,99 @@ def segments(moment: Floats) -> list[tuple[int, int, float]]:
     """
     if not len(moment):
         return []
-    least = SAME_MOMENT * float(np.abs(moment).max())
-    edges = [0, *(np.flatnonzero(np.abs(np.diff(moment)) > least) + 1).tolist(), len(moment)]
-    values = [float(moment[first]) for first in edges[:-1]]
-    return [(a, b, v if abs(v) > least else 0.0) for a, b, v in zip(edges, edges[1:], values)]
+    _, first, stop, value = _stretches(moment, np.array([0, len(moment)]))[0]
+    return list(zip(first.tolist(), stop.tolist(), value.tolist()))
 
 
-def _step(run: Run, first: int, stop: int) -> Step:
-    begins, ends = first == 0, stop == len(run)
-    before = run.time[0] - run.sample_period if begins else run.time[first - 1]
-    sigma = run.noise
-    pace = _mean_rate(run, first, stop)
-    rest = None if begins else _rest_before(run, first, sigma, pace)
-    rate, doubt = start_motion(run.time[first:stop], run.position[first:stop], sigma, run.dof.limits.start)
-    slow = abs(rate) <= SLOW * abs(pace) + SURE * doubt
-    only = begins or first < SHORT_REST  # too little before the step to tell: its own start decides
-    force = run.dof.words.force
-    note = f"the log begins with the {force} already on: its switch is taken within the sample period before"
-    return Step(
-        run=run,
-        first=first,
-        stop=stop,
-        moment=float(run.command[first]),
-        switch_from=float(before),
-        switch_to=float(run.time[first]),
-        start_position=None if rest is None else float(run.position[rest].mean()),
-        rest=rest,
-        from_rest=rest is not None or (only and slow),
-        start_rate=0.0 if rest is not None else rate,
-        begins_log=begins,
-        ends_log=ends,
-        notes=(note,) if begins else (),
-    )
+def _stretches(command: Floats, edges: Indices) -> tuple[tuple[Indices, Indices, Indices, Floats], Indices]:
+    """Run, first sample, one after the last, and command of every stretch of one constant command, (S,), of runs one
+    behind the other; and where any command differs from the one before at all."""
+    least = SAME_MOMENT * np.maximum.reduceat(np.abs(command), edges[:-1])
+    change = command[1:] - command[:-1]
+    moved = np.flatnonzero(change != 0)
+    large = np.abs(change[moved]) > least[np.searchsorted(edges, moved + 1, side="right") - 1]
+    first = np.union1d(edges[:-1], moved[large] + 1)
+    run = np.searchsorted(edges, first, side="right") - 1
+    value = command[first]
+    found = run, first, np.append(first[1:], len(command)), np.where(np.abs(value) > least[run], value, 0.0)
+    return found, np.union1d(edges[:-1], moved + 1)
 
 
-def _mean_rate(run: Run, first: int, stop: int) -> float:
-    """Mean rate of the step [rad/s or m/s], as far as it is followed at most."""
-    turned = run.position[first:stop] - run.position[first]
-    last = int(np.argmax(np.abs(turned) > run.dof.limits.trim)) or stop - first - 1
-    return float(turned[last] / (run.time[first + last] - run.time[first])) if last else 0.0
+def steps_of(joined: Joined) -> Steps:
+    """The steps of all runs."""
+    stretches, pieces = _stretches(joined.command, joined.edges)
+    held = (stretches[3] != 0) & (stretches[2] - stretches[1] >= FEWEST_SAMPLES)
+    run, first, stop, _ = (one[held] for one in stretches)
+    time, position, sigma, own = joined.time, joined.position, joined.noise[run], joined.edges[run]
+    begins = first == own
+    before = time[first - 1]
+    before[begins] = [time[i] - joined.runs[r].sample_period for i, r in zip(first[begins], run[begins])]
+    pace = _mean_rates(joined, first, stop)
+    rest = _rests(joined, run, first, pace, pieces)
+    rate, slow = np.zeros(len(first)), np.zeros(len(first), dtype=bool)
+    for i in np.flatnonzero(rest == first):
+        one = slice(first[i], stop[i])
+        rate[i], doubt = start_motion(time[one], position[one], float(sigma[i]), joined.dof.limits.start)
+        slow[i] = abs(rate[i]) <= SLOW * abs(pace[i]) + SURE * doubt
+    only = begins | (first - own < SHORT_REST)  # too little before the step to tell: its own start decides
+    lasting = zip(rest.tolist(), first.tolist())
+    start = np.array([position[a:b].mean() if a < b else np.nan for a, b in lasting])
+    from_rest = (rest < first) | (only & slow)
+    return Steps(joined, run, first, stop, joined.command[first], before, rest, start, from_rest, rate)
 
 
-def _rest_before(run: Run, first: int, sigma: float, pace: float) -> slice | None:
-    """The longest stretch of zero moment right before the step over which the position shows no slope.
+def _mean_rates(joined: Joined, first: Indices, stop: Indices) -> Floats:
+    """Mean rate of each stretch [rad/s or m/s], (S,), as far as a step is followed at most."""
+    time, position = joined.time, joined.position
+    far = np.abs(position - spread(position[first], first, stop, len(position))) > joined.dof.limits.trim
+    last = np.where((last := first_where(far, first, stop)) < stop, last, stop - 1)
+    taken = np.where(last > first, time[last] - time[first], np.inf)
+    return (position[last] - position[first]) / taken
 
-    Where a constant force acts, of any one command: that may be the one that balances it.
+
+def _rests(joined: Joined, run: Indices, first: Indices, pace: Floats, pieces: Indices) -> Indices:
+    """The first samples, (S,), of the longest stretches of zero moment right before samples `first` of runs over which
+    the position shows no slope, `first` where there is none. Where a constant force acts, of any one command: that may
+    be the one that balances it. `pieces` as of `_stretches`.
     """
-    least = SAME_MOMENT * float(np.abs(run.command).max())
-    idle = run.command[first - 1] if run.dof.has_constant else 0.0
-    acting = np.flatnonzero(np.abs(run.command[:first] - idle) > least)
-    start = int(acting[-1]) + 1 if acting.size else 0
-    length = first - start
-    while length >= FEWEST_AT_REST:
-        stretch = slice(first - length, first)
-        rate, error = slope(run.time[stretch], run.position[stretch])
-        doubt = SURE * error * sigma
-        whole = length == first and start == 0  # the log begins here: nothing moved the vehicle before
-        if abs(rate) <= doubt + 0.2 * SLOW * abs(pace) and (whole or doubt <= SLOW * abs(pace)):
-            return stretch
-        length = int(0.7 * length)
-    return None
+    time, position, sigma, own = joined.time, joined.position, joined.noise[run], joined.edges[run]
+    rest = first.copy()
+    length = first - _idle_since(joined, run, first, pieces)
+    left = np.flatnonzero(length >= FEWEST_AT_REST)
+    while left.size:
+        start = first[left] - length[left]
+        rate, error = slopes(time, position, start, first[left])
+        doubt, most = SURE * error * sigma[left], SLOW * np.abs(pace[left])
+        whole = start == own[left]  # the log begins here: nothing moved the vehicle before
+        still = (np.abs(rate) <= doubt + 0.2 * most) & (whole | (doubt <= most))
+        rest[left[still]] = start[still]
+        length[left] = (0.7 * length[left]).astype(np.int64)
+        left = left[~still & (length[left] >= FEWEST_AT_REST)]
+    return rest
+
+
+def _idle_since(joined: Joined, run: Indices, first: Indices, pieces: Indices) -> Indices:
+    """From which sample on the command was idle until samples `first` of runs."""
+    command, own = joined.command, joined.edges[run]
+    least = SAME_MOMENT * np.maximum.reduceat(np.abs(command), joined.edges[:-1])[run]
+    idle = np.where(first > own, command[first - 1], 0.0) if joined.dof.has_constant else np.zeros(len(first))
+    found = first.copy()
+    values = command[pieces]
+    place = np.searchsorted(pieces, first) - 1
+    for i, k in enumerate(place.tolist()):
+        while k >= 0 and pieces[k] >= own[i] and not abs(values[k] - idle[i]) > least[i]:
+            found[i] = pieces[k]
+            k -= 1
+    return found
 
 
 def released(run: Run) -> int:
     """The first sample of a new command where the vehicle stands still from the start of the run until then, else 0."""
-    changes = segments(run.command)[1:2]
-    if not changes:
-        return 0
-    first, stop, _ = changes[0]
-    rest = _rest_before(run, first, run.noise, _mean_rate(run, first, stop)) if first else None
-    return first if rest is not None and rest.start <= 2 else 0
+    joined = Joined.of([run])
+    stretches, pieces = _stretches(joined.command, joined.edges)
+    which, first, stop = (one[1:2] for one in stretches[:3])
+    rest = _rests(joined, which, first, _mean_rates(joined, first, stop), pieces)
+    return int(first[0]) if first.size and rest[0] < first[0] and rest[0] <= 2 else 0
 
 
 def start_motion(time: Floats, position: Floats, sigma: float, way: float) -> tuple[float, float]:

@@ -1,10 +1,15 @@
 """What a fit to half-turns keeps of a run: the samples of its half-turn and a little around it."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from automarine_cli.runs.allocation_limits import SINGLE
-from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, first_half_turn
+from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim, why_none
+from automarine_cli.runs.joined import in_batches
 from automarine_cli.runs.run import ASKED, Run
+from automarine_cli.runs.turns import Turns, turns_of
 
 MOST_REST = 200
 """Samples of rest before a step that are used; more would say little of the start and much of slow drifts."""
@@ -27,25 +32,22 @@ class Trimmed:
         return Trimmed(run, None if self.turn is None else self.turn.of(run), self.why)
 
 
-def trimmed(run: Run, trim: Trim = UNTRIMMED) -> Trimmed:
-    """Keep of a run what a fit to half-turns needs. Raises RunError where the run has no moment."""
-    turn, why = first_half_turn(run, trim)
-    if turn is None:
-        return Trimmed(_copied(run, 0, 0), None, why)
-    step, kept = turn.step, turn.kept
-    rest = step.rest and slice(max(step.rest.start, step.rest.stop - MOST_REST), step.rest.stop)
-    start = kept.start if rest is None else rest.start
-    stop = min(step.stop, kept.stop + len(turn.time))
-    short = _copied(run, start, stop)
-    step = replace(
-        step,
-        run=short,
-        first=step.first - start,
-        stop=stop - start,
-        rest=None if rest is None else slice(0, rest.stop - start),
-    )
-    kept = slice(kept.start - start, kept.stop - start)
-    return Trimmed(short, replace(turn, step=step, time=short.time[kept], position=short.position[kept], kept=kept), "")
+def trimmed(runs: Sequence[Run], trim: Trim = UNTRIMMED) -> list[Trimmed]:
+    """Keep of each run what a fit to half-turns needs. Raises RunError where a run has no moment."""
+    return [one for some in in_batches(runs) for one in _trimmed(some, turns_of(some, trim))]
+
+
+def _trimmed(runs: Sequence[Run], turns: Turns) -> Iterator[Trimmed]:
+    steps, edges = turns.steps, turns.steps.joined.edges.tolist()
+    begin = np.maximum(steps.rest, steps.first - MOST_REST)
+    end = np.minimum(steps.stop, 2 * turns.stop - steps.first)
+    for r, run in enumerate(runs):
+        i = turns.first_of(r)
+        if i is None:
+            yield Trimmed(_copied(run, 0, 0), None, why_none(run, turns.in_run(r)))
+            continue
+        short = _copied(run, int(begin[i]) - edges[r], int(end[i]) - edges[r])
+        yield Trimmed(short, turns.turn(i, short, int(begin[i])), "")
 
 
 def _copied(run: Run, start: int, stop: int) -> Run:

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from automarine_cli.dofs import Dof
-from automarine_cli.logs import LogTable
+from automarine_cli.logs import LogFile, LogTable
 from automarine_cli.pipeline.recipe import read_mapping
 from automarine_cli.pipeline.words import printable
-from automarine_cli.runs.clean import NotUsable, clean
+from automarine_cli.runs.load import runs_of_table
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.campaign import SimulatedRun, make_campaign
 from automarine_cli.simulation.specification import Specification, specification_from
@@ -27,10 +27,7 @@ def make_runs(specification: Specification, seed: int | None = None) -> list[Run
     runs: list[Run] = []
     for made in make_campaign(specification, seed):
         table = as_table(made, specification.vehicle.force_unit, specification.vehicle.dof)
-        try:
-            runs += clean(table, np.arange(len(table)), made.plan.name)
-        except NotUsable:
-            continue
+        runs += runs_of_table(table, LogFile(Path(made.plan.file), made.plan.file, named=False))[0]
     return runs
 
 
@@ -39,5 +36,6 @@ def as_table(made: SimulatedRun, moment_unit: str, dof: Dof) -> LogTable:
     columns = {"time": made.log.time_s, dof.position: dof.inner(made.log.position), dof.command: made.log.moment}
     if made.log.rate is not None:
         columns[dof.velocity] = dof.inner(made.log.rate)
-    rows = np.arange(1, len(made.log.time_s) + 1)
-    return LogTable(made.plan.file, columns, rows, moment_unit=moment_unit, dof=dof)
+    count = len(made.log.time_s)
+    rows, codes = np.arange(1, count + 1), np.zeros(count, dtype=np.int64)
+    return LogTable(made.plan.file, columns, rows, (made.plan.name,), codes, moment_unit=moment_unit, dof=dof)

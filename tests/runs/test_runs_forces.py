@@ -12,10 +12,11 @@ from specified import make_runs
 from automarine_cli.dofs import DOFS, HEAVE, SURGE, YAW
 from automarine_cli.errors import LogError, RunError, SettingError
 from automarine_cli.logs import ColumnMap, LogFile, read_log
-from automarine_cli.runs.half_turn import Trim, first_half_turn
+from automarine_cli.runs.half_turn import Trim
 from automarine_cli.runs.load import load_runs
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.steps import find_steps, released
+from automarine_cli.runs.turns import half_turns
 from automarine_cli.runs.unwrap import find_glitches, unwrap
 from automarine_cli.simulation.specification import specification_from
 from automarine_cli.thrusters.forms import Curve
@@ -106,8 +107,8 @@ def made(commands: list[list[float]], **campaign: object) -> Run:
 def test_a_step_from_a_hover_starts_from_rest() -> None:
     """The command that balances the buoyancy is a rest, though it is not zero."""
     run = made([[2.0, 4.0], [15.0, 5.0]])
-    turn, why = first_half_turn(run)
-    assert turn is not None and why == "" and turn.moment == 15.0
+    (turn,), aside = half_turns([run])
+    assert aside == () and turn.moment == 15.0
     assert turn.step.rest is not None and turn.step.rest.stop - turn.step.rest.start > 30
 
 

@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 from made_runs import mirrored, step_run
 
 from automarine_cli.dofs import YAW
-from automarine_cli.runs.half_turn import LOG_ENDS, HalfTurn, first_half_turn, half_turn, half_turns
+from automarine_cli.runs.half_turn import LOG_ENDS, HalfTurn
 from automarine_cli.runs.run import Run
-from automarine_cli.runs.steps import find_steps
+from automarine_cli.runs.turns import half_turns, turns_of
 
 MOMENTS = [-1.2, -0.5, -0.1, 0.1, 0.5, 1.2]
 
 
 def trimmed(run: Run) -> HalfTurn:
     """The half-turn of a run with one step."""
-    (step,) = find_steps(run)
-    return half_turn(run, step)
+    (turn,) = turns_of([run]).in_run(0)
+    return turn
 
 
 @pytest.mark.parametrize("moment", MOMENTS)
@@ -164,8 +164,8 @@ def test_a_driven_run_is_told_by_what_moved_it(way: int) -> None:
     moment = np.where(time < 2, 0.0023, 0.5 * np.sin(0.9 * time)) * way
     heading = np.where(time < 2, 0.0, way * (1 - np.cos(0.12 * (time - 2))))
     run = Run("driven", "driven.csv", time, heading, moment, "N m", dof=YAW)
-    turn, why = first_half_turn(run)
-    assert turn is None and why == (
+    turns, (aside,) = half_turns([run])
+    assert turns == () and aside.why == (
         "no step: the vehicle turned over 115 deg, but under a changing moment; none that is constant lasts. "
         "Hold the moment constant, or fit whole runs"
     )

@@ -11,9 +11,7 @@ from made_runs import mirrored, step_run
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
-from automarine_cli.runs import clean as room
-from automarine_cli.runs.clean import clean
-from automarine_cli.runs.plain import plain_position
+from automarine_cli.runs.clean import clean, plain_rows
 from automarine_cli.runs.run import Run
 
 Columns = dict[str, np.ndarray]
@@ -31,19 +29,22 @@ def table(columns: Columns) -> LogTable:
     return LogTable("log.csv", columns, np.arange(1, count + 1), moment_unit="nu", dof=YAW)
 
 
-def both_ways(columns: Columns, monkeypatch: pytest.MonkeyPatch) -> tuple[object, object]:
+def plain_position(columns: Columns) -> np.ndarray | None:
+    """The position that needs no cleaning, None where it may."""
+    plain, position = plain_rows(table(columns), None, np.array([0, len(columns["time"])]))
+    return position if plain[0] else None
+
+
+def both_ways(columns: Columns) -> tuple[object, object]:
     """What cleaning makes of a log with the short way and without it: runs, or the refusal."""
 
-    def outcome() -> object:
+    def outcome(plain: np.ndarray | None) -> object:
         try:
-            return clean(table(columns), slice(0, len(columns["time"])), "run")
+            return clean(table(columns), slice(0, len(columns["time"])), "run", plain)
         except RunError as refusal:
             return str(refusal)
 
-    quick = outcome()
-    with monkeypatch.context() as patch:
-        patch.setattr(room, "plain_position", lambda *given: None)
-        return quick, outcome()
+    return outcome(plain_position(columns)), outcome(None)
 
 
 @given(
@@ -65,8 +66,7 @@ def test_both_ways_agree(
     columns["heading"] = columns["heading"].copy()
     for place, size in spikes:
         columns["heading"][place] += size
-    with pytest.MonkeyPatch.context() as patch:
-        quick, thorough = both_ways(columns, patch)
+    quick, thorough = both_ways(columns)
     if isinstance(thorough, str):
         assert quick == thorough
         return
@@ -81,7 +81,7 @@ def test_both_ways_agree(
 def test_a_plain_run_takes_the_short_way(sign: int) -> None:
     run = step_run(0.7, length=12.0)
     columns = logged(run if sign == 1 else mirrored(run), "0..360")
-    found = plain_position(columns["time"], columns["heading"], [columns["moment"]], YAW)
+    found = plain_position(columns)
     assert found is not None
     turned = found - found[0]
     assert turned == pytest.approx(sign * (run.position - run.position[0]), abs=1e-12)
@@ -113,6 +113,6 @@ def spoil(name: str, place: int | slice, value: float) -> Callable[[Columns], No
 )
 def test_whatever_may_need_cleaning_takes_the_thorough_way(fault: Callable[[Columns], None]) -> None:
     columns = {name: values.copy() for name, values in logged(step_run(0.7, length=8.0), "0..360").items()}
-    assert plain_position(columns["time"], columns["heading"], [columns["moment"]], YAW) is not None
+    assert plain_position(columns) is not None
     fault(columns)
-    assert plain_position(columns["time"], columns["heading"], [columns["moment"]], YAW) is None
+    assert plain_position(columns) is None
