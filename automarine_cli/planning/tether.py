@@ -24,7 +24,8 @@ def turns(model: YawModel, logger: Logger, candidates: Sequence[Candidate]) -> F
 def ways_back(turned: Floats, start_headings: Sequence[float]) -> Floats:
     """How far [degrees] to turn to each run's start heading after the run before it, (R,), nothing before the first.
 
-    Of all ways there, with whole turns or without, the one after which the tether is twisted by half a turn at most; of two such ways the shorter.
+    Of all ways there, with whole turns or without, the one after which the tether is twisted by half a turn at most;
+    of two such ways the shorter.
     """
     back, twist = [0.0], 0.0
     for turn, heading in zip(turned[:-1], start_headings[1:]):
