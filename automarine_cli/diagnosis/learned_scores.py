@@ -153,10 +153,10 @@ def gains_follow(study: Study, trial: Trial) -> bool:
     """Whether the runs' own gains follow a column that is about constant in each run: least squares on its first
     POWERS powers, by Fisher's test, at a chance of FOLLOWS among all columns."""
     gains, runs = trial.fit.own(GAIN)[:, 0], study.runs
-    if len(runs) < FEWEST_RUNS or np.ptp(gains) < 1e-9:
+    columns = _columns(runs, study.base.dof)
+    if not columns or len(runs) < FEWEST_RUNS or np.ptp(gains) < 1e-9:
         return False
     chances = [1.0]
-    columns = _columns(runs, study.base.dof)
     for name in columns:
         means = np.array([float(np.mean(values)) for values in signals_of(runs, name)])
         if np.ptp(means) > 1e-9 * max(float(np.abs(means).max()), 1e-9):

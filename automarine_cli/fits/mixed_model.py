@@ -125,9 +125,7 @@ def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Float
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             theta = problem.natural(phi)
             fitted, by_theta, by_run = problem.slopes(theta, b)
-            seen = problem.seen[:, :, None]
-            by_phi = by_theta * np.where(problem.positive, theta, 1.0)
-        return np.where(problem.seen, fitted, 0.0), np.where(seen, by_phi, 0.0), np.where(seen, by_run, 0.0)
+            return fitted, by_theta * np.where(problem.positive, theta, 1.0), by_run
     free = np.flatnonzero(problem.effects.scale.any(axis=0))
     p, q = len(phi), len(free)
     step = PHI_STEP * np.where(phi < 0, -1.0, 1.0) * np.maximum(np.abs(phi), 1e-1)

@@ -30,7 +30,8 @@ FEWEST_READINGS = 8
 """Readings from which on their noise can be told roughly."""
 
 Slopes = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
-"""Readings (R, N) for one theta (p,) and run effects (R, q), and their derivatives, (R, N, p) and (R, N, q)."""
+"""Readings (R, N) for one theta (p,) and run effects (R, q), and their derivatives, (R, N, p) and (R, N, q); zero in
+the padding."""
 
 SWITCH = "switch-instant"
 """Name of the last entry of theta: where in their sample intervals the commands of all runs change."""

@@ -9,7 +9,7 @@ import numpy as np
 from automarine_cli.fits.mixed_problem import SWITCH, Problem
 from automarine_cli.fits.nodes import Nodes
 from automarine_cli.fits.run_effects import GAIN, START_POSITION, SWITCHES, Block, RunEffects, bias_of
-from automarine_cli.fits.step_response import AT_ONCE, MOST_OFFSET, NOTHING_KNOWN, Known, StepData, density, instant
+from automarine_cli.fits.step_response import MOST_OFFSET, NOTHING_KNOWN, Known, StepData, density, instant
 from automarine_cli.models.closed_form import response, slopes
 from automarine_cli.models.yaw_model import base_roles, main_drag
 from automarine_cli.quantities import Floats
@@ -17,6 +17,9 @@ from automarine_cli.simulation.batch import Channel
 
 LEAST_SHARE = 0.01
 """Of the drag that is left one way, however much it differs: none would drive the vehicle."""
+
+AT_ONCE = 100_000
+"""Readings that are worked out together: about what fits into the processor's caches."""
 
 VALUE = "value"
 """Name of what is read, among its derivatives."""
@@ -96,7 +99,8 @@ class _Steps:
         return whole[:, :, 0], whole[:, :, 1 : 1 + len(theta)], whole[:, :, 1 + len(theta) :]
 
     def _parts(self) -> Iterator[slice]:
-        return (slice(i, i + AT_ONCE) for i in range(0, len(self.data.moment), AT_ONCE))
+        runs, at_once = len(self.data.moment), max(1, AT_ONCE // self._time(0, slice(None)).shape[1])
+        return (slice(i, i + at_once) for i in range(0, runs, at_once))
 
     def _driven(self, theta: Floats, b: Floats, rows: slice) -> "_Driven":
         *columns, switch = (theta[:, i, None, None] for i in range(theta.shape[1]))
@@ -131,7 +135,8 @@ class _Steps:
             for i, name in enumerate(names):
                 if name in columns:  # the others do not show in this channel
                     out[:, i] = columns[name]
-            shown.append(out if self.nodes is None else out * self.nodes[c].root[rows, None])
+            out *= (channel.seen if self.nodes is None else self.nodes[c].root)[rows, None]
+            shown.append(out)
         return shown[0] if len(shown) == 1 else np.concatenate(shown, axis=2)
 
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeVar
 
 from automarine_cli.errors import SettingError
@@ -22,6 +23,9 @@ from automarine_cli.pipeline.progress import Progress, counted, silent
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+
+Each = Callable[[Callable[[Any], Any], Sequence[Any], str], list[Any]]
+"""Maps a function over items, in a stage of that name."""
 
 CHUNKS_PER_JOB = 4  # small enough to share the work evenly, large enough to spare the pickling
 PATIENCE_S = 20  # for a cluster to answer
@@ -38,8 +42,12 @@ def ordered_map(
     progress: Progress = silent,
     stage: str = "",
 ) -> list[Result]:
-    """`[function(item) for item in items]` on `jobs` processes or a cluster; see `ordered_stream`."""
-    return list(ordered_stream(function, items, jobs, cluster=cluster, progress=progress, stage=stage))
+    """`[function(item) for item in items]` on `jobs` processes, this one among them, or a cluster; see
+    `ordered_stream`."""
+    work = list(items)
+    jobs, cluster = max(1, min(_checked(jobs), len(work))), cluster if work else None
+    with lasting_map(jobs, cluster=cluster, progress=progress, stage=stage) as each:
+        return each(function, work, stage)
 
 
 def ordered_stream(
@@ -86,19 +94,31 @@ class _Handing:
 
 @contextlib.contextmanager
 def lasting_map(
-    jobs: int = 1, *, cluster: str | None = None, progress: Progress = silent
-) -> Iterator[Callable[[Callable[[Any], Any], Sequence[Any], str], list[Any]]]:
+    jobs: int = 1,
+    *,
+    cluster: str | None = None,
+    progress: Progress = silent,
+    stage: str = "",
+    ready: Callable[..., object] | None = None,
+) -> Iterator[Each]:
     """Yields `each(function, items, stage)`, an `ordered_map` whose processes, or whose connection to a cluster, last.
 
-    For work that comes in many small rounds, of which each would cost more to begin than to do.
+    For work that comes in many small rounds, of which each would cost more to begin than to do. The processes start at
+    once, and import the module of `ready` while this one does something else.
     """
-    with _workers(_checked(jobs), cluster, "") as (executor, workers):
+    with _workers(_checked(jobs), cluster, stage, own=1) as (executor, workers):
+        if executor is not None and cluster is None:
+            with deaf_to_interrupts():
+                for _ in range(workers):
+                    executor.submit(callable, ready)
 
         def each(function: Callable[[Any], Any], items: Sequence[Any], stage: str) -> list[Any]:
             work = list(items)
             found: Iterable[Any] = map(function, work)
-            if executor is not None:
+            if cluster is not None and executor is not None:
                 found = _through(executor, function, _Handing().chunks(work, workers), workers)
+            elif executor is not None:
+                found = _shared(executor, function, list(_Handing().chunks(work, jobs)), workers)
             return list(counted(progress, stage, found, len(work)))
 
         yield each
@@ -122,29 +142,29 @@ def _in_order(
 
 
 @contextlib.contextmanager
-def _workers(jobs: int, cluster: str | None, stage: str) -> Iterator[tuple[Executor | None, int]]:
-    """What does the work, and how many tasks at once; None for this process itself."""
+def _workers(jobs: int, cluster: str | None, stage: str, own: int = 0) -> Iterator[tuple[Executor | None, int]]:
+    """What does the work, and how many tasks at once; None for this process itself, which does the work of `own`."""
     if cluster is not None:
         with _cluster(cluster, stage) as found:
             yield found
     elif jobs <= 1:
         yield None, 1
     else:
-        with _processes(jobs, stage) as executor:
-            yield executor, jobs
+        with _processes(jobs, stage, own) as executor:
+            yield executor, jobs - own
 
 
 @contextlib.contextmanager
-def _processes(workers: int, stage: str) -> Iterator[Executor]:
+def _processes(jobs: int, stage: str, own: int) -> Iterator[Executor]:
     others = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker)
+    executor = ProcessPoolExecutor(jobs - own, mp_context=context, initializer=_begin_worker)
     try:
         yield executor
     except BrokenProcessPool:
         executor.shutdown()
         raise SettingError(
-            f"one of {workers} processes died while working on {stage or 'the data'}, usually for want of "
+            f"one of {jobs} processes died while working on {stage or 'the data'}, usually for want of "
             "memory; try again with fewer, for example --jobs 1"
         ) from None
     except BaseException as problem:  # nobody waits for the items under way
@@ -212,6 +232,45 @@ def _through(
         if not under_way:
             return
         yield from _results_of(under_way.popleft())
+
+
+def _shared(
+    executor: Executor, function: Callable[[Item], Result], chunks: Sequence[list[Item]], workers: int
+) -> Iterator[Result]:
+    """Results in input order; this process takes chunks as the `workers` do, each the next one when it has done its
+    own."""
+    left, done = deque(enumerate(chunks)), dict[int, tuple[list[Result], BaseException | None]]()
+    news = threading.Condition()
+
+    def hand_out() -> None:
+        while left:
+            try:
+                at, chunk = left.popleft()
+            except IndexError:  # somebody else took the last one
+                return
+            try:
+                outcome = executor.submit(_work_on, function, chunk).result()
+            except BaseException as problem:  # the process died
+                outcome = [], problem
+            with news:
+                done[at] = outcome
+                news.notify()
+
+    for _ in range(workers):
+        threading.Thread(target=hand_out, daemon=True).start()
+    for at in range(len(chunks)):
+        while at not in done:
+            try:
+                own, chunk = left.popleft()
+            except IndexError:
+                with news:
+                    news.wait_for(partial(done.__contains__, at))
+            else:
+                done[own] = _work_on(function, chunk)
+        results, problem = done.pop(at)
+        yield from results
+        if problem is not None:
+            raise problem
 
 
 def _work_on(function: Callable[[Item], Result], chunk: list[Item]) -> tuple[list[Result], BaseException | None]:

@@ -148,7 +148,7 @@ def test_the_slope_of_the_likelihood_is_exact(restricted: bool) -> None:
     def value(variances: Floats) -> float:
         return linear_mixed.deviance(gram, linear.effects, variances, restricted=restricted)
 
-    _, slope = linear_mixed.deviance_and_slope(gram, linear.effects, VARIANCES, restricted=restricted)
+    _, slope, _ = linear_mixed.scored_deviance(gram, linear.effects, VARIANCES, restricted=restricted)
     steps = 1e-5 * np.eye(len(VARIANCES))
     numeric = [(value(VARIANCES + step) - value(VARIANCES - step)) / 2e-5 for step in steps]
     assert slope == pytest.approx(numeric, rel=1e-6, abs=1e-5)
@@ -198,10 +198,30 @@ def test_the_slope_by_each_channels_noise_is_exact(restricted: bool) -> None:
     def value(variances: Floats) -> float:
         return linear_mixed.deviance(grams, linear.effects, variances, restricted=restricted)
 
-    _, slope = linear_mixed.deviance_and_slope(grams, linear.effects, TWO_NOISES, restricted=restricted)
+    _, slope, _ = linear_mixed.scored_deviance(grams, linear.effects, TWO_NOISES, restricted=restricted)
     steps = 1e-5 * np.eye(len(TWO_NOISES))
     numeric = [(value(TWO_NOISES + step) - value(TWO_NOISES - step)) / 2e-5 for step in steps]
     assert slope == pytest.approx(numeric, rel=1e-6, abs=1e-5)
+
+
+@pytest.mark.parametrize("channels", [1, 2])
+def test_expected_second_derivatives_are_those_of_the_dense_covariance(channels: int) -> None:
+    linear, grams = two_channels(6)
+    variances, noises = TWO_NOISES, [0.3, 0.8]
+    if channels == 1:
+        grams, variances, noises = linear.gram(), VARIANCES, [0.3, 0.3]
+    scale = linear.effects.deviation(variances)
+    expected = np.zeros((len(variances), len(variances)))
+    for i, seen in enumerate(linear.seen):
+        v, first = linear.v[i, seen], np.arange(SAMPLES)[seen] < 12
+        squares = np.where(first, *np.square(noises))
+        own = [np.diag(squares * one) for one in ((first, ~first) if channels == 2 else (np.ones(len(v)),))]
+        slopes = [2.0 * one for one in own]
+        slopes += [2.0 * v[:, k : k + 1] * scale[i, k] ** 2 @ v[:, k : k + 1].T for k in (1, 2)]
+        inverse = np.linalg.inv(np.diag(squares) + v @ np.diag(scale[i] ** 2) @ v.T)
+        expected += [[np.trace(inverse @ one @ inverse @ other) for one in slopes] for other in slopes]
+    _, _, found = linear_mixed.scored_deviance(grams, linear.effects, variances, restricted=False)
+    assert_close(found, expected, "closed form")
 
 
 def test_variances_are_those_of_greatest_restricted_likelihood() -> None:
