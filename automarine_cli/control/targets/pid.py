@@ -24,7 +24,6 @@ from automarine_cli.control.targets.base import (
 )
 from automarine_cli.quantities import Complexes, Floats
 
-
 FEWEST = 10.0
 """How many times shorter than the derivative's time its low-pass is: chapter 3."""
 
