@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from click.testing import CliRunner
 from bluerov2_day import write_bluerov2_day
+from click.testing import CliRunner
 from pool_day import write_pool_day
 from repository import ROOT, SAMPLE_RUNS
 from test_readme import PAGES, fences
