@@ -158,7 +158,7 @@ def drifts_of(quantity: str, moment: Floats, log: Floats, error: Floats, scatter
 
     `scatter` is the runs' standard deviation of the log gain, which moves k.
     """
-    have = np.isfinite(moment) & np.isfinite(log)
+    have = np.isfinite(moment) & np.isfinite(log) & (error**2 + scatter**2 > 0)  # no error: held at a bound
     if have.sum() < FEWEST:
         return []
     y, tau = log[have], moment[have]
