@@ -12,7 +12,7 @@ from automarine_cli.logs import LogTable
 from automarine_cli.logs.needs import is_velocity_only
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.flat import Indices, Mask, edges_of
+from automarine_cli.runs.flat import Indices, Mask, edges_of, together
 from automarine_cli.runs.noise import NORMAL, median, slope
 from automarine_cli.runs.plain import plain_positions
 from automarine_cli.runs.run import Run
@@ -61,12 +61,18 @@ def plain_rows(splits: Sequence[Split]) -> list[list[Floats | None]]:
     dof, measured = splits[0].table.dof, splits[0].kind[1:]
     if not measured:
         return [[None] * len(split.names) for split in splits]
-    time, position, *commands = (_behind([split.column(key) for split in splits]) for key in measured)
+    columns = [_behind([split.column(key) for split in splits]) for key in measured]
     begins = edges_of([len(split.table) for split in splits])
     edges = np.concatenate([[0], *(begin + split.edges[1:] for begin, split in zip(begins, splits))])
-    plain, position = plain_positions(time, position, commands, edges, dof)
-    found = iter([position[a:b] if good else None for good, (a, b) in zip(plain.tolist(), pairwise(edges.tolist()))])
-    return [[*islice(found, len(split.names))] for split in splits]
+    found: list[Floats | None] = []
+    for first, stop in together(edges):
+        own = edges[first : stop + 1] - edges[first]
+        time, position, *commands = (values[edges[first] : edges[stop]] for values in columns)
+        plain, position = plain_positions(time, position, commands, own, dof)
+        ends = pairwise(own.tolist())
+        found += [position[a:b] if good else None for good, (a, b) in zip(plain.tolist(), ends)]
+    each = iter(found)
+    return [[*islice(each, len(split.names))] for split in splits]
 
 
 def _behind(several: Sequence[Floats]) -> Floats:

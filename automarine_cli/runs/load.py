@@ -31,6 +31,9 @@ Reading = Callable[..., Iterator[OfOneLog]]
 
 MOST_REASONS = 3  # reasons shown when nothing is left
 PAYS_FROM = 3000  # logs from which processes are started to read them
+FREED = 31 << 20
+"""Bytes of an array that is never written to: who has freed one as large as this (C library of GNU) keeps what smaller
+ones leave, instead of returning it to the system and asking for it again with every column."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +131,7 @@ def _gathered(
     """What is read of all files, and what is set aside."""
     kept: list[Kept] = []
     aside: list[SetAside] = []
+    np.empty(FREED, dtype=np.uint8)
     found = ordered_stream(read, in_parcels(files), _paying(files, jobs), stage="reading logs")
     for good, bad in counted(progress, "reading logs", chain.from_iterable(found), len(files)):
         kept += good
