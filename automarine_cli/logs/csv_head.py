@@ -2,7 +2,7 @@
 
 import csv
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from automarine_cli.errors import LogError
 from automarine_cli.logs.formats import MOST_COLUMNS, too_many_columns
@@ -30,8 +30,14 @@ class Head:
     delimiter: str
     decimal: str
     numeric: tuple[bool, ...]
-    longest: int
+    longest: int = field(compare=False)
     text: frozenset[str] = frozenset()
+
+    @property
+    def only_numbers(self) -> bool:
+        """Whether nothing but numbers stands between commas, so that a file with this header is read as this one."""
+        every = all(flag or name in self.text for flag, name in zip(self.numeric, self.names))
+        return every and self.delimiter == "," and not any(";" in name or "\t" in name for name in self.names)
 
 
 def read_head(data: bytes, name: str, text: frozenset[str] = frozenset()) -> Head:

@@ -8,7 +8,7 @@ within `read`, by `vehicles.needed`. `tests/helpers/reader_contract.py` picks th
 
 import importlib
 import pkgutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -18,7 +18,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 import automarine_cli.logs as folder
+from automarine_cli.errors import LogError
 from automarine_cli.logs.columns import ColumnMap
+from automarine_cli.logs.log_file import LogFile
 
 MOST_COLUMNS = 30_000
 MOST_UNPACKED, MOST_TIMES = 64 << 20, 100  # bytes; times the file
@@ -64,13 +66,19 @@ class Format:
     columns, and raises LogError.
 
     Where other programs use the suffixes too, `begins` are the bytes of which a file begins with one: a file found
-    in a folder that begins otherwise is no log.
+    in a folder that begins otherwise is no log. Where many small files are read sooner at once, `together` does that.
     """
 
     name: str
     suffixes: tuple[str, ...]
     read: Callable[[Path, str, ColumnMap], RawLog]
     begins: tuple[bytes, ...] = ()
+    together: "Together | None" = None
+
+
+Problem = LogError | OSError | MemoryError
+Together = Callable[[Sequence[LogFile], ColumnMap], Iterable[RawLog | Problem]]
+"""Reads many files at once; what is wrong with one stands in its place."""
 
 
 def most_unpacked(path: Path) -> int:

@@ -1,7 +1,7 @@
 """Columns of words: the runs of a file of many, and the vehicle's mode and arming."""
 
 import re
-from collections.abc import Container, Iterable
+from collections.abc import Callable, Container, Iterable
 from typing import Any
 
 import numpy as np
@@ -103,21 +103,24 @@ def _place(raw: RawLog, columns: ColumnMap, name: str) -> int | None:
 
 
 def _labels(array: pa.ChunkedArray) -> Labels:
+    values, words = _codes(array)
+    edges = np.concatenate([[0], np.flatnonzero(values[1:] != values[:-1]) + 1, [len(values)]])
+    begun = values[edges[:-1]].tolist()  # looked at once for each stretch of rows, of which there are few
+    named = [words(value) for value in begun]
+    places = {name: i for i, name in enumerate(dict.fromkeys(name for name in named if name is not None))}
+    code = np.array([-1 if name is None else places[name] for name in named], dtype=np.int64)  # 7 and 7.0 are one name
+    return Labels(tuple(places), np.repeat(code, np.diff(edges)))
+
+
+def _codes(array: pa.ChunkedArray) -> tuple[NDArray[Any], Callable[[Any], str | None]]:
+    """Numbers, (N,), and the name that each stands for, None where nothing is named."""
+    if pa.types.is_floating(array.type):
+        return array.to_numpy(), lambda value: None if value != value else _name(value)
     encoded = array if pa.types.is_dictionary(array.type) else pc.dictionary_encode(array)
     coded: Any = encoded.unify_dictionaries().combine_chunks()
     coded = coded if isinstance(coded, pa.Array) else coded.chunk(0)
     names = [_name(value) for value in coded.dictionary.to_pylist()]
-    found = pc.fill_null(coded.indices, -1).to_numpy()
-    first = dict.fromkeys(names[i] for i in _in_order(found) if i >= 0)  # 7 and 7.0 are one name
-    places = {name: i for i, name in enumerate(first)}
-    known = np.array([*(places.get(name, 0) for name in names), -1], dtype=np.int64)
-    return Labels(tuple(places), known[found])
-
-
-def _in_order(code: NDArray[np.int64]) -> list[int]:
-    """The codes in the order in which they first appear."""
-    begins = np.concatenate([[True], code[1:] != code[:-1]])
-    return list(dict.fromkeys(code[begins].tolist()))
+    return pc.fill_null(coded.indices, -1).to_numpy(), lambda value: None if value < 0 else names[value]
 
 
 def _name(value: object) -> str:

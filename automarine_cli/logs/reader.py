@@ -1,6 +1,6 @@
 """`read_log`: a file of any format becomes a `LogTable` of canonical columns in SI units."""
 
-from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +12,9 @@ from automarine_cli.errors import LogError
 from automarine_cli.logs.canonical import BY, CANONICAL, LABELS, RUN, TIMESTAMP, Canonical, foreign, motion_of, unit_in
 from automarine_cli.logs.columns import ColumnMap, ColumnRule
 from automarine_cli.logs.find import LogFile
-from automarine_cli.logs.formats import RawLog, format_of, suffixes
+from automarine_cli.logs.formats import RawLog
 from automarine_cli.logs.labels import few_words, parts, run_names, states
-from automarine_cli.logs.parquet import read_table
+from automarine_cli.logs.raw_logs import read_raws
 from automarine_cli.logs.stamps import first_not_a_stamp, read_stamps
 from automarine_cli.logs.streams import joined
 from automarine_cli.logs.table import LogTable
@@ -41,22 +41,60 @@ def read_log(
     Raises LogError with file, row, column, what was found, what was expected and what to do. Columns that a
     command cannot do without are asked for afterwards, with `require`.
     """
-    columns = (ColumnMap() if columns is None else columns).of(file.path)
-    raw = whole_log(file, columns)
+    (found,) = read_logs([file], columns, dof=dof, motion=motion)
+    if isinstance(found, LogError):
+        raise found
+    return found
+
+
+def read_logs(
+    files: Sequence[LogFile], columns: ColumnMap | None = None, *, dof: Dof | None, motion: Motion | None = None
+) -> list[LogTable | LogError]:
+    """The same of several logs, read together as far as their format can; the refusal of a log stands in its place."""
+    columns = ColumnMap() if columns is None else columns
+    layouts: dict[object, _Layout] = {}
+    found: list[LogTable | LogError] = []
+    maps = [columns.of(file.path) for file in files]
+    for file, own, raw in zip(files, maps, read_raws(files, maps)):
+        try:
+            whole = _with_others(file, raw, own)
+            kind = (id(own), whole.names, tuple(whole.also.items()), tuple(one.type for one in whole.arrays))
+            if kind not in layouts:
+                layouts[kind] = _layout(whole, own, file.name, dof, motion)
+            found.append(_table(whole, own, file.name, layouts[kind]))
+        except LogError as error:
+            found.append(error)
+    return found
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """What files with the same columns have in common."""
+
+    dof: Dof
+    uses: Sequence[_Use]
+    notes: Sequence[str]
+
+
+def _layout(raw: RawLog, columns: ColumnMap, source: str, dof: Dof | None, motion: Motion | None) -> _Layout:
     if dof is None:
         mapped = (name for name, rule in columns.columns.items() if rule.source in {*raw.names, *raw.also})
         dof = motion_of(raw.names, mapped)
-    uses, notes = _assigned(raw, columns, file.name, foreign(dof, motion))
-    runs = run_names(raw, columns, file.name)
+    return _Layout(dof, *_assigned(raw, columns, source, foreign(dof, motion)))
+
+
+def _table(raw: RawLog, columns: ColumnMap, source: str, layout: _Layout) -> LogTable:
+    dof, uses, notes = layout.dof, layout.uses, list(layout.notes)
+    runs = run_names(raw, columns, source)
     used = {raw.names[use.index] for use in uses} | {columns.source_of(name) for name in (RUN, BY)}
     extras: dict[str, Floats] = {}
     for name, array in zip(raw.names, raw.arrays):
         if name and name not in used and pa.types.is_floating(array.type):
             extras[printable(name)] = _finite_or_nan(array.to_numpy(), name, notes)
     moment = next((use.canonical.unit for use in uses if use.canonical.quantity == dof.command), None)
-    found = {use.canonical.quantity: _values(raw, use, file.name, notes) for use in uses}
+    found = {use.canonical.quantity: _values(raw, use, source, notes) for use in uses}
     return LogTable(
-        source=file.name,
+        source=source,
         columns=found,
         rows=raw.rows,
         run_names=runs.names if runs else (),
@@ -69,7 +107,7 @@ def read_log(
         states=states(raw, columns),
         holds=raw.holds,
         origin=raw.origin,
-        parts=parts(raw, columns, file.name),
+        parts=parts(raw, columns, source),
         words=few_words(raw, {*used, *(columns.source_of(name) for name in LABELS)}),
         dof=dof,
     )
@@ -77,11 +115,18 @@ def read_log(
 
 def whole_log(file: LogFile, columns: ColumnMap) -> RawLog:
     """The columns of a log and of the files that `columns` joins to it, on its clock. Raises LogError."""
-    raw = read_raw(file, columns)
+    return _with_others(file, read_raws([file], [columns])[0], columns)
+
+
+def _with_others(file: LogFile, raw: RawLog | LogError, columns: ColumnMap) -> RawLog:
+    if isinstance(raw, LogError):
+        raise raw
     for path, join in columns.beside(file.path).items():
         other = LogFile(path, printable(path.name), file.named)
         own = columns.of(path)
-        theirs = read_raw(other, own)
+        (theirs,) = read_raws([other], [own])
+        if isinstance(theirs, LogError):
+            raise theirs
         clocks = [_clock(one, rules, where.name) for one, rules, where in
                   ((raw, columns, file), (theirs, own, other))]  # fmt: skip
         raw = joined(raw, clocks[0], theirs, clocks[1], (file.name, other.name), columns, join)
@@ -98,60 +143,6 @@ def _clock(raw: RawLog, columns: ColumnMap, source: str) -> tuple[str, Floats]:
             f'= "NAME", under [[columns_of]] with logs = ["{source.rpartition("/")[2]}"] in the column map'
         )
     return raw.names[use.index], _values(raw, use, source, [])
-
-
-def read_raw(file: LogFile, columns: ColumnMap) -> RawLog:
-    """The columns of one file as they stand. Raises LogError for a file that is none, or holds nothing."""
-    name, path = file.name, file.path
-    if file.content is not None:
-        return _with_rows(read_table(file.content, name), name)
-    form = format_of(path.name)
-    if form is None:
-        raise LogError(f"{name}: unknown log format; give a file that ends in {', '.join(sorted(suffixes()))}")
-    try:
-        if path.is_symlink() and not path.exists():
-            raise LogError(
-                f"{name}: a broken link; expected a {form.name} file. Copy the log here, or leave the link out"
-            )
-        if not path.is_file():
-            raise LogError(
-                f"{name}: {'a directory' if path.is_dir() else 'not a regular file'}; "
-                f"expected a {form.name} file. Rename it, or leave it out"
-            )
-        if path.stat().st_size == 0:
-            raise LogError(
-                f"{name}: the file is empty; expected a {form.name} file with a header and rows. "
-                "Copy it again, or leave it out"
-            )
-        with path.open("rb"):  # a file that may not be read is told from one that is not sound
-            pass
-        raw = form.read(path, name, columns)
-    except OSError as error:
-        raise LogError(
-            f"{name}: cannot be opened ({error.strerror or error}); check that it exists and that you may read it"
-        ) from None
-    except MemoryError:
-        raise LogError(f"{name}: does not fit into memory; split it into several logs") from None
-    return _with_rows(raw, name)
-
-
-def _with_rows(raw: RawLog, name: str) -> RawLog:
-    if len(raw.rows) == 0:
-        raise LogError(
-            f"{name}: a header without rows (columns {listed(raw.names)}); expected at least one row. "
-            "Copy the log again, or leave it out"
-        )
-    _check_names(raw, name)
-    return raw
-
-
-def _check_names(raw: RawLog, source: str) -> None:
-    twice = [name for name, count in Counter(raw.names).items() if count > 1 and name]
-    if twice:
-        raise LogError(
-            f"{source}: {len(twice)} column name{'s' * (len(twice) > 1)} given more than once "
-            f"({listed(twice)}); expected each once. Rename or delete one in the header"
-        )
 
 
 def _assigned(raw: RawLog, columns: ColumnMap, source: str, others: frozenset[str]) -> tuple[list[_Use], list[str]]:

@@ -1,8 +1,8 @@
 """A log's rows become runs: the clock rises, the position is unwrapped, everything dropped is counted."""
 
-from collections.abc import Mapping
-from dataclasses import replace
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice, pairwise
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from automarine_cli.logs import LogTable
 from automarine_cli.logs.needs import is_velocity_only
 from automarine_cli.pipeline.words import listed
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.flat import Indices, Mask
+from automarine_cli.runs.flat import Indices, Mask, edges_of, together
 from automarine_cli.runs.noise import NORMAL, median, slope
 from automarine_cli.runs.plain import plain_positions
 from automarine_cli.runs.run import Run
@@ -29,16 +29,54 @@ class NotUsable(RunError):
     """An unusable run: the reason, with a hint."""
 
 
-def plain_rows(table: LogTable, order: Indices | None, edges: Indices) -> tuple[Mask, Floats]:
-    """Which runs of a table, (R,), stay as they are but for the turns of their positions, and these positions, (N,), of
-    the rows of the table in this `order` (None: their own), of which `edges[r]` to `edges[r + 1] - 1` are of run r.
-    """
-    dof = table.dof
-    if is_velocity_only(table):
-        return np.zeros(len(edges) - 1, dtype=bool), table.columns["time"]
-    columns = [table.columns[key] for key in ("time", dof.position, *_commands(table))]
-    time, position, *commands = columns if order is None else [values[order] for values in columns]
-    return plain_positions(time, position, commands, edges, dof)
+@dataclass(frozen=True)
+class Split:
+    """The rows of a table by runs: their `names` in the order in which they begin, the `order` of rows in which they
+    stand one behind the other (None: their own), and the `edges`, (R + 1,), between them in it."""
+
+    table: LogTable
+    names: Sequence[str]
+    order: Indices | None
+    edges: Indices
+
+    @property
+    def kind(self) -> tuple[str, ...]:
+        """The motion and the columns that `plain_rows` looks at, none where there is no position."""
+        measured = () if is_velocity_only(self.table) else ("time", self.table.dof.position, *_commands(self.table))
+        return self.table.dof.name, *measured
+
+    def column(self, key: str) -> Floats:
+        """A column in the order of the runs."""
+        values = self.table.columns[key]
+        return values if self.order is None else values[self.order]
+
+    def rows(self, r: int) -> Indices | slice:
+        """The rows of run r."""
+        own = slice(*self.edges[r : r + 2].tolist())
+        return own if self.order is None else self.order[own]
+
+
+def plain_rows(splits: Sequence[Split]) -> list[list[Floats | None]]:
+    """Of each run of tables of one kind the position if it stays as it is but for its turns, else None."""
+    dof, measured = splits[0].table.dof, splits[0].kind[1:]
+    if not measured:
+        return [[None] * len(split.names) for split in splits]
+    columns = [_behind([split.column(key) for split in splits]) for key in measured]
+    begins = edges_of([len(split.table) for split in splits])
+    edges = np.concatenate([[0], *(begin + split.edges[1:] for begin, split in zip(begins, splits))])
+    found: list[Floats | None] = []
+    for first, stop in together(edges):
+        own = edges[first : stop + 1] - edges[first]
+        time, position, *commands = (values[edges[first] : edges[stop]] for values in columns)
+        plain, position = plain_positions(time, position, commands, own, dof)
+        ends = pairwise(own.tolist())
+        found += [position[a:b] if good else None for good, (a, b) in zip(plain.tolist(), ends)]
+    each = iter(found)
+    return [[*islice(each, len(split.names))] for split in splits]
+
+
+def _behind(several: Sequence[Floats]) -> Floats:
+    return several[0] if len(several) == 1 else np.concatenate(several)
 
 
 def _commands(table: LogTable) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """Stretches of samples in flat arrays: several runs one behind the other, or parts of them, looked at together."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,19 @@ from automarine_cli.quantities import Floats
 
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+
+
+TOGETHER = 1 << 18
+"""Samples that are looked at together: some of their columns stay in the processor."""
+
+
+def together(edges: Indices) -> Iterator[tuple[int, int]]:
+    """The first run, and one after the last, of as many runs at a time as are looked at together, by their `edges`."""
+    first = 0
+    while first < len(edges) - 1:
+        stop = max(first + 1, int(np.searchsorted(edges, edges[first] + TOGETHER, side="right")) - 1)
+        yield first, stop
+        first = stop
 
 
 def edges_of(lengths: Sequence[int] | Indices) -> Indices:

@@ -8,7 +8,7 @@ import numpy as np
 
 from automarine_cli.dofs import Dof
 from automarine_cli.quantities import Floats
-from automarine_cli.runs.flat import Indices, cut_out, edges_of
+from automarine_cli.runs.flat import Indices, cut_out, edges_of, together
 from automarine_cli.runs.noise import position_noises
 from automarine_cli.runs.run import NOISE_FROM, Run
 
@@ -44,21 +44,11 @@ class Joined:
         return position_noises(time, position, edges_of(stop - first))
 
 
-TOGETHER = 1 << 19  # samples that are looked at together: a few of their columns stay in the processor
-
-
-def in_batches(runs: Iterable[Run]) -> Iterator[list[Run]]:
+def in_batches(runs: Iterable[Run]) -> Iterator[Sequence[Run]]:
     """The runs in order, as many at a time as are looked at together."""
-    batch: list[Run] = []
-    samples = 0
-    for run in runs:
-        if batch and samples + len(run) > TOGETHER:
-            yield batch
-            batch, samples = [], 0
-        batch.append(run)
-        samples += len(run)
-    if batch:
-        yield batch
+    every = list(runs)
+    edges = edges_of([len(run) for run in every])
+    return (every[a:b] for a, b in together(edges))
 
 
 def slopes(time: Floats, position: Floats, first: Indices, stop: Indices) -> tuple[Floats, Floats]:

@@ -5,29 +5,35 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain, islice
 from typing import TypeVar
 
 import numpy as np
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, LogError, RunError
-from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_log, require_motion
+from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_logs, require_motion
 from automarine_cli.logs.canonical import names_of
+from automarine_cli.logs.find import in_parcels
 from automarine_cli.pipeline.parallel import ordered_stream
-from automarine_cli.pipeline.progress import Progress, silent
+from automarine_cli.pipeline.progress import Progress, counted, silent
+from automarine_cli.quantities import Floats
 from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
-from automarine_cli.runs.clean import NotUsable, clean, plain_rows, too_short
-from automarine_cli.runs.flat import Indices
+from automarine_cli.runs.clean import NotUsable, Split, clean, plain_rows, too_short
 from automarine_cli.runs.half_turn import UNTRIMMED, HalfTurn, Trim
 from automarine_cli.runs.run import Run, SetAside, command_warnings, named_apart, own_name
 from automarine_cli.runs.sense import clock_trouble
 from automarine_cli.runs.trimmed import Trimmed, trimmed
 
 Kept = TypeVar("Kept")
-Reading = Callable[..., tuple[list[Run], list[SetAside]]]
+OfOneLog = tuple[list[Run], list[SetAside]]
+Reading = Callable[..., Iterator[OfOneLog]]
 
 MOST_REASONS = 3  # reasons shown when nothing is left
 PAYS_FROM = 3000  # logs from which processes are started to read them
+FREED = 31 << 20
+"""Bytes of an array that is never written to: who has freed one as large as this (C library of GNU) keeps what smaller
+ones leave, instead of returning it to the system and asking for it again with every column."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +59,13 @@ def load_runs(
 ) -> Campaign:
     """Read and clean the logs of a motion meant by files, directories and globs, on `jobs` processes.
 
-    `read` is what makes runs of one log, by default `read_runs`. Raises LogError or RunError for a log named
+    `read` is what makes runs of logs, by default `read_runs`. Raises LogError or RunError for a log named
     on the command line that cannot be read right, for anything that would be set aside if `strict`, and if no run is
     left.
     """
     files = find_logs(logs)
-    runs, aside = _gathered(partial(read or read_runs, columns=columns, dof=dof), files, strict, progress, jobs)
+    work = partial(_read, read=read or read_runs, columns=columns, dof=dof)
+    runs, aside = _gathered(work, files, strict, progress, jobs)
     limited, limits = within_limits(_one_unit(named_apart(runs)))
     return Campaign(tuple(limited), aside, tuple(filter(has_bytes, files)), limits)
 
@@ -115,7 +122,7 @@ def load_half_turns(
 
 
 def _gathered(
-    read: Callable[[LogFile], tuple[list[Kept], list[SetAside]]],
+    read: Callable[[Sequence[LogFile]], list[tuple[list[Kept], list[SetAside]]]],
     files: Sequence[LogFile],
     strict: bool,
     progress: Progress,
@@ -124,7 +131,9 @@ def _gathered(
     """What is read of all files, and what is set aside."""
     kept: list[Kept] = []
     aside: list[SetAside] = []
-    for good, bad in ordered_stream(read, files, _paying(files, jobs), progress=progress, stage="reading logs"):
+    np.empty(FREED, dtype=np.uint8)
+    found = ordered_stream(read, in_parcels(files), _paying(files, jobs), stage="reading logs")
+    for good, bad in counted(progress, "reading logs", chain.from_iterable(found), len(files)):
         kept += good
         aside += bad
     if strict and aside:
@@ -140,11 +149,24 @@ def _paying(files: Sequence[LogFile], jobs: int) -> int:
     return jobs if len(files) > PAYS_FROM else 1
 
 
+def _read(files: Sequence[LogFile], read: Reading, columns: ColumnMap | None, dof: Dof) -> list[OfOneLog]:
+    return list(read(files, columns, dof=dof))
+
+
 def _read_trimmed(
-    file: LogFile, columns: ColumnMap | None, drive: Callable[[Run], Run] | None, dof: Dof, trim: Trim
-) -> tuple[list[Trimmed], list[SetAside]]:
-    runs, aside = read_runs(file, columns, dof=dof)
-    return trimmed([run if drive is None else drive(run) for run in runs], trim), aside
+    files: Sequence[LogFile], columns: ColumnMap | None, drive: Callable[[Run], Run] | None, dof: Dof, trim: Trim
+) -> list[tuple[list[Trimmed], list[SetAside]]]:
+    found: list[OfOneLog] = []
+    problem = None
+    try:
+        for runs, aside in read_runs(files, columns, dof=dof):
+            found.append(([run if drive is None else drive(run) for run in runs], aside))
+    except (LogError, RunError) as error:  # what is wrong with the runs before comes first
+        problem = error
+    short = iter(trimmed([run for runs, _ in found for run in runs], trim))
+    if problem is not None:
+        raise problem
+    return [([*islice(short, len(runs))], aside) for runs, aside in found]
 
 
 def has_bytes(file: LogFile) -> bool:
@@ -186,17 +208,11 @@ def told_beside(aside: Sequence[SetAside]) -> Iterator[None]:
         ) from None
 
 
-def read_runs(file: LogFile, columns: ColumnMap | None = None, *, dof: Dof | None) -> tuple[list[Run], list[SetAside]]:
-    """The runs of one log of a motion (None: whichever its columns show), and those set aside. Raises LogError or
-    RunError if the log was named and is unreadable.
+def read_runs(files: Sequence[LogFile], columns: ColumnMap | None = None, *, dof: Dof | None) -> Iterator[OfOneLog]:
+    """The runs of each log of a motion (None: whichever its columns show), and those set aside. Raises LogError or
+    RunError if a log was named and is unreadable.
     """
-    try:
-        table = read_log(file, columns, dof=dof)
-    except LogError as error:
-        if file.named:
-            raise
-        return [], [unreadable(file, error)]
-    return runs_of_table(table, file)
+    return runs_of_tables(files, read_logs(files, columns, dof=dof))
 
 
 def unreadable(file: LogFile, error: Exception) -> SetAside:
@@ -204,22 +220,40 @@ def unreadable(file: LogFile, error: Exception) -> SetAside:
     return SetAside(file.name, own_name(file.name), _without_source(str(error), file.name))
 
 
-def runs_of_table(table: LogTable, file: LogFile) -> tuple[list[Run], list[SetAside]]:
-    """The runs of a table already read, and those set aside. Raises LogError or RunError as `read_runs`."""
-    try:
-        require_motion(table)
-    except LogError as error:
-        if file.named:
-            raise
-        return [], [unreadable(file, error)]
+def runs_of_tables(files: Sequence[LogFile], tables: Sequence[LogTable | LogError]) -> Iterator[OfOneLog]:
+    """The runs of tables already read, or what kept them from it, and those set aside. Raises as `read_runs`."""
+    splits: dict[int, Split] = {}
+    refused: dict[int, LogError] = {}
+    for i, table in enumerate(tables):
+        try:
+            if isinstance(table, LogError):
+                raise table
+            require_motion(table)
+            splits[i] = _split(table)
+        except LogError as error:
+            refused[i] = error
+            if files[i].named:
+                break
+    plain: dict[int, list[Floats | None]] = {}
+    for kind in dict.fromkeys(split.kind for split in splits.values()):
+        own = {i: split for i, split in splits.items() if split.kind == kind}
+        plain |= zip(own, plain_rows([*own.values()]))
+    for i, file in enumerate(files):
+        if i not in refused:
+            yield _cleaned(splits[i], file, plain[i])
+        elif file.named:
+            raise refused[i]
+        else:
+            yield [], [unreadable(file, refused[i])]
+
+
+def _cleaned(split: Split, file: LogFile, plain: Sequence[Floats | None]) -> OfOneLog:
+    """The runs of one log, and those set aside."""
     runs: list[Run] = []
     aside: list[SetAside] = []
-    names, order, edges = _split(table)
-    plain, positions = plain_rows(table, order, edges)
-    for name, good, start, stop in zip(names, plain.tolist(), edges.tolist(), edges[1:].tolist()):
-        chosen = slice(start, stop) if order is None else order[start:stop]
+    for r, name in enumerate(split.names):
         try:
-            parts = clean(table, chosen, name, positions[start:stop] if good else None)
+            parts = clean(split.table, split.rows(r), name, plain[r])
         except NotUsable as error:
             aside.append(SetAside(file.name, name, str(error)))
             continue
@@ -237,17 +271,15 @@ def runs_of_table(table: LogTable, file: LogFile) -> tuple[list[Run], list[SetAs
     return runs, aside
 
 
-def _split(table: LogTable) -> tuple[Sequence[str], Indices | None, Indices]:
-    """The names of the runs in the order in which they begin in the file, the order of rows in which they stand one
-    behind the other (None: their own), and where each begins and ends in it."""
+def _split(table: LogTable) -> Split:
     names, code = table.run_names, table.run_code
     if code is None:
-        return [own_name(table.source)], None, np.array([0, len(table)])
+        return Split(table, [own_name(table.source)], None, np.array([0, len(table)]))
     begins = np.flatnonzero(code[1:] != code[:-1]) + 1
     if len(begins) + 1 == len(names):
-        return names, None, np.concatenate([[0], begins, [len(code)]])
+        return Split(table, names, None, np.concatenate([[0], begins, [len(code)]]))
     order = np.argsort(code, kind="stable")  # the runs take turns
-    return names, order, np.searchsorted(code[order], np.arange(len(names) + 1))
+    return Split(table, names, order, np.searchsorted(code[order], np.arange(len(names) + 1)))
 
 
 def _without_source(sentence: str, source: str) -> str:

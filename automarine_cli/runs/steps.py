@@ -119,7 +119,7 @@ def segments(moment: Floats) -> list[tuple[int, int, float]]:
 def _stretches(command: Floats, edges: Indices) -> tuple[tuple[Indices, Indices, Indices, Floats], Indices]:
     """Run, first sample, one after the last, and command of every stretch of one constant command, (S,), of runs one
     behind the other; and where any command differs from the one before at all."""
-    least = SAME_MOMENT * np.maximum.reduceat(np.abs(command), edges[:-1])
+    least = _least_change(command, edges)
     change = command[1:] - command[:-1]
     moved = np.flatnonzero(change != 0)
     large = np.abs(change[moved]) > least[np.searchsorted(edges, moved + 1, side="right") - 1]
@@ -128,6 +128,12 @@ def _stretches(command: Floats, edges: Indices) -> tuple[tuple[Indices, Indices,
     value = command[first]
     found = run, first, np.append(first[1:], len(command)), np.where(np.abs(value) > least[run], value, 0.0)
     return found, np.union1d(edges[:-1], moved + 1)
+
+
+def _least_change(command: Floats, edges: Indices) -> Floats:
+    """From what size on a change of the command is one, (R,)."""
+    largest = np.maximum(np.maximum.reduceat(command, edges[:-1]), -np.minimum.reduceat(command, edges[:-1]))
+    return SAME_MOMENT * largest
 
 
 def steps_of(joined: Joined) -> Steps:
@@ -186,7 +192,7 @@ def _rests(joined: Joined, run: Indices, first: Indices, pace: Floats, pieces: I
 def _idle_since(joined: Joined, run: Indices, first: Indices, pieces: Indices) -> Indices:
     """From which sample on the command was idle until samples `first` of runs."""
     command, own = joined.command, joined.edges[run]
-    least = SAME_MOMENT * np.maximum.reduceat(np.abs(command), joined.edges[:-1])[run]
+    least = _least_change(command, joined.edges)[run]
     idle = np.where(first > own, command[first - 1], 0.0) if joined.dof.has_constant else np.zeros(len(first))
     found = first.copy()
     values = command[pieces]

@@ -41,8 +41,7 @@ def _trimmed(runs: Sequence[Run], turns: Turns) -> Iterator[Trimmed]:
     steps, edges = turns.steps, turns.steps.joined.edges.tolist()
     begin = np.maximum(steps.rest, steps.first - MOST_REST)
     end = np.minimum(steps.stop, 2 * turns.stop - steps.first)
-    for r, run in enumerate(runs):
-        i = turns.first_of(r)
+    for r, (run, i) in enumerate(zip(runs, turns.firsts)):
         if i is None:
             yield Trimmed(_copied(run, 0, 0), None, why_none(run, turns.in_run(r)))
             continue

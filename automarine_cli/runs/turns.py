@@ -78,9 +78,11 @@ class Turns:
         joined = self.steps.joined
         return [self.turn(i, joined.runs[r], int(joined.edges[r]), self.why[i]) for i in self.of_run(r)]
 
-    def first_of(self, r: int) -> int | None:
-        """The first of run r that serves, if one does."""
-        return next((i for i in self.of_run(r) if not self.why[i]), None)
+    @cached_property
+    def firsts(self) -> list[int | None]:
+        """The first of each run that serves, (R,), None where none does."""
+        serve = reversed([(r, i) for i, (r, why) in enumerate(zip(self.steps.run.tolist(), self.why)) if not why])
+        return [*map(dict(serve).get, range(len(self.steps.joined.runs)))]
 
     @cached_property
     def why(self) -> list[str]:
@@ -130,8 +132,7 @@ def half_turns(runs: Iterable[Run], trim: Trim = UNTRIMMED) -> tuple[tuple[HalfT
     aside: list[SetAside] = []
     for some in in_batches(runs):
         turns = turns_of(some, trim)
-        for r, run in enumerate(some):
-            i = turns.first_of(r)
+        for r, (run, i) in enumerate(zip(some, turns.firsts)):
             if i is not None:
                 good.append(turns.turn(i, run, int(turns.steps.joined.edges[r])))
             else:

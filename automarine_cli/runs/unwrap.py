@@ -129,9 +129,11 @@ def find_spikes(track: Track, asked: Mask) -> Mask:
     if not asked.any():
         return bad
     thresholds = track.least_spikes(asked)
+    large = large[asked[np.searchsorted(track.edges, large, side="right") - 1]]
     least = np.where(asked, np.where((share < 0.2) | (several > 2), -1.0, 0.99 * share * thresholds), np.inf)
+    bent = np.flatnonzero(track.bend > np.repeat(least, np.diff(track.edges)))
     for width in range(1, LONGEST_SPIKE + 1):
-        before, run = _suspects(track, least, large, width)
+        before, run = _suspects(track, bent, large, width)
         if not before.size:
             continue
         after, threshold, ends = before + width + 1, thresholds[run], (starts[run], track.edges[1:][run] - 2)
@@ -151,19 +153,17 @@ def find_spikes(track: Track, asked: Mask) -> Mask:
     return bad
 
 
-def _suspects(track: Track, least: Floats, large: Indices, width: int) -> tuple[Indices, Indices]:
+def _suspects(track: Track, bent: Indices, large: Indices, width: int) -> tuple[Indices, Indices]:
     """The samples, shape (M,), that a spike of `width` samples may follow, and their runs: a look at differences of
     steps spares the medians of nearly all samples of a log, and leaves out none that is a spike.
 
     With X the steps less the local rate r, a spike has |X1 + ... + Xk| = off > threshold for some k <= width,
     |X1 + ... + X(width + 1)| < off / 3, and |r| span < off / 1.5 (the median of |step| around). Then two steps in a row
-    differ by 4/3 off or more if one sample is off, by 2/3 off if two are, less what an uneven clock adds: by more than
-    `least` of their run, (R,). That holds where no sum of steps passes half a turn, which samples with steps that are
-    `large` may do, and is asked of the rest in full.
+    differ by 4/3 off or more if one sample is off, by 2/3 off if two are, less what an uneven clock adds: such samples
+    are `bent`. That holds where no sum of steps passes half a turn, which samples with `large` steps may do, and is
+    asked of the rest in full.
     """
     edges = track.edges
-    large = large[least[np.searchsorted(edges, large, side="right") - 1] < np.inf]
-    bent = np.flatnonzero(track.bend > np.repeat(least, np.diff(edges)))
     found = np.concatenate([bent, large, large - 1])
     run = np.searchsorted(edges, np.concatenate([bent, large, large]), side="right") - 1
     found, run = np.concatenate([found - k for k in range(width)]), np.tile(run, width)

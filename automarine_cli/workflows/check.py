@@ -24,7 +24,7 @@ from automarine_cli.report.check_tables import run_tables, thruster_test_table
 from automarine_cli.report.tables import Table
 from automarine_cli.results.kinds import CHECK
 from automarine_cli.results.records import runs_json
-from automarine_cli.runs.load import none_left, refused_by_strict, runs_of_table, unreadable
+from automarine_cli.runs.load import none_left, refused_by_strict, runs_of_tables, unreadable
 from automarine_cli.runs.look import RunSeen, ThrusterTestSeen, look_at_run, look_at_tests, with_limits
 from automarine_cli.runs.run import NAMED_APART, SetAside, names_apart
 from automarine_cli.workflows.command import Command, ReadBack, Runner
@@ -109,7 +109,7 @@ def _look_at(file: LogFile, columns: ColumnMap) -> tuple[list[RunSeen], list[Thr
         if file.named:
             raise
         return [], [], [unreadable(file, error)]
-    runs, aside = runs_of_table(table, file)
+    ((runs, aside),) = runs_of_tables([file], [table])
     return [look_at_run(run) for run in runs], [], aside
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import DOFS, SURGE, Dof
 from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
-from automarine_cli.runs.clean import clean, plain_rows
+from automarine_cli.runs.clean import Split, clean, plain_rows
 from automarine_cli.runs.run import Run
 from automarine_cli.runs.sense import find_jumps, position_trouble
 from automarine_cli.runs.unwrap import find_glitches
@@ -103,8 +103,8 @@ def test_the_short_way_and_the_thorough_one_agree(vehicle: str, rate: float, dir
 def cleaned(time: Floats, position: Floats, command: Floats, thorough: bool = False) -> tuple[Run, ...]:
     columns = {"time": time, SURGE.position: position, SURGE.command: command}
     table = LogTable("log.csv", columns, np.arange(1, len(time) + 1), moment_unit="N", dof=SURGE)
-    plain, positions = plain_rows(table, None, np.array([0, len(time)]))
-    return clean(table, slice(0, len(time)), "run", positions if plain[0] and not thorough else None)
+    ((plain,),) = plain_rows([Split(table, ["run"], None, np.array([0, len(time)]))])
+    return clean(table, slice(0, len(time)), "run", None if thorough else plain)
 
 
 def outcome(time: Floats, position: Floats, command: Floats, thorough: bool = False) -> object:

@@ -11,7 +11,7 @@ from made_runs import mirrored, step_run
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import RunError
 from automarine_cli.logs import LogTable
-from automarine_cli.runs.clean import clean, plain_rows
+from automarine_cli.runs.clean import Split, clean, plain_rows
 from automarine_cli.runs.run import Run
 
 Columns = dict[str, np.ndarray]
@@ -31,8 +31,8 @@ def table(columns: Columns) -> LogTable:
 
 def plain_position(columns: Columns) -> np.ndarray | None:
     """The position that needs no cleaning, None where it may."""
-    plain, position = plain_rows(table(columns), None, np.array([0, len(columns["time"])]))
-    return position if plain[0] else None
+    ((found,),) = plain_rows([Split(table(columns), ["run"], None, np.array([0, len(columns["time"])]))])
+    return found
 
 
 def both_ways(columns: Columns) -> tuple[object, object]:
