@@ -165,8 +165,8 @@ def paced(target: Target, nominal: Nominal, share: float) -> Target:
 
 
 def brief(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task) -> Task:
-    """The task with flights that are only as long as it takes to tell good gains from bad: `LONG` times what the best of
-    a few takes to settle, on the first vehicle."""
+    """The task with flights only as long as it takes to tell good gains from bad: `LONG` times what the best of a few
+    takes to settle, on the first vehicle."""
     gains = target.propose(spread_numbers(FIRST // 5, target.numbers), nominal)
     one = crowds[0].vehicles.pick(slice(0, 1))
     disk, swing = screened(target, gains, one, grid_for(target, crowds, COARSE))

@@ -24,8 +24,14 @@ def turns(model: YawModel, logger: Logger, candidates: Sequence[Candidate]) -> F
 def ways_back(turned: Floats, start_headings: Sequence[float]) -> Floats:
     """How far [degrees] to turn to each run's start heading after the run before it, (R,), nothing before the first.
 
-    Of all ways there, with whole turns or without, the one after which the tether is twisted by half a turn at most.
+    Of all ways there, with whole turns or without, the one after which the tether is twisted by half a turn at most;
+    of two such ways the shorter.
     """
-    headings = np.asarray(start_headings, dtype=np.float64)
-    wanted = (headings - headings[0] + 180.0) % 360.0 - 180.0  # twist at each start
-    return np.concatenate([[0.0], np.diff(wanted) - turned[:-1]])
+    back, twist = [0.0], 0.0
+    for turn, heading in zip(turned[:-1], start_headings[1:]):
+        twist += turn
+        wanted = (heading - start_headings[0] + 180.0) % 360.0 - 180.0
+        ways = [wanted - twist, *([360.0 + wanted - twist] if wanted == -180.0 else [])]
+        back.append(min(ways, key=abs))
+        twist += back[-1]
+    return np.array(back)

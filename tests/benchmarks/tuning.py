@@ -209,7 +209,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", nargs="*", default=["corners", "blind"])
     parser.add_argument("--vehicles", type=int, default=40)
-    parser.add_argument("--first", type=int, default=0, help="number of the first blind vehicle, from which it is drawn")
+    parser.add_argument(
+        "--first", type=int, default=0, help="number of the first blind vehicle, from which it is drawn"
+    )
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--beyond", action="store_true")
     parser.add_argument("--out", type=Path, default=Path("out"))

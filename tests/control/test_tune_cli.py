@@ -95,7 +95,7 @@ def test_gains_are_better_than_the_defaults_that_swing(tmp_path: Path) -> None:
     }
     assert "roll, pitch" in (out / "tuning.md").read_text()
     table = list(csv.reader(io.StringIO((out / "gains.csv").read_text())))
-    assert table[0][:3] == ["parameter", "present", "new"] and len(table) == 7
+    assert table[0][:3] == ["parameter", "present", "new"] and len(table) == 9
     assert json.loads(json.dumps(again.to_json())) == result
     assert "settling_s" in repr(again) and len(again.to_frame()) == len(result["gains"])
 

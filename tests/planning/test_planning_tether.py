@@ -31,3 +31,7 @@ def test_whole_turns_are_turned_back(sign: float) -> None:
     assert back[0] == 0.0 and np.abs(twist).max() <= 180.0
     assert np.allclose((twist - headings) % 360.0, 0.0)  # and each run starts where it should
     assert back[1] == 90.0 - sign * 1000.0
+    assert list(ways_back(sign * np.array([10.0, 0.0]), [0.0, 180.0])) == [
+        0.0,
+        sign * 170.0,
+    ]  # either half turn will do

@@ -187,6 +187,6 @@ def spread(number: Floats, low: float, high: float) -> Floats:
 
 
 def leads(number: Floats) -> Floats:
-    """A design number as the time of a derivative, in shares of all that is slow: none up to a fifth, then up to one and
-    a half times as long."""
+    """A design number as the time of a derivative, in shares of all that is slow: none up to a fifth, then up to one
+    and a half times as long."""
     return np.asarray(1.5 * np.maximum(number - 0.2, 0.0) / 0.8)

@@ -66,6 +66,20 @@ def test_sticks_come_steadily_and_push_nowhere_else(side: float) -> None:
     assert beats.max() < 1.2 and beats.min() > 0.8
 
 
+def test_what_a_busy_computer_missed_is_not_sent_in_a_burst() -> None:
+    vehicle, late = FakeSub(), list[float]()
+
+    def hang() -> None:
+        if not late and vehicle.time - vehicle.driven_since > 1.0:
+            late.append(vehicle.time)
+            vehicle.advance(0.6)
+
+    flown(vehicle, campaign_of(0.5), hang)
+    driven = np.array([one.time for one in vehicle.sticks() if one.time >= vehicle.driven_since])
+    gaps = np.diff(driven)
+    assert np.count_nonzero(gaps > 0.3) == 1 and np.count_nonzero(gaps < 0.01) <= 1
+
+
 @pytest.mark.parametrize("turns", [2.3, -2.3])
 def test_the_tether_is_unwound(turns: float) -> None:
     """What the vehicle counted before the run is taken back on the way to the start heading."""

@@ -88,8 +88,9 @@ class Ride:
         edges = list(accumulate((campaign.rest_s, *(seconds for _, seconds in run.commands))))
         begun, start, agreed = link.now(), self._heading, link.now()
         link.heard.readings.clear()
-        for tick in range(int(edges[-1] * STICK_HZ) + 2):
-            self._send(yaw := self._stick.manual(outputs[np.searchsorted(edges, tick / STICK_HZ, side="right")]))
+        due = begun
+        while (since := link.now() - begun) < edges[-1] + 2.0 / STICK_HZ:
+            self._send(yaw := self._stick.manual(outputs[np.searchsorted(edges, since, side="right")]))
             found, sent = self._output(link.heard.pulses), self._stick.output(yaw)
             agreed = link.now() if abs(found - sent) < FOLLOWS else agreed
             if link.now() - agreed > FOLLOWS_S:
@@ -103,7 +104,8 @@ class Ride:
                     "commands, or give another --heading-limit"
                 )
             yield from self.rows()
-            link.wait(begun + (tick + 1) / STICK_HZ - link.now())
+            due = max(due + 1.0 / STICK_HZ, link.now())  # what was missed is not sent in a burst
+            link.wait(due - link.now())
 
     def rows(self) -> Iterator[str]:
         """What was read since the last time."""
