@@ -18,6 +18,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.stepwise import Chance
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.quantities import CLOCK, SINCE, Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import signals_of
@@ -46,7 +47,7 @@ class Curve:
         return self.model.terms[-1].name
 
 
-def scored(study: Study, base: Trial, seed: int) -> tuple[list[Curve], Chance]:
+def scored(study: Study, base: Trial, seed: int, each: Each = alone) -> tuple[list[Curve], Chance]:
     """All curves that these runs can show, best first, and what the best of them gains by chance, (DRAWS,)."""
     models = candidates(study, base.model)
     if not models:
@@ -54,7 +55,7 @@ def scored(study: Study, base: Trial, seed: int) -> tuple[list[Curve], Chance]:
     probes = [_probe(model) for model in models]
     names = list(dict.fromkeys(model.terms[-1].name for model in models))
     ordered = [(m, p) for name in names for m, p in zip(models, probes) if p.effect == name]
-    weighted = pull_of(study, base.model, base.fit, names, [p for _, p in ordered])
+    weighted = pull_of(study, base.model, base.fit, names, [p for _, p in ordered], each)
     own = len(base.fit.phi)
     free = np.setdiff1d(np.arange(own), base.fit.at_bound)
     hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)

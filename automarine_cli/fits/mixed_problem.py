@@ -14,6 +14,7 @@ from automarine_cli.fits.gram import Gram, Grams
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.outcome import Outcome, natural_of, search_of
 from automarine_cli.fits.run_effects import RunEffects
+from automarine_cli.fits.variances import deviance
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 
@@ -225,7 +226,7 @@ class MixedFit(Outcome):
         return (0.0 if low <= max(limits[0], SMALLEST_FACTOR) * (1 + 1e-9) else float(low)), float(high)
 
     def _deviance(self, variances: Floats) -> float:
-        return linear_mixed.deviance(self.gram, self.effects, variances, restricted=True)
+        return deviance(self.gram, self.effects, variances, restricted=True)
 
 
 def without_held(problem: Problem, held: NDArray[np.bool_]) -> Problem:

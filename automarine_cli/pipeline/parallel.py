@@ -18,6 +18,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.cluster import on_cluster
 from automarine_cli.pipeline.interrupts import held_back
 from automarine_cli.pipeline.progress import Progress, counted, silent
 
@@ -27,8 +28,13 @@ Result = TypeVar("Result")
 Each = Callable[[Callable[[Any], Any], Sequence[Any], str], list[Any]]
 """Maps a function over items, in a stage of that name."""
 
+
+def alone(function: Callable[[Any], Any], items: Sequence[Any], stage: str) -> list[Any]:
+    """The same in this process."""
+    return [function(item) for item in items]
+
+
 CHUNKS_PER_JOB = 4  # small enough to share the work evenly, large enough to spare the pickling
-PATIENCE_S = 20  # for a cluster to answer
 LARGEST_CHUNK = 32  # items; what a stream holds at a time does not grow with the number of items
 AHEAD = 2  # chunks under way for each process
 
@@ -145,7 +151,7 @@ def _in_order(
 def _workers(jobs: int, cluster: str | None, stage: str, own: int = 0) -> Iterator[tuple[Executor | None, int]]:
     """What does the work, and how many tasks at once; None for this process itself, which does the work of `own`."""
     if cluster is not None:
-        with _cluster(cluster, stage) as found:
+        with on_cluster(cluster, stage) as found:
             yield found
     elif jobs <= 1:
         yield None, 1
@@ -173,51 +179,6 @@ def _processes(jobs: int, stage: str, own: int) -> Iterator[Executor]:
         executor.shutdown(wait=isinstance(problem, Exception), cancel_futures=True)
         raise
     executor.shutdown()
-
-
-@contextlib.contextmanager
-def _cluster(address: str, stage: str) -> Iterator[tuple[Executor, int]]:
-    """The standard executor of Dask's client; work of a worker that dies is done again by another."""
-    with cluster_executor(address) as (executor, workers):
-        try:
-            yield executor, workers
-        except Exception as problem:
-            if type(problem).__name__ not in ("KilledWorker", "CancelledError", "FutureCancelledError"):
-                raise
-            raise SettingError(
-                f"the cluster at {address} gave up {stage or 'the work'}: {problem}; look at its workers' logs, "
-                "they usually died for want of memory"
-            ) from None
-
-
-@contextlib.contextmanager
-def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
-    """The executor of the Dask scheduler at `address`, and how many tasks its workers take at once.
-
-    Raises SettingError where Dask is not installed, nobody answers, or there are no workers.
-    """
-    try:
-        from distributed import Client
-    except ImportError:
-        raise SettingError(
-            "--cluster needs Dask, which is not installed; install it with: pip install 'automarine[cluster]'"
-        ) from None
-    try:
-        client = Client(address, timeout=PATIENCE_S, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as problem:
-        raise SettingError(
-            f"no Dask scheduler answers at {address} ({str(problem) or type(problem).__name__}); start one with "
-            "`dask scheduler` and give its address, such as tcp://127.0.0.1:8786"
-        ) from None
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=PATIENCE_S)
-        except TimeoutError:
-            raise SettingError(
-                f"the scheduler at {address} has no workers; start some with `dask worker {address} --nthreads 1`"
-            ) from None
-        with client.get_executor(pure=False) as executor:
-            yield executor, sum(client.nthreads().values())
 
 
 def _through(
