@@ -103,6 +103,10 @@ class FakeSub:
         """How far it has turned since it was made [deg]."""
         return math.degrees(self._psi) - self.heading
 
+    def call(self, port: int) -> None:
+        """Send to a port from now on, as a vehicle's router does."""
+        self._peers.setdefault(("127.0.0.1", port), mavlink.MAVLink(None))
+
     def sticks(self) -> list[Packet]:
         """The sticks that came."""
         return [packet for packet in self.packets if packet.name == "MANUAL_CONTROL"]
