@@ -203,22 +203,26 @@ class Link:
         self.heard.answers[message.command] = message.result
 
 
-def _library(module: str) -> Any:
-    return needed(module, "ardupilot", "--vehicle ardusub", "MAVLink packets")
-
-
-def _opened(address: str) -> Any:
-    """The port of an address. Raises SettingError."""
+def reached_by(address: str) -> re.Match[str]:
+    """The parts of an address. Raises SettingError for one that is none, LogError where pymavlink is not installed."""
+    _library("pymavlink")
     if not (found := ADDRESS.fullmatch(address)):
         raise SettingError(
             f"found the address {printable(address)!r}, expected udpin:0.0.0.0:PORT, udpout:HOST:PORT, "
             "tcp:HOST:PORT or serial:DEVICE:BAUD"
         )
-    connect = _library("pymavlink.mavutil").mavlink_connection
+    return found
+
+
+def _opened(address: str) -> Any:
+    """The port of an address. Raises SettingError."""
+    found, connect = reached_by(address), _library("pymavlink.mavutil").mavlink_connection
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # it tells of every try
-            if found["way"]:
-                return connect(address)
-            return connect(found["device"], baud=int(found["baud"]))
+            return connect(address) if found["way"] else connect(found["device"], baud=int(found["baud"]))
     except (OSError, ValueError, OverflowError) as problem:
         raise SettingError(f"{address} cannot be opened ({problem}); check --mavlink, and what else has it") from None
+
+
+def _library(module: str) -> Any:
+    return needed(module, "ardupilot", "--vehicle ardusub", "MAVLink packets")

@@ -181,7 +181,9 @@ class Ride:
         if not heard.armed:
             raise SettingError(f"the vehicle disarmed itself ({self._last_words}); correct that first")
         if heard.mode != self._mode:
-            raise SettingError(f"somebody changed the mode to {heard.mode}; give up the vehicle there, then plan anew")
+            raise SettingError(
+                f"somebody changed the mode to {heard.mode}; ask who else commands it, then make a new plan"
+            )
         has_no_other_pilot(heard)
         if (depth := heard.depth or 0.0) > deepest:
             raise SettingError(f"the vehicle is {depth:.1f} m deep, below --depth-limit; make it float, then plan anew")
