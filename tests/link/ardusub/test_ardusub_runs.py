@@ -68,6 +68,14 @@ def test_sticks_come_steadily_and_push_nowhere_else(side: float) -> None:
     assert beats.max() < 1.2 and beats.min() > 0.8
 
 
+def test_the_quickest_dead_man_is_kept_awake() -> None:
+    """Sticks come while the vehicle arms and changes its mode, too, which its heartbeat tells once a second only."""
+    vehicle = FakeSub(parameters={"FS_PILOT_TIMEOUT": 0.1})
+    flown(vehicle, campaign_of(0.8, seconds=8.0))
+    sticks = np.array([one.time for one in vehicle.sticks()])
+    assert not vehicle.disarmed_by and np.diff(sticks).max() < 0.1
+
+
 def test_a_vehicle_that_calls_is_driven_as_well() -> None:
     """Its router sends to a port of ours, and is answered where it sends from."""
     vehicle = FakeSub()
