@@ -208,9 +208,10 @@ class Link:
 
 
 def reached_by(address: str) -> re.Match[str]:
-    """The parts of an address. Raises SettingError for one that is none, LogError where pymavlink is not installed."""
-    _library("pymavlink")
-    if not (found := ADDRESS.fullmatch(address)):
+    """The parts of an address. Raises SettingError for one that is none, LogError where a library is not installed."""
+    found = ADDRESS.fullmatch(address)
+    _library("serial" if found and found["device"] else "pymavlink")
+    if not found:
         raise SettingError(
             f"found the address {printable(address)!r}, expected udpin:0.0.0.0:PORT, udpout:HOST:PORT, "
             "tcp:HOST:PORT or serial:DEVICE:BAUD"
