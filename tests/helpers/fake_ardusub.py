@@ -103,6 +103,10 @@ class FakeSub:
         """How far it has turned since it was made [deg]."""
         return math.degrees(self._psi) - self.heading
 
+    def call(self, port: int) -> None:
+        """Send to a port from now on, as a vehicle's router does."""
+        self._peers.setdefault(("127.0.0.1", port), mavlink.MAVLink(None))
+
     def sticks(self) -> list[Packet]:
         """The sticks that came."""
         return [packet for packet in self.packets if packet.name == "MANUAL_CONTROL"]
@@ -177,13 +181,11 @@ class FakeSub:
             self._due[int(first)] = self.time
         elif number == mavlink.MAV_CMD_DO_SET_MODE:
             self.mode, self._hold = int(second), (self._psi, 0.0)
-            self._tell(0)
         elif number == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
             if first and not self.armable:
                 self._mav.statustext_send(2, b"Arm: Depth sensor is not connected")
                 return mavlink.MAV_RESULT_FAILED
             self.armed = bool(first)
-            self._tell(0)
         else:
             return mavlink.MAV_RESULT_UNSUPPORTED
         return mavlink.MAV_RESULT_ACCEPTED

@@ -63,7 +63,7 @@ def test_ardusub_goes_by_the_clock_and_needs_an_address(run: Run, tmp_path: Path
     dry = ["--dry-run", "--campaign", str(tmp_path / "campaign.json")]
     found = run(*asked, "--mavlink", "udpin:127.0.0.1:0", "--speed", "2", *dry)
     assert found.exit_code == 1 and "goes by the clock; leave out --speed" in found.stderr
-    found = run(*asked, "--mavlink", "log.tlog", *dry)
+    found = run(*asked, "--mavlink", "log.tlog")
     assert found.exit_code == 1 and "expected udpin:0.0.0.0:PORT" in found.stderr
     found = run(*asked, "--mavlink", "udpin:127.0.0.1:0", "--full", "0.5", *dry)
     assert found.exit_code == 1 and "and the whole output gives 0.5; plan with" in found.stderr

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from fake_ardusub import FakeSub, Station, Tank, campaign_of, flown
 
-from automarine_cli.errors import SettingError
+from automarine_cli.errors import AutomarineError, SettingError
 from automarine_cli.link.vehicles.ardusub.packets import Clock, Link
 from automarine_cli.link.vehicles.ardusub.ride import Limits
 from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
@@ -155,9 +155,12 @@ def test_moments_that_the_output_does_not_give() -> None:
             replace(sub, full=wrong)
 
 
-@pytest.mark.parametrize("address", ["udpin:1", "log.tlog", "csv:x", "udp:1.2.3.4:5", "serial:x", "tcp:127.0.0.1:1"])
+@pytest.mark.parametrize(
+    "address", ["udpin:1", "log.tlog", "csv:x", "udp:1.2.3.4:5", "serial:x", "tcp:127.0.0.1:1", "serial:/no:9600"]
+)
 def test_an_address_that_is_none(address: str) -> None:
-    with pytest.raises(SettingError, match=r"expected udpin:|cannot be opened .* check --mavlink"):
+    sentence = r"expected udpin:|cannot be opened .* check --mavlink|say pip install 'automarine\[ardupilot\]'"
+    with pytest.raises(AutomarineError, match=sentence):
         Link(address, lambda: False, Clock())
 
 

@@ -1,21 +1,28 @@
-"""`serve --vehicle ardusub` as processes of its own, by the clock: killed, and seen by an independent MAVLink stack."""
+"""`serve --vehicle ardusub` as processes of its own, by the clock: killed, and met by an independent MAVLink stack."""
 
+import contextlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import Result
 from fake_ardusub import FakeSub, alive, campaign_of
 from link_processes import ALONE, children_of, collecting, ended, token_in
 
+from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
+from automarine_cli.link.vehicles.ardusub.packets import Clock, Link
+from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
 
 pytestmark = pytest.mark.slow
 
@@ -122,6 +129,53 @@ def test_an_independent_stack_sees_a_well_behaved_sender(tmp_path: Path) -> None
     assert [one["r"] for _, one in sticks[-10:]] == [0] * 10
     gaps = np.diff([when for when, one in sticks if one["r"] == 500])
     assert 1 / 50 < np.median(gaps) < 1 / 20
-    asked = Counter(one.message.command for one in vehicle.packets if one.name == "COMMAND_LONG")
+    ours = [one.message for one in vehicle.packets if one.component == 190 and one.name == "COMMAND_LONG"]
+    asked = Counter(one.command for one in ours)
     assert set(asked) == {511, 176, 400} and asked[400] == 2  # MAVSDK does not tell what is meant for another system
     assert len(list((tmp_path / "pool").glob("*.csv"))) == 1
+
+
+def test_an_independent_autopilot_understands_us() -> None:
+    """MAVSDK is the autopilot: its parameters are read, it arms and disarms, and is refused, for it is no ArduSub."""
+    mavsdk = pytest.importorskip("mavsdk")
+    from mavsdk.plugins.action_server import ActionServer
+    from mavsdk.plugins.param_server import ParamServer
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    peer = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.AUTOPILOT))
+    address = f"udpout:127.0.0.1:{port}"
+    try:
+        assert peer.add_any_connection(f"udpin://127.0.0.1:{port}") == mavsdk.ConnectionResult.SUCCESS
+        component, told = peer.server_component(), list[bool]()
+        parameters, action = ParamServer(component), ActionServer(component)
+        parameters.provide_param_float("ACRO_YAW_P", 3.375)
+        action.set_armable(True, True)
+        action.set_disarmable(True, True)
+        action.subscribe_arm_disarm(lambda result, asked, _: told.append(asked.arm))
+        with contextlib.closing(Link(address, lambda: False, Clock())) as link:
+            assert link.wait(10.0, lambda: link.heard.system is not None)
+            link.ask(("ACRO_YAW_P", "NOT_THERE"))
+            assert link.wait(10.0, lambda: "ACRO_YAW_P" in link.heard.parameters)
+            assert link.heard.parameters == {"ACRO_YAW_P": 3.375}
+            assert link.command(400, 1.0) and link.wait(10.0, lambda: link.heard.armed)
+            assert link.command(400, 0.0) and link.wait(10.0, lambda: not link.heard.armed)
+            assert told == [True, False]
+            assert [one.component_ids() for one in peer.get_systems()] == [[190]]
+        with pytest.raises(SettingError, match="expected 3 and 12 of ArduSub; check --mavlink"):
+            ArduSub(address).look(campaign_of(0.5))
+    finally:
+        peer.destroy()
+
+
+def test_a_dry_run_at_the_prompt(run: Callable[..., Result], tmp_path: Path) -> None:
+    campaign = tmp_path / "campaign.json"
+    campaign.write_text(campaign_of(0.5, -0.5).text)
+    asked = ["serve", str(tmp_path / "v"), "--vehicle", "ardusub", "--dry-run", "--campaign", str(campaign)]
+    with alive(FakeSub(charge_percent=90.0)) as vehicle:
+        found = run(*asked, "--mavlink", vehicle.address)
+        assert found.exit_code == 0 and "2 runs in 0.3 min" in found.stdout
+        vehicle.charge_percent = 5.0
+        found = run(*asked, "--mavlink", vehicle.address)
+        assert found.exit_code == 1 and "the battery holds 5 %" in found.stderr and not vehicle.sticks()

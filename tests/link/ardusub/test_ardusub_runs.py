@@ -2,15 +2,17 @@
 
 import csv
 import json
+import socket
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_ardusub import FakeSub, campaign_of, flown
+from fake_ardusub import FakeSub, Tank, campaign_of, flown
 
 from automarine_cli.link.vehicles.ardusub.packets import Heard
 from automarine_cli.link.vehicles.ardusub.sticks import Authority, Stick, authority
+from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
 from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
 
@@ -64,6 +66,25 @@ def test_sticks_come_steadily_and_push_nowhere_else(side: float) -> None:
     assert np.median(gaps) == pytest.approx(1 / 40, abs=0.006) and gaps.max() < 0.1
     beats = np.diff([one.time for one in vehicle.packets if one.name == "HEARTBEAT"])
     assert beats.max() < 1.2 and beats.min() > 0.8
+
+
+def test_the_quickest_dead_man_is_kept_awake() -> None:
+    """Sticks come while the vehicle arms and changes its mode, too, which its heartbeat tells once a second only."""
+    vehicle = FakeSub(parameters={"FS_PILOT_TIMEOUT": 0.1})
+    flown(vehicle, campaign_of(0.8, seconds=8.0))
+    sticks = np.array([one.time for one in vehicle.sticks()])
+    assert not vehicle.disarmed_by and np.diff(sticks).max() < 0.1
+
+
+def test_a_vehicle_that_calls_is_driven_as_well() -> None:
+    """Its router sends to a port of ours, and is answered where it sends from."""
+    vehicle = FakeSub()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    vehicle.call(port)
+    sub = ArduSub(f"udpin:127.0.0.1:{port}", clock=Tank(vehicle))
+    assert len(list(sub.drive(campaign_of(0.5), 0, lambda: False))) > 100 and vehicle.commanded()
 
 
 def test_what_a_busy_computer_missed_is_not_sent_in_a_burst() -> None:

@@ -51,7 +51,7 @@ def assert_quiet_since(vehicle: FakeSub, time: float, within: float = 0.1) -> No
         (lambda v: setattr(v, "sinks", 1.0), "m deep, below --depth-limit; make it float", 2.0),
         (lambda v: setattr(v, "armed", False), "disarmed itself .*; correct that first", 1.2),
         (lambda v: v.disarm("Leak Detected"), r"disarmed itself \(Leak Detected\)", 1.2),
-        (lambda v: setattr(v, "mode", 2), "somebody changed the mode to 2; give up the vehicle there", 1.5),
+        (lambda v: setattr(v, "mode", 2), "somebody changed the mode to 2; ask who else", 1.5),
         (lambda v: Station(v, 254, 25).push(), r"somebody else sends MANUAL_CONTROL \(system 254", 0.1),
         (lambda v: setattr(v, "stray", -0.3), r"yaw output is \+0.30, and \+0.60 was sent; check who else", 1.5),
         (

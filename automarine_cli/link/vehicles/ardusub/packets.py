@@ -22,6 +22,7 @@ AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1: cameras and companions beat too, and so
 STATION, NO_AUTOPILOT = 6, 8  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID
 STICKS = ("MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE")
 BEAT_S, POLL_S = 1.0, 0.01
+STICK_HZ = 40.0
 ACK_S, TRIES = 1.0, 3
 ADDRESS = re.compile(r"(?P<way>udpin|udpout|tcp):(?P<where>[^:]+:\d{1,5})|serial:(?P<device>.+):(?P<baud>\d+)")
 
@@ -88,12 +89,13 @@ class Clock:
 
 
 class Link:
-    """A connection, which sends our heartbeat as long as it is polled."""
+    """A connection, which sends our heartbeat as long as it is polled, and while it is `steady` a stick in the middle
+    again and again."""
 
     def __init__(self, address: str, halted: Halted, clock: Clock) -> None:
         """Open an address. Raises SettingError for one that is none, or that cannot be opened."""
         self.address, self.halted, self.heard, self.now = address, halted, Heard(), clock.now
-        self._clock, self._beat, self._stick = clock, -math.inf, 0
+        self._clock, self._beat, self._stick, self._sent, self.steady = clock, -math.inf, 0, -math.inf, False
         self._port = _opened(address)
         self._mav = _library("pymavlink.dialects.v20.ardupilotmega").MAVLink(self._port, *OURS)
         self._mav.robust_parsing = True
@@ -105,6 +107,8 @@ class Link:
         if self.now() - self._beat >= BEAT_S:
             self._beat = self.now()
             self._mav.heartbeat_send(STATION, NO_AUTOPILOT, 0, 0, 0)
+        if self.steady and not self._stick and self.now() - self._sent > 1.5 / STICK_HZ:
+            self.stick(0)  # the vehicle's dead-man may wait for 0.1 s only, and an answer takes longer
         try:
             while data := self._port.recv(4096):
                 for message in self._mav.parse_buffer(data) or ():
@@ -123,7 +127,7 @@ class Link:
 
     def stick(self, yaw: int) -> None:
         """Send the sticks: yaw from -1000 to 1000, all others in the middle."""
-        self._stick = yaw
+        self._stick, self._sent = yaw, self.now()
         self._mav.manual_control_send(self.heard.system, 0, 0, 500, yaw, 0)
 
     def command(self, number: int, *values: float) -> bool:
@@ -203,22 +207,27 @@ class Link:
         self.heard.answers[message.command] = message.result
 
 
-def _library(module: str) -> Any:
-    return needed(module, "ardupilot", "--vehicle ardusub", "MAVLink packets")
-
-
-def _opened(address: str) -> Any:
-    """The port of an address. Raises SettingError."""
-    if not (found := ADDRESS.fullmatch(address)):
+def reached_by(address: str) -> re.Match[str]:
+    """The parts of an address. Raises SettingError for one that is none, LogError where a library is not installed."""
+    found = ADDRESS.fullmatch(address)
+    _library("serial" if found and found["device"] else "pymavlink")
+    if not found:
         raise SettingError(
             f"found the address {printable(address)!r}, expected udpin:0.0.0.0:PORT, udpout:HOST:PORT, "
             "tcp:HOST:PORT or serial:DEVICE:BAUD"
         )
-    connect = _library("pymavlink.mavutil").mavlink_connection
+    return found
+
+
+def _opened(address: str) -> Any:
+    """The port of an address. Raises SettingError."""
+    found, connect = reached_by(address), _library("pymavlink.mavutil").mavlink_connection
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # it tells of every try
-            if found["way"]:
-                return connect(address)
-            return connect(found["device"], baud=int(found["baud"]))
+            return connect(address) if found["way"] else connect(found["device"], baud=int(found["baud"]))
     except (OSError, ValueError, OverflowError) as problem:
         raise SettingError(f"{address} cannot be opened ({problem}); check --mavlink, and what else has it") from None
+
+
+def _library(module: str) -> Any:
+    return needed(module, "ardupilot", "--vehicle ardusub", "MAVLink packets")

@@ -9,7 +9,7 @@ import numpy as np
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
-from automarine_cli.link.vehicles.ardusub.packets import Attitude, Link
+from automarine_cli.link.vehicles.ardusub.packets import STICK_HZ, Attitude, Link
 from automarine_cli.link.vehicles.ardusub.preflight import has_no_other_pilot
 from automarine_cli.link.vehicles.ardusub.sticks import Authority, Stick
 from automarine_cli.logs.mixing import Part
@@ -18,7 +18,6 @@ from automarine_cli.simulation.checks import between
 
 STABILIZE, MANUAL = 0, 19
 DO_SET_MODE, ARM_DISARM = 176, 400
-STICK_HZ = 40.0
 NEUTRALS = 10
 """So many sticks in the middle come before silence."""
 SILENT_S, STALE_S = 3.0, 1.0
@@ -63,6 +62,7 @@ class Ride:
 
     def begin(self, heading: float) -> None:
         """Arm, and turn to a heading [deg]. Raises SettingError, Halt."""
+        self._link.steady = True
         self._enter(STABILIZE)
         self._still(1.0)
         self._is_armed = True  # it may be from here on, though the answer be lost
@@ -123,6 +123,7 @@ class Ride:
         self._link.halted = lambda: False
         if self._is_armed:
             self._still(NEUTRALS / STICK_HZ, checked=False)
+            self._link.steady = False
             self._link.command(ARM_DISARM, 0.0)
 
     @property
@@ -181,7 +182,9 @@ class Ride:
         if not heard.armed:
             raise SettingError(f"the vehicle disarmed itself ({self._last_words}); correct that first")
         if heard.mode != self._mode:
-            raise SettingError(f"somebody changed the mode to {heard.mode}; give up the vehicle there, then plan anew")
+            raise SettingError(
+                f"somebody changed the mode to {heard.mode}; ask who else commands it, then make a new plan"
+            )
         has_no_other_pilot(heard)
         if (depth := heard.depth or 0.0) > deepest:
             raise SettingError(f"the vehicle is {depth:.1f} m deep, below --depth-limit; make it float, then plan anew")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign
-from automarine_cli.link.vehicles.ardusub.packets import Clock, Halt, Link
+from automarine_cli.link.vehicles.ardusub.packets import Clock, Halt, Link, reached_by
 from automarine_cli.link.vehicles.ardusub.preflight import Need, preflight
 from automarine_cli.link.vehicles.ardusub.ride import Limits, Ride
 from automarine_cli.link.vehicles.ardusub.sticks import Authority, authority
@@ -28,6 +28,7 @@ class ArduSub:
     clock: Clock = field(default_factory=Clock)
 
     def __post_init__(self) -> None:
+        reached_by(self.address)
         if self.full is not None:
             between(self, 1e-9, 1e9, "full")
 
