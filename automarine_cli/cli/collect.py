@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from automarine_cli.cli import options
+from automarine_cli.cli.echo import end_with
 
 
 @click.command("collect", short_help="On the surface: send a campaign, fetch logs.")
@@ -24,10 +25,16 @@ from automarine_cli.cli import options
     "--wait", type=click.FloatRange(min=0), metavar="SECONDS",
     help="Give up after so long without contact.  [default: never]",
 )  # fmt: skip
+@click.option(
+    "--then", type=click.Choice(("run",)),
+    help="When the campaigns are over, run the campaign.toml in DIR (made as by init) into DIR/analysis.",
+)  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Fetch again what was changed in DIR since it was fetched.")
+@options.jobs_option
 @options.json_option
 @options.verbosity
-def collect(**given: Any) -> object:
+@click.pass_context
+def collect(ctx: click.Context, **given: Any) -> object:
     """Wait for contact with a vehicle that runs `automarine serve` at URL, and fetch its logs into DIR.
 
     On contact come first the vehicle's state and --stop, then the campaign, then the logs; after a cut it goes on
@@ -35,8 +42,12 @@ def collect(**given: Any) -> object:
 
     \b
     Example:
-      automarine collect http://192.168.2.2:8722 --token T --campaign out/plan -o out/pool
+      automarine collect http://192.168.2.2:8722 --token T --campaign out/plan -o out/pool --then run
     """
     from automarine_cli.workflows.collect import collect as command
 
-    return options.perform_one(command, given, f"The logs are in {given['out']}.")
+    written = f"The logs are in {given['out']}" + (", the analysis is in its folder analysis" if given["then"] else "")
+    found = options.perform_one(command, given, f"{written}.")
+    if found.analysis is not None:
+        end_with(ctx, [f"{one.step}: {one.why}" for one in found.analysis.refused])
+    return found

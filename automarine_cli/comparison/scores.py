@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_coeffs
 
 from automarine_cli.comparison.rollouts import State
 from automarine_cli.comparison.simulated_runs import FreeRun
@@ -106,7 +105,8 @@ def rate_error(free: FreeRun) -> Floats:
     if read is not None:
         return np.asarray(dof.shown((read - free.rate)[~np.isnan(read)]))
     period, width = run.sample_period, rate_window(run)
-    weights = savgol_coeffs(width, 2, deriv=1, delta=period)
+    arm = np.arange(width // 2, -width // 2, -1)  # the parabola's slope, as `np.convolve` takes weights
+    weights = arm / (arm @ arm) / period
     edges = np.flatnonzero(np.diff(run.time) > GAP_IN_PERIODS * period) + 1
     slopes = []
     for time, error in zip(np.split(run.time, edges), np.split(free.error, edges)):

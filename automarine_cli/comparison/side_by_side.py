@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from automarine_cli.results.estimate import Estimate
 
 DIFFERS, MAY_DIFFER, ALIKE = "differs", "may differ", "no difference shown"
 LEVEL = 0.05
-Z95 = float(stats.norm.ppf(0.975))
+Z95 = float(special.ndtri(0.975))
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def p_value(apart: Estimate) -> float | None:
     toward = apart.value - apart.ci95[0] if apart.value > 0 else apart.ci95[1] - apart.value
     if toward <= 0:
         return None
-    return float(2 * stats.norm.sf(Z95 * abs(apart.value) / toward))
+    return float(2 * special.ndtr(-Z95 * abs(apart.value) / toward))
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

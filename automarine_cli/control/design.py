@@ -13,13 +13,28 @@ from automarine_cli.control.knowledge import Knowledge
 from automarine_cli.control.margins import Margins
 from automarine_cli.control.members import Bend, Vehicles, crowd
 from automarine_cli.control.plant import sensor_lag
-from automarine_cli.control.search import FINE, SHARE, Crowd, Task, all_margins, flown, grid_for, picked, searched
+from automarine_cli.control.search import (
+    FINE,
+    ROUGH,
+    SHARE,
+    Crowd,
+    Task,
+    all_margins,
+    brief,
+    flown,
+    grid_for,
+    paced,
+    picked,
+    searched,
+)
 from automarine_cli.control.targets.base import Gains, Nominal, Target
 from automarine_cli.models.yaw_model import steady_rate
 from automarine_cli.quantities import Floats
 
 Verdict = Literal["gains", "leave", "cannot-promise"]
 CROWD, PRESENT, JUDGED = 180, 60, 24
+EXACT, STEADY = 0.02, 0.05
+"""Loops of the flights that are promised, and of those that gains are chosen by: see `paced`."""
 DEAREST = 2.0
 """How much longer gains for all explanations may take to settle than gains for the right one alone."""
 LONG_DELAY = 0.1
@@ -43,7 +58,7 @@ class Outcome:
 @dataclass(frozen=True)
 class Designed:
     """The verdict and why; `new` and `old` outcomes where there are any; the crowds, the task, the vehicle as the
-    designer saw it, and the run that would settle what is open."""
+    designer saw it, the effect that is open and changes the answer (empty for none), and the run that settles it."""
 
     verdict: Verdict
     why: str
@@ -53,6 +68,7 @@ class Designed:
     crowds: tuple[Crowd, ...]
     new: Outcome | None
     old: Outcome | None
+    open: str
     run: str
     notes: tuple[str, ...]
 
@@ -96,11 +112,9 @@ def design(
         found = _designed(target, known, crowds, nominal, replace(task, seconds=longer * seconds_for(nominal)), present)
         if found is not None:
             return found
-    why = (
-        f"The best gains that keep a disk margin of {task.margin:g} do not settle for {SHARE:.0%} of the vehicles that"
-    )
-    why = f"{why} the model allows."
-    return Designed("cannot-promise", why, target, task, nominal, crowds, None, None, _run(known, ""), known.notes)
+    why = f"The best gains that keep a disk margin of {task.margin:g} do not settle for {SHARE:.0%} of the vehicles"
+    why = f"{why} that the model allows. {_more(target)}"
+    return Designed("cannot-promise", why, target, task, nominal, crowds, None, None, "", "", known.notes)
 
 
 def _designed(
@@ -109,37 +123,41 @@ def _designed(
 ) -> Designed | None:  # fmt: skip
     """The verdict from flights of so many seconds; None where gains keep the margin and do not settle in time."""
     some = [one.first(PRESENT // len(crowds)) for one in crowds]
-    old = None if present is None else outcome(target, present, some, task)
+    exact = paced(target, nominal, EXACT)
+    old = None if present is None else outcome(target, present, some, task, exact)
 
-    def said(verdict: Verdict, why: str, new: Outcome | None = None, run: str = "") -> Designed:
-        return Designed(verdict, why, target, task, nominal, crowds, new, old, run, known.notes)
+    def said(verdict: Verdict, why: str, new: Outcome | None = None, left: str = "") -> Designed:
+        run = _run(known, left) if left else ""
+        return Designed(verdict, why, target, task, nominal, crowds, new, old, left, run, known.notes)
 
     if old is not None and _keeps(old, crowds, task):
         share = old.share_with(task.margin)
         kept = f"The present gains keep the margin of {task.margin:g} for {share:.0%} of the vehicles that the model"
         return said("leave", f"{kept} allows, and all but a few settle.")
-    quick = type(target)(float(np.clip(0.02 * nominal.lag, target.period, max(target.period, 0.02))), target.beyond)
-    chosen = _chosen(quick, target, nominal, crowds, task)
-    dear = _price(quick, nominal, known, crowds, task, chosen)
+    short = brief(target, nominal, crowds, task)
+    chosen = _chosen(target, nominal, crowds, short)
+    dear = _price(target, nominal, known, crowds, short, chosen)
     if chosen is None and not dear:
         where = "" if target.beyond or not target.firmware else " within the documented ranges"
         return said("cannot-promise", f"No gains{where} keep a disk margin of {task.margin:g} for {SHARE:.0%} of the "
-                                      "vehicles that the model allows.", run=_run(known, ""))  # fmt: skip
+                                      f"vehicles that the model allows. {_more(target)}")  # fmt: skip
     if dear:
-        return said("cannot-promise", dear[0], run=_run(known, dear[1]))
+        return said("cannot-promise", dear[0], left=dear[1])
     assert chosen is not None
-    new = outcome(target, chosen, crowds, task)
+    new = outcome(target, chosen, crowds, task, exact)
     if not _keeps(new, crowds, task):
         return None
     return said("gains", _why(new, old, task), new)
 
 
-def outcome(target: Target, gains: Mapping[str, float], crowds: Sequence[Crowd], task: Task) -> Outcome:
-    """What gains do over all crowds."""
+def outcome(
+    target: Target, gains: Mapping[str, float], crowds: Sequence[Crowd], task: Task, paced: Target | None = None
+) -> Outcome:
+    """What gains do over all crowds, flown with the loops of `paced` where that is given."""
     own: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
     omega = grid_for(target, crowds, FINE)
     found = [all_margins(target, own, one.vehicles, omega) for one in crowds]
-    flights = [step_and_load(target, own, one.vehicles, task.step, task.load, task.seconds) for one in crowds]
+    flights = [step_and_load(paced or target, own, one.vehicles, task.step, task.load, task.seconds) for one in crowds]
     flight = Flight(
         flights[0].time, *(np.concatenate([getattr(f, k) for f in flights]) for k in ("position", "output"))
     )
@@ -155,13 +173,11 @@ def _keeps(found: Outcome, crowds: Sequence[Crowd], task: Task) -> bool:
     return all(np.mean(part) >= SHARE for part in np.split(good, ends))
 
 
-def _chosen(
-    quick: Target, target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task
-) -> dict[str, float] | None:
+def _chosen(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task) -> dict[str, float] | None:
     """The best gains that all crowds can live with; looked for with more margin on the probes where that fails."""
     omega = grid_for(target, crowds, FINE // 2)
     for more in (1.0, 1.12, 1.3):
-        found = searched(quick, nominal, crowds, replace(task, margin=more * task.margin), 3)
+        found = searched(target, nominal, crowds, replace(task, margin=more * task.margin), 3)
         costs = []
         for k in range(len(found.cost)):
             gains = {name: float(value[k]) for name, value in found.gains.items()}
@@ -170,7 +186,7 @@ def _chosen(
             if min(kept) >= SHARE:
                 costs.append((k, gains))
         if costs:
-            return _steadiest(quick, found.gains, costs, crowds, task)
+            return _steadiest(paced(target, nominal, STEADY), found.gains, costs, crowds, task)
     return None
 
 
@@ -186,26 +202,25 @@ def _steadiest(
 
 
 def _price(
-    quick: Target, nominal: Nominal, known: Knowledge, crowds: Sequence[Crowd], task: Task,
+    target: Target, nominal: Nominal, known: Knowledge, crowds: Sequence[Crowd], task: Task,
     chosen: Mapping[str, float] | None,
 ) -> tuple[str, str] | None:  # fmt: skip
     """What is open and dear, in a sentence, and the effect to be settled; None where knowing it would gain little."""
+    quick = paced(target, nominal, ROUGH)
     parts = list(zip(crowds, [one.instead for one in known.explanations])) if len(crowds) > 1 else []
     if known.spread.late >= LONG_DELAY:
         base = crowds[0]
         prompt = base.vehicles.pick(np.flatnonzero(base.vehicles.late <= np.quantile(base.vehicles.late, 0.25)))
         parts.append((Crowd("a short delay", prompt), "input-delay"))
     for part, effect in parts:
-        alone = searched(quick, nominal, [part], task, 1)
+        alone = searched(target, nominal, [part], task, 1)
         if not len(alone.cost):
             continue
-        best = {name: value[:1] for name, value in alone.gains.items()}
-        mine = flown(quick, best, part.probes.pick(slice(0, 1)), task)[1].settling[0]
-        if chosen is None:
-            ours = np.inf
-        else:
-            own = {name: np.array([value]) for name, value in chosen.items()}
-            ours = flown(quick, own, part.probes.pick(slice(0, 1)), task)[1].settling[0]
+        both = {
+            name: np.append(value[:1], [] if chosen is None else [chosen[name]]) for name, value in alone.gains.items()
+        }
+        settling = flown(quick, both, part.vehicles.pick(slice(0, 1)), task)[1].settling
+        mine, ours = settling[0], np.inf if chosen is None else settling[1]
         if ours > DEAREST * mine:
             settled = effect or next((one.instead for one in known.explanations if one.instead), "input-delay")
             what = "no gains" if not np.isfinite(ours) else f"gains that settle in {ours:.1f} s"
@@ -220,8 +235,13 @@ def _price(
 
 def _run(known: Knowledge, effect: str) -> str:
     """The run that settles what is open."""
-    name = effect or "input-delay"
-    return known.splits.get(name) or effects.get(name).card(known.model.dof).separated_by
+    return known.splits.get(effect) or effects.get(effect).card(known.model.dof).separated_by
+
+
+def _more(target: Target) -> str:
+    """What may be tried where nothing is open."""
+    wider = "" if target.beyond or not target.firmware else "--beyond-range or "
+    return f"Try {wider}a smaller --margin, or a smaller --step."
 
 
 def _why(new: Outcome, old: Outcome | None, task: Task) -> str:

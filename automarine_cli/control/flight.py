@@ -14,6 +14,8 @@ from automarine_cli.quantities import Floats
 
 LONGEST_STEP = 0.01
 """Longest step [s] of a vehicle between two loops of its controller."""
+READ = 0.1
+"""Readings are as far off as they are for so long [s]: the pace of logs, of which their noise is known."""
 TWO = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
 """The two flights: one with the step of the reference, one with the load."""
 
@@ -28,14 +30,16 @@ class Flight:
 
 
 def fly(
-    target: Target, gains: Gains, vehicles: Vehicles, reference: Floats, load: Floats, *, every: float = 0.1
-) -> Flight:
+    target: Target, gains: Gains, vehicles: Vehicles, reference: Floats, load: Floats, *, every: float = 0.1,
+    longest: float = LONGEST_STEP,
+) -> Flight:  # fmt: skip
     """Fly from rest: `reference` (S or 1, R, M) at each loop of the controller from position 0, `load` (S or 1, R) a
-    moment against the vehicle all along; kept `every` so many seconds."""
+    moment against the vehicle all along; kept `every` so many seconds, the vehicle in steps of `longest` [s] at most.
+    Readings have the vehicles' noise, the same in every call."""
     if target.linear:
         vehicles = replace(vehicles, bend=None)
     step, loops = target.period, reference.shape[2]
-    parts = max(1, int(np.ceil(step / LONGEST_STEP - 1e-9)))
+    parts = max(1, int(np.ceil(step / longest - 1e-9)))
     flights = reference.shape[1]
     hull, drive = Body(vehicles, flights), Actuators(vehicles, flights, step / parts)
     rest = holding(vehicles)[:, None]
@@ -44,14 +48,19 @@ def fly(
     state = target.start(gains, hull.position[0], rest)
     lag, shown = sensor_lag(vehicles)[:, None], hull.position[0]
     late = np.exp(-step / np.maximum(lag, 1e-9))
-    stride = max(1, round(every / step))
+    stride, pace = max(1, round(every / step)), max(1, round(READ / step))
+    random, sizes = np.random.default_rng(0), np.array(vehicles.noise)[:, None, None]
+    wrong = sizes * np.zeros((2, len(vehicles), flights))
     kept: list[Floats] = []
     outputs: list[Floats] = []
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable set of gains may run away
         for k in range(loops):
             position = hull.position[0]
             shown = position + late * (shown - position)
-            state, output = target.step(state, gains, reference[:, :, k], shown, hull.velocity[0])
+            if k % pace == 0 and any(vehicles.noise):
+                wrong = sizes * random.standard_normal(wrong.shape)
+            read = shown + wrong[0], hull.velocity[0] + wrong[1]
+            state, output = target.step(state, gains, reference[:, :, k], *read)
             if k % stride == 0:
                 kept.append(position)
                 outputs.append(output)
@@ -79,12 +88,13 @@ class Scores:
 
 
 def step_and_load(
-    target: Target, gains: Gains, vehicles: Vehicles, step: float, load: float, seconds: float, every: float = 0.1
-) -> Flight:
+    target: Target, gains: Gains, vehicles: Vehicles, step: float, load: float, seconds: float, every: float = 0.1,
+    longest: float = LONGEST_STEP,
+) -> Flight:  # fmt: skip
     """Two flights of every set: a step of the reference, and a load in shares of the whole output from rest."""
     loops = max(2, round(seconds / target.period))
     reference = np.repeat((step * TWO[0])[:, :, None], loops, axis=2)
-    return fly(target, gains, vehicles, reference, load * vehicles.full * TWO[1], every=every)
+    return fly(target, gains, vehicles, reference, load * vehicles.full * TWO[1], every=every, longest=longest)
 
 
 def scores(flight: Flight, step: float, band: float) -> Scores:

@@ -1,5 +1,5 @@
 """A log flown with gains against what was promised of them: the steps of its reference, each beside the same step of
-every vehicle that the model allows."""
+every vehicle that the model allows; where the reference moves without steps, as a pilot turns it, all of it."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +20,11 @@ SMOOTHED_S, STEADY_S, LEAST = 0.5, 3.0, 5.0
 """Readings are averaged over so long, a reference stays for so long at least, and a step is so many bands large."""
 
 
+BEFORE_S, FOLLOWED_S, FOLLOWERS = 1.0, 120.0, 60
+"""A stretch without steps begins so long before the reference first moves, is followed for so long at most, and by so
+many vehicles."""
+
+
 @dataclass(frozen=True)
 class Compared:
     """One figure of a step: as flown, and the band of 95 % that was promised; infinite where it never settled."""
@@ -31,14 +36,16 @@ class Compared:
 
 @dataclass(frozen=True)
 class FlownStep:
-    """One step of the reference: when it `begins` [s in the log], its size, what came of it by name, and the curves:
-    `time` (N,), `position` (N,) as read, `low` and `high` (N,) of the promise, all less the position before."""
+    """One step of the reference, or a stretch of it without steps: when it `begins` [s in the log], its size (None
+    without), what came of it by name, and the curves: `time` (N,), `reference` (N,), `position` (N,) as read, `low` and
+    `high` (N,) of the promise, all less the position before."""
 
     run: str
     begins: float
-    size: float
+    size: float | None
     figures: Mapping[str, Compared]
     time: Floats
+    reference: Floats
     position: Floats
     low: Floats
     high: Floats
@@ -73,19 +80,21 @@ def flown_steps(
     crowds: Sequence[Crowd],
     task: Task,
 ) -> list[FlownStep]:
-    """Every step of the runs' references with what was promised of it. Raises RunError where there is none."""
-    found = [
-        _compared(run, reference, begin, end, target, gains, crowds, task)
-        for run in runs
-        for reference in [reference_of(run, column)]
-        for begin, end in _steps(run.time, reference, task)
-    ]
+    """Every step of the runs' references with what was promised of it, and a stretch of each run whose reference moves
+    without steps. Raises RunError where no reference moves."""
+    found: list[FlownStep] = []
+    for run in runs:
+        reference = reference_of(run, column)
+        steps = list(_steps(run.time, reference, task))
+        found += [_step(run, reference, begin, end, target, gains, crowds, task) for begin, end in steps]
+        if not steps and np.ptp(reference) >= LEAST * task.band:
+            found.append(_followed(run, reference, target, gains, crowds))
     if not found:
         dof = runs[0].dof
         least = f"{dof.logged(LEAST * task.band):g} {dof.units.log}"
         raise RunError(
-            f"{runs[0].source}: no step of the reference of {least} or more with {STEADY_S:g} s after it; make one "
-            "step and hold it until the vehicle is at rest"
+            f"{runs[0].source}: no change of the reference of {least} or more; make one step and hold it until the "
+            "vehicle is at rest"
         )
     return found
 
@@ -105,40 +114,88 @@ def _steps(time: Floats, reference: Floats, task: Task) -> Iterator[tuple[int, i
             yield int(first), int(end)
 
 
-def _compared(
-    run: Run, reference: Floats, begin: int, end: int, target: Target, gains: Mapping[str, float],
-    crowds: Sequence[Crowd], task: Task,
-) -> FlownStep:  # fmt: skip
-    part = slice(begin, end + 1)
-    time, before = run.time[part] - run.time[begin], reference[begin]
-    turns = np.round((run.position[begin] - before) / (2.0 * np.pi)) if run.dof.wraps else 0.0
+@dataclass(frozen=True)
+class _Part:
+    """Samples of a run beside the same flown by every vehicle: `time`, `asked`, `read` and `smooth` (N,), `flown`
+    (S, M) at `clock` (M,), all less the position before, and the noise of `smooth`."""
+
+    time: Floats
+    asked: Floats
+    read: Floats
+    smooth: Floats
+    clock: Floats
+    flown: Floats
+    noise: float
+
+    def judged(
+        self, did: Mapping[str, float], promised: Mapping[str, Floats], spare: Mapping[str, float]
+    ) -> dict[str, Compared]:
+        """Each figure beside the band of 95 % of what was promised of it (S,)."""
+        found = {}
+        for name, values in promised.items():
+            low, high = (float(np.quantile(values, q, method="inverted_cdf")) for q in (0.025, 0.975))
+            held = low - spare[name] <= did[name] <= high + spare[name]
+            found[name] = Compared(did[name], (low, high), held)
+        return found
+
+    def step(self, run: str, begins: float, size: float | None, figures: Mapping[str, Compared]) -> FlownStep:
+        """The result, with the promise as a band at the run's own samples."""
+        edges = np.quantile(self.flown, [0.025, 0.975], axis=0)
+        low, high = (np.interp(self.time, self.clock, one) for one in edges)
+        return FlownStep(run, begins, size, figures, self.time, self.asked, self.read, low, high)
+
+
+def _part(
+    run: Run, reference: Floats, part: slice, start: Floats | float, target: Target, gains: Mapping[str, float],
+    crowds: Sequence[Crowd],
+) -> _Part:  # fmt: skip
+    """The samples `part` of a run, less `start`."""
+    time = run.time[part] - run.time[part][0]
+    turns = np.round((run.position[part][0] - start) / (2.0 * np.pi)) if run.dof.wraps else 0.0
     read = run.position - 2.0 * np.pi * turns
     width = max(1, round(SMOOTHED_S / float(np.median(np.diff(run.time)))))
     smooth = np.convolve(np.pad(read, width // 2, mode="edge"), np.ones(width) / width, mode="same")
-    smooth = smooth[width // 2 : width // 2 + len(read)][part] - before
-    noise = position_noise(run.time, run.position) / np.sqrt(width)
-    size = float(reference[end] - before)
+    smooth = smooth[width // 2 : width // 2 + len(read)][part] - start
+    asked = reference[part] - start
     loops = max(2, round(float(time[-1]) / target.period))
-    asked = np.interp(np.arange(loops) * target.period, time, reference[part] - before)[None, None]
+    wanted = np.interp(np.arange(loops) * target.period, time, asked)[None, None]
     own: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
-    flights = [fly(target, own, one.vehicles, asked, np.zeros((1, 1))) for one in crowds]
+    flights = [fly(target, own, one.vehicles, wanted, np.zeros((1, 1))) for one in crowds]
     flown = np.concatenate([one.position[:, 0] for one in flights])
-    clock = flights[0].time
-    promised = step_scores(clock, flown, size, task.band)
-    did = step_scores(time, smooth[None], size, task.band + 2.5 * noise)
+    noise = position_noise(run.time, run.position) / np.sqrt(width)
+    return _Part(time, asked, read[part] - start, smooth, flights[0].time, flown, float(noise))
+
+
+def _step(
+    run: Run, reference: Floats, begin: int, end: int, target: Target, gains: Mapping[str, float],
+    crowds: Sequence[Crowd], task: Task,
+) -> FlownStep:  # fmt: skip
+    one = _part(run, reference, slice(begin, end + 1), reference[begin], target, gains, crowds)
+    size = float(reference[end] - reference[begin])
+    names = ("overshoot", "settling", "rms")
+    promised = dict(zip(names, step_scores(one.clock, one.flown, size, task.band)))
+    did = step_scores(one.time, one.smooth[None], size, task.band + 2.5 * one.noise)
     spare = {
-        "overshoot": 3.0 * noise / abs(size),
-        "settling": 0.3 + float(np.median(np.diff(time))),
-        "rms": 2.0 * noise,
-    }
-    figures = {}
-    for name, values, value in zip(spare, promised, did):
-        low, high = (float(np.quantile(values, q, method="inverted_cdf")) for q in (0.025, 0.975))
-        mine = float(value[0])
-        held = low - spare[name] <= mine <= high + spare[name]
-        figures[name] = Compared(mine, (low, high), held)
-    edges = np.quantile(flown, [0.025, 0.975], axis=0)
-    low, high = (np.interp(time, clock, one) for one in edges)
-    return FlownStep(
-        run.name, float(run.time[begin] - run.time[0]), size, figures, time, read[part] - before, low, high
-    )
+        "overshoot": 3.0 * one.noise / abs(size), "settling": 0.3 + float(np.median(np.diff(one.time))),
+        "rms": 2.0 * one.noise,
+    }  # fmt: skip
+    figures = one.judged({name: float(value[0]) for name, value in zip(names, did)}, promised, spare)
+    return one.step(run.name, float(run.time[begin] - run.time[0]), size, figures)
+
+
+def _followed(
+    run: Run, reference: Floats, target: Target, gains: Mapping[str, float], crowds: Sequence[Crowd]
+) -> FlownStep:
+    """From just before the reference first moves: how far the vehicle is from it, on the whole and at most."""
+    moves = np.flatnonzero(reference != reference[0])[0]
+    begin = int(np.searchsorted(run.time, run.time[moves] - BEFORE_S))
+    end = int(np.searchsorted(run.time, run.time[begin] + FOLLOWED_S))
+    crowds = [one.first(max(FOLLOWERS // len(crowds), 2)) for one in crowds]
+    off = 2.0 * np.pi * np.round((run.position[begin] - reference[begin]) / (2.0 * np.pi)) if run.dof.wraps else 0.0
+    one = _part(run, reference + off, slice(begin, end), run.position[begin], target, gains, crowds)
+    theirs = one.flown - np.interp(one.clock, one.time, one.asked)
+    mine = one.smooth - one.asked
+    did = {"distance": float(np.sqrt(np.mean(mine**2))), "largest": float(np.abs(mine).max())}
+    promised = {"distance": np.sqrt(np.mean(theirs**2, axis=1)), "largest": np.abs(theirs).max(axis=1)}
+    figures = one.judged(did, promised, {"distance": 2.0 * one.noise, "largest": 4.0 * one.noise})
+    return one.step(run.name, float(run.time[begin] - run.time[0]), None, figures)

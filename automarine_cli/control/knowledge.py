@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from automarine_cli import effects
 from automarine_cli.control.actuators import needs_columns
 from automarine_cli.control.members import UNKNOWN, Spread
 from automarine_cli.errors import ModelError
@@ -15,7 +16,7 @@ from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.campaign import fitting_of
 from automarine_cli.planning.candidates import paper_grid
 from automarine_cli.planning.limits import Limits
-from automarine_cli.planning.prior_results import NO_RIVALS, SCATTER, PriorResults, read_prior_results
+from automarine_cli.planning.prior_results import NO_RIVALS, NOISE_DEG, SCATTER, PriorResults, read_prior_results
 from automarine_cli.planning.rivals import closest, with_effect
 from automarine_cli.quantities import Floats
 from automarine_cli.results.kinds import DIAGNOSIS
@@ -26,6 +27,8 @@ UNKNOWN_DELAY = 0.3
 """Longest delay [s] of a vehicle of which no diagnosis says how short one would have been seen."""
 OWN_LAWS = 0.03
 """Share by which parameters are off beyond their errors: no vehicle follows the laws of a library to the letter."""
+FAINT = 0.5
+"""Largest standard error of an effect, as a share of its size: of what is less sure a diagnosis says nothing."""
 EXTENDED = "extended_model.json"
 SUPPLY = (0.88, 1.08)
 """Voltage of the supply, lowest and highest, in shares of that of the logs: four lithium cells about 15 V."""
@@ -89,9 +92,17 @@ def read_knowledge(
     logged = next((term.values[1] for term in known.model.terms if term.name == "voltage-exponent"), 1.0)
     volts = (logged, supply[0] * logged, supply[1] * logged)
     scatter = SCATTER if known.scatter is None else known.scatter
-    spread = Spread(np.zeros((0, 0)), scatter, late, volts)
+    spread = Spread(np.zeros((0, 0)), scatter, late, volts, _noise(known))
     notes = tuple(one for one in (*known.notes, note) if one and one != NO_RIVALS and "planned runs" not in one)
     return Knowledge(known.stored, (main, *others), spread, largest, guessed, _splits(said), notes)
+
+
+def _noise(known: PriorResults) -> tuple[float, float]:
+    """Noise of the readings of position and velocity [base units]: as the fit found it; of a position of which the file
+    does not say, one of the units that people read."""
+    sizes = (known.noise_deg or NOISE_DEG, known.rate_noise_deg_s or 0.0)
+    unit = float(known.model.dof.shown(1.0))
+    return sizes[0] / unit, sizes[1] / unit
 
 
 def _refuse(model: YawModel, name: str, known: PriorResults) -> None:
@@ -159,12 +170,23 @@ def _rival(known: PriorResults, main: Explanation, effect: str, rival: str, larg
     covariance = np.zeros((size, size))
     there = [model.parameter_names.index(main.model.parameter_names[k]) for k in kept]
     covariance[np.ix_(there, there)] = main.covariance[np.ix_(kept, kept)]
-    named = [k for k in range(len(main.model.theta)) if k not in kept and main.model.theta[k] != 0]
-    share = max((main.covariance[k, k] ** 0.5 / abs(main.model.theta[k]) for k in named), default=UNKNOWN)
-    for k in range(size):
-        if k not in there:
-            covariance[k, k] = (share * model.theta[k]) ** 2 * (model.parameter_names[k].rpartition(".")[2] != "law")
+    size_of, error_of = _sizes(main.model), np.sqrt(np.diagonal(main.covariance))
+    known_by = [error_of[k] / size_of[k] for k in range(len(size_of)) if k not in kept and error_of[k] * size_of[k] > 0]
+    share = min([*known_by, FAINT])
+    covariance += np.diag([0.0 if k in there else (share * x) ** 2 for k, x in enumerate(_sizes(model))])
     return Explanation(model, covariance, f"{rival} in the place of {effect}", rival)
+
+
+def _nothing(model: YawModel) -> Floats:
+    """Values of theta (p,) at which its effects do nothing."""
+    own = [parameter.off for term in model.terms for parameter in effects.get(term.name).parameters]
+    return np.nan_to_num(np.array([0.0, *own]), posinf=0.0, neginf=0.0)
+
+
+def _sizes(model: YawModel) -> Floats:
+    """How far the values of theta (p,) are from doing nothing; zero for what is not fitted."""
+    held = [parameter.held for term in model.terms for parameter in effects.get(term.name).parameters]
+    return np.where([False, *held], 0.0, np.abs(model.theta - _nothing(model)))
 
 
 def _late(model: YawModel, said: Mapping[str, object], delay: float | None) -> tuple[float, bool, str]:

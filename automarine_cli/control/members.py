@@ -45,7 +45,8 @@ class Vehicles:
 
     `theta` (S, p) parameters of `model`; `full` the moment or force of the whole output; `gain` (S,) of the thrust,
     `late` (S,) [s] a delay beyond the model's, `volts` (S,) [V] of the supply, `at` (S,) the output about which its
-    slope counts in margins; `bend` the map from output to moment where that is no straight line.
+    slope counts in margins; `bend` the map from output to moment where that is no straight line; `noise` of the
+    readings of position and velocity [base units].
     """
 
     model: YawModel
@@ -56,6 +57,7 @@ class Vehicles:
     volts: Floats
     at: Floats
     bend: Bend | None = None
+    noise: tuple[float, float] = (0.0, 0.0)
 
     def __len__(self) -> int:
         return len(self.theta)
@@ -73,12 +75,14 @@ class Vehicles:
 @dataclass(frozen=True)
 class Spread:
     """How uncertain a model is: `covariance` of theta (p, p), `scatter` of the thrust from run to run, `late` the
-    longest delay [s] that the logs cannot show, `volts` of the logs and of the supply when it is lowest and highest."""
+    longest delay [s] that the logs cannot show, `volts` of the logs and of the supply when it is lowest and highest,
+    `noise` of the readings of position and velocity [base units]."""
 
     covariance: Floats
     scatter: float
     late: float
     volts: tuple[float, float, float]
+    noise: tuple[float, float] = (0.0, 0.0)
 
 
 def crowd(
@@ -93,11 +97,14 @@ def crowd(
         gain = gain * (volts / logged) ** THRUST_BY_VOLTAGE
     late = np.append(0.5 * spread.late, rng.uniform(0.0, spread.late, count - 1))
     at = np.append(0.5, rng.uniform(0.2, 1.0, count - 1))
-    return Vehicles(model, theta, full, gain, late, volts, at, bend)
+    return Vehicles(model, theta, full, gain, late, volts, at, bend, spread.noise)
 
 
 def _drawn(model: YawModel, covariance: Floats, count: int, rng: np.random.Generator) -> Floats:
-    """Parameters (count, p) about the model's; those of the sign-definite base on the logarithm, all within bounds."""
+    """Parameters (count, p) about the model's; those of the sign-definite base on the logarithm, all within bounds.
+
+    What has no variance is exactly the model's: which law acts is a number that others are compared with.
+    """
     theta = model.theta
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -107,7 +114,7 @@ def _drawn(model: YawModel, covariance: Floats, count: int, rng: np.random.Gener
     size = np.where(positive, theta, 1.0)
     drawn = np.where(positive, size * np.exp(moved / size), theta + moved)
     lower, upper = bounds(model)
-    return np.clip(drawn, lower, upper)
+    return np.where(np.diagonal(covariance) > 0, np.clip(drawn, lower, upper), theta)
 
 
 def bounds(model: YawModel) -> tuple[Floats, Floats]:

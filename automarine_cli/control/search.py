@@ -29,6 +29,11 @@ NEVER = 1e6
 """What not settling costs, in lengths of a flight."""
 WIDTH = 0.3
 """Of the neighbourhood of good gains, in design numbers between 0 and 1."""
+ROUGH, LONGEST = 0.1, 0.02
+"""Loops of flights that gains are looked for with, in shares of all that is slow in the loop; and the longest loops
+and steps of a vehicle in flights that are not promised [s]."""
+LONG, LEAST = 5.0, 6.0
+"""Flights that gains are looked for with, in settling times and at least [s]."""
 COARSE, FINE = 180, 500
 """Frequencies of the first look and of the margins that are told."""
 DEGREE = np.pi / 180.0
@@ -121,10 +126,10 @@ class Tried:
 
 
 def cost_of(found: Scores, task: Task) -> Floats:
-    """Settling, the largest error under load and what is left of it, in ratios; overshoot beyond a tenth of the step;
-    (S,)."""
+    """log settling + log largest error under load + 1/4 log what is left of it, (S,): half the time is worth as much as
+    half the error; and 4 for each share of the step by which it is overshot, beyond a tenth."""
     settling = np.log(np.where(found.settles, found.settling, NEVER * task.seconds))
-    load = 0.75 * np.log(np.maximum(found.error, 1e-6)) + 0.25 * np.log(found.end + task.band)
+    load = np.log(np.maximum(found.error, 1e-6)) + 0.25 * np.log(found.end + task.band)
     return np.asarray(settling + load + 4.0 * np.maximum(found.overshoot - 0.1, 0.0))
 
 
@@ -133,7 +138,8 @@ def flown(target: Target, gains: dict[str, Floats], vehicles: Vehicles, task: Ta
     sets, count = len(next(iter(gains.values()))), len(vehicles)
     own: Gains = {name: np.repeat(value, count)[:, None] for name, value in gains.items()}
     many = vehicles.times(sets)
-    found = scores(step_and_load(target, own, many, task.step, task.load, task.seconds), task.step, task.band)
+    flight = step_and_load(target, own, many, task.step, task.load, task.seconds, longest=LONGEST)
+    found = scores(flight, task.step, task.band)
     return cost_of(found, task).reshape(sets, count), found
 
 
@@ -151,8 +157,32 @@ def picked(gains: dict[str, Floats], which: NDArray[np.int64]) -> dict[str, Floa
     return {name: value[which] for name, value in gains.items()}
 
 
+def paced(target: Target, nominal: Nominal, share: float) -> Target:
+    """The same stack with fewer loops a second, where those of the firmware are far shorter than all that is slow:
+    `share` of it, 0.02 s at most."""
+    slow = nominal.lag + target.own_lag({})
+    return type(target)(float(np.clip(share * slow, target.period, max(target.period, LONGEST))), target.beyond)
+
+
+def brief(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task) -> Task:
+    """The task with flights only as long as it takes to tell good gains from bad: `LONG` times what the best of a few
+    takes to settle, on the first vehicle."""
+    gains = target.propose(spread_numbers(FIRST // 5, target.numbers), nominal)
+    one = crowds[0].vehicles.pick(slice(0, 1))
+    disk, swing = screened(target, gains, one, grid_for(target, crowds, COARSE))
+    kept = np.flatnonzero(disk[:, 0] >= task.margin)
+    few = kept[np.argsort(swing[kept], kind="stable")[: FLOWN // 5]]
+    if not len(few):
+        return task
+    settling = flown(paced(target, nominal, ROUGH), picked(gains, few), one, task)[1].settling.min()
+    return replace(task, seconds=float(np.clip(LONG * settling, LEAST, task.seconds)))
+
+
 def searched(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task, rounds: int = 2) -> Tried:
-    """The best sets of gains that keep the margin on the probes of all crowds, cheapest first; none where none does."""
+    """The best sets of gains that keep the margin on the probes of all crowds, cheapest first; none where none does.
+
+    Margins are those of the target's own loops, flights are rough.
+    """
     omega = grid_for(target, crowds, COARSE)
     numbers = spread_numbers(FIRST, target.numbers)
     found = _tried(target, nominal, crowds, task, omega, numbers, FLOWN if rounds > 1 else FLOWN // 2)
@@ -188,5 +218,11 @@ def _tried(
     kept = kept[np.min([one.mean(axis=1) for one in each], axis=0) >= SHARE][:most]
     if not len(kept):
         return Tried(numbers[:0], picked(gains, kept), np.zeros(0))
-    costs = [flown(target, picked(gains, kept), one.probes, task)[0] for one in crowds]
-    return Tried(numbers[kept], picked(gains, kept), np.max([one.max(axis=1) for one in costs], axis=0))
+    quick = paced(target, nominal, ROUGH)
+    cost = np.zeros(len(kept))
+    for k, one in enumerate(crowds):  # what is dear for the first explanation need not be flown for the others
+        cost = np.maximum(cost, flown(quick, picked(gains, kept), one.probes, task)[0].max(axis=1))
+        if k == 0 and len(crowds) > 1:
+            few = np.sort(np.argsort(cost, kind="stable")[: most // 3])
+            kept, cost = kept[few], cost[few]
+    return Tried(numbers[kept], picked(gains, kept), cost)

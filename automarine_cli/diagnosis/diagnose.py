@@ -10,7 +10,7 @@ from automarine_cli.diagnosis.gap import Gap, gap
 from automarine_cli.diagnosis.learned import learn
 from automarine_cli.diagnosis.learned_curve import with_curves
 from automarine_cli.diagnosis.outlook import Outlook, outlook
-from automarine_cli.diagnosis.search import Map, search
+from automarine_cli.diagnosis.search import search
 from automarine_cli.diagnosis.study import Study, study_of
 from automarine_cli.diagnosis.trials import Found
 from automarine_cli.diagnosis.verdict import (
@@ -25,6 +25,7 @@ from automarine_cli.diagnosis.verdict import (
 from automarine_cli.diagnosis.where import Where, find_where
 from automarine_cli.errors import RunError
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
 from automarine_cli.runs.run import Run
 
@@ -83,7 +84,7 @@ def diagnose_runs(
     *,
     hold_out: Sequence[Run] | None = None,
     seed: int = 0,
-    each: Map | None = None,
+    each: Each = alone,
     channels: str = AUTO,
 ) -> Diagnosis:
     """Diagnose `base` on `runs`; `hold_out` None draws a quarter of the runs, `channels` says which sensors count
@@ -99,7 +100,6 @@ def diagnose_runs(
         raise RunError(
             f"{len(fitted)} run{plural} too few to tell a missing effect from chance; give at least {FEWEST_RUNS}"
         )
-    each = each or (lambda function, work, stage: [function(item) for item in work])
     study = study_of(fitted, base, channels=chosen.names)
     found = search(study, seed, each)
     where = find_where(found.study, found.base, seed)

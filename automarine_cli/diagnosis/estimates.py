@@ -2,7 +2,7 @@
 that would have shown."""
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.scores import fitted_parameters, penalty
@@ -43,7 +43,7 @@ def _amplitude(study: Study, trial: Trial, name: str) -> Estimate:
     scale = float(np.sqrt(2.0) * (1.0 if study.driven else study.largest))
     low, high = (scale * end for end in trial.fit.factor_interval(name))
     value, unit = scale * trial.fit.factor(name), trial.model.moment_unit
-    return Estimate(value, (high - low) / (2.0 * float(stats.norm.ppf(0.975))), (low, high), unit)
+    return Estimate(value, (high - low) / (2.0 * float(special.ndtri(0.975))), (low, high), unit)
 
 
 def detectable(study: Study, found: Found) -> dict[str, float]:
@@ -52,5 +52,5 @@ def detectable(study: Study, found: Found) -> dict[str, float]:
     sizes = {}
     for score in last.scores.ranked:
         needed = last.threshold + penalty(fitted_parameters(score.effect), len(study.runs))
-        sizes[score.effect] = float(score.unit_size) * float(np.sqrt(max(needed, 1.0)) + stats.norm.ppf(0.8))
+        sizes[score.effect] = float(score.unit_size) * float(np.sqrt(max(needed, 1.0)) + special.ndtri(0.8))
     return sizes

@@ -15,13 +15,14 @@ import numpy as np
 from automarine_cli import effects
 from automarine_cli.diagnosis.learned_scores import Curve, all_signals, gains_follow, scored, with_curve
 from automarine_cli.diagnosis.scores import penalty
-from automarine_cli.diagnosis.search import BRIEF, REACH, TIE, Map, may_stand
+from automarine_cli.diagnosis.search import BRIEF, REACH, TIE, may_stand
 from automarine_cli.diagnosis.smooth import learned_term, places, smoothed
 from automarine_cli.diagnosis.study import ITERATIONS, Fit, Study
 from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, Found, Rival, Trial
 from automarine_cli.effects.learned import FIRST
 from automarine_cli.errors import FitError
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
 
 LEADERS, MOST_LEADERS, BEHIND = 4, 6, 0.5
@@ -36,7 +37,7 @@ SAME_SPREAD = 0.1
 """Difference of the logarithm of two spreads that is none."""
 
 
-def learn(study: Study, found: Found, seed: int, each: Map, explained: Callable[[Found], bool]) -> Found:
+def learn(study: Study, found: Found, seed: int, each: Each, explained: Callable[[Found], bool]) -> Found:
     """What a search found, with a learned curve where something is left that asks for one and a curve explains it.
 
     `explained` judges an outcome. A model that has its curve is left as it is. Where effects of the library do as
@@ -92,10 +93,10 @@ def _shows(study: Study, base: Trial, seed: int) -> bool:
     return bool(curves) and curves[0].gain > max(chance.threshold(LEVEL), 0.0)
 
 
-def _best(study: Study, found: Found, base: Trial, seed: int, each: Map) -> Found | None:
+def _best(study: Study, found: Found, base: Trial, seed: int, each: Each) -> Found | None:
     """The search's outcome with the best curve beside what `base` has, if one beats chance."""
     try:
-        curves, chance = scored(study, base, seed)
+        curves, chance = scored(study, base, seed, each)
     except FitError:
         return None
     bar = max(chance.threshold(LEVEL), 0.0)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.smooth import elsewhere, learned_term, places, prior_of
@@ -82,7 +82,7 @@ def curve_of(trial: Trial, floor: float) -> LearnedCurve | None:
     x = np.linspace(low, high, POINTS)
     shape = basis(x, low, high, closed=bool(variable.turn))
     y = shape @ values * scale
-    half = stats.norm.ppf(0.975) * scale * np.sqrt(np.einsum("nk,kj,nj->n", shape, covariance, shape))
+    half = special.ndtri(0.975) * scale * np.sqrt(np.einsum("nk,kj,nj->n", shape, covariance, shape))
     count = len(values)
     return LearnedCurve(
         variable=term.name.removeprefix(PREFIX),

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.pull import Probe, pull_of
@@ -18,6 +18,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.stepwise import Chance
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.quantities import CLOCK, SINCE, Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import signals_of
@@ -46,7 +47,7 @@ class Curve:
         return self.model.terms[-1].name
 
 
-def scored(study: Study, base: Trial, seed: int) -> tuple[list[Curve], Chance]:
+def scored(study: Study, base: Trial, seed: int, each: Each = alone) -> tuple[list[Curve], Chance]:
     """All curves that these runs can show, best first, and what the best of them gains by chance, (DRAWS,)."""
     models = candidates(study, base.model)
     if not models:
@@ -54,7 +55,7 @@ def scored(study: Study, base: Trial, seed: int) -> tuple[list[Curve], Chance]:
     probes = [_probe(model) for model in models]
     names = list(dict.fromkeys(model.terms[-1].name for model in models))
     ordered = [(m, p) for name in names for m, p in zip(models, probes) if p.effect == name]
-    weighted = pull_of(study, base.model, base.fit, names, [p for _, p in ordered])
+    weighted = pull_of(study, base.model, base.fit, names, [p for _, p in ordered], each)
     own = len(base.fit.phi)
     free = np.setdiff1d(np.arange(own), base.fit.at_bound)
     hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
@@ -153,10 +154,10 @@ def gains_follow(study: Study, trial: Trial) -> bool:
     """Whether the runs' own gains follow a column that is about constant in each run: least squares on its first
     POWERS powers, by Fisher's test, at a chance of FOLLOWS among all columns."""
     gains, runs = trial.fit.own(GAIN)[:, 0], study.runs
-    if len(runs) < FEWEST_RUNS or np.ptp(gains) < 1e-9:
+    columns = _columns(runs, study.base.dof)
+    if not columns or len(runs) < FEWEST_RUNS or np.ptp(gains) < 1e-9:
         return False
     chances = [1.0]
-    columns = _columns(runs, study.base.dof)
     for name in columns:
         means = np.array([float(np.mean(values)) for values in signals_of(runs, name)])
         if np.ptp(means) > 1e-9 * max(float(np.abs(means).max()), 1e-9):
@@ -164,5 +165,5 @@ def gains_follow(study: Study, trial: Trial) -> bool:
             left = gains - powers @ np.linalg.lstsq(powers, gains, rcond=None)[0]
             whole, rest = float(((gains - gains.mean()) ** 2).sum()), max(float(left @ left), 1e-300)
             free = len(runs) - POWERS - 1
-            chances.append(float(stats.f.sf((whole - rest) / POWERS / (rest / free), POWERS, free)))
+            chances.append(float(special.fdtrc(POWERS, free, max(whole - rest, 0.0) / POWERS / (rest / free))))
     return min(chances) * len(columns) < FOLLOWS

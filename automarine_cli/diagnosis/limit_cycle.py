@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
 from automarine_cli.dofs import Dof
 from automarine_cli.runs.run import Run
@@ -60,6 +59,8 @@ class LimitCycle:
 def limit_cycle(runs: Sequence[Run]) -> LimitCycle | None:
     """The limit cycle that most of the runs show, from spectra averaged over runs (Welch 1967, IEEE Trans. Audio
     Electroacoustics 15:70); None where there is none, or the runs are too short to show one."""
+    from scipy import signal  # here, as it loads half of scipy and only driven runs need it
+
     rate, length = 1.0 / STEP, int(SEGMENT / STEP)
     own, cross, positions, weight = 0.0, 0.0, 0.0, 0.0
     frequency = np.fft.rfftfreq(length, STEP)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from automarine_cli.diagnosis.study import Study, without_scatter
 from automarine_cli.diagnosis.trials import Trial
@@ -158,7 +158,7 @@ def drifts_of(quantity: str, moment: Floats, log: Floats, error: Floats, scatter
 
     `scatter` is the runs' standard deviation of the log gain, which moves k.
     """
-    have = np.isfinite(moment) & np.isfinite(log)
+    have = np.isfinite(moment) & np.isfinite(log) & (error**2 + scatter**2 > 0)  # no error: held at a bound
     if have.sum() < FEWEST:
         return []
     y, tau = log[have], moment[have]
@@ -178,7 +178,7 @@ def drifts_of(quantity: str, moment: Floats, log: Floats, error: Floats, scatter
         gained = slope**2 * spread
         freedom = len(y) - 2
         rest = max((total - gained) / freedom, 1e-300)
-        p_value = float(stats.f.sf(gained / rest, 1, freedom))
+        p_value = float(special.fdtrc(1, freedom, gained / rest))
         late = quantity == "I/k" and power > 0 and parity == "even"
         means = TIMES if late else dof.fill(CLASSES[power, parity])
         found.append(Drift(quantity, power, parity, slope, gained / total, p_value, means))

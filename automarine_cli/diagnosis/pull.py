@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from automarine_cli.fits.innovations_problem import Slopes, innovations_of
 from automarine_cli.fits.mixed_model import MixedFit, derivatives
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.pipeline.parallel import Each
 from automarine_cli.quantities import Floats
 
 
@@ -34,18 +36,23 @@ class Probe:
     one_sided: bool
 
 
-def pull_of(study: Study, model: YawModel, fit: Fit, names: Sequence[str], every: Sequence[Probe]) -> Pull:
-    """Each run's information and score in the model's parameters and, after them, the sizes of all probes."""
+def pull_of(study: Study, model: YawModel, fit: Fit, names: Sequence[str], every: Sequence[Probe], each: Each) -> Pull:
+    """Each run's information and score in the model's parameters and, after them, the sizes of all probes; `each` maps
+    a function over the candidates, in processes or not."""
     if isinstance(fit, InnovationsFit):
         return _of_driven(study, model, fit, names, every)
-    return _of_whole(study, model, fit, names, every)
+    return _of_whole(study, model, fit, names, every, each)
 
 
-def _of_whole(study: Study, model: YawModel, fit: MixedFit, names: Sequence[str], every: Sequence[Probe]) -> Pull:
+def _of_whole(
+    study: Study, model: YawModel, fit: MixedFit, names: Sequence[str], every: Sequence[Probe], each: Each
+) -> Pull:
     """Each run's normal equations in the model's parameters and, after them, the sizes of all probes."""
     problem = study.problem(model)
     fitted, by_phi, by_run = derivatives(problem, fit.phi, fit.run_effects)
-    columns = np.concatenate([_responses(study, model, fit, name, every) for name in names]) - fitted
+    values = [np.concatenate([probe.values for probe in every if probe.effect == name]) for name in names]
+    work = list(zip(names, values))
+    columns = np.concatenate(each(partial(_responses, study, model, fit), work, "looking at effects")) - fitted
     columns = np.where(problem.seen, columns, 0.0)
     sane = np.isfinite(columns).all(axis=(1, 2), keepdims=True)
     columns = np.where(sane, columns, 0.0)  # a probe that runs away says nothing
@@ -80,9 +87,9 @@ def _of_driven(
     return Pull(hessian, gradient)
 
 
-def _responses(study: Study, model: YawModel, fit: MixedFit, name: str, every: Sequence[Probe]) -> Floats:
-    """Headings (m, R, N) of the fitted model with the candidate added at each value of each of its probes."""
-    values = np.concatenate([probe.values for probe in every if probe.effect == name])
+def _responses(study: Study, model: YawModel, fit: MixedFit, candidate: tuple[str, Floats]) -> Floats:
+    """Headings (m, R, N) of the fitted model with a candidate added at each of its values (m, k)."""
+    name, values = candidate
     problem = study.problem(model.with_effect(name, values[0]))
     count, own = len(values), fit.effects.carried(fit.run_effects, problem.effects)
     theta = np.concatenate([np.tile(fit.of_model, (count, 1)), values, np.full((count, 1), fit.value(SWITCH))], axis=1)

@@ -19,6 +19,7 @@ from automarine_cli.diagnosis.study import Fit, Study
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.stepwise import Chance
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.quantities import Floats
 
 DRAWS = 2000
@@ -109,10 +110,10 @@ def probes(study: Study, name: str) -> list[Probe]:
     return found
 
 
-def score(study: Study, model: YawModel, fit: Fit, names: Sequence[str], seed: int) -> Scores:
-    """Score the candidates `names` at a fit of `model`."""
+def score(study: Study, model: YawModel, fit: Fit, names: Sequence[str], seed: int, each: Each = alone) -> Scores:
+    """Score the candidates `names` at a fit of `model`; `each` maps a function over them."""
     every = [probe for name in names for probe in probes(study, name)]
-    weighted = pull_of(study, model, fit, names, every)
+    weighted = pull_of(study, model, fit, names, every, each)
     hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
     free = np.setdiff1d(np.arange(len(fit.phi)), fit.at_bound)
     information, pull = _project(hessian, gradient, free, len(fit.phi))

@@ -6,10 +6,9 @@ penalty, the run as the unit; the threshold is what the best of all candidates r
 in which nothing is missing; runs predicted from the others have a veto.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -24,8 +23,7 @@ from automarine_cli.diagnosis.trials import CLEAR, LEVEL, MOST_EFFECTS, WEAK, Fo
 from automarine_cli.errors import FitError
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.stepwise import Judge, discover
-
-Map = Callable[[Callable[[Any], "Trial | None"], Sequence[Any], str], Sequence["Trial | None"]]
+from automarine_cli.pipeline.parallel import Each
 
 TIE = 10.0
 """Difference of evidence (in deviance) below which two explanations count as tied."""
@@ -60,7 +58,7 @@ class _Runs(Judge[Trial, Round]):
 
     study: Study
     seed: int
-    each: Map
+    each: Each
     most = MOST_EFFECTS
 
     def look(self, model: Trial, number: int) -> Round:
@@ -87,7 +85,7 @@ class _Runs(Judge[Trial, Round]):
         return best if best.evidence < current.evidence - SETTLED_EVIDENCE else current
 
 
-def search(study: Study, seed: int, each: Map) -> Found:
+def search(study: Study, seed: int, each: Each) -> Found:
     """Find what is missing; `each` maps a function over candidates, in processes or not."""
     judge = _Runs(study, seed, each)
     outcome = discover(judge, trial_of(study, study.base, (), study.fit(study.base)))
@@ -152,10 +150,10 @@ def _without_menders(
     return current, {name: this for name, this in around.items() if name in current.added}
 
 
-def _round(study: Study, current: Trial, seed: int, each: Map, whole: bool) -> Round:
+def _round(study: Study, current: Trial, seed: int, each: Each, whole: bool) -> Round:
     """Score all candidates in all their laws, fit the leaders: twice as many while nothing has been added, and a third
     where no score is beyond chance."""
-    scores = score(study, current.model, current.fit, candidates(study, current.model), seed)
+    scores = score(study, current.model, current.fit, candidates(study, current.model), seed, each)
     likely = max(0.0, LIKELY * scores.ranked[0].penalised) if scores.ranked else 0.0
     chance = max(scores.threshold(LEVEL), 0.0)
     beyond = bool(scores.ranked) and scores.ranked[0].penalised > chance

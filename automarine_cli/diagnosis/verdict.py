@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from automarine_cli import effects
 from automarine_cli.diagnosis.advice import split_by
@@ -152,7 +152,7 @@ def _borne_out(study: Study, found: Found, held_out: Study | None, kept: Gap | N
 
 def _beyond_doubt(gained: Floats) -> bool:
     """Whether runs gain in the mean (Student's test, the run as the unit)."""
-    return len(gained) > 1 and clear(gained, float(stats.t.isf(WEAK, len(gained) - 1)))
+    return len(gained) > 1 and clear(gained, float(-special.stdtrit(len(gained) - 1, WEAK)))
 
 
 def _heard(gained: Floats) -> Floats:
@@ -231,7 +231,7 @@ def gains_wander(study: Study, trial: Trial) -> bool:
     if count < FEWEST_GAINS or spread < 1e-12:
         return False
     alike = 1.0 - 0.5 * float((np.diff(gains) ** 2).sum()) / spread
-    return bool(alike * np.sqrt((count**2 - 1) / (count - 2)) > stats.norm.isf(1e-3))
+    return bool(alike * np.sqrt((count**2 - 1) / (count - 2)) > -special.ndtri(1e-3))
 
 
 def hangs_together(study: Study, trial: Trial) -> bool:
@@ -240,7 +240,7 @@ def hangs_together(study: Study, trial: Trial) -> bool:
     seen = study.batch.seen[:, 1:]
     product = (left[:, 1:] * left[:, :-1])[seen].sum()
     correlation = product / max((left**2).sum(), 1e-300)
-    return bool(correlation * np.sqrt(seen.sum()) > stats.norm.isf(1e-3))
+    return bool(correlation * np.sqrt(seen.sum()) > -special.ndtri(1e-3))
 
 
 def named_effects(study: Study, found: Found) -> tuple[NamedEffect, ...]:

@@ -24,6 +24,7 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.mixed_model import derivatives
 from automarine_cli.fits.run_effects import DISTURBANCE, GAIN
+from automarine_cli.fits.variances import choose_variances
 from automarine_cli.quantities import Floats
 
 PERMUTATIONS = 2000
@@ -174,7 +175,7 @@ def gaps(study: Study, trial: Trial) -> tuple[Floats, Floats]:
     problem = replace(problem, effects=problem.effects.with_scale(disturbance=windows))
     fitted, by_phi, by_run = derivatives(problem, trial.fit.phi, b)
     gram = problem.gram(by_phi, by_run, fitted, b)
-    variances = linear_mixed.choose_variances(gram, problem.effects, trial.fit.variances)
+    variances = choose_variances(gram, problem.effects, trial.fit.variances)
     b = linear_mixed.posterior_mean(gram, problem.effects, variances, np.zeros(len(trial.fit.phi)))
     window = np.take_along_axis(batch.window, np.minimum(batch.node, batch.window.shape[1] - 1), axis=1)
     inertia = trial.model.index(trial.model.dof.parameter("inertia"))

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import integrate
 
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import Noises, follow
@@ -93,7 +92,8 @@ def shown_channel(course: Course, channel: int = 0) -> Channel:
         return of
     summed = np.zeros_like(of.values)
     for row, values, seen, time in zip(summed, of.values, of.seen, course.time):
-        row[seen] = integrate.cumulative_trapezoid(values[seen], time[seen], initial=0.0)
+        steps = 0.5 * (values[seen][1:] + values[seen][:-1]) * np.diff(time[seen])
+        row[seen] = np.concatenate([[0.0], np.cumsum(steps)])
     position = course.motion.positions[of.dof]
     return replace(of, quantity=position, velocity=False, values=summed, counts=False)
 

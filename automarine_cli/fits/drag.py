@@ -16,7 +16,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
@@ -240,7 +240,7 @@ def nested_test(small: DragFit, large: DragFit) -> NestedTest:
     more = len(large.estimates) - len(small.estimates)
     rest = len(large.residuals) - len(large.estimates)
     f = max(large.explained - small.explained, 0.0) / more / max(large.sse / rest, 1e-300)
-    return NestedTest(float(f), (more, rest), float(stats.f.sf(f, more, rest)))
+    return NestedTest(float(f), (more, rest), float(special.fdtrc(more, rest, f)))
 
 
 def identity_gap(rate: Floats, k3: float, k2: float, k_r: float, variance: Floats | float = 0.0) -> float:

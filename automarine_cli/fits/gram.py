@@ -40,10 +40,15 @@ class Gram:
     ) -> "Gram":  # fmt: skip
         """From J (R, N, p), V (R, N, q) and r (R, N), zero in the padding; `present` zero where not given."""
         present = np.zeros((len(by_run), by_run.shape[2])) if present is None else present
-        left, right, w = np.swapaxes(by_theta, 1, 2), np.swapaxes(by_run, 1, 2), residual[:, :, None]
+        p, q = by_theta.shape[2], by_run.shape[2]
+        rows = np.empty((len(by_run), p + q + 1, residual.shape[1]))
+        rows[:, :p], rows[:, p:-1] = np.swapaxes(by_theta, 1, 2), np.swapaxes(by_run, 1, 2)
+        rows[:, -1] = residual
+        product = rows @ np.swapaxes(rows, 1, 2)
+        theta, run = slice(0, p), slice(p, p + q)
         return cls(
-            left @ by_theta, left @ by_run, right @ by_run, (left @ w)[..., 0], (right @ w)[..., 0],
-            (residual**2).sum(axis=1), present, count
+            product[:, theta, theta], product[:, theta, run], product[:, run, run], product[:, theta, -1],
+            product[:, run, -1], product[:, -1, -1], present, count
         )  # fmt: skip
 
     def keep(self, free: NDArray[np.int64]) -> "Gram":

@@ -14,7 +14,7 @@ from automarine_cli.fits.drag import FEWEST_A_WAY
 from automarine_cli.fits.driven_models import STEPS, both_ways, fitted_driven, is_driven
 from automarine_cli.fits.driven_use import left_out, prefer_driven, use_of
 from automarine_cli.fits.output_error import MANY_RUNS, OutputErrorFit, fit_half_turns, fit_whole_runs, prefer
-from automarine_cli.fits.step_response import Known, StepData, half_turn_data
+from automarine_cli.fits.step_response import NOTHING_KNOWN, Known, StepData, half_turn_data
 from automarine_cli.fits.velocity_error import VelocityErrorFit, fit_velocity_error
 from automarine_cli.fits.ways import by_way
 from automarine_cli.fits.yaw_cautions import design_cautions, fit_cautions, seed_cautions
@@ -30,8 +30,6 @@ from automarine_cli.simulation.batch import make_batch
 from automarine_cli.simulation.rollout import step_for
 
 Map = Callable[[Callable[[str], Any], Sequence[str]], Sequence[Any]]
-
-NOTHING_KNOWN = Known()
 
 FEWEST_STEPS = 3
 FEWEST_SAMPLES = 20  # of a whole run

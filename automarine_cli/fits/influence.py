@@ -23,6 +23,9 @@ from automarine_cli.quantities import Floats
 STEP = 0.1
 """Of the differences, in standard errors of a parameter or posterior standard deviations of a run effect."""
 
+FARTHEST = 1.0
+"""Longest of these steps on a logarithm: nothing is known of a parameter that may be further off."""
+
 LEAST_STIFFNESS = 1e-8
 """Smallest eigenvalue, with every parameter in units of its own curvature, of equations that fix a solution."""
 
@@ -85,6 +88,7 @@ def _pull_and_stiffness(
     gram = _about(problem, fit.phi, fit.run_effects)
     weighted = linear_mixed.weigh(gram, problem.effects, variances)
     aside = STEP * np.sqrt(np.diagonal(fit.covariance))[free]
+    aside = np.where(fit.positive[free], np.minimum(aside, FARTHEST), aside)
     reach = STEP * np.sqrt(np.maximum(weighted.left, 1e-6))  # in prior standard deviations
     none = np.zeros_like(scale)
 

@@ -10,7 +10,7 @@ Fisher scoring on innovations and their variances (Ljung 1999, System Identifica
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
@@ -79,7 +79,7 @@ class InnovationsFit(Outcome):
     def factor_interval(self, block: str) -> tuple[float, float]:
         """95 % interval of one of these sizes."""
         place = self.names.index(SIZES.get(block, f"{block}.spread"))
-        half = float(stats.norm.ppf(0.975) * np.sqrt(max(self.covariance[place, place], 0.0)))
+        half = float(special.ndtri(0.975) * np.sqrt(max(self.covariance[place, place], 0.0)))
         middle = float(self.theta[place])
         return middle * float(np.exp(-half)), middle * float(np.exp(half))
 

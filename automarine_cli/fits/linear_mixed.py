@@ -16,7 +16,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
@@ -28,8 +27,6 @@ NO_MOTION = "the runs show no motion to fit a model to; check the logs with `aut
 SMALLEST_FACTOR = 1e-5
 FEW = 4
 """Run effects up to which equations are solved row by row, all runs at once."""
-FLAT = 1e-4
-"""Slope of the deviance that counts as none, by variances in units of their own standard errors."""
 
 
 class NotFinite(FitError):
@@ -59,8 +56,8 @@ class Weighted:
     (R,), with w = r + V b0.
 
     Of the run effects in units of their prior deviation: `left` (R, q) is the share of the variance that the
-    data leave, `means` (R, q) the posterior mean at phi = 0, and `by_phi` (R, q, p) what it loses per phi; their
-    posterior covariance is s² A'A with A = `inverse` (R, q, q).
+    data leave, `means` (R, q) the posterior mean at phi = 0, `by_phi` (R, q, p) what it loses per phi, and `spread`
+    (R, q, q) their posterior covariance.
     """
 
     hessian: Floats
@@ -70,7 +67,7 @@ class Weighted:
     left: Floats
     means: Floats
     by_phi: Floats
-    inverse: Floats
+    spread: Floats
 
 
 def weigh(grams: Grams, effects: RunEffects, variances: Floats) -> Weighted:
@@ -91,21 +88,21 @@ def weigh(grams: Grams, effects: RunEffects, variances: Floats) -> Weighted:
     right[:, :, :p] = scale[:, :, None] * np.swapaxes(gram.jv, 1, 2)
     right[:, :, p], right[:, :, p + 1], right[:, :, p + 2 :] = scale * gram.vw, present, np.eye(q)
     solved = _forward(root, right)
-    of_phi, of_w, of_present, inverse = np.split(solved, [p, p + 1, p + 2], axis=2)
-    of_w, of_present = of_w[:, :, 0], of_present[:, :, 0]
-    back = np.swapaxes(inverse, 1, 2)
+    product = np.swapaxes(solved, 1, 2) @ solved
+    phi, w, b, unit = slice(0, p), p, p + 1, slice(p + 2, None)
+    spread = s2 * product[:, unit, unit]
     log_det = (gram.count - q) * np.log(s2) + 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
     log_det += gram.log_scale
     return Weighted(
-        hessian=(gram.jj - np.swapaxes(of_phi, 1, 2) @ of_phi) / s2,
-        gradient=(gram.jw - _dot(of_phi, of_w)) / s2 + _dot(of_phi, of_present),
-        square=(gram.ww - (of_w**2).sum(axis=1)) / s2
-        + (2.0 * of_w * of_present + present**2 - s2 * of_present**2).sum(axis=1),
+        hessian=(gram.jj - product[:, phi, phi]) / s2,
+        gradient=(gram.jw - product[:, phi, w]) / s2 + product[:, phi, b],
+        square=(gram.ww - product[:, w, w]) / s2
+        + (2.0 * product[:, w, b] + (present**2).sum(axis=1) - s2 * product[:, b, b]),
         log_det=log_det,
-        left=s2 * (inverse**2).sum(axis=1),
-        means=present + (back @ (of_w - s2 * of_present)[:, :, None])[:, :, 0],
-        by_phi=back @ of_phi,
-        inverse=inverse,
+        left=np.diagonal(spread, axis1=1, axis2=2),
+        means=present + (product[:, unit, w] - s2 * product[:, unit, b]),
+        by_phi=product[:, unit, phi],
+        spread=spread,
     )
 
 
@@ -122,102 +119,8 @@ def _forward(root: Floats, right: Floats) -> Floats:
     return out
 
 
-def _dot(by_phi: Floats, vector: Floats) -> Floats:
-    """Columns of (R, q, p) times (R, q): (R, p)."""
-    return np.asarray(np.einsum("rqp,rq->rp", by_phi, vector))
-
-
 def _kernel(gram: Gram, scale: Floats, s2: float) -> Floats:
     return s2 * np.eye(scale.shape[1]) + scale[:, :, None] * gram.vv * scale[:, None, :]
-
-
-def deviance(grams: Grams, effects: RunEffects, variances: Floats, *, restricted: bool) -> float:
-    """-2 log marginal likelihood with phi profiled out, but for n log 2 pi; see `deviance_and_slope`."""
-    return deviance_and_slope(grams, effects, variances, restricted=restricted)[0]
-
-
-def deviance_and_slope(
-    grams: Grams, effects: RunEffects, variances: Floats, *, restricted: bool
-) -> tuple[float, Floats]:
-    """-2 log marginal likelihood with phi profiled out, but for n log 2 pi, and its gradient by the variances.
-
-    `restricted` as Patterson and Thompson (1971, Biometrika 58:545). The gradient rests on
-    d log|R| = tr(R^-1 dR) and d(e'R^-1 e) = -e'R^-1 dR R^-1 e; phi is at its optimum and adds nothing (envelope
-    theorem). For a factor dR = 2 V D V' over its effects, for the noise dR = 2 s² 1: both reduce to what
-    `Weighted` holds. Of several channels each noise has its own share of the samples' sum of squares.
-    """
-    weighted = weigh(grams, effects, variances)
-    hessian, gradient = weighted.hessian.sum(axis=0), weighted.gradient.sum(axis=0)
-    phi = solve_scaled(hessian, gradient)
-    misfit = weighted.square.sum() - gradient @ phi
-    value = weighted.log_det.sum() + misfit
-    means = weighted.means - weighted.by_phi @ phi
-    of_effect = 1.0 - weighted.left - means**2
-    of_noise = grams.count.sum() - (1.0 - weighted.left).sum() - misfit + (means**2).sum()
-    covariance = None
-    if restricted:
-        unit = curvature_scale(hessian)
-        value += np.linalg.slogdet(hessian / np.outer(unit, unit))[1] + 2.0 * np.log(unit).sum()
-        covariance = covariance_of(hessian)
-        taken = (weighted.by_phi @ covariance * weighted.by_phi).sum(axis=2)
-        of_effect -= taken
-        of_noise += taken.sum() - len(phi)
-    noises = [of_noise]
-    if len(grams.channels) > 1:
-        noises = _of_noises(grams, effects, variances, weighted, phi, means, covariance)
-    slope = 2.0 * np.array([*noises, *effects.sums(of_effect)])
-    return (float(value) if np.isfinite(value) else 1e100), slope
-
-
-def _of_noises(
-    grams: Grams,
-    effects: RunEffects,
-    variances: Floats,
-    weighted: Weighted,
-    phi: Floats,
-    means: Floats,
-    covariance: Floats | None,
-) -> list[float]:
-    """Half the slope of the deviance by the logarithm of each channel's noise: samples less what is left of them, in
-    units of that noise, at the run effects' posterior mean `means` (R, q), their spread and that of phi included."""
-    scale = effects.deviation(variances)
-    step = scale * means - grams.channels[0].present
-    spread = np.exp(2.0 * variances[0]) * np.swapaxes(weighted.inverse, 1, 2) @ weighted.inverse
-    spread *= scale[:, :, None] * scale[:, None, :]
-    follows = scale[:, :, None] * weighted.by_phi
-    found = []
-    for channel, log_noise in zip(grams.channels, variances):
-        of_b = (channel.vv @ step[:, :, None])[:, :, 0]
-        left = channel.ww.sum() - 2.0 * (channel.jw.sum(axis=0) @ phi + (channel.vw * step).sum())
-        left += phi @ channel.jj.sum(axis=0) @ phi + (step * of_b).sum()
-        left += 2.0 * phi @ np.einsum("rpq,rq->p", channel.jv, step)
-        left += (channel.vv * spread).sum()
-        if covariance is not None:
-            cross = channel.jv @ follows
-            own = channel.jj - cross - np.swapaxes(cross, 1, 2)
-            own = (own + np.swapaxes(follows, 1, 2) @ channel.vv @ follows).sum(axis=0)
-            left += (covariance * own).sum()
-        found.append(float(channel.count.sum() - left / np.exp(2.0 * log_noise)))
-    return found
-
-
-def choose_variances(grams: Grams, effects: RunEffects, start: Floats, *, restricted: bool = True) -> Floats:
-    """Noises and factors, as logarithms, of largest likelihood within their limits."""
-    factors = [(np.log(max(low, SMALLEST_FACTOR)), np.log(high)) for low, high in effects.limits]
-    noises = [channel.count.sum() for channel in grams.channels]
-    limits = np.array([*((np.log(1e-9), np.log(1e3)) for _ in noises), *factors])
-    # of a logarithm of a standard deviation that n values show: 1/sqrt(2 n)
-    unit = 1.0 / np.sqrt(2.0 * np.append(noises, np.full(len(factors), len(grams.count))))
-
-    def scaled(x: Floats) -> tuple[float, Floats]:
-        value, slope = deviance_and_slope(grams, effects, unit * x, restricted=restricted)
-        return value, unit * slope
-
-    best = optimize.minimize(
-        scaled, np.clip(start, *limits.T) / unit, jac=True, bounds=limits / unit[:, None], method="L-BFGS-B",
-        options={"ftol": 1e-13, "gtol": FLAT},
-    )  # fmt: skip
-    return np.clip(unit * best.x, *limits.T)
 
 
 def curvature_scale(hessian: Floats) -> Floats:

@@ -26,9 +26,10 @@ from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.gram import Grams
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.mixed_problem import MixedFit, Problem, with_held, without_held
+from automarine_cli.fits.variances import choose_variances, deviance
+from automarine_cli.quantities import Floats
 
 __all__ = ["MixedFit", "Problem", "derivatives", "fit_mixed"]
-from automarine_cli.quantities import Floats
 
 PHI_STEP = 1e-6
 """Step of the one-sided differences by phi, as a share of it or of a tenth: truncation and rounding are then both some
@@ -88,7 +89,7 @@ def fit_mixed(
     while step < iterations and not (converged or stuck):
         step += 1
         inside = point.gram.keep(np.flatnonzero(~_at_bound(point.phi, bounds)))
-        variances = linear_mixed.choose_variances(inside, problem.effects, variances)
+        variances = choose_variances(inside, problem.effects, variances)
         weighted = linear_mixed.weigh(point.gram, problem.effects, variances)
         change = linear_mixed.least_squares(weighted, 0.0 * phi, bounds - point.phi[:, None])
         new_b = linear_mixed.posterior_mean(point.gram, problem.effects, variances, change)
@@ -115,11 +116,17 @@ class _Point:
 
 
 def derivatives(problem: Problem, phi: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
-    """Readings (R, N), their derivatives by phi (R, N, p) and by the run effects (R, N, q), one-sided differences.
+    """Readings (R, N), their derivatives by phi (R, N, p) and by the run effects (R, N, q); one-sided differences where
+    the problem has no formula for them.
 
     A run effect that can only be zero is not perturbed. Steps point away from zero, so that a mirrored campaign has
     the mirrored derivatives.
     """
+    if problem.slopes is not None:
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            theta = problem.natural(phi)
+            fitted, by_theta, by_run = problem.slopes(theta, b)
+            return fitted, by_theta * np.where(problem.positive, theta, 1.0), by_run
     free = np.flatnonzero(problem.effects.scale.any(axis=0))
     p, q = len(phi), len(free)
     step = PHI_STEP * np.where(phi < 0, -1.0, 1.0) * np.maximum(np.abs(phi), 1e-1)
@@ -229,8 +236,8 @@ def _report(
     beyond = _at_bound(phi + onward, bounds)
     # what a bound stops, or would with one more step, may not be profiled out: that is the likelihood beyond it
     inside = gram.keep(np.flatnonzero(~(at_bound | beyond)))
-    ml = linear_mixed.choose_variances(inside, problem.effects, variances, restricted=False)
-    ml_deviance = linear_mixed.deviance(inside, problem.effects, ml, restricted=False)
+    ml = choose_variances(inside, problem.effects, variances, restricted=False)
+    ml_deviance = deviance(inside, problem.effects, ml, restricted=False)
     channels = len(problem.counted)
     return MixedFit(
         names=problem.names,

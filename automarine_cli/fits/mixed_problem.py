@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, stats
+from scipy import optimize, special
 
 from automarine_cli.fits import linear_mixed
 from automarine_cli.fits.gram import Gram, Grams
 from automarine_cli.fits.linear_mixed import SMALLEST_FACTOR
 from automarine_cli.fits.outcome import Outcome, natural_of, search_of
 from automarine_cli.fits.run_effects import RunEffects
+from automarine_cli.fits.variances import deviance
 from automarine_cli.quantities import Floats
 from automarine_cli.simulation.batch import Channel
 
@@ -23,8 +24,15 @@ Response = Callable[[Floats, Floats], Floats]
 LEAST_NOISE = 1e-4
 """Where the fit of a channel's noise starts at least [its unit]."""
 
+CHI2_95 = float(2.0 * special.gammaincinv(0.5, 0.95))
+"""Rise of a deviance at the ends of a 95 % interval."""
+
 FEWEST_READINGS = 8
 """Readings from which on their noise can be told roughly."""
+
+Slopes = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
+"""Readings (R, N) for one theta (p,) and run effects (R, q), and their derivatives, (R, N, p) and (R, N, q); zero in
+the padding."""
 
 SWITCH = "switch-instant"
 """Name of the last entry of theta: where in their sample intervals the commands of all runs change."""
@@ -67,7 +75,7 @@ class Problem:
     `names` are those of theta's entries. `positive` (p,) marks the parameters that are searched, and whose intervals
     are formed, on the logarithm. `slots` are the channels, the first that counts first. Where runs were reduced (see
     nodes.py) `samples` (R, C) is how many each counted channel had and `left` (R, C) the part of their sums of squares
-    that no parameters change.
+    that no parameters change. Without `slopes` derivatives are differences.
     """
 
     response: Response
@@ -80,6 +88,7 @@ class Problem:
     slots: tuple[Slot, ...]
     samples: NDArray[np.int64] | None = None
     left: Floats | None = None
+    slopes: Slopes | None = None
 
     @cached_property
     def counted(self) -> tuple[Slot, ...]:
@@ -201,7 +210,7 @@ class MixedFit(Outcome):
         index = self.effects.factor_names.index(block)
         best, limits = self.variances, self.effects.limits[index]
         place = len(self.noises) + index
-        level = self._deviance(best) + float(stats.chi2.ppf(0.95, 1))
+        level = self._deviance(best) + CHI2_95
 
         def above(log_factor: float) -> float:
             trial = best.copy()
@@ -217,7 +226,7 @@ class MixedFit(Outcome):
         return (0.0 if low <= max(limits[0], SMALLEST_FACTOR) * (1 + 1e-9) else float(low)), float(high)
 
     def _deviance(self, variances: Floats) -> float:
-        return linear_mixed.deviance(self.gram, self.effects, variances, restricted=True)
+        return deviance(self.gram, self.effects, variances, restricted=True)
 
 
 def without_held(problem: Problem, held: NDArray[np.bool_]) -> Problem:
@@ -230,10 +239,18 @@ def without_held(problem: Problem, held: NDArray[np.bool_]) -> Problem:
         whole[:, ~held] = theta
         return problem.response(whole, b)
 
+    def slopes(theta: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
+        assert problem.slopes is not None
+        whole = values.copy()
+        whole[~held] = theta
+        readings, by_theta, by_run = problem.slopes(whole, b)
+        return readings, by_theta[:, :, ~held], by_run
+
     names = tuple(name for name, h in zip(problem.names, held) if not h)
     return replace(
-        problem, response=response, bounds=problem.bounds[~held], positive=problem.positive[~held], names=names
-    )
+        problem, response=response, bounds=problem.bounds[~held], positive=problem.positive[~held], names=names,
+        slopes=None if problem.slopes is None else slopes,
+    )  # fmt: skip
 
 
 def with_held(fit: MixedFit, problem: Problem, held: NDArray[np.bool_]) -> MixedFit:

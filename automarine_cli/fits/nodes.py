@@ -1,18 +1,20 @@
 """Half-turns at a few instants each, with which a fit is the fit to all of their samples.
 
 The heading of a step is constant before its moment acts and analytic in time afterwards, whatever the parameters: one
-value and those at some Chebyshev nodes give every sample, far more exactly than a compass shows them (Trefethen 2013,
-Approximation Theory and Approximation Practice, chapter 8). With y the samples of a run, f the headings at its nodes,
-E the interpolation from nodes to samples and E = Q C with orthogonal Q,
+value and a polynomial of some degree less than K give every sample, far more exactly than a compass shows them
+(Trefethen 2013, Approximation Theory and Approximation Practice, chapter 8). Of such polynomials the sum of products
+over a run's samples is a weighted sum over K nodes, exactly: Gauss's quadrature for these samples (Golub and Welsch
+1969, Math. Comp. 23:221). The polynomials that are 0 at all nodes but one are therefore orthogonal over the samples;
+with these, each divided by its norm, as columns of Q, y the samples of a run, f its headings at the nodes and w the
+weights,
 
-    |y - E f|² = |Q'y - C f|² + |y - Q Q'y|²
+    |y - samples of the polynomial|² = |Q'y - sqrt(w) f|² + |y - Q Q'y|²
 
 and the last term is the same for all parameters. Derivatives, sums of squares and numbers of samples are those of the
 whole run, from a tenth of the headings or fewer.
 """
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,25 +32,29 @@ CLOSE_ENOUGH = 1e-5
 """Largest share [rad], rms over a run, of the two highest polynomials in headings: a thousandth of a degree's noise.
 What no polynomial reaches is smaller still."""
 
+AT_ONCE = 500
+"""Runs whose polynomials are worked out together: of more they do not fit into the processor's caches."""
+
 
 @dataclass(frozen=True)
 class Nodes:
-    """R runs at W instants: `time` (R, W) [s since the middle of the switch interval], `carry` (R, W, W) the matrices
-    C, `heading` (R, W) Q'y [rad], `seen` (R, W) what is no padding, `left` (R,) [rad²] the last term of the sum of
-    squares. `highest` (R, W) marks what belongs to the two highest polynomials.
+    """R runs at W instants: `time` (R, W) [s since the middle of the switch interval], `root` (R, W) the roots of the
+    weights, `heading` (R, W) Q'y [rad], `seen` (R, W) what is no padding, `left` (R,) [rad²] the last term of the sum
+    of squares, `highest` (R, 2, W) what makes the shares of the two highest polynomials of sqrt(w) f.
     """
 
     time: Floats
-    carry: Floats
+    root: Floats
     heading: Floats
     seen: NDArray[np.bool_]
     left: Floats
-    highest: NDArray[np.bool_]
+    highest: Floats
 
     def show(self, fitted: Floats, samples: NDArray[np.int64]) -> bool:
-        """Whether headings C f (R, W) of a fit to runs of so many `samples` (R,) are between nodes what they are at
-        them."""
-        return bool(np.all(np.where(self.highest, fitted**2, 0.0).max(axis=1) <= CLOSE_ENOUGH**2 * samples))
+        """Whether headings sqrt(w) f (R, W) of a fit to runs of so many `samples` (R,) are between nodes what they are
+        at them."""
+        shares = np.abs(np.einsum("rkw,rw->rk", self.highest, fitted))
+        return bool(np.all(shares.max(axis=1) <= CLOSE_ENOUGH * np.sqrt(samples)))
 
 
 def nodes_of(time: Floats, heading: Floats, seen: NDArray[np.bool_], interval: Floats, count: int) -> Nodes | None:
@@ -56,78 +62,64 @@ def nodes_of(time: Floats, heading: Floats, seen: NDArray[np.bool_], interval: F
 
     None where that spares little.
     """
-    parts = [_run_nodes(t[s], y[s], width, count) for t, y, s, width in zip(time, heading, seen, interval)]
-    widest = max(len(part[0]) for part in parts)
-    if 2 * widest > time.shape[1]:
+    edge = (0.5 - 1e-9) * interval[:, None]  # samples at the ends of the interval are outside: it is open
+    rest, after = seen & (time <= -edge), seen & (time >= edge)
+    long = after.sum(axis=1) >= PAYS * count
+    alone = seen & ~rest & ~(after & long[:, None])  # samples that stand for themselves
+    samples = int(alone.sum(axis=1).max(initial=0))
+    width = samples + 1 + (count if long.any() else 0)
+    if 2 * width > time.shape[1]:
         return None
-    shape = (len(parts), widest)
-    nodes = Nodes(
-        time=np.zeros(shape),
-        carry=np.zeros((*shape, widest)),
-        heading=np.zeros(shape),
-        seen=np.zeros(shape, dtype=bool),
-        left=np.array([part[3] for part in parts]),
-        highest=np.zeros(shape, dtype=bool),
-    )
-    for i, (at, carry, reduced, _, long) in enumerate(parts):
-        w = len(at)
-        nodes.time[i, :w], nodes.carry[i, :w, :w], nodes.heading[i, :w], nodes.seen[i, :w] = (at, carry, reduced, True)
-        nodes.highest[i, w - 2 : w] = long
-    return nodes
+    shape = (len(time), width)
+    at, root, reduced, highest = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros((len(time), 2, width))
+    kept, (own_time, own_heading) = _gathered(alone, time, heading)
+    at[:, :samples], root[:, :samples], reduced[:, :samples] = own_time, kept, own_heading
+    resting = rest.sum(axis=1)
+    mean = np.where(rest, heading, 0.0).sum(axis=1) / np.maximum(resting, 1)
+    at[:, samples], root[:, samples] = -interval, np.sqrt(resting)
+    reduced[:, samples] = root[:, samples] * mean
+    left = np.where(rest, (heading - mean[:, None]) ** 2, 0.0).sum(axis=1)
+    every = np.flatnonzero(long)
+    for runs in (every[i : i + AT_ONCE] for i in range(0, len(every), AT_ONCE)):
+        part = (runs, slice(samples + 1, None))
+        inside, (t, y) = _gathered(after[runs], time[runs], heading[runs])
+        at[part], root[part], reduced[part], off, highest[runs, :, samples + 1 :] = _quadrature(t, y, inside, count)
+        left[runs] += off
+    return Nodes(at, root, reduced, root > 0.0, left, highest)
 
 
-def _run_nodes(
-    time: Floats, heading: Floats, interval: float, count: int
-) -> tuple[Floats, Floats, Floats, float, bool]:
-    """Node times (W,), C (W, W), Q'y (W,) and the rest of the sum of squares of one run, and whether it is long enough
-    for polynomials, which then come last."""
-    edge = (0.5 - 1e-9) * interval  # samples at the ends of the interval are outside: it is open
-    rest, after = time <= -edge, time >= edge
-    long = np.count_nonzero(after) >= PAYS * count
-    alone = ~(rest | after) if long else ~rest  # samples that stand for themselves
-    at, reduced, left = [time[alone]], [heading[alone]], 0.0
-    blocks = [np.eye(len(at[0]))]
-    if rest.any():
-        root = np.sqrt(np.count_nonzero(rest))
-        mean = heading[rest].mean()
-        at.append(np.array([-interval]))
-        blocks.append(np.array([[root]]))
-        reduced.append(np.array([root * mean]))
-        left += float(((heading[rest] - mean) ** 2).sum())
-    if long:
-        first, last = time[after][0], time[after][-1]
-        basis = _chebyshev(2.0 * (time[after] - first) / (last - first) - 1.0, count)
-        q, upper = np.linalg.qr(basis)
-        image = heading[after] @ q
-        off = heading[after] - q @ image
-        points, to_coefficients = _nodes(count)
-        at.append(first + 0.5 * (points + 1.0) * (last - first))
-        blocks.append(upper @ to_coefficients)
-        reduced.append(image)
-        left += float(off @ off)
-    width = sum(len(block) for block in blocks)
-    carry, start = np.zeros((width, width)), 0
-    for block in blocks:
-        stop = start + len(block)
-        carry[start:stop, start:stop] = block
-        start = stop
-    return np.concatenate(at), carry, np.concatenate(reduced), left, bool(long)
+def _gathered(mask: NDArray[np.bool_], *arrays: Floats) -> tuple[NDArray[np.bool_], tuple[Floats, ...]]:
+    """What is marked of arrays (R, N), in front, and zero behind it; and where it stands, (R, most marked)."""
+    count = mask.sum(axis=1)
+    inside = np.arange(count.max(initial=0)) < count[:, None]
+    found = tuple(np.zeros(inside.shape) for _ in arrays)
+    for here, array in zip(found, arrays):
+        here[inside] = array[mask]
+    return inside, found
 
 
-@cache
-def _nodes(count: int) -> tuple[Floats, Floats]:
-    """Chebyshev points of the first kind (K,) in (-1, 1), and the matrix (K, K) from values there to coefficients."""
-    points = np.cos(np.pi * (np.arange(count) + 0.5) / count)
-    to_coefficients = _chebyshev(points, count).T * (2.0 / count)
-    to_coefficients[0] /= 2.0
-    return points, to_coefficients
+def _quadrature(
+    time: Floats, heading: Floats, inside: NDArray[np.bool_], count: int
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Of runs (R, N): nodes (R, K), roots of their weights, Q'y, what is left of the sums of squares (R,), and what
+    makes the shares of the two highest polynomials (R, 2, K)."""
+    first, last = time[:, :1], time.max(axis=1, initial=-np.inf, where=inside, keepdims=True)
+    x = 2.0 * (time - first) / (last - first) - 1.0
+    basis, _ = np.linalg.qr(_chebyshev(x, count) * inside[..., None])  # orthogonal polynomials, lowest first
+    points, turn = np.linalg.eigh(np.swapaxes(basis, 1, 2) @ (x[..., None] * basis))
+    root = (basis.sum(axis=1)[:, None] @ turn)[:, 0]
+    turn, root = turn * np.sign(root)[:, None], np.abs(root)
+    image = (heading[:, None] @ basis)[:, 0]
+    off = heading - (basis @ image[..., None])[..., 0]
+    at = first + 0.5 * (points + 1.0) * (last - first)
+    return at, root, (image[:, None] @ turn)[:, 0], (off**2).sum(axis=1), turn[:, -2:]
 
 
 def _chebyshev(x: Floats, count: int) -> Floats:
-    """Chebyshev polynomials of degree 0 to count - 1 at x (N,), shape (N, count)."""
-    out = np.ones((count, len(x)))
+    """Chebyshev polynomials of degree 0 to count - 1 at x (...), shape (..., count)."""
+    out = np.ones((count, *x.shape))
     out[1] = x
     for k in range(2, count):
         np.multiply(2.0 * x, out[k - 1], out=out[k])
         out[k] -= out[k - 2]
-    return out.T
+    return np.moveaxis(out, 0, -1)

@@ -15,7 +15,8 @@ from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.nodes import COUNTS
 from automarine_cli.fits.outcome import Outcome
 from automarine_cli.fits.run_effects import DISTURBANCE, GAIN, SWITCHES
-from automarine_cli.fits.step_response import Known, StepData, instant, step_problem
+from automarine_cli.fits.step_problem import step_problem
+from automarine_cli.fits.step_response import Known, StepData, density, instant
 from automarine_cli.fits.ways import Ways
 from automarine_cli.fits.whole_runs import rough_model, whole_run_problem, without_gain
 from automarine_cli.models.yaw_model import YawModel, base_names, base_roles, main_drag
@@ -216,8 +217,7 @@ def _outcome(
 def _in_interval(z: Estimate) -> Estimate:
     """The instant in sample intervals of a z of half-turns, see `step_response.instant`."""
     value, low, high = instant(np.array([z.value, *z.ci95]))
-    slope = float(np.exp(-0.5 * z.value**2) / np.sqrt(2.0 * np.pi))
-    return Estimate(float(value), slope * z.stderr, (float(low), float(high)), z.unit)
+    return Estimate(float(value), float(density(np.array(z.value))) * z.stderr, (float(low), float(high)), z.unit)
 
 
 def prefer(fits: Mapping[str, OutputErrorFit]) -> Preference:

@@ -104,6 +104,7 @@ class RunEffects:
         factors = variances[len(variances) - len(self.limits) :]
         return self.scale * np.append(np.exp(factors), 1.0)[self._factor]
 
-    def sums(self, by_effect: Floats) -> list[float]:
-        """Of each factor the sum of (R, q) over the effects that it multiplies."""
-        return [float(by_effect[:, self._factor == k].sum()) for k in range(len(self.limits))]
+    @cached_property
+    def members(self) -> Floats:
+        """Which effects each factor multiplies, (factors, q): one where it does."""
+        return np.array(self._factor == np.arange(len(self.limits))[:, None], dtype=float)

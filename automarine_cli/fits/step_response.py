@@ -1,19 +1,16 @@
-"""Half-turn steps as arrays, and the closed-form response of models 1 to 3 to them with what differs from
-run to run."""
+"""Half-turn steps as arrays, and what may be known of them; step_problem.py holds their likelihood."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from automarine_cli.dofs import Dof
-from automarine_cli.fits.mixed_problem import SWITCH, Problem, slots_of
+from automarine_cli.fits.mixed_problem import Slot, slots_of
 from automarine_cli.fits.nodes import Nodes, nodes_of
-from automarine_cli.fits.run_effects import GAIN, START_POSITION, SWITCHES, Block, RunEffects, bias_of
-from automarine_cli.models.closed_form import response
-from automarine_cli.models.yaw_model import base_roles, main_drag
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.half_turn import HalfTurn
 from automarine_cli.runs.trimmed import MOST_REST
@@ -21,9 +18,6 @@ from automarine_cli.simulation.batch import Channel
 
 MOST_OFFSET = 2.5
 """Bound of the common z of the switch instants: `instant` then lies within 0.6 % of the end of the interval."""
-
-LEAST_SHARE = 0.01
-"""Of the drag that is left one way, however much it differs: none would drive the vehicle."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +53,11 @@ class StepData:
         if self.velocity is not None and self.velocity_seen is not None:
             found.append(Channel(self.dof.velocity, 0, True, self.velocity, self.velocity_seen))
         return tuple(found)
+
+    @cached_property
+    def slots(self) -> tuple[Slot, ...]:
+        """The places of the channels among the readings."""
+        return slots_of(self.channels)
 
     def nodes(self, count: int) -> tuple[Nodes, ...] | None:
         """The half-turns at `count` nodes each (see nodes.py), channel by channel, made once for all models."""
@@ -106,9 +105,17 @@ class Known:
     gain: bool = False
 
 
+NOTHING_KNOWN = Known()
+
+
 def instant(z: Floats) -> Floats:
     """Where in its sample interval a command switched, -1/2 to 1/2, for a standard normal z: uniform in it."""
     return np.asarray(special.ndtr(z) - 0.5)
+
+
+def density(z: Floats) -> Floats:
+    """Its derivative: the standard normal density."""
+    return np.asarray(np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi))
 
 
 def half_turn_data(turns: Sequence[HalfTurn], channels: Sequence[str] | None = None) -> StepData:
@@ -160,85 +167,3 @@ def step_data(
 
 AT_ONCE = 4000
 """Runs whose readings are worked out together: of more the intermediate results take more memory than the runs."""
-
-
-def step_problem(
-    data: StepData, model: str, known: Known = Known(), nodes: tuple[Nodes, ...] | None = None, sided: bool = False
-) -> Problem:
-    """Likelihood of the half-turns under model "1", "2" or "3", by their samples or by the `nodes` made of them;
-    `sided` with a drag that differs between the ways.
-
-    theta is (the parameters of `base_roles`, SWITCH): z places the instants of the steps in their sample intervals
-    (see `instant`), the logger's convention, common to all runs. Run effects are start position, log gain of the
-    moment, the run's own part of z, and the bias of a velocity sensor; gain and z scatter by an estimated factor, which
-    for instants that are uniform over their intervals is one.
-    """
-    roles, main = base_roles(model, data.dof, sided), main_drag(model)
-    names = (*(data.dof.parameter(role) for role in roles), SWITCH)
-    channels = data.channels
-    clocks = [data.time for _ in channels] if nodes is None else [one.time for one in nodes]
-    moment, interval = data.moment[None, :, None], data.interval[None, :, None]
-    blocks = RunEffects(_blocks(data, known))
-
-    switch = names.index(SWITCH)
-
-    def of_runs(theta: Floats, b: Floats, rows: slice) -> Floats:
-        columns = [theta[:, i, None, None] for i in range(theta.shape[1])]
-        late = interval[:, rows] * instant(columns[switch] + blocks.of(b, SWITCHES))
-        gained = moment[:, rows] * np.exp(blocks.of(b, GAIN))
-        own = dict(zip(roles, columns))
-        if data.dof.has_constant:
-            gained = gained + own["constant"]
-        if sided:
-            own[main] = np.maximum(own[main] + np.sign(gained) * own["difference"], LEAST_SHARE * own[main])
-        inertia, drag = own["inertia"], (own.get("linear", 0.0), own.get("quadratic", 0.0))
-        begin, shown = blocks.of(b, START_POSITION), []
-        for c, (channel, clock) in enumerate(zip(channels, clocks)):
-            if c == 0 or nodes is not None:
-                states = response(clock[None, rows] - late, gained, inertia, *drag, heading0=begin)
-            found = states[1] + blocks.of(b, bias_of(channel.quantity)) if channel.velocity else states[0]
-            shown.append(found if nodes is None else (nodes[c].carry[rows] @ found[..., None])[..., 0])
-        return shown[0] if len(shown) == 1 else np.concatenate(shown, axis=2)
-
-    def readings(theta: Floats, b: Floats) -> Floats:
-        parts = [slice(i, i + AT_ONCE) for i in range(0, len(data.moment), AT_ONCE)]
-        found = [of_runs(theta, b[:, rows], rows) for rows in parts]
-        return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
-
-    signed = [
-        role in ("constant", "difference") or (role == "linear" and main != role) for role in roles[1:]
-    ]  # linear drag has either sign beside a quadratic one, as in Table 1
-    drags = [(-np.inf if either else 0.0, np.inf) for either in signed]
-    most = 0.0 if known.switch_instant else MOST_OFFSET
-    bounds = np.array([(0.0, np.inf), *drags, (-most, most)])
-    positive = np.array([True, *np.logical_not(signed), False])
-    slots = slots_of(channels)
-    if nodes is None:
-        measured, seen = (np.concatenate(part, axis=1) for part in zip(*((c.values, c.seen) for c in channels)))
-        return Problem(readings, measured, seen, blocks, bounds, positive, names, slots)
-    at = np.cumsum([0, *(one.time.shape[1] for one in nodes)]).tolist()
-    slots = tuple(replace(slot, part=slice(i, j)) for slot, i, j in zip(slots, at, at[1:]))
-    counted = [c for c, channel in enumerate(channels) if channel.counts]
-    return Problem(
-        readings,
-        np.concatenate([one.heading for one in nodes], axis=1),
-        np.concatenate([one.seen for one in nodes], axis=1),
-        blocks,
-        bounds,
-        positive,
-        names,
-        slots,
-        np.stack([channels[c].seen.sum(axis=1) for c in counted], axis=1),
-        np.stack([nodes[c].left for c in counted], axis=1),
-    )
-
-
-def _blocks(data: StepData, known: Known) -> tuple[Block, ...]:
-    """What differs from run to run, before the data; what is known does not."""
-    ones, limits = np.ones((len(data.moment), 1)), data.dof.limits
-    return (
-        Block(START_POSITION, (0.0 if known.start_heading else limits.position_sd) * ones),
-        Block(GAIN, (0.0 if known.gain else 1.0) * ones, (1e-4, 1.0)),
-        Block(SWITCHES, (0.0 if known.switch_instant else 1.0) * ones, (1e-3, 1.0)),
-        *(Block(bias_of(c.quantity), limits.bias_sd * ones) for c in data.channels if c.velocity),
-    )

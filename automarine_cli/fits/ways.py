@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
@@ -92,4 +92,4 @@ def ways_of(fit: "OutputErrorFit", dof: Dof) -> Ways:
                 inertia / max(value, 1e-3 * middle), spread, freedom(ratio), dof.unit_of("ratio")
             )
     error = float(np.sqrt(max(covariance[j, j], 1e-300)))
-    return Ways(dof, role, drag, distance, float(2.0 * stats.t.sf(abs(half) / error, freedom(axes[j]))))
+    return Ways(dof, role, drag, distance, float(2.0 * special.stdtr(freedom(axes[j]), -abs(half) / error)))

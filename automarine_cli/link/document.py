@@ -14,10 +14,11 @@ from automarine_cli.pipeline.outputs import json_text
 from automarine_cli.pipeline.plain_data import Document, Source, read_plain
 from automarine_cli.pipeline.words import printable
 from automarine_cli.planning.candidates import Candidate, Supply
+from automarine_cli.results.kinds import PLAN
+from automarine_cli.results.plans import PlanFile
 from automarine_cli.simulation.checks import at_least_zero, between, positive
 
 SCHEMA = "automarine/link-campaign/1"
-PLAN, PLAN_SCHEMA = "plan.json", "automarine/plan/1"
 MOST_BYTES = 4_000_000
 MOST_RUNS, MOST_COMMANDS, LONGEST_S = 500, 1000, 3600.0
 SAFE_NAME = re.compile(r"[A-Za-z0-9+_-][A-Za-z0-9+_.-]{0,99}(?<!\.)")
@@ -146,10 +147,11 @@ class LinkCampaign:
 
 def read_campaign(path: Path) -> LinkCampaign:
     """The campaign in a folder that `automarine plan` wrote, its plan.json, or a document. Raises SettingError."""
-    file = path / PLAN if path.is_dir() else path
+    file = path / PLAN.file if path.is_dir() else path
     data = read_plain(file, "JSON", SettingError, most=MOST_BYTES)
     where = printable(file.name)
-    return campaign_of(_of_plan(data, where) if data.get("schema") == PLAN_SCHEMA else data, where)
+    is_plan = data.get("schema") == PLAN.schema
+    return campaign_of(_of_plan(PLAN.of(data, where, SettingError)) if is_plan else data, where)
 
 
 def campaign_in(content: bytes) -> LinkCampaign:
@@ -163,61 +165,13 @@ def campaign_of(data: Mapping[str, object], where: str) -> LinkCampaign:
     return Codec(where).read(LinkCampaign, data)
 
 
-@dataclass(frozen=True)
-class _Planned:
-    name: str
-    commands: object
-    start_heading_deg: float
-    wait_s: float
-
-
-@dataclass(frozen=True)
-class _Drawn:
-    idle_A: float
-    full_A: float
-    at_moment: float
-
-
-@dataclass(frozen=True)
-class _Stored:
-    charge_Ah: float
-    reserve_percent: float
-
-
-@dataclass(frozen=True)
-class _Rest:
-    rest_before_s: float
-
-
-@dataclass(frozen=True)
-class _Rate:
-    rate_hz: float
-
-
-@dataclass(frozen=True)
-class _Limits:
-    runs: _Rest
-    logger: _Rate
-    battery: _Stored
-
-
-@dataclass(frozen=True)
-class _Plan:
-    """What of a plan.json is played."""
-
-    moment_unit: str
-    limits: _Limits
-    supply: _Drawn
-    planned: tuple[_Planned, ...]
-
-
-def _of_plan(data: Mapping[str, object], where: str) -> dict[str, object]:
-    plan = Codec(where, writer="plan").read(_Plan, data)
+def _of_plan(plan: PlanFile) -> dict[str, object]:
+    limits, supply = plan.limits, plan.supply
     return {
         "schema": SCHEMA,
         "moment_unit": plan.moment_unit,
-        "rate_hz": plan.limits.logger.rate_hz,
-        "rest_s": plan.limits.runs.rest_before_s,
-        "battery": to_mapping(plan.limits.battery) | to_mapping(plan.supply),
+        "rate_hz": limits.logger.rate_hz,
+        "rest_s": limits.runs.rest_before_s,
+        "battery": to_mapping(limits.battery) | to_mapping(supply),
         "runs": [to_mapping(run) for run in plan.planned],
     }

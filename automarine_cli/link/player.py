@@ -7,9 +7,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from automarine_cli.errors import AutomarineError
 from automarine_cli.link.document import INTERRUPTED, STOPPED, WHOLE, LinkCampaign
 from automarine_cli.link.store import Store, waiting
-from automarine_cli.link.vehicles import Vehicle
+from automarine_cli.link.vehicles.base import Vehicle
 from automarine_cli.pipeline.lock import HeldElsewhereError, held
 
 LEASE_S = 3.0
@@ -86,6 +87,9 @@ class Player:
         try:
             for line in self.vehicle.drive(campaign, number, over):
                 os.write(file, line.encode())  # what was sent is known to the system before the next command
+        except AutomarineError as why:  # nobody is asked: what the vehicle refuses now it refuses in the next run
+            self.store.stop(str(why), campaign)
+            halted = True
         finally:
             os.close(file)
         stopped = halted and self.store.is_stopped(campaign)

@@ -23,7 +23,7 @@ from automarine_cli.errors import AutomarineError, SettingError
 from automarine_cli.link.document import MOST_BYTES, campaign_in
 from automarine_cli.link.player import LEASE_S, play
 from automarine_cli.link.store import Store
-from automarine_cli.link.vehicles import Vehicle
+from automarine_cli.link.vehicles.base import Vehicle
 from automarine_cli.pipeline.lock import HeldElsewhereError, held
 from automarine_cli.pipeline.one_file import write_whole
 from automarine_cli.pipeline.parallel import deaf_to_interrupts

@@ -18,6 +18,7 @@ from automarine_cli.pipeline.one_file import write_whole
 from automarine_cli.pipeline.staging import sync_folder
 
 STATE_SCHEMA = "automarine/link-state/1"
+ASKED = "asked to stop"
 
 
 @dataclass(frozen=True)
@@ -87,11 +88,11 @@ class Store:
         sync_folder(self.campaigns)
         return True
 
-    def stop(self) -> None:
-        """Mark every campaign here as stopped, for good."""
-        for campaign in self.accepted():
+    def stop(self, why: str = ASKED, *only: LinkCampaign) -> None:
+        """Mark every campaign here, or `only` some, as stopped, for good."""
+        for campaign in only or self.accepted():
             if not self.is_stopped(campaign) and self.next_run(campaign) is not None:
-                write_whole(self._stop_mark(campaign), "")
+                write_whole(self._stop_mark(campaign), why)
         sync_folder(self.campaigns)
 
     def is_stopped(self, campaign: LinkCampaign) -> bool:
@@ -118,8 +119,15 @@ class Store:
         return number
 
     def close(self, name: str, mark: str) -> None:
-        """Close a run's log: its hash beside it, then its name, which nothing changes after that."""
+        """Close a run's log: its hash beside it, then its name, which nothing changes after that.
+
+        A run that was cut before its log had a line is forgotten: nothing was commanded.
+        """
         part, log = self.part(name), self.runs / f"{name}{mark}.csv"
+        if mark and not part.stat().st_size:
+            part.unlink()
+            sync_folder(self.runs)
+            return
         content = part.read_bytes()
         whole = content[: content.rfind(b"\n") + 1]  # a power cut may leave half a line
         with part.open("r+b") as file:
@@ -163,7 +171,7 @@ class Store:
             "played": played,
             "interrupted": ends.count(INTERRUPTED),
             "over": (stopped and not open_run) or played == len(ends),
-            "why_stopped": "asked to stop" if stopped else None,
+            "why_stopped": (self._stop_mark(campaign).read_text(encoding="utf-8") or ASKED) if stopped else None,
             "battery_left_Ah": round(campaign.left(played), 3) if played else campaign.battery.charge_Ah,
         }
 

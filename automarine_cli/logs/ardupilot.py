@@ -69,7 +69,7 @@ def asked_of_pulses(source: str, time: Floats, pulses: Channels, known: Paramete
 
     `source` is what the file calls the outputs.
     """
-    return worked_back(source, time, pulses, {name: told for name, told in known.items() if _drives(name)}, _part)
+    return worked_back(source, time, pulses, {name: told for name, told in known.items() if _drives(name)}, part_of)
 
 
 def least_squares(factors: Floats) -> tuple[Floats, NDArray[np.bool_]]:
@@ -87,7 +87,7 @@ def _drives(name: str) -> bool:
     return name == "FRAME_CONFIG" or (name.startswith(("SERVO", "MOT_")) and name.endswith(ends))
 
 
-def _part(source: str, channels: Channels, values: Values) -> Part:
+def part_of(source: str, channels: Channels, values: Values) -> Part:
     """How the outputs are read by these parameters. Raises Unclear."""
     lacking = [name for name in (f"SERVO{n}_FUNCTION" for n in channels) if name not in values]
     if not values:

@@ -43,7 +43,7 @@ FORMAT = Format("CAN capture", (".asc", ".blf", ".slcan"), read, begins=(b"LOGG"
 def decoded(path: Path, name: str, columns: ColumnMap, reader: Reader) -> RawLog:
     """The signals of a capture on the clock of the heading. Raises LogError as `read`."""
     needed("can", "can", name, "CAN captures")
-    library = needed("cantools", "can", name, "DBC files")
+    needed("cantools", "can", name, "DBC files")
     with unsound_is_refused(name, "CAN"):
         captured, notes = reader(path, name)
     if not captured:
@@ -57,7 +57,7 @@ def decoded(path: Path, name: str, columns: ColumnMap, reader: Reader) -> RawLog
             'the signals in a file, [can] with dbc = "vehicle.dbc" and [columns] with heading_deg = "MESSAGE.SIGNAL", '
             "and give it with --columns FILE.toml"
         )
-    messages = {(one.frame_id, one.is_extended_frame): one for one in _database(library, columns)}
+    messages = {(one.frame_id, one.is_extended_frame): one for one in messages_of(columns)}
     streams: list[Stream] = []
     for key, (time, frames) in captured.items():
         if key in messages:
@@ -125,7 +125,9 @@ def _slcan(path: Path, name: str) -> tuple[Captured, tuple[str, ...]]:
     return grouped(time, names, frames), (f"{bad} line{'s' * (bad != 1)} skipped: not a CAN frame",) if bad else ()
 
 
-def _database(library: Any, columns: ColumnMap) -> list[Any]:
+def messages_of(columns: ColumnMap) -> list[Any]:
+    """Every message of the DBC that a column map names, as cantools knows it. Raises LogError for what is none."""
+    library = needed("cantools", "can", columns.source or "the column map", "DBC files")
     path = Path(columns.dbc)
     name = printable(path.name)
     try:

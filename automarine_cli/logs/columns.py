@@ -36,6 +36,10 @@ class ColumnRule:
     sign_from: "ColumnRule | None" = None
     day_first: bool | None = None
 
+    def read(self, value: float, factor: float = 1.0) -> float:
+        """What a value of the file's own column stands for; `factor` is that of the rule's unit."""
+        return self.sign * (self.scale * (value - self.subtract) + self.offset) * factor
+
     def written(self, value: float, factor: float = 1.0) -> float:
         """A value as the file's own column holds it; `factor` is that of the rule's unit."""
         return (self.sign * value / factor - self.offset) / self.scale + self.subtract

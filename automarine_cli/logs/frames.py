@@ -4,7 +4,6 @@ import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -40,11 +39,17 @@ def _is_table(given: object) -> bool:
     """Whether it is a table, or columns by name."""
     if isinstance(given, Mapping):
         return bool(given) and not any(isinstance(one, str | Path) or _is_table(one) for one in given.values())
-    return hasattr(given, "__arrow_c_stream__") and not isinstance(given, pd.Series)
+    if not hasattr(given, "__arrow_c_stream__"):
+        return False
+    import pandas as pd  # here, as logs that are files need none of it
+
+    return not isinstance(given, pd.Series)
 
 
 def _log(given: object, name: str) -> LogFile:
     """A table as a log. Its place is its content, so that a table given twice is one log."""
+    import pandas as pd
+
     try:
         frame = pd.DataFrame(dict(given)) if isinstance(given, Mapping) else given
         table = pa.table(frame)

@@ -86,6 +86,13 @@ class Part:
     back: Floats
     found: NDArray[np.bool_]
 
+    def wishes(self, outputs: Floats) -> Floats:
+        """`WISHES`, shape (wishes, N), of outputs, shape (channels, N); NaN where the channels do not tell them."""
+        off = outputs - self.neutral[:, None]
+        span = np.where(off > 0, (self.high - self.neutral)[:, None], (self.neutral - self.low)[:, None])
+        shares = np.where(outputs != 0, np.clip(off / span, -1, 1), 0.0)
+        return np.where(self.found[:, None], self.back @ shares, np.nan)
+
 
 def is_commanded_by(columns: ColumnMap) -> bool:
     """Whether a column map names a command itself, so that none is worked back from outputs."""
@@ -119,8 +126,7 @@ def worked_back(
             why = why or str(unclear)
             continue
         hows[part.how] = None
-        outputs = np.array([channels[number][rows] for number in part.channels])
-        wishes[:, rows] = np.where(part.found[:, None], part.back @ _normalised(outputs, part), np.nan)
+        wishes[:, rows] = part.wishes(np.array([channels[number][rows] for number in part.channels]))
     made = {name: values for name, values in zip(WISHES, wishes) if np.isfinite(values).any()}
     if not made:
         return Asked(origin=Origin(why_not=why))
@@ -137,13 +143,6 @@ def worked_back(
 def meaning(names: Sequence[str] | Mapping[str, Floats]) -> str:
     """`tau (clockwise from above), X (ahead), from -1 to 1`."""
     return f"{', '.join(f'{name} ({SIGNS[name]})' for name in names)}, from -1 to 1,"
-
-
-def _normalised(pulses: Floats, part: Part) -> Floats:
-    """Outputs from -1 to 1, shape (channels, N)."""
-    off = pulses - part.neutral[:, None]
-    span = np.where(off > 0, (part.high - part.neutral)[:, None], (part.neutral - part.low)[:, None])
-    return np.where(pulses != 0, np.clip(off / span, -1, 1), 0.0)
 
 
 def refuse_lacking(source: str, lacking: Sequence[str]) -> None:

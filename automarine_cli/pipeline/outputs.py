@@ -4,6 +4,7 @@ A folder of results is told by its `manifest.json`; how it gets onto the disk is
 """
 
 import contextlib
+import copy
 import dataclasses
 import hashlib
 import json
@@ -80,6 +81,13 @@ class ResultFolder:
         self._forbidden = forbidden
         self._hashes: dict[str, str] = {}
         self._warnings: list[str] = []
+        self._below = ""
+
+    def below(self, name: str) -> "ResultFolder":
+        """The same folder, whose files go into the subfolder `name`: for results that another command makes too."""
+        inner = copy.copy(self)
+        inner._below = f"{self._below}{name}/"
+        return inner
 
     @property
     def hashes(self) -> Mapping[str, str]:
@@ -91,6 +99,7 @@ class ResultFolder:
 
         Raises OutputError if the disk refuses, or a file of that name that is not ours would be replaced.
         """
+        name = f"{self._below}{name}"
         path = PurePosixPath(name)
         inside = path.parts and not path.is_absolute() and ".." not in path.parts and "\\" not in name
         if not inside or name != path.as_posix() or name in self._hashes:

@@ -14,18 +14,28 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from typing import Any, TypeVar
 
 from automarine_cli.errors import SettingError
+from automarine_cli.pipeline.cluster import on_cluster
 from automarine_cli.pipeline.interrupts import held_back
 from automarine_cli.pipeline.progress import Progress, counted, silent
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+Each = Callable[[Callable[[Any], Any], Sequence[Any], str], list[Any]]
+"""Maps a function over items, in a stage of that name."""
+
+
+def alone(function: Callable[[Any], Any], items: Sequence[Any], stage: str) -> list[Any]:
+    """The same in this process."""
+    return [function(item) for item in items]
+
+
 CHUNKS_PER_JOB = 4  # small enough to share the work evenly, large enough to spare the pickling
-PATIENCE_S = 20  # for a cluster to answer
 LARGEST_CHUNK = 32  # items; what a stream holds at a time does not grow with the number of items
 AHEAD = 2  # chunks under way for each process
 
@@ -39,8 +49,12 @@ def ordered_map(
     progress: Progress = silent,
     stage: str = "",
 ) -> list[Result]:
-    """`[function(item) for item in items]` on `jobs` processes or a cluster; see `ordered_stream`."""
-    return list(ordered_stream(function, items, jobs, cluster=cluster, progress=progress, stage=stage))
+    """`[function(item) for item in items]` on `jobs` processes, this one among them, or a cluster; see
+    `ordered_stream`."""
+    work = list(items)
+    jobs, cluster = max(1, min(_checked(jobs), len(work))), cluster if work else None
+    with lasting_map(jobs, cluster=cluster, progress=progress, stage=stage) as each:
+        return each(function, work, stage)
 
 
 def ordered_stream(
@@ -101,19 +115,31 @@ class _Handing:
 
 @contextlib.contextmanager
 def lasting_map(
-    jobs: int = 1, *, cluster: str | None = None, progress: Progress = silent
-) -> Iterator[Callable[[Callable[[Any], Any], Sequence[Any], str], list[Any]]]:
+    jobs: int = 1,
+    *,
+    cluster: str | None = None,
+    progress: Progress = silent,
+    stage: str = "",
+    ready: Callable[..., object] | None = None,
+) -> Iterator[Each]:
     """Yields `each(function, items, stage)`, an `ordered_map` whose processes, or whose connection to a cluster, last.
 
-    For work that comes in many small rounds, of which each would cost more to begin than to do.
+    For work that comes in many small rounds, of which each would cost more to begin than to do. The processes start at
+    once, and import the module of `ready` while this one does something else.
     """
-    with _workers(_checked(jobs), cluster, "") as (executor, workers):
+    with _workers(_checked(jobs), cluster, stage, own=1) as (executor, workers):
+        if executor is not None and cluster is None:
+            with deaf_to_interrupts():
+                for _ in range(workers):
+                    executor.submit(callable, ready)
 
         def each(function: Callable[[Any], Any], items: Sequence[Any], stage: str) -> list[Any]:
             work = list(items)
             found: Iterable[Any] = map(function, work)
-            if executor is not None:
+            if cluster is not None and executor is not None:
                 found = _through(executor, function, _Handing().chunks(work, workers), workers)
+            elif executor is not None:
+                found = _shared(executor, function, list(_Handing().chunks(work, jobs)), workers)
             return list(counted(progress, stage, found, len(work)))
 
         yield each
@@ -137,29 +163,29 @@ def _in_order(
 
 
 @contextlib.contextmanager
-def _workers(jobs: int, cluster: str | None, stage: str) -> Iterator[tuple[Executor | None, int]]:
-    """What does the work, and how many tasks at once; None for this process itself."""
+def _workers(jobs: int, cluster: str | None, stage: str, own: int = 0) -> Iterator[tuple[Executor | None, int]]:
+    """What does the work, and how many tasks at once; None for this process itself, which does the work of `own`."""
     if cluster is not None:
-        with _cluster(cluster, stage) as found:
+        with on_cluster(cluster, stage) as found:
             yield found
     elif jobs <= 1:
         yield None, 1
     else:
-        with _processes(jobs, stage) as executor:
-            yield executor, jobs
+        with _processes(jobs, stage, own) as executor:
+            yield executor, jobs - own
 
 
 @contextlib.contextmanager
-def _processes(workers: int, stage: str) -> Iterator[Executor]:
+def _processes(jobs: int, stage: str, own: int) -> Iterator[Executor]:
     others = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker)
+    executor = ProcessPoolExecutor(jobs - own, mp_context=context, initializer=_begin_worker)
     try:
         yield executor
     except BrokenProcessPool:
         executor.shutdown()
         raise SettingError(
-            f"one of {workers} processes died while working on {stage or 'the data'}, usually for want of "
+            f"one of {jobs} processes died while working on {stage or 'the data'}, usually for want of "
             "memory; try again with fewer, for example --jobs 1"
         ) from None
     except BaseException as problem:  # nobody waits for the items under way
@@ -168,51 +194,6 @@ def _processes(workers: int, stage: str) -> Iterator[Executor]:
         executor.shutdown(wait=isinstance(problem, Exception), cancel_futures=True)
         raise
     executor.shutdown()
-
-
-@contextlib.contextmanager
-def _cluster(address: str, stage: str) -> Iterator[tuple[Executor, int]]:
-    """The standard executor of Dask's client; work of a worker that dies is done again by another."""
-    with cluster_executor(address) as (executor, workers):
-        try:
-            yield executor, workers
-        except Exception as problem:
-            if type(problem).__name__ not in ("KilledWorker", "CancelledError", "FutureCancelledError"):
-                raise
-            raise SettingError(
-                f"the cluster at {address} gave up {stage or 'the work'}: {problem}; look at its workers' logs, "
-                "they usually died for want of memory"
-            ) from None
-
-
-@contextlib.contextmanager
-def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
-    """The executor of the Dask scheduler at `address`, and how many tasks its workers take at once.
-
-    Raises SettingError where Dask is not installed, nobody answers, or there are no workers.
-    """
-    try:
-        from distributed import Client
-    except ImportError:
-        raise SettingError(
-            "--cluster needs Dask, which is not installed; install it with: pip install 'automarine[cluster]'"
-        ) from None
-    try:
-        client = Client(address, timeout=PATIENCE_S, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as problem:
-        raise SettingError(
-            f"no Dask scheduler answers at {address} ({str(problem) or type(problem).__name__}); start one with "
-            "`dask scheduler` and give its address, such as tcp://127.0.0.1:8786"
-        ) from None
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=PATIENCE_S)
-        except TimeoutError:
-            raise SettingError(
-                f"the scheduler at {address} has no workers; start some with `dask worker {address} --nthreads 1`"
-            ) from None
-        with client.get_executor(pure=False) as executor:
-            yield executor, sum(client.nthreads().values())
 
 
 def _through(
@@ -227,6 +208,45 @@ def _through(
         if not under_way:
             return
         yield from _results_of(under_way.popleft())
+
+
+def _shared(
+    executor: Executor, function: Callable[[Item], Result], chunks: Sequence[list[Item]], workers: int
+) -> Iterator[Result]:
+    """Results in input order; this process takes chunks as the `workers` do, each the next one when it has done its
+    own."""
+    left, done = deque(enumerate(chunks)), dict[int, tuple[list[Result], BaseException | None]]()
+    news = threading.Condition()
+
+    def hand_out() -> None:
+        while left:
+            try:
+                at, chunk = left.popleft()
+            except IndexError:  # somebody else took the last one
+                return
+            try:
+                outcome = executor.submit(_work_on, function, chunk).result()
+            except BaseException as problem:  # the process died
+                outcome = [], problem
+            with news:
+                done[at] = outcome
+                news.notify()
+
+    for _ in range(workers):
+        threading.Thread(target=hand_out, daemon=True).start()
+    for at in range(len(chunks)):
+        while at not in done:
+            try:
+                own, chunk = left.popleft()
+            except IndexError:
+                with news:
+                    news.wait_for(partial(done.__contains__, at))
+            else:
+                done[own] = _work_on(function, chunk)
+        results, problem = done.pop(at)
+        yield from results
+        if problem is not None:
+            raise problem
 
 
 def _work_on(function: Callable[[Item], Result], chunk: list[Item]) -> tuple[list[Result], BaseException | None]:

@@ -1,7 +1,7 @@
 """The next campaign: candidates, what each would tell, the choice among them, what to expect of it, and a rehearsal."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,10 +26,12 @@ from automarine_cli.planning.prior_results import (
     PriorResults,
     covariance_now,
     information_now,
+    lacking,
     wanted_directions,
 )
-from automarine_cli.planning.rivals import Split, pairs_of, splits
+from automarine_cli.planning.rivals import Split, pairs_of, splits, with_effect
 from automarine_cli.planning.selection import Choice, select
+from automarine_cli.planning.tether import turns, ways_back
 from automarine_cli.quantities import Floats
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.simulation.specification import SCHEMA
@@ -50,10 +52,11 @@ class Curve:
 class Campaign:
     """A campaign on paper.
 
-    `slots` are its runs in order, `why` what each is for; `now`, `alone` and `together` the estimates by name before
-    it, of its runs alone, and of these with the earlier ones (empty where these are not known or not to be used);
-    `splits` what is expected of each pair of explanations, `grid_splits` of the same on the paper's grid; `plan` and
-    `grid` the precision against minutes, `more` that of one run more of each kind.
+    `slots` are its runs in order, `why` what each is for, `turns` how far [degrees] each turns the vehicle and
+    `ways_back` how far to turn to its start heading, against the tether's twist; `now`, `alone` and `together` the
+    estimates by name before it, of its runs alone, and of these with the earlier ones (empty where these are not known
+    or not to be used); `splits` what is expected of each pair of explanations, `grid_splits` of the same on the paper's
+    grid; `plan` and `grid` the precision against minutes, `more` that of one run more of each kind.
     """
 
     fitting: Fitting
@@ -61,6 +64,8 @@ class Campaign:
     wanted: tuple[str, ...]
     slots: tuple[Slot, ...]
     why: tuple[str, ...]
+    turns: Floats
+    ways_back: Floats
     now: Mapping[str, Estimate]
     alone: Mapping[str, Estimate]
     together: Mapping[str, Estimate]
@@ -95,9 +100,10 @@ def plan_campaign(
     """Choose runs for what is `known` within `limits`; moments up to `largest`.
 
     Doubts that a diagnosis left are split first, then the intervals of the `wanted` parameters (all by default) are
-    narrowed; `seed` draws the order. Raises SettingError where the limits allow no campaign, ModelError for a parameter
-    that the model does not have.
+    narrowed; `seed` draws the order. A wanted parameter of an effect that the model lacks is planned for as if it were
+    there. Raises SettingError where the limits allow no campaign, ModelError for a parameter that there is not.
     """
+    known = suspecting(known, limits, largest, wanted)
     fitting = fitting_of(known, limits)
     wanted_ones = wanted_directions(fitting, wanted)
     earlier = limits.goal.use_earlier_runs and covariance_now(fitting, known.now) is not None
@@ -110,12 +116,15 @@ def plan_campaign(
     runs = [slot.candidate for slot in slots]
     outcome = splits(pairs, runs)[0]
     per_run, of_grid = information(fitting, runs), information(fitting, grid_runs)
+    turned = turns(fitting.model, fitting.logger, runs)
     return Campaign(
         fitting=fitting,
         limits=limits,
         wanted=wanted,
         slots=slots,
         why=tuple(choice.why[one.label] for one in runs),
+        turns=turned,
+        ways_back=ways_back(turned, [one.start_heading for one in runs]),
         now=known.now,
         alone=predicted(fitting, per_run),
         together=_together(fitting, per_run, before, known) if earlier else {},
@@ -126,6 +135,15 @@ def plan_campaign(
         more=one_more(fitting, choice, slots, per_run, before, limits),
         notes=(*known.notes, *_short_of(outcome, limits)),
     )
+
+
+def suspecting(known: PriorResults, limits: Limits, largest: float, wanted: Sequence[str]) -> PriorResults:
+    """What is known, and the effects that `wanted` parameters name and the model lacks, as a search for them begins."""
+    for name in dict.fromkeys(one.partition(" ")[0] for one in wanted):
+        if name in effects.names() and name not in {term.name for term in known.model.terms} and not lacking(name):
+            start = with_effect(fitting_of(known, limits), known.model, name, largest)[0]
+            known = replace(known, model=start.model)
+    return known
 
 
 def fitting_of(known: PriorResults, limits: Limits) -> Fitting:

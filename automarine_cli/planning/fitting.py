@@ -16,7 +16,8 @@ from automarine_cli.dofs import Dof
 from automarine_cli.fits.identify import starts_at_rest
 from automarine_cli.fits.mixed_model import Problem
 from automarine_cli.fits.run_effects import GAIN, SWITCHES
-from automarine_cli.fits.step_response import step_data, step_problem
+from automarine_cli.fits.step_problem import step_problem
+from automarine_cli.fits.step_response import step_data
 from automarine_cli.fits.whole_runs import varying_terms, whole_run_problem
 from automarine_cli.models.closed_form import response
 from automarine_cli.models.yaw_model import BASE_TERMS, Term, YawModel

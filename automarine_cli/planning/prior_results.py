@@ -78,17 +78,17 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
         now = {**now, **(found.base if added else {}), **found.estimates}
         if added:
             now.pop(ANGLE, None)
-        doubts = tuple(one for one in found.doubts if not _lacking(one.rival))
+        doubts = tuple(one for one in found.doubts if not lacking(one.rival))
         notes = tuple(
-            f"{one.rival} is left open: it needs the column {_lacking(one.rival)[0]!r}, which planned runs do not have."
+            f"{one.rival} is left open: it needs the column {lacking(one.rival)[0]!r}, which planned runs do not have."
             for one in found.doubts
             if one not in doubts
         )
         if not doubts:
             notes = (*notes, NO_RIVALS)
-    for term in (one for one in chosen.terms if _lacking(one.name)):
+    for term in (one for one in chosen.terms if lacking(one.name)):
         chosen = replace(chosen, terms=tuple(one for one in chosen.terms if one is not term))
-        by = f"the column {_lacking(term.name)[0]!r}"
+        by = f"the column {lacking(term.name)[0]!r}"
         notes = (*notes, f"{term.name} is left out: it acts by {by}, which planned runs, on the spot, do not have.")
     rates = (one.noise for one in file.channels if one.used and one.quantity == stored.dof.velocity)
     rate = next((noise.value for noise in rates if noise is not None), None)
@@ -145,7 +145,7 @@ def wanted_directions(fitting: Fitting, names: tuple[str, ...]) -> Floats:
     return np.stack([known[name] for name in names or [n for n in known if n != ANGLE]], axis=1)
 
 
-def _lacking(effect: str) -> list[str]:
+def lacking(effect: str) -> list[str]:
     """Columns that an effect needs and planned runs do not have."""
     return [need for need in effects.get(effect).columns if need != "voltage"]
 

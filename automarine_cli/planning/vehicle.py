@@ -162,22 +162,43 @@ def _power(one: Series, volts: float) -> Floats | None:
     return one.extras["current_A"] * (volts if one.voltage is None else one.voltage)
 
 
+@dataclass(frozen=True)
+class CommandTable:
+    """What is commanded in a run: from each time [s since the log's start] on, a value for each of the `names`, which
+    are columns of ours; `rules` say how the vehicle holds them, `factors` are those of their units."""
+
+    names: tuple[str, ...]
+    rules: tuple[ColumnRule, ...]
+    factors: tuple[float, ...]
+    rows: tuple[tuple[float, tuple[float, ...]], ...]
+
+    def held(self, values: Sequence[float]) -> list[float]:
+        """The values in the vehicle's own units."""
+        return [rule.written(value, factor) for rule, value, factor in zip(self.rules, values, self.factors)]
+
+
+def command_table(candidate: Candidate, rest: float, unit: str, drive: Drive | None, names: ColumnMap) -> CommandTable:
+    """The moment, or `n_port` and `n_stbd` where a `drive` makes it, after a rest [s] and neutral at the end."""
+    columns = (MOMENT_COLUMNS[unit],) if drive is None else ("n_port", "n_stbd")
+    rules = tuple(names.columns.get(name, ColumnRule(name)) for name in columns)
+    rules = tuple(rule if rule.sign_from is None else ColumnRule(name) for name, rule in zip(columns, rules))
+    factors = tuple(CANONICAL[name].factor(rule.unit) for name, rule in zip(columns, rules))
+    rows, time = [], 0.0
+    for moment, seconds in ((0.0, rest), *candidate.commands, (0.0, 0.0)):
+        rows.append((time, (moment,) if drive is None else drive.commands(moment)))
+        time += seconds
+    return CommandTable(columns, rules, factors, tuple(rows))
+
+
 def command_file(candidate: Candidate, rest: float, unit: str, drive: Drive | None, names: ColumnMap) -> str:
-    """CSV with `time_s` since the log's start and the moment, or `n_port` and `n_stbd` where a `drive` makes it; under
-    the names and in the units of the logs where `names` says what these are (pulses about their neutral, percent)."""
+    """CSV with `time_s` since the log's start and the commands of `command_table`, under the names and in the units of
+    the logs where `names` says what these are (pulses about their neutral, percent)."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    columns = (MOMENT_COLUMNS[unit],) if drive is None else ("n_port", "n_stbd")
-    rules = [names.columns.get(name, ColumnRule(name)) for name in columns]
-    rules = [rule if rule.sign_from is None else ColumnRule(name) for name, rule in zip(columns, rules)]
-    factors = [CANONICAL[name].factor(rule.unit) for name, rule in zip(columns, rules)]
-    writer.writerow(("time_s", *(rule.source for rule in rules)))
-    time = 0.0
-    for moment, seconds in ((0.0, rest), *candidate.commands, (0.0, 0.0)):
-        asked = (moment,) if drive is None else drive.commands(moment)
-        values = [rule.written(value, factor) for rule, value, factor in zip(rules, asked, factors)]
-        writer.writerow((f"{round(time, 3):g}", *(f"{value + 0.0:.{DIGITS}g}" for value in values)))
-        time += seconds
+    table = command_table(candidate, rest, unit, drive, names)
+    writer.writerow(("time_s", *(rule.source for rule in table.rules)))
+    for time, values in table.rows:
+        writer.writerow((f"{round(time, 3):g}", *(f"{value + 0.0:.{DIGITS}g}" for value in table.held(values))))
     return text.getvalue()
 
 

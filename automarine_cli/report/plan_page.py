@@ -56,7 +56,9 @@ def _before(campaign: Campaign) -> str:
     headings = ", ".join(f"{heading:g}" for heading in pool.start_headings_deg)
     return (
         f"Before each run bring the vehicle back and let the water settle: {pool.wait_s:g} s, after long turns "
-        f"{pool.wait_after_long_turn_s:g} s. Start headings in turn: {headings} degrees; a few degrees do not matter."
+        f"{pool.wait_after_long_turn_s:g} s. Start headings in turn: {headings} degrees; a few degrees do not matter. "
+        "Turn there by as much as the sheet says, clockwise where it is positive: so the tether never holds more than "
+        "half a turn at the start of a run."
     )
 
 

@@ -12,8 +12,8 @@ from automarine_cli.report.tables import MISSING, Table, interval, number
 from automarine_cli.results.estimate import Estimate
 
 SHEET = (
-    "number", "name", "kind", "begins_min", "start_heading_deg", "voltage_V", "rest_s", "do", "drive_s", "wait_s",
-    "battery_left_Ah", "battery_left_percent", "command_file", "why",
+    "number", "name", "kind", "begins_min", "start_heading_deg", "turn_there_deg", "voltage_V", "rest_s", "do",
+    "drive_s", "turns_deg", "wait_s", "battery_left_Ah", "battery_left_percent", "command_file", "why",
 )  # fmt: skip
 CERTAIN = 1000.0
 
@@ -37,12 +37,13 @@ def sheet_csv(campaign: Campaign) -> str:
     writer.writerow(SHEET)
     unit, rest = campaign.fitting.model.moment_unit, campaign.limits.runs.rest_before_s
     full = campaign.limits.battery.charge_Ah
-    for slot, why in zip(campaign.slots, campaign.why):
+    for slot, why, back, turned in zip(campaign.slots, campaign.why, campaign.ways_back, campaign.turns):
         one = slot.candidate
         writer.writerow((
-            slot.number, slot.name, one.kind, f"{slot.begins / 60.0:.2f}", f"{one.start_heading:g}",
+            slot.number, slot.name, one.kind, f"{slot.begins / 60.0:.2f}", f"{one.start_heading:g}", f"{back:.0f}",
             "" if one.voltage is None else f"{one.voltage:g}", f"{rest:g}", in_words(one, unit), f"{one.driven:g}",
-            f"{slot.wait:g}", f"{slot.left:.4f}", f"{100.0 * slot.left / full:.1f}", command_name(slot.name), why,
+            f"{turned:.0f}", f"{slot.wait:g}", f"{slot.left:.4f}", f"{100.0 * slot.left / full:.1f}",
+            command_name(slot.name), why,
         ))  # fmt: skip
     return text.getvalue()
 
@@ -52,15 +53,16 @@ def sheet_table(campaign: Campaign) -> Table:
     unit, full = campaign.fitting.model.moment_unit, campaign.limits.battery.charge_Ah
     rows = [
         (
-            str(slot.number), _clock(slot.begins), f"{slot.candidate.start_heading:g}", in_words(slot.candidate, unit),
-            f"{slot.wait:g}", f"{100.0 * slot.left / full:.0f}", why,
+            str(slot.number), _clock(slot.begins), f"{slot.candidate.start_heading:g}", f"{back:+.0f}",
+            in_words(slot.candidate, unit), f"{slot.wait:g}", f"{100.0 * slot.left / full:.0f}", why,
         )
-        for slot, why in zip(campaign.slots, campaign.why)
+        for slot, why, back in zip(campaign.slots, campaign.why, campaign.ways_back)
     ]  # fmt: skip
     header = (
         "run",
         "begin at min:s",
         "start heading deg",
+        "turn there by deg",
         "after the rest",
         "then wait s",
         "battery left %",

@@ -9,6 +9,12 @@ from automarine_cli.dofs import Dof
 from automarine_cli.report.tables import Table, number
 
 KEYS = {"overshoot": "overshoot_percent", "settling": "settling_s"}
+ERRORS = {
+    "rms": ("rms_after", "error from then on, rms"),
+    "distance": ("rms_error", "distance from the reference, rms"),
+    "largest": ("largest_error", "the same at most"),
+}
+"""Figures in units of the position: key of the result file, words."""
 
 
 def verdict(steps: Sequence[FlownStep]) -> str:
@@ -16,7 +22,9 @@ def verdict(steps: Sequence[FlownStep]) -> str:
     kept = sum(one.held for one in steps)
     if kept == len(steps):
         return (
-            f"As promised: all {kept} steps are within the bands." if kept > 1 else "As promised: the step is within."
+            f"As promised: all {kept} steps are within the bands."
+            if kept > 1
+            else "As promised: all is within the bands."
         )
     return f"Not as promised: {len(steps) - kept} of {len(steps)} steps leave the bands of 95 %."
 
@@ -25,7 +33,8 @@ def tables(steps: Sequence[FlownStep], dof: Dof, changed: str) -> list[Table | s
     """Verdict, what changed, and a row for each figure of each step."""
     rows = []
     for step in steps:
-        where = f"{step.run}, {step.begins:.1f} s, {dof.logged(step.size):+.3g} {dof.units.log}"
+        size = "no step" if step.size is None else f"{dof.logged(step.size):+.3g} {dof.units.log}"
+        where = f"{step.run}, {step.begins:.1f} s, {size}"
         for name, one in step.figures.items():
             value, low, high = (_shown(name, x, dof) for x in (one.value, *one.band))
             rows.append((where, _word(name, dof), value, f"{low} to {high}", "yes" if one.held else "no"))
@@ -44,7 +53,7 @@ def page(steps: Sequence[FlownStep], dof: Dof, changed: str) -> str:
 def to_json(step: FlownStep, dof: Dof) -> dict[str, Any]:
     """One step of the result file."""
     figures = {_key(name, dof): _figure(name, one, dof) for name, one in step.figures.items()}
-    size = {f"step_{dof.units.log}": dof.logged(step.size)}
+    size = {f"step_{dof.units.log}": None if step.size is None else dof.logged(step.size)}
     return {"run": step.run, "begins_s": step.begins, **size, "held": step.held, "figures": figures}
 
 
@@ -55,7 +64,7 @@ def _figure(name: str, one: Compared, dof: Dof) -> dict[str, Any]:
 
 
 def _scaled(name: str, value: float, dof: Dof) -> float:
-    return 100.0 * value if name == "overshoot" else float(dof.shown(value)) if name == "rms" else value
+    return 100.0 * value if name == "overshoot" else float(dof.shown(value)) if name in ERRORS else value
 
 
 def _shown(name: str, value: float, dof: Dof) -> str:
@@ -63,9 +72,9 @@ def _shown(name: str, value: float, dof: Dof) -> str:
 
 
 def _key(name: str, dof: Dof) -> str:
-    return KEYS.get(name, f"rms_after_{dof.units.key}")
+    return f"{ERRORS[name][0]}_{dof.units.key}" if name in ERRORS else KEYS[name]
 
 
 def _word(name: str, dof: Dof) -> str:
     words = {"overshoot": "overshoot [%]", "settling": "settles after [s]"}
-    return words.get(name, f"error from then on, rms [{dof.units.shown}]")
+    return f"{ERRORS[name][1]} [{dof.units.shown}]" if name in ERRORS else words[name]

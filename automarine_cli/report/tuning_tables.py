@@ -148,11 +148,13 @@ def tables(made: Designed) -> list[Table | str]:
     return shown
 
 
-def page(made: Designed, source: str, files: tuple[str, ...]) -> str:
-    """`tuning.md`."""
+def page(made: Designed, source: str, files: tuple[str, ...], plan: str = "") -> str:
+    """`tuning.md`; `plan` is the page of the runs that settle what is open."""
     parts = [f"# A controller for {made.target.name}, from {source}", *sentences(made)]
     if made.new is not None:
         parts += [f"The file to load: `{made.target.file}`. {FIRST_FLIGHT}"]
+    if plan:
+        parts += [f"Runs that settle it, with their command files: [{plan}]({plan})."]
     for one in tables(made):
         parts += [one.to_markdown().rstrip()] if isinstance(one, Table) else []
     if "tuning.png" in files:
@@ -170,12 +172,13 @@ FIRST_FLIGHT = (
 def rests_on(made: Designed) -> list[str]:
     """What was simulated and what was not."""
     dof = made.nominal.dof
-    names = ", ".join(one.name for one in made.crowds)
+    names, noise = ", ".join(one.name for one in made.crowds), made.crowds[0].vehicles.noise[0]
     found = [
         f"Explanations flown: {names}.",
         f"The whole output gives {made.nominal.full:.4g} {made.nominal.force_unit}.",
         f"Only {dof.name} is designed; roll, pitch, and what the motions do to each other are not.",
-        "Noise of the sensors, waves and the pilot are not simulated.",
+        f"Readings are off as those of the logs are, by {dof.shown(noise):.2g} {dof.words.units} (standard deviation); "
+        "waves and the pilot are not simulated.",
     ]
     if made.target.firmware:
         found.append(f"Names, units and ranges are those of {made.target.firmware}.")

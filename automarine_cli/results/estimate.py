@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from automarine_cli.errors import ModelError
 
@@ -24,7 +24,7 @@ class Estimate:
     def from_stderr(cls, value: float, stderr: float, dof: float, unit: str) -> "Estimate":
         """Interval from Student's t with `dof` degrees of freedom (about the number of independent runs less
         parameters)."""
-        half = float(stats.t.ppf(0.975, max(dof, 1.0))) * stderr
+        half = float(special.stdtrit(max(dof, 1.0), 0.975)) * stderr
         return cls(float(value), float(stderr), (float(value - half), float(value + half)), unit)
 
     @classmethod
@@ -34,7 +34,7 @@ class Estimate:
         Beyond `WIDE` the data hardly tell the number from zero; then the interval is symmetric on the number itself
         and begins at zero (on the logarithm it would end at infinity).
         """
-        half = float(stats.t.ppf(0.975, max(dof, 1.0))) * stderr_of_log
+        half = float(special.stdtrit(max(dof, 1.0), 0.975)) * stderr_of_log
         if half > WIDE:
             return cls(float(value), float(value * stderr_of_log), (0.0, float(value * (1.0 + half))), unit)
         return cls(

@@ -12,6 +12,7 @@ from automarine_cli.pipeline.plain_data import Source, read_plain, told
 from automarine_cli.pipeline.words import printable
 from automarine_cli.results.judged import CheckFile, DiagnosisFile, RunFile, TuningFile, ValidationFile
 from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile
+from automarine_cli.results.plans import PlanFile
 from automarine_cli.results.records import ResultRecord
 
 Read = TypeVar("Read", bound=Record, covariant=True)
@@ -68,6 +69,7 @@ CHECK = ResultKind("check.json", "automarine/check/1", CheckFile, "a look at the
 VALIDATION = ResultKind("validation.json", "automarine/validation/1", ValidationFile, "a validation", "validate")
 DIAGNOSIS = ResultKind("diagnosis.json", "automarine/diagnosis/1", DiagnosisFile, "a diagnosis", "diagnose")
 TUNING = ResultKind("tuning.json", "automarine/tuning/1", TuningFile, "a tuning", "tune")
+PLAN = ResultKind("plan.json", "automarine/plan/1", PlanFile, "a plan", "plan", YAW)
 RUN = ResultKind("run.json", "automarine/run/1", RunFile, "a campaign", "run", YAW)
 KINDS: tuple[ResultKind[ResultRecord], ...] = (
     *MODELS.values(),
@@ -77,4 +79,5 @@ KINDS: tuple[ResultKind[ResultRecord], ...] = (
     VALIDATION,
     DIAGNOSIS,
     TUNING,
+    PLAN,
 )

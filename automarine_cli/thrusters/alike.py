@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy import special
 
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.thrusters.analysis import Analysis
@@ -73,9 +73,9 @@ def _against(own: Estimate, others: list[Estimate]) -> tuple[float, float]:
     middle = float(np.median([one.value for one in others]))
     spread = MEDIAN * float(np.median([_error(one) for one in others])) / np.sqrt(len(others))
     off = own.value - middle
-    return 100.0 * off / middle, float(2.0 * norm.sf(abs(off) / max(np.hypot(_error(own), spread), 1e-300)))
+    return 100.0 * off / middle, float(2.0 * special.ndtr(-abs(off) / max(np.hypot(_error(own), spread), 1e-300)))
 
 
 def _error(one: Estimate) -> float:
     """Standard error, widened for few levels as the 95 % interval is."""
-    return float((one.ci95[1] - one.ci95[0]) / (2.0 * norm.ppf(0.975)))
+    return float((one.ci95[1] - one.ci95[0]) / (2.0 * special.ndtri(0.975)))

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from automarine_cli.fits.stepwise import Judge, discover
 from automarine_cli.thrusters.bollard_data import BollardData
@@ -77,7 +77,7 @@ class Rival:
         """Odds against the named effect: that the difference in cross-validation is chance."""
         if self.stderr <= 0.0:
             return 0.0
-        tail = float(stats.norm.sf(max(self.behind, 0.0) / self.stderr))
+        tail = float(special.ndtr(-max(self.behind, 0.0) / self.stderr))
         return tail / (1.0 - tail)
 
 

@@ -63,8 +63,7 @@ class Layout:
         if span is None or rule.sign_from is not None:
             largest = None if span is None else abs(rule.scale) * span.high
             return None if largest is None else (-largest, largest, 0.0)
-        read = [rule.sign * (rule.scale * (value - rule.subtract) + rule.offset)
-                for value in (span.low, span.high, span.middle)]  # fmt: skip
+        read = [rule.read(value) for value in (span.low, span.high, span.middle)]
         return min(read[:2]), max(read[:2]), read[2]
 
     @property

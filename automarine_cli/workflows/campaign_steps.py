@@ -146,7 +146,12 @@ def _tune(campaign: Campaign, out: Path) -> Plan | str:
     model = next((place for place in places if place.is_file()), None)
     if model is None or campaign.asked.tune is None:
         return "it needs the yaw model, and fit-yaw gave none"
-    settings = vars(campaign.asked.tune)
+    settings = {key: one for key, one in vars(campaign.asked.tune).items() if key != "thrusters"}
+    if campaign.asked.tune.thrusters:
+        drive = _map(campaign, out)
+        if drive is None:
+            return "it needs the thruster map, and fit-thrusters gave none"
+        settings |= {"thrusters": drive, "arm": campaign.asked.vehicle.arm_m}
     if campaign.asked.tune.present is not None:
         settings = {**settings, "present": campaign.path.parent / campaign.asked.tune.present}
     own = {"figure_formats": FIGURES, "seed": campaign.asked.seed}
@@ -166,12 +171,18 @@ def _drive(campaign: Campaign, out: Path, motion: str) -> dict[str, object] | No
     """The settings that make moments or forces of thruster commands; none where they are logged, None without a map."""
     if campaign.settings(motion).logged:
         return {}
-    thrusters = campaign.map or out / "thrusters" / "thrusters.json"
-    if campaign.map is None and not thrusters.is_file():
+    thrusters = _map(campaign, out)
+    if thrusters is None:
         return None
     levered = motion == PLANAR.name or DOFS[motion].levered
     arm = {"arm": campaign.asked.vehicle.arm_m} if levered else {}
     return {"thrusters": thrusters, **arm}
+
+
+def _map(campaign: Campaign, out: Path) -> Path | None:
+    """The thruster map that is at hand."""
+    fitted = out / "thrusters" / "thrusters.json"
+    return campaign.map or (fitted if fitted.is_file() else None)
 
 
 def _of(motion: str) -> Iterator[Step]:

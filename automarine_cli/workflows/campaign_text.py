@@ -39,6 +39,7 @@ def campaign_text(
         _columns(look),
         _settings(look, entries),
         *(_force(look, motion, kinds) for motion, kinds in (forces or {}).items()),
+        _tune(look),
     )
     return "\n".join(line for part in parts for line in part) + "\n"
 
@@ -127,6 +128,17 @@ def _force(look: Look, motion: str, entries: Mapping[str, Sequence[str]]) -> Ite
         yield _beside("# depths = [0.3, 2.5]", "metres: follow steps between them, clear of surface and bottom")
     else:
         yield _beside("# within = 3.0", "metres from the start of a step, before the wall is felt")
+
+
+def _tune(look: Look) -> Iterator[str]:
+    """A controller at the end, for who wants one."""
+    yield ""
+    yield _beside("# [tune]", "gains of a heading controller at the end: take the # of these lines away")
+    yield _beside('# target = "ardusub"', "or ardurover, pid, labust, python")
+    if look.thrusters_drive:
+        yield _beside("# thrusters = true", "fly the thruster map, dead-band included")
+    else:
+        yield _beside("# full = 1.0", "moment of the whole output, in the unit of the logs")
 
 
 def _list(key: str, places: Sequence[str]) -> str:

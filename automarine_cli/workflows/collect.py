@@ -1,35 +1,45 @@
-"""`collect`: on the surface, hands a campaign to the vehicle and fetches its logs, over any link that is cut."""
+"""`collect`: on the surface, hands a campaign to the vehicle and fetches its logs, over any link that is cut; then,
+if it is asked to, has them analysed."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link.client import Client
 from automarine_cli.link.collector import Collector
 from automarine_cli.link.document import read_campaign
 from automarine_cli.report.tables import Table
+from automarine_cli.workflows.campaign_file import read_campaign as read_analysis
 from automarine_cli.workflows.command import Command, Runner
+from automarine_cli.workflows.init import NAME, InitOptions, init
+from automarine_cli.workflows.run import CampaignRun, RunOptions, run_campaign
 from automarine_cli.workflows.view import View
 
 SCHEMA = "automarine/collected/1"
+ANALYSIS = "analysis"
+"""Where in the folder of logs the results are."""
 
 
 @dataclass(frozen=True)
 class Collected:
-    """The vehicle's last state, name and SHA-256 of every log that is here, how many came now, bytes and cuts."""
+    """The vehicle's last state, name and SHA-256 of every log that is here, how many came now, bytes and cuts; what
+    the `analysis` of the logs did, or why there is none yet, if one was asked for."""
 
     state: dict[str, Any]
     runs: dict[str, str]
     new: int
     bytes_in: int
     cuts: int
+    analysis: CampaignRun | None = None
+    no_analysis: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """Schema automarine/collected/1."""
         return {
             "schema": SCHEMA, "state": self.state, "logs": self.runs, "new": self.new, "bytes": self.bytes_in,
-            "cuts": self.cuts,
+            "cuts": self.cuts, "analysis": None if self.analysis is None else self.analysis.to_json(),
         }  # fmt: skip
 
     def tables(self) -> tuple[Table | str, ...]:
@@ -41,24 +51,28 @@ class Collected:
         )  # fmt: skip
         table = Table("Campaigns", ("campaign", "runs", "interrupted", "state", "battery left Ah"), rows)
         came = f"{self.new} logs fetched, {self.bytes_in} bytes, {self.cuts} cuts; {len(self.runs)} are here."
-        return (*([table] if rows else []), came)
+        run = () if self.analysis is None else self.analysis.tables()
+        return (*([table] if rows else []), came, *run, *([self.no_analysis] if self.no_analysis else []))
 
 
 @dataclass(frozen=True)
 class CollectOptions:
-    """The vehicle's address and token; a campaign for it, whether it is to stop first, and how long [s] to go without
-    contact (None: as long as it takes)."""
+    """The vehicle's address and token; a campaign for it, whether it is to stop first, how long [s] to go without
+    contact (None: as long as it takes), and what comes `then`, when all campaigns are over."""
 
     url: str
     token: str = ""
     campaign: Path | None = None
     stop: bool = False
     wait: float | None = None
+    then: Literal["run"] | None = None
 
 
 def _collect(asked: CollectOptions, runner: Runner) -> Collected:
     """Fetch the logs of the vehicle at `url` into the folder `out`, after it was handed a `campaign`, if any, and has
-    played it. Raises SettingError, OutputError."""
+    played it; then run the campaign file `campaign.toml` in that folder, which is made where there is none.
+
+    Raises SettingError, OutputError, and what `init` and `run` raise."""
     if runner.out is None:
         raise SettingError("logs need a folder; give one with -o DIR")
     campaign = None if asked.campaign is None else read_campaign(Path(asked.campaign))
@@ -69,7 +83,38 @@ def _collect(asked: CollectOptions, runner: Runner) -> Collected:
     before = len(collector.ledger())
     state = collector.collect(campaign, asked.stop)
     runs = collector.ledger()
-    return Collected(state, runs, len(runs) - before, collector.crossing.bytes_in, collector.crossing.cuts)
+    found = Collected(state, runs, len(runs) - before, collector.crossing.bytes_in, collector.crossing.cuts)
+    if asked.then is None:
+        return found
+    if waits_for := _waits_for(state):
+        return replace(found, no_analysis=f"No analysis was started: {waits_for}.")
+    return replace(found, analysis=_analysed(runner.out, runs, runner))
+
+
+def _waits_for(state: Mapping[str, Any]) -> str:
+    """What is missing before the logs can be analysed; empty where nothing is."""
+    campaigns = state["campaigns"]
+    if not campaigns:
+        return "the vehicle has no campaign; hand it one with --campaign"
+    if not all(one["over"] for one in campaigns):
+        return "a campaign is still played; run the same command again when it is over"
+    if campaigns[-1]["why_stopped"]:
+        return "the last campaign was stopped; analyse what there is with `automarine init` and `automarine run`"
+    return ""
+
+
+def _analysed(folder: Path, logs: Iterable[str], runner: Runner) -> CampaignRun:
+    """What `run` makes of the logs. Raises SettingError for a campaign file that leaves some of them out."""
+    file = folder / NAME
+    if not file.exists():
+        init.run(InitOptions(folder), replace(runner, out=file))
+    named = {log.path.name for log in read_analysis(file).every_log()}
+    if left := sorted(set(logs) - named):
+        raise SettingError(
+            f"{NAME} in {folder} leaves out {len(left)} of {len(set(logs))} logs, such as {left[0]}; add them, or move "
+            "the file away, and it is written anew"
+        )
+    return run_campaign.run(RunOptions(file), replace(runner, out=folder / ANALYSIS))
 
 
 collect = Command(

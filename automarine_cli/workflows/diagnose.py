@@ -21,7 +21,7 @@ from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.logs import ColumnMap, Logs, given_columns
 from automarine_cli.models.store import StoredModels, load_yaw_models
 from automarine_cli.pipeline.outputs import ResultFolder, json_document
-from automarine_cli.pipeline.parallel import lasting_map
+from automarine_cli.pipeline.parallel import Each, lasting_map
 from automarine_cli.pipeline.plain_data import Document, schema_in
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.report import diagnosis_report, diagnosis_tables
@@ -160,6 +160,12 @@ def _diagnose(asked: DiagnoseMotionOptions, runner: Runner) -> YawDiagnosis:
     """
     stored = load_yaw_models(asked.model)
     wanted_channels(asked.channels, stored.dof)
+    shared = lasting_map(runner.jobs, cluster=runner.cluster, progress=runner.progress, ready=diagnose_runs)
+    with shared as each:
+        return _diagnosed(asked, runner, stored, each)
+
+
+def _diagnosed(asked: DiagnoseMotionOptions, runner: Runner, stored: StoredModels, each: Each) -> YawDiagnosis:
     names = given_columns(asked.columns)
     runs, aside = _runs(asked.logs, asked, names, runner, stored)
     kept, more_aside = _runs(asked.hold_out, asked, names, runner, stored) if asked.hold_out else (None, ())
@@ -167,18 +173,14 @@ def _diagnose(asked: DiagnoseMotionOptions, runner: Runner) -> YawDiagnosis:
 
     def work() -> YawDiagnosis:
         base = stored.models[stored.preferred]
-        with (
-            told_beside((*aside, *more_aside)),
-            in_words_of(stored.dof),
-            lasting_map(runner.jobs, cluster=runner.cluster, progress=runner.progress) as each,
-        ):
+        with told_beside((*aside, *more_aside)), in_words_of(stored.dof):
             found = diagnose_runs(runs, base, hold_out=kept, seed=asked.seed, each=each, channels=asked.channels)
         return YawDiagnosis(found, stored, parent, (*aside, *more_aside))
 
     def write(folder: ResultFolder, result: YawDiagnosis) -> None:
         folder.write_json("diagnosis.json", result.to_json())
         folder.write_json("extended_model.json", result.extended_model())
-        diagnosis_report.write(folder, result.diagnosis, asked.figure_formats)
+        diagnosis_report.write(folder, result.diagnosis, asked.figure_formats, each)
 
     return runner.results(asked, work, write)
 

@@ -10,10 +10,10 @@ from automarine_cli.dofs import DOFS, YAW, Dof
 from automarine_cli.errors import SettingError
 from automarine_cli.fits.channel_noise import noise_words
 from automarine_cli.fits.driven import wanted_effects
-from automarine_cli.fits.identify import NOTHING_KNOWN, identify_turns
+from automarine_cli.fits.identify import identify_turns
 from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.fits.output_error import OutputErrorFit
-from automarine_cli.fits.step_response import Known
+from automarine_cli.fits.step_response import NOTHING_KNOWN, Known
 from automarine_cli.fits.tails import asked_tail
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.logs import given_columns

@@ -1,18 +1,19 @@
 """`plan`: what is still unsure and what a day at the pool allows -> the runs of the next campaign."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from automarine_cli.errors import ModelError
-from automarine_cli.logs import ColumnMap, Logs, given_columns
+from automarine_cli.logs import Logs, given_columns
 from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.plain_data import Source
+from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.pipeline.recipe import toml_text
 from automarine_cli.pipeline.shown import Shown
 from automarine_cli.planning.campaign import Campaign, plan_campaign, specification
-from automarine_cli.planning.candidates import Slot, Supply
+from automarine_cli.planning.candidates import Supply
 from automarine_cli.planning.limits import EXAMPLE, Limits, read_limits
 from automarine_cli.planning.prior_results import read_prior_results
 from automarine_cli.planning.rivals import Split
@@ -22,6 +23,7 @@ from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.plan import plan_figure
 from automarine_cli.report.tables import Table
 from automarine_cli.results.estimate import Estimate
+from automarine_cli.results.kinds import PLAN
 from automarine_cli.thrusters.map import ThrusterMap
 from automarine_cli.thrusters.records import load_thruster_logs
 from automarine_cli.workflows.command import Command, Runner, reads
@@ -29,8 +31,7 @@ from automarine_cli.workflows.plan_vehicle import drive_for, largest_moment, sup
 from automarine_cli.workflows.shared import Columns, Drawn, aligned
 from automarine_cli.workflows.view import Row, View
 
-SCHEMA = "automarine/plan/1"
-FILES = ("plan.md", "plan.csv", "plan.json", "plan.toml", "plan.png", "commands/")
+FILES = ("plan.md", "plan.csv", PLAN.file, "plan.toml", "plan.png", "commands/")
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,7 +49,7 @@ class Plan(Shown):
         """The result: schema automarine/plan/1."""
         made, limits = self.campaign, self.campaign.limits
         return {
-            "schema": SCHEMA,
+            "schema": PLAN.schema,
             "model": self.model,
             "moment_unit": made.fitting.model.moment_unit,
             "fit": made.fitting.fit,
@@ -68,7 +69,7 @@ class Plan(Shown):
                 "battery_left_Ah": made.slots[-1].left,
                 "battery_left_percent": 100.0 * made.slots[-1].left / limits.battery.charge_Ah,
             },
-            "planned": [_slot_json(slot, why) for slot, why in zip(made.slots, made.why)],
+            "planned": [_slot_json(made, place) for place in range(len(made.slots))],
             "parameters": {
                 name: {
                     "now": _json(made.now.get(name)), "new_runs": one.to_json(),
@@ -131,6 +132,16 @@ def _plan(asked: PlanOptions, runner: Runner) -> Plan:
     `thruster_tests` that logged a current or a power the battery's use. Raises ModelError, SettingError, LogError,
     RunError or OutputError.
     """
+    work = planning(asked, runner.progress)
+
+    def write(folder: ResultFolder, result: Plan) -> None:
+        write_plan(folder, result, asked)
+
+    return runner.results(asked, work, write)
+
+
+def planning(asked: PlanOptions, progress: Progress = silent) -> Callable[[], Plan]:
+    """What makes the plan, once everything is read and checked. Raises as `plan` does."""
     known, limits = read_prior_results(asked.model, asked.diagnosis), asked.limits
     if not known.model.dof.wraps:
         source, motion = known.stored.source, known.model.dof.name
@@ -139,24 +150,22 @@ def _plan(asked: PlanOptions, runner: Runner) -> Plan:
     names, tests = given_columns(asked.columns), asked.thruster_tests
     drive = drive_for(asked.thrusters, asked.arm, names, known, allowed)
     largest = largest_moment(known, allowed, drive)
-    records = load_thruster_logs(tests, names, progress=runner.progress).records if tests else None
+    records = load_thruster_logs(tests, names, progress=progress).records if tests else None
     per_test = int(names.defaults.get("thrusters_per_test", 1))
     supply, source = supply_for(allowed, largest, known.stored.moment_unit, drive, per_test, records)
 
     def work() -> Plan:
         found = plan_campaign(
-            known, allowed, largest, supply, wanted=asked.parameters, seed=asked.seed, progress=runner.progress
+            known, allowed, largest, supply, wanted=asked.parameters, seed=asked.seed, progress=progress
         )
         return Plan(found, known.stored.source, drive, supply, source, asked.seed)
 
-    def write(folder: ResultFolder, result: Plan) -> None:
-        _write(folder, result, asked.figure_formats, names)
-
-    return runner.results(asked, work, write)
+    return work
 
 
-def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...], names: ColumnMap) -> None:
-    made = result.campaign
+def write_plan(folder: ResultFolder, result: Plan, asked: PlanOptions) -> None:
+    """The plan's files into a folder."""
+    made, names = result.campaign, given_columns(asked.columns)
     spec, missing = specification(made, result.seed)
     rehearsal = missing
     if spec:
@@ -164,28 +173,30 @@ def _write(folder: ResultFolder, result: Plan, formats: tuple[str, ...], names: 
         folder.write("plan.toml", toml_text(spec))
     folder.write("plan.md", plan_page.page(made, result.model, result.source, rehearsal))
     folder.write("plan.csv", plan_tables.sheet_csv(made))
-    folder.write_json("plan.json", result.to_json())
+    folder.write_json(PLAN.file, result.to_json())
     unit, rest = made.fitting.model.moment_unit, made.limits.runs.rest_before_s
     for slot in made.slots:
         content = command_file(slot.candidate, rest, unit, result.drive, names)
         folder.write(plan_tables.command_name(slot.name), content)
-    write_figures(folder, {"plan": lambda: plan_figure(made)}, formats)
+    write_figures(folder, {"plan": lambda: plan_figure(made)}, asked.figure_formats)
 
 
-def _slot_json(slot: Slot, why: str) -> dict[str, object]:
-    one = slot.candidate
+def _slot_json(made: Campaign, place: int) -> dict[str, object]:
+    slot, one = made.slots[place], made.slots[place].candidate
     return {
         "number": slot.number,
         "name": slot.name,
         "kind": one.kind,
         "begins_s": slot.begins,
         "start_heading_deg": one.start_heading,
+        "turn_there_deg": float(made.ways_back[place]),
+        "turns_deg": float(made.turns[place]),
         "voltage_V": one.voltage,
         "commands": [[moment, seconds] for moment, seconds in one.commands],
         "wait_s": slot.wait,
         "battery_left_Ah": slot.left,
         "command_file": plan_tables.command_name(slot.name),
-        "why": why,
+        "why": made.why[place],
     }
 
 
@@ -205,7 +216,7 @@ def _lines(result: Plan) -> Iterator[str]:
 
 
 def _rows(result: Plan) -> Iterator[Row]:
-    yield from (_slot_json(slot, why) for slot, why in zip(result.campaign.slots, result.campaign.why))
+    yield from (_slot_json(result.campaign, place) for place in range(len(result.campaign.slots)))
 
 
 plan = Command(

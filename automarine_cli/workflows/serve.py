@@ -1,5 +1,6 @@
 """`serve`: on the vehicle, plays campaigns and hands out logs; or says beforehand what a campaign would be."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -7,12 +8,21 @@ from typing import Any, Literal
 
 import numpy as np
 
+from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
 from automarine_cli.link.document import LinkCampaign, read_campaign
 from automarine_cli.link.server import Serving, serve
-from automarine_cli.link.vehicles import Replay, Simulated, Vehicle
+from automarine_cli.link.vehicles.ardusub.ride import Limits
+from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
+from automarine_cli.link.vehicles.base import Vehicle
+from automarine_cli.link.vehicles.can import CanBus
+from automarine_cli.link.vehicles.replay import Replay
+from automarine_cli.link.vehicles.simulated import Simulated
+from automarine_cli.logs import ColumnMap, given_columns
+from automarine_cli.planning.vehicle import drive_of
 from automarine_cli.report.tables import Table
 from automarine_cli.workflows.command import UNRECORDED, Command, Runner, reads
+from automarine_cli.workflows.moments import map_and_arm
 from automarine_cli.workflows.view import View
 
 SCHEMA = "automarine/rehearsal/1"
@@ -21,7 +31,7 @@ SCHEMA = "automarine/rehearsal/1"
 @dataclass(frozen=True)
 class Rehearsed:
     """A run of a campaign: when its log begins, how long it is driven, how far the simulated vehicle turns [degrees]
-    (None for recorded runs), and what is left in the battery [Ah]."""
+    (None without a model), and what is left in the battery [Ah]."""
 
     name: str
     begins_s: float
@@ -64,16 +74,27 @@ def _silent(serving: Serving) -> None:
 
 @dataclass(frozen=True)
 class ServeOptions:
-    """The vehicle's folder and what drives: a simulated one with a `model`, or `recordings` played once more.
+    """The vehicle's folder and what drives: a simulated one with a `model`, `recordings` played once more, ArduSub at
+    the address `mavlink`, or a CAN `bus` whose signals `columns` names.
 
-    `speed` is how many times as fast as the clock; with `dry_run` a `campaign` is only looked at; `tell` hears the
+    `full` is the moment of ArduSub's whole output, or `thrusters` at an `arm` [m] tell it, as they make the commands
+    of a CAN bus; `depth_limit` [m] and `heading_limit` [deg] end a run of ArduSub. `speed` is how many times as fast as
+    the clock; with `dry_run` a `campaign` is only looked at, and simulated where there is a `model`; `tell` hears the
     address and the token.
     """
 
     folder: Path
-    vehicle: Literal["simulated", "replay"] = "simulated"
+    vehicle: Literal["simulated", "replay", "ardusub", "can"] = "simulated"
     model: Path | None = field(default=None, metadata=reads("file"))
     recordings: Path | None = None
+    mavlink: str | None = None
+    bus: str | None = None
+    columns: Path | ColumnMap | None = field(default=None, metadata=reads("file"))
+    full: float | None = None
+    thrusters: Path | None = field(default=None, metadata=reads("file"))
+    arm: float | None = None
+    depth_limit: float = math.inf
+    heading_limit: float = 1080.0
     address: str = "127.0.0.1:8722"
     speed: float = 1.0
     dry_run: bool = False
@@ -94,11 +115,15 @@ def _serve(asked: ServeOptions, runner: Runner) -> Rehearsal:
     campaign = read_campaign(Path(asked.campaign))
     vehicle.refuse(campaign)
     campaign.refuse_beyond_reserve()
-    runs = []
+    if isinstance(vehicle, ArduSub):
+        vehicle.look(campaign)
+    runs, on_paper = [], None if asked.model is None else Simulated.of(asked.model, asked.speed)
+    if on_paper is not None:
+        on_paper.refuse(campaign)
     for number, run in enumerate(campaign.runs):
         turned = None
-        if isinstance(vehicle, Simulated):
-            heading = vehicle.track(campaign, run).heading
+        if on_paper is not None:
+            heading = on_paper.track(campaign, run).heading
             turned = float(np.rad2deg(heading[-1] - heading[0]))
         runs.append(Rehearsed(run.name, campaign.begins(number), run.driven, turned, campaign.left(number + 1)))
         runner.progress("simulating", number + 1, len(campaign.runs))
@@ -110,6 +135,20 @@ def _vehicle(asked: ServeOptions) -> Vehicle:
         if asked.model is None:
             raise SettingError("a simulated vehicle has the dynamics of a model; give one with --model")
         return Simulated.of(asked.model, asked.speed)
+    if asked.vehicle in ("ardusub", "can") and asked.speed != 1.0:
+        raise SettingError("a vehicle in the water goes by the clock; leave out --speed")
+    if asked.vehicle == "ardusub":
+        if asked.mavlink is None:
+            raise SettingError("where the autopilot is was not said; give its address with --mavlink")
+        limits = Limits(asked.depth_limit, asked.heading_limit)
+        return ArduSub(asked.mavlink, asked.full, asked.thrusters, asked.arm, limits)
+    if asked.vehicle == "can":
+        if asked.bus is None:
+            raise SettingError("where the bus is was not said; give it with --bus")
+        names = given_columns(asked.columns)
+        made = map_and_arm(asked.thrusters, asked.arm, names, YAW)
+        drive = None if made is None else drive_of(*made, most=None, equal_thrust=True, unit=1.0)
+        return CanBus(asked.bus, names, drive)
     if asked.recordings is None:
         raise SettingError("what is to be replayed was not said; give the folder of logs with --recordings")
     return Replay(Path(asked.recordings), asked.speed)

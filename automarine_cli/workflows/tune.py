@@ -1,16 +1,21 @@
 """`tune`: a model or a diagnosis -> gains of a controller with their margins, or why none can be promised."""
 
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
 from typing import Any
 
+from automarine_cli import effects
 from automarine_cli.control.design import Designed, Outcome, design
 from automarine_cli.control.param_file import present_gains
 from automarine_cli.control.targets.base import Design
 from automarine_cli.errors import ModelError
 from automarine_cli.pipeline.outputs import ResultFolder
-from automarine_cli.pipeline.plain_data import Source, read_plain
+from automarine_cli.pipeline.plain_data import Document, Source, read_plain
+from automarine_cli.pipeline.recipe import toml_text
 from automarine_cli.pipeline.shown import Shown
+from automarine_cli.planning.limits import Goal, Limits, Moments
 from automarine_cli.report import outcomes, tuning_tables
 from automarine_cli.report.figures.files import write_figures
 from automarine_cli.report.figures.tuning import tuning_figure
@@ -18,21 +23,30 @@ from automarine_cli.report.tables import Table
 from automarine_cli.results.estimate import Estimate
 from automarine_cli.results.kinds import TUNING
 from automarine_cli.workflows.command import Command, ReadBack, Runner
+from automarine_cli.workflows.plan import PlanOptions, planning, write_plan
 from automarine_cli.workflows.shared import aligned
 from automarine_cli.workflows.tune_check import TuningCheck, tune_check
-from automarine_cli.workflows.tune_options import TuneOptions, ready
+from automarine_cli.workflows.tune_options import Ready, TuneOptions, ready
 from automarine_cli.workflows.view import Row, View
 
 SCHEMA = "automarine/tuning/1"
+SETTLES, LIMITS = "settles", "limits.toml"
+"""Folder of the runs that settle what is open, within the folder of results, and the file of their limits."""
+WIDE, NARROW = 50.0, 10.0
+"""Half widths of intervals [%] at which nothing more is planned: where a tie alone is to be settled, and of an effect
+whose size is not known."""
 
 
 @dataclass(frozen=True, repr=False)
 class Tuning(Shown):
-    """The verdict, the names of what was read, and the settings that were asked for."""
+    """The verdict, the names of what was read, the settings that were asked for, what the runs that settle what is open
+    are planned by (None where nothing is, or none can be planned), and the folder of the results."""
 
     made: Designed
     source: str
     asked: TuneOptions
+    settling: PlanOptions | None
+    out: Path | None
 
     def to_json(self) -> dict[str, Any]:
         """The result: schema automarine/tuning/1."""
@@ -65,6 +79,7 @@ class Tuning(Shown):
             "vehicles": sum(len(one.vehicles) for one in made.crowds),
             "explanations": [one.name for one in made.crowds],
             "settled_by": made.run or None,
+            "plan": None if self.settling is None else self.plan_command(""),
             "notes": list(made.notes),
             "present_gains": None if made.old is None else dict(made.old.gains),
             "made_from": self._made_from(),
@@ -118,7 +133,25 @@ class Tuning(Shown):
 
     def tables(self) -> list[Table | str]:
         """What the terminal shows."""
-        return tuning_tables.tables(self.made)
+        if self.settling is None:
+            return tuning_tables.tables(self.made)
+        where = f"are planned in {self.out / SETTLES}" if self.out else f"are planned with -o DIR, into DIR/{SETTLES}"
+        own = f"Such runs {where}. To plan them within other limits: {self.plan_command(str(self.out or 'DIR'))}"
+        verdict, run, *rest = tuning_tables.tables(self.made)
+        return [verdict, run, own, *rest]
+
+    def plan_command(self, out: str) -> str:
+        """The line that plans the runs that settle what is open; files by their names alone where `out` is empty."""
+        asked = self.settling
+        assert asked is not None
+        own = PurePosixPath(out, SETTLES)
+        options = {"--diagnosis": asked.diagnosis, "--thrusters": asked.thrusters}
+        read = {key: one.name if isinstance(one, Document) or not out else str(one) for key, one in
+                {"": asked.model, **options}.items() if isinstance(one, Source)}  # fmt: skip
+        words = ["automarine", "plan", *(word for pair in read.items() for word in pair if word)]
+        words += [word for name in asked.parameters for word in ("--parameter", name)]
+        words += ["--arm", f"{asked.arm:g}"] if asked.arm is not None else []
+        return shlex.join([*words, "--limits", str(own / LIMITS), "-o", "out/plan"])
 
     @property
     def file(self) -> str | None:
@@ -151,16 +184,52 @@ def _tune(asked: TuneOptions, runner: Runner) -> Tuning:
 
     def work() -> Tuning:
         found = design(made.target, made.known, made.full, made.bend, made.task, present, asked.seed)
-        return Tuning(found, made.known.stored.source, asked)
+        return Tuning(found, made.known.stored.source, asked, _settling(asked, made, found), runner.out)
 
-    return runner.results(asked, work, lambda folder, result: _write(folder, result, asked.figure_formats))
+    def write(folder: ResultFolder, result: Tuning) -> None:
+        if result.settling is not None:
+            _write_plan(folder.below(SETTLES), result.settling, runner)
+        _write(folder, result, asked.figure_formats)
+
+    return runner.results(asked, work, write)
+
+
+def _settling(asked: TuneOptions, made: Ready, found: Designed) -> PlanOptions | None:
+    """What the runs are planned by that settle what changes the answer: they separate what a diagnosis left tied, or
+    narrow the interval of the effect that is not known."""
+    dof, left = made.known.model.dof, found.open
+    if not left or not dof.wraps:
+        return None
+    drive = (asked.thrusters, asked.arm) if made.known.stored.moment_unit != "nu" else (None, None)
+    largest = None if drive[0] is not None else min(made.full, made.known.largest or made.full)
+    tied = left in made.known.splits
+    wanted = (dof.symbols.inertia, *(() if tied else (f"{left} {effects.get(left).names_in(dof)[0]}",)))
+    return PlanOptions(
+        model=asked.extended or asked.model, diagnosis=asked.model if asked.extended else None,
+        limits=Limits(moments=Moments(largest=largest), goal=Goal(half_width_percent=WIDE if tied else NARROW)),
+        parameters=wanted, thrusters=drive[0], arm=drive[1], columns=asked.columns,
+        figure_formats=asked.figure_formats, seed=asked.seed,
+    )  # fmt: skip
+
+
+def _write_plan(folder: ResultFolder, asked: PlanOptions, runner: Runner) -> None:
+    """The plan's own files, and the limits that it was made within."""
+    found = folder.attempt("The runs that settle it could not be planned", planning(asked, runner.progress))
+    if found is None or not isinstance(asked.limits, Limits):
+        return
+    write_plan(folder, found, asked)
+    limits = asked.limits
+    moments = {} if limits.moments.largest is None else {"moments": {"largest": limits.moments.largest}}
+    goal = {"half_width_percent": limits.goal.half_width_percent}
+    folder.write(LIMITS, toml_text({"schema": limits.schema, **moments, "goal": goal}))
 
 
 def _write(folder: ResultFolder, result: Tuning, formats: tuple[str, ...]) -> None:
     folder.write_json("tuning.json", result.to_json())
     drawn = result.made.new is not None or result.made.old is not None
     figures = tuple(f"tuning.{kind}" for kind in formats) if drawn else ()
-    folder.write("tuning.md", tuning_tables.page(result.made, result.source, figures))
+    plan = f"{SETTLES}/plan.md" if any(name.startswith(f"{SETTLES}/") for name in folder.hashes) else ""
+    folder.write("tuning.md", tuning_tables.page(result.made, result.source, figures, plan))
     if drawn:
         folder.write("tuning.csv", tuning_tables.promised_table(result.made).to_csv())
         folder.write("gains.csv", tuning_tables.gains_table(result.made).to_csv())
@@ -186,6 +255,7 @@ def _files(result: Tuning | TuningCheck) -> Sequence[str]:
     if isinstance(result, TuningCheck):
         return tune_check.files(result)
     own = () if result.file is None else (result.file,)
+    own = own if result.settling is None else (*own, f"{SETTLES}/")
     return (*own, "tuning.json", "tuning.md", "tuning.csv", "gains.csv", "tuning.png")
 
 

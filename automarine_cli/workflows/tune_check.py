@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from automarine_cli.control.design import crowds_of
+from automarine_cli.control.design import EXACT, crowds_of, nominal_of
 from automarine_cli.control.flown import FlownStep, flown_steps
+from automarine_cli.control.search import paced
 from automarine_cli.diagnosis.diagnose import diagnose_runs
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import AutomarineError, ModelError
@@ -75,7 +76,8 @@ def _check(asked: TuneOptions, runner: Runner) -> TuningCheck:
 
     def work() -> TuningCheck:
         crowds = crowds_of(made.known, made.full, made.bend, made.asked.seed)
-        steps = tuple(flown_steps(runs, asked.reference, made.target, gains, crowds, made.task))
+        target = paced(made.target, nominal_of(crowds[0].vehicles, made.task.step), EXACT)
+        steps = tuple(flown_steps(runs, asked.reference, target, gains, crowds, made.task))
         changed = "" if all(one.held for one in steps) else _changed(runs, made)
         return TuningCheck(steps, dof, changed)
 

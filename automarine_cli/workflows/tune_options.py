@@ -77,7 +77,8 @@ class TuneOptions(Drawn, Columns, _Asked):
 
 @dataclass(frozen=True)
 class TuneSection:
-    """The same in a campaign's file: the `target`, and what `tune` has to know beside the model."""
+    """The same in a campaign's file: the `target`, and what `tune` has to know beside the model; `thrusters` whether
+    the campaign's thruster map is flown, with its dead-band."""
 
     target: str
     full: float | None = None
@@ -88,6 +89,7 @@ class TuneSection:
     present: str | None = None
     sample_time: float | None = None
     beyond_range: bool = False
+    thrusters: bool = False
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,14 @@
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from automarine_cli.errors import SettingError
 from automarine_cli.report.html.markdown import to_html
 from automarine_cli.report.tables import Table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Result = TypeVar("Result")
 Row = dict[str, object]
@@ -33,8 +34,10 @@ class View(Generic[Result]):
         """A few lines: what it is, and the numbers that matter."""
         return "\n".join(part for line in self.lines(result) for part in _wrapped(line))
 
-    def frame(self, result: Result) -> pd.DataFrame:
+    def frame(self, result: Result) -> "pd.DataFrame":
         """The numbers, one row a parameter, run or score."""
+        import pandas as pd  # here, as most commands make no table of these
+
         return pd.DataFrame(list(self.rows(result)))
 
     def html(self, result: Result) -> str:

@@ -13,7 +13,8 @@ from typing import Any
 
 import many_logs
 
-from automarine_cli.pipeline.parallel import cluster_executor, ordered_map
+from automarine_cli.pipeline.cluster import cluster_executor
+from automarine_cli.pipeline.parallel import ordered_map
 from automarine_cli.pipeline.progress import Progress
 from automarine_cli.report.tables import Table
 from automarine_cli.workflows.campaigns import run_campaigns

@@ -46,6 +46,10 @@ FIVE = {
 """Inertia, quadratic drag, moment of the whole output, its unit, time constant of the thrust and delay [s]."""
 
 
+NOISE_DEG, NOISE_DEG_S, READ = 0.7, 0.2, 0.1
+"""Of the compass and of a gyro, and how long [s] a reading stands."""
+
+
 def model_file(place: Path, name: str) -> Path:
     """One of the five as a model's file, with the intervals that a pool day leaves."""
     inertia, drag, full, unit, lag, delay = FIVE[name]
@@ -56,6 +60,7 @@ def model_file(place: Path, name: str) -> Path:
 
     model = {
         "schema": "automarine/yaw-model/1", "moment_unit": unit, "preferred": "3", "gain_scatter": 0.05,
+        "heading_noise_deg": NOISE_DEG,
         "models": {"3": {"I_r": estimate(inertia, 0.04, f"{unit} s²"), "k_rr": estimate(drag, 0.04, f"{unit} s²")}},
         "valid_range": {"moment": [-full, full], "yaw_rate_rad_s": [-(full / drag) ** 0.5, (full / drag) ** 0.5]},
         "effects": [
@@ -104,6 +109,7 @@ def corners(name: str, beyond: bool = False) -> dict[str, Any]:
             "disk_margin": float(disk.min()), "overshoot_percent": 100.0 * float(one.overshoot.max()),
             "settled": int(one.settles.sum()), "settling_s": float(one.settling.max()),
             "rms_deg": float(np.rad2deg(one.rms.max())), "load_deg": float(np.rad2deg(one.error.max())),
+            "left_deg": float(np.rad2deg(one.end.max())),
         }  # fmt: skip
     return {"vehicle": name, "verdict": found["verdict"], "seconds": seconds, "gains": sets.get("new", {}), **rows}
 
@@ -174,7 +180,7 @@ def within(value: float, promised: dict[str, Any] | None) -> bool:
 
 
 def flown(truth: Truth, target: Target, gains: dict[str, float], seconds: float, random: np.random.Generator) -> Scores:
-    """The truth under the target's stack: a step of 90 degrees, and 10 % load."""
+    """The truth under the target's stack, its readings noisy: a step of 90 degrees, and 10 % load."""
     gain = np.exp(truth.scatter * random.standard_normal(1)) * np.ones(2)
     vehicle = Vehicle(truth, gain)
     own: Gains = {key: np.full((1, 1), value) for key, value in gains.items()}
@@ -185,7 +191,10 @@ def flown(truth: Truth, target: Target, gains: dict[str, float], seconds: float,
     for k in range(round(seconds / target.period)):
         if k % max(1, round(0.1 / target.period)) == 0:
             parts.append(vehicle.heading)
-        state, output = target.step(state, own, reference, vehicle.shown[None], vehicle.rate[None])
+        if k % max(1, round(READ / target.period)) == 0:
+            wrong = np.deg2rad([[NOISE_DEG], [NOISE_DEG_S]]) * random.standard_normal((2, 2))
+        heading, rate = vehicle.shown + wrong[0], vehicle.rate + wrong[1]
+        state, output = target.step(state, own, reference, heading[None], rate[None])
         left += target.period
         while left > 0.5 * STEP:
             vehicle.advance(output[0], load)
@@ -200,6 +209,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", nargs="*", default=["corners", "blind"])
     parser.add_argument("--vehicles", type=int, default=40)
+    parser.add_argument(
+        "--first", type=int, default=0, help="number of the first blind vehicle, from which it is drawn"
+    )
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--beyond", action="store_true")
     parser.add_argument("--out", type=Path, default=Path("out"))
@@ -210,7 +222,7 @@ def main() -> None:
             print_corners(list(pool.map(corners, FIVE, [asked.beyond] * len(FIVE))), asked.out)
         if "blind" in asked.what:
             found = []
-            for one in pool.map(blind, range(asked.vehicles), [asked.out] * asked.vehicles):
+            for one in pool.map(blind, range(asked.first, asked.first + asked.vehicles), [asked.out] * asked.vehicles):
                 found.append(one)
                 print(json.dumps(asdict(one)), flush=True)
             print_blind(found, asked.out)
@@ -226,7 +238,7 @@ def print_corners(found: list[dict[str, Any]], out: Path) -> None:
                 own = one[kind]
                 cells = (
                     number(own[key], 3)
-                    for key in ("disk_margin", "overshoot_percent", "settling_s", "rms_deg", "load_deg")
+                    for key in ("disk_margin", "overshoot_percent", "settling_s", "rms_deg", "load_deg", "left_deg")
                 )
                 rows.append((one["vehicle"], kind, f"{own['settled']} of 12", *cells, f"{one['seconds']:.0f}"))
     head = (
@@ -238,6 +250,7 @@ def print_corners(found: list[dict[str, Any]], out: Path) -> None:
         "settles after [s]",
         "rms after [deg]",
         "10 % load [deg]",
+        "left of it [deg]",
         "tuned in [s]",
     )
     print(Table("Worst of twelve corners", head, tuple(rows)).to_text())

@@ -136,9 +136,15 @@ def test_the_stacks_agree_with_a_loop_in_mujoco_to_half_a_degree(name: str, twin
     inertia, drag, full, lag, delay = case
     one = vehicle(inertia, drag, full, lag, delay)
     careful = (
-        {"ATC_ANG_YAW_P": 0.5, "ATC_RAT_YAW_P": 0.1, "ATC_RAT_YAW_I": 0.02}
+        {
+            "ATC_ANG_YAW_P": 0.5,
+            "ATC_RAT_YAW_P": 0.1,
+            "ATC_RAT_YAW_I": 0.02,
+            "ATC_RAT_YAW_D": 0.01,
+            "ATC_RAT_YAW_FLTD": 20.0,
+        }
         if name == "ardusub"
-        else {"ATC_STR_ANG_P": 1.0, "ATC_STR_RAT_P": 0.1, "ATC_STR_RAT_FF": 0.05}
+        else {"ATC_STR_ANG_P": 1.0, "ATC_STR_RAT_P": 0.1, "ATC_STR_RAT_FF": 0.05, "ATC_STR_RAT_D": 0.02}
     )
     for changed in ({}, careful):
         own = gains_of(target, **changed)

@@ -1,6 +1,7 @@
 """The stacks by their parts against closed forms, to both sides, and the file that is flown against the stack."""
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from made_vehicles import gains_of, vehicle
 from automarine_cli.control.authority import turning
 from automarine_cli.control.design import nominal_of
 from automarine_cli.control.flight import fly, scores, step_and_load
-from automarine_cli.control.members import Bend
+from automarine_cli.control.members import Bend, Spread, crowd
 from automarine_cli.control.targets import get, names
 from automarine_cli.control.targets.ardupilot_parts import RootLaw, distance_to, gyro, gyro_response
 from automarine_cli.control.targets.base import Design, low_pass, share
@@ -99,6 +100,48 @@ def test_rover_s_feed_forward_alone_holds_the_steady_rate() -> None:
     assert rate == pytest.approx(2.0, rel=1e-3)
 
 
+def test_the_derivative_of_the_rate_s_error_leads_by_its_time() -> None:
+    """P and D on a constant rise of the error: P t + D/P ahead, once the low-pass has settled; to both sides."""
+    target = get("ardusub")
+    own = gains_of(target, ATC_RAT_YAW_I=0.0, ATC_RAT_YAW_P=0.1, ATC_RAT_YAW_D=0.02, ATC_RAT_YAW_FLTD=20.0)
+    for side in (1.0, -1.0):
+        still = np.zeros((1, 1))
+        state = target.start(own, still, still)
+        for k in range(800):  # the gyro's low-pass answers a rise late by sqrt(2)/w
+            state, output = target.step(state, own, still, still, np.full((1, 1), side * 0.4 * k * target.period))
+        late = np.sqrt(2.0) / (2.0 * np.pi * 20.0)
+        wanted = -side * 0.4 * (0.1 * (799 * target.period - late) + 0.02)
+        assert output[0, 0] == pytest.approx(wanted, rel=0.01)
+
+
+def test_readings_have_the_noise_of_the_logs_and_flights_the_motion_that_it_makes() -> None:
+    target = get("pid")
+    gains = {
+        key: value[:, None] for key, value in target.propose(np.full((1, 4), 0.5), nominal_of(vehicle(), 1.0)).items()
+    }
+    quiet, noisy = vehicle(count=3), replace(vehicle(count=3), noise=(0.02, 0.0))
+    still = np.zeros((1, 1, round(30.0 / target.period)))
+    assert np.all(fly(target, gains, quiet, still, np.zeros((1, 1))).position == 0.0)
+    moved = fly(target, gains, noisy, still, np.zeros((1, 1))).position
+    assert np.array_equal(moved, fly(target, gains, noisy, still, np.zeros((1, 1))).position)
+    assert 0.0 < moved.std() < 0.02 and abs(moved.mean()) < 0.01
+    twice = fly(target, gains, replace(noisy, noise=(0.04, 0.0)), still, np.zeros((1, 1))).position
+    assert twice.std() > 1.5 * moved.std()
+
+
+def test_what_is_not_uncertain_is_not_drawn() -> None:
+    """Laws are numbers that others are compared with: a draw about them must not move them at all."""
+    one = vehicle(lag=0.1, delay=0.05)
+    size = len(one.model.theta)
+    covariance = np.zeros((size, size))
+    covariance[:2, :2] = [[4e-4, 3e-4], [3e-4, 9e-4]]
+    covariance[one.model.index("thruster-lag.T"), one.model.index("thruster-lag.T")] = 1e-5
+    drawn = crowd(one.model, Spread(covariance, 0.03, 0.0, (1.0, 0.9, 1.1)), 30.0, None, 200, np.random.default_rng(1))
+    fixed = np.diagonal(covariance) == 0
+    assert np.array_equal(drawn.theta[:, fixed], np.tile(one.model.theta[fixed], (200, 1)))
+    assert np.all(drawn.theta[:, ~fixed].std(axis=0) > 0)
+
+
 def test_series_and_parallel_form_are_one_controller() -> None:
     found = series_form(2.0, 0.3, 1.0)
     assert found is not None
@@ -123,8 +166,6 @@ def test_the_python_file_is_the_stack_that_was_flown(side: float) -> None:
     target, one = get("python"), vehicle(full=most)
     nominal = nominal_of(one, 1.0)
     proposed = {key: float(value[0]) for key, value in target.propose(np.full((1, 5), 0.5), nominal).items()}
-    from dataclasses import replace
-
     text = target.text(Design(proposed, {}, replace(nominal, bend=bend), ("a note",)))
     flown = controller_class(text)(0.0)
     own = {key: np.full((1, 1), value) for key, value in proposed.items()}

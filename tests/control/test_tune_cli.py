@@ -95,18 +95,20 @@ def test_gains_are_better_than_the_defaults_that_swing(tmp_path: Path) -> None:
     }
     assert "roll, pitch" in (out / "tuning.md").read_text()
     table = list(csv.reader(io.StringIO((out / "gains.csv").read_text())))
-    assert table[0][:3] == ["parameter", "present", "new"] and len(table) == 7
+    assert table[0][:3] == ["parameter", "present", "new"] and len(table) == 9
     assert json.loads(json.dumps(again.to_json())) == result
     assert "settling_s" in repr(again) and len(again.to_frame()) == len(result["gains"])
 
 
-def test_a_fast_vehicle_keeps_its_defaults(run: Run, tmp_path: Path) -> None:
-    """So much moment for so little inertia, 0.02 s late: the defaults keep the margin."""
-    path = written(tmp_path, model(0.375, 1.5, 30.0, delay=0.02))
+@pytest.mark.parametrize(("delay", "margin"), [(0.01, 0.75), (0.02, 0.6)])
+def test_a_fast_vehicle_keeps_its_defaults(delay: float, margin: float, run: Run, tmp_path: Path) -> None:
+    """So much moment for so little inertia, and hardly late: the defaults keep the margin. At 0.02 s they keep 0.74 at
+    best, whatever the inertia."""
+    path = written(tmp_path, model(0.375, 1.5, 30.0, delay=delay))
     out = tmp_path / "out"
-    found = run("tune", path, "--for", "ardusub", "--full", "30", "--margin", "0.6", "-o", str(out))
+    found = run("tune", path, "--for", "ardusub", "--full", "30", "--margin", str(margin), "-o", str(out))
     assert found.exit_code == 0, found.stderr
-    assert found.stdout.startswith("Leave the gains as they are. The present gains keep the margin of 0.6 for")
+    assert found.stdout.startswith(f"Leave the gains as they are. The present gains keep the margin of {margin} for")
     assert json.loads((out / "tuning.json").read_text())["verdict"] == "leave"
     assert not (out / "ardusub.param").exists()
 
@@ -224,8 +226,9 @@ def test_a_thruster_map_is_flown_with_its_dead_band(run: Run, tmp_path: Path) ->
     assert errors["python"] < errors["pid"]
 
 
-def flown_log(folder: Path, found: Any, noise_deg: float, later: float = 0.0) -> str:
-    """A log of two steps, there and back, of the vehicle that was tuned or of one that answers later."""
+def flown_log(folder: Path, found: Any, noise_deg: float, later: float = 0.0, piloted: bool = False) -> str:
+    """A log of two steps, there and back, of the vehicle that was tuned or of one that answers later; or of a heading
+    that a pilot turns without end."""
     made = found.made
     one = made.crowds[0].vehicles.pick(slice(0, 1))
     one = replace(one, late=one.late + later)
@@ -234,6 +237,8 @@ def flown_log(folder: Path, found: Any, noise_deg: float, later: float = 0.0) ->
     loops = round(60.0 / target.period)
     clock = np.arange(loops) * target.period
     reference = np.where(clock < 2.0, 0.0, np.where(clock < 30.0, np.pi / 2, -np.pi / 6))
+    if piloted:
+        reference = 1.5 * np.sin(0.2 * np.maximum(clock - 5.0, 0.0)) + 0.3 * np.sin(0.5 * np.maximum(clock - 5.0, 0.0))
     flight = fly(target, own, one, reference[None, None], np.zeros((1, 1)), every=0.1)
     asked = np.interp(flight.time, clock, reference)
     heading = np.rad2deg(flight.position[0, 0]) + noise_deg * random.standard_normal(len(flight.time))
@@ -262,6 +267,29 @@ def test_a_log_of_the_vehicle_that_was_tuned_holds_the_promise(run: Run, tmp_pat
         wrong.exit_code == 1 and "this is no tuning; give the tuning.json that `automarine tune` wrote" in wrong.stderr
     )
     assert run("tune", path).exit_code == 2
+
+
+@pytest.mark.parametrize(("later", "held"), [(0.0, True), (0.5, False)])
+def test_a_log_of_a_pilot_s_turns_is_followed(
+    later: float, held: bool, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without steps: how far the vehicle is from the heading asked for, beside what was promised."""
+
+    def few(runs: Any, base: Any, **settings: Any) -> Any:
+        raise RunError("too few")
+
+    monkeypatch.setattr(tune_check, "diagnose_runs", few)
+    path = written(tmp_path, model(0.59, 1.5, 30.0, lag=0.1, delay=0.05))
+    found = am.tune(path, target="python", full=30.0, out=tmp_path / "out")
+    log = flown_log(tmp_path, found, 0.5, later, piloted=True)
+    out = tmp_path / "check"
+    checked = run("tune", str(tmp_path / "out" / "tuning.json"), "--check", log, "-o", str(out))
+    assert checked.exit_code == 0, checked.stderr
+    assert checked.stdout.startswith("As promised: all is within the bands." if held else "Not as promised")
+    (one,) = json.loads((out / "tuning_check.json").read_text())["steps"]
+    assert one["step_deg"] is None and set(one["figures"]) == {"rms_error_deg", "largest_error_deg"}
+    assert one["held"] is held and 3.5 <= one["begins_s"] <= 5.5
+    assert "distance from the reference, rms [deg]" in checked.stdout and (out / "tuning_check.png").is_file()
 
 
 def test_a_log_of_a_vehicle_that_answers_later_does_not(

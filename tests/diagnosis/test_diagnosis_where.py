@@ -177,6 +177,14 @@ def test_powers_and_parities_are_recovered(power: float, parity: str) -> None:
     assert (best.power, best.parity) == (power, parity) and best.slope == pytest.approx(0.05)
 
 
+def test_a_run_whose_drag_is_held_at_a_bound_has_no_part_in_the_key() -> None:
+    moment = np.array([s * m for s in (-1, 1) for m in (0.1, 0.2, 0.4, 0.7, 1.2)])
+    log = 0.05 * np.sign(moment)
+    held, whole = np.append(moment, 0.5), np.append(log, 9.0)
+    found = drifts_of("I/k", held, whole, np.append(np.full(10, 0.001), 0.0), 0.0, YAW)
+    assert found == drifts_of("I/k", moment, log, np.full(10, 0.001), 0.0, YAW)
+
+
 def test_a_run_tells_two_explanations_apart_only_where_they_differ(dead: tuple[Study, Trial, Trial, Trial]) -> None:
     study, _, final, rival = dead
     assert max(separations(study, final, final).values()) < 1e-6

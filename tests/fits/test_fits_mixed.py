@@ -14,6 +14,7 @@ from automarine_cli.fits.gram import Gram, Grams
 from automarine_cli.fits.mixed_model import fit_mixed
 from automarine_cli.fits.mixed_problem import Problem, Slot
 from automarine_cli.fits.run_effects import Block, RunEffects
+from automarine_cli.fits.variances import choose_variances, deviance, scored_deviance
 
 Floats = NDArray[np.float64]
 
@@ -89,9 +90,9 @@ def test_likelihood_is_that_of_the_dense_covariance() -> None:
     linear = Linear()
     _, hessian = linear.least_squares()
     constant = linear.seen.sum() * np.log(2 * np.pi)
-    found = linear_mixed.deviance(linear.gram(), linear.effects, VARIANCES, restricted=False)
+    found = deviance(linear.gram(), linear.effects, VARIANCES, restricted=False)
     assert_close(-0.5 * (found + constant), linear.log_likelihood(), "closed form")
-    restricted = linear_mixed.deviance(linear.gram(), linear.effects, VARIANCES, restricted=True)
+    restricted = deviance(linear.gram(), linear.effects, VARIANCES, restricted=True)
     assert_close(restricted - found, np.linalg.slogdet(hessian)[1], "closed form")
 
 
@@ -119,7 +120,7 @@ def test_the_point_of_linearisation_does_not_matter_to_a_linear_problem() -> Non
     theta, _ = linear.least_squares()
     here, there = linear.gram(), linear.gram(phi, b)
     for restricted in (False, True):
-        two = [linear_mixed.deviance(g, linear.effects, VARIANCES, restricted=restricted) for g in (here, there)]
+        two = [deviance(g, linear.effects, VARIANCES, restricted=restricted) for g in (here, there)]
         assert_close(two[0], two[1], "closed form")
     found = linear_mixed.posterior_mean(there, linear.effects, VARIANCES, theta - phi)
     assert_close(found, linear_mixed.posterior_mean(here, linear.effects, VARIANCES, theta), "closed form")
@@ -133,8 +134,7 @@ def test_headings_of_a_hundred_radians_do_not_drown_the_likelihood() -> None:
     linear.w = linear.w + np.where(linear.seen, np.einsum("rnq,rq->rn", linear.v, b), 0.0)
     wide = RunEffects(tuple(replace(block, scale=1e5 * block.scale) for block in linear.effects.blocks))
     points = [
-        linear_mixed.deviance(linear.gram(b=b), wide, VARIANCES + np.array([0.0, 1e-6 * i, 0.0]), restricted=True)
-        for i in range(9)
+        deviance(linear.gram(b=b), wide, VARIANCES + np.array([0.0, 1e-6 * i, 0.0]), restricted=True) for i in range(9)
     ]
     second = np.diff(points, 2)
     assert np.max(np.abs(second)) < 1e-8
@@ -146,9 +146,9 @@ def test_the_slope_of_the_likelihood_is_exact(restricted: bool) -> None:
     gram = linear.gram(b=np.where(linear.effects.scale > 0, 0.3, 0.0))
 
     def value(variances: Floats) -> float:
-        return linear_mixed.deviance(gram, linear.effects, variances, restricted=restricted)
+        return deviance(gram, linear.effects, variances, restricted=restricted)
 
-    _, slope = linear_mixed.deviance_and_slope(gram, linear.effects, VARIANCES, restricted=restricted)
+    _, slope, _ = scored_deviance(gram, linear.effects, VARIANCES, restricted=restricted)
     steps = 1e-5 * np.eye(len(VARIANCES))
     numeric = [(value(VARIANCES + step) - value(VARIANCES - step)) / 2e-5 for step in steps]
     assert slope == pytest.approx(numeric, rel=1e-6, abs=1e-5)
@@ -182,7 +182,7 @@ def test_two_channels_have_the_likelihood_of_their_dense_covariance() -> None:
         rows.append((j, w, covariance))
     theta = np.linalg.solve(hessian, gradient)
     logs = [stats.multivariate_normal(j @ theta, r).logpdf(w) for j, w, r in rows]
-    found = linear_mixed.deviance(grams, linear.effects, TWO_NOISES, restricted=False)
+    found = deviance(grams, linear.effects, TWO_NOISES, restricted=False)
     expected = -2.0 * np.sum(logs) - linear.seen.sum() * np.log(2 * np.pi)
     assert_close(np.array(found), np.array(expected), "closed form")
     weighted = linear_mixed.weigh(grams, linear.effects, TWO_NOISES)
@@ -196,12 +196,32 @@ def test_the_slope_by_each_channels_noise_is_exact(restricted: bool) -> None:
     linear, grams = two_channels(5)
 
     def value(variances: Floats) -> float:
-        return linear_mixed.deviance(grams, linear.effects, variances, restricted=restricted)
+        return deviance(grams, linear.effects, variances, restricted=restricted)
 
-    _, slope = linear_mixed.deviance_and_slope(grams, linear.effects, TWO_NOISES, restricted=restricted)
+    _, slope, _ = scored_deviance(grams, linear.effects, TWO_NOISES, restricted=restricted)
     steps = 1e-5 * np.eye(len(TWO_NOISES))
     numeric = [(value(TWO_NOISES + step) - value(TWO_NOISES - step)) / 2e-5 for step in steps]
     assert slope == pytest.approx(numeric, rel=1e-6, abs=1e-5)
+
+
+@pytest.mark.parametrize("channels", [1, 2])
+def test_expected_second_derivatives_are_those_of_the_dense_covariance(channels: int) -> None:
+    linear, grams = two_channels(6)
+    variances, noises = TWO_NOISES, [0.3, 0.8]
+    if channels == 1:
+        grams, variances, noises = linear.gram(), VARIANCES, [0.3, 0.3]
+    scale = linear.effects.deviation(variances)
+    expected = np.zeros((len(variances), len(variances)))
+    for i, seen in enumerate(linear.seen):
+        v, first = linear.v[i, seen], np.arange(SAMPLES)[seen] < 12
+        squares = np.where(first, *np.square(noises))
+        own = [np.diag(squares * one) for one in ((first, ~first) if channels == 2 else (np.ones(len(v)),))]
+        slopes = [2.0 * one for one in own]
+        slopes += [2.0 * v[:, k : k + 1] * scale[i, k] ** 2 @ v[:, k : k + 1].T for k in (1, 2)]
+        inverse = np.linalg.inv(np.diag(squares) + v @ np.diag(scale[i] ** 2) @ v.T)
+        expected += [[np.trace(inverse @ one @ inverse @ other) for one in slopes] for other in slopes]
+    _, _, found = scored_deviance(grams, linear.effects, variances, restricted=False)
+    assert_close(found, expected, "closed form")
 
 
 def test_variances_are_those_of_greatest_restricted_likelihood() -> None:
@@ -212,7 +232,7 @@ def test_variances_are_those_of_greatest_restricted_likelihood() -> None:
         return -2 * linear.log_likelihood(v) + float(np.linalg.slogdet(hessian)[1])
 
     best = optimize.minimize(lost, VARIANCES, method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-10})
-    found = linear_mixed.choose_variances(linear.gram(), linear.effects, np.log([1.0, 1.0, 1.0]))
+    found = choose_variances(linear.gram(), linear.effects, np.log([1.0, 1.0, 1.0]))
     assert found == pytest.approx(best.x, abs=1e-4)
 
 

@@ -13,7 +13,8 @@ from automarine_cli.fits import output_error
 from automarine_cli.fits.mixed_model import Problem, derivatives
 from automarine_cli.fits.nodes import COUNTS, nodes_of
 from automarine_cli.fits.output_error import fit_half_turns
-from automarine_cli.fits.step_response import Known, StepData, half_turn_data, step_data, step_problem
+from automarine_cli.fits.step_problem import step_problem
+from automarine_cli.fits.step_response import Known, StepData, half_turn_data, step_data
 from automarine_cli.models.closed_form import response
 from automarine_cli.runs.turns import half_turns
 
@@ -105,13 +106,13 @@ def test_as_many_nodes_are_taken_as_the_answer_needs(inertia: float, monkeypatch
 
 
 def test_interpolation_is_as_exact_as_it_says() -> None:
-    """Headings of a model reduce to C times its headings at the nodes, and leave nothing."""
+    """Headings of a model reduce to its headings at the nodes times the roots of the weights, and leave nothing."""
     data = sharp(1.0)
     (fast,) = data.nodes(COUNTS[0]) or ()
     exact = np.stack([response(data.time[i], m, 1.0, 0.0, PAPER.k_rr)[0] for i, m in enumerate(data.moment)])
     at_nodes = np.stack([response(fast.time[i], m, 1.0, 0.0, PAPER.k_rr)[0] for i, m in enumerate(data.moment)])
     reduced = nodes_of(data.time, exact, data.seen, data.interval, COUNTS[0])
-    carried = (fast.carry @ at_nodes[..., None])[..., 0]
+    carried = fast.root * at_nodes
     off = np.sqrt(((carried - reduced.heading) ** 2).sum(axis=1) + reduced.left)
     assert off.max() / np.sqrt(data.time.shape[1]) < room.CLOSE_ENOUGH
     assert fast.show(carried, data.seen.sum(axis=1))

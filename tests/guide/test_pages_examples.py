@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from bluerov2_day import write_bluerov2_day
 from click.testing import CliRunner
 from pool_day import write_pool_day
 from repository import ROOT, SAMPLE_RUNS
@@ -47,6 +48,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     folder = tmp_path_factory.mktemp("pages")
     shutil.copytree(SAMPLE_RUNS, folder / "sample_runs")
     write_pool_day(folder / "pool_day")
+    write_bluerov2_day(folder / "bluerov2")
     found: dict[str, str] = {}
     here = Path.cwd()
     os.chdir(folder)

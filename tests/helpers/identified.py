@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from automarine_cli.errors import RunError
-from automarine_cli.fits.identify import NOTHING_KNOWN, Map, identify_turns
-from automarine_cli.fits.step_response import Known
+from automarine_cli.fits.identify import Map, identify_turns
+from automarine_cli.fits.step_response import NOTHING_KNOWN, Known
 from automarine_cli.fits.yaw_fit import YawFit
 from automarine_cli.runs.channels import AUTO
 from automarine_cli.runs.half_turn import UNTRIMMED, Trim

@@ -15,7 +15,8 @@ from automarine_cli.link.document import Battery, LinkCampaign, PlannedRun
 from automarine_cli.link.player import Player
 from automarine_cli.link.server import LinkServer
 from automarine_cli.link.store import Store
-from automarine_cli.link.vehicles import Simulated
+from automarine_cli.link.vehicles.base import Vehicle as Drives
+from automarine_cli.link.vehicles.simulated import Simulated
 from automarine_cli.models.yaw_model import YawModel
 
 TOKEN = "a-token-of-tests"
@@ -62,9 +63,10 @@ class Vehicle:
 
 
 @contextlib.contextmanager
-def vehicle_at(folder: Path, speed: float = 500.0) -> Iterator[Vehicle]:
-    """A simulated vehicle that plays what it gets, as long as the block lasts."""
-    store, driven, alive = Store(folder), Simulated(MODEL, speed), threading.Event()
+def vehicle_at(folder: Path, speed: float = 500.0, drives: Drives | None = None) -> Iterator[Vehicle]:
+    """A vehicle, simulated unless one is given, that plays what it gets as long as the block lasts."""
+    store, alive = Store(folder), threading.Event()
+    driven = Simulated(MODEL, speed) if drives is None else drives
     store.prepare()
     alive.set()
     server = LinkServer(("127.0.0.1", 0), store, driven, TOKEN)

@@ -20,6 +20,7 @@ TOLERANCES = {
     "closed form": Tolerance(
         1e-9, 1e-9, "two algebraic forms of one solution: round-off of exp, log and their quotients"
     ),
+    "differences": Tolerance(1e-5, 1e-6, "derivatives by differences of 1e-5: their third derivative, and round-off"),
     "optimiser": Tolerance(1e-5, 1e-8, "a minimum found by steps: flat to the square root of round-off"),
     "solve_ivp": Tolerance(1e-6, 1e-7, "scipy's solver at rtol 1e-9, over some hundred steps"),
     "rollout": Tolerance(1e-4, 1e-5, "fixed steps of fourth order, sub-stepped to the dynamics, over one run [rad]"),

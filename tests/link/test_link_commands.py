@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
+from link_processes import ALONE
 from made_link import BATTERY, TOKEN, expected_logs, made_campaign, vehicle_at
 from test_link_cuts import logs_in
-from test_link_kills import ALONE, MODEL_FILE
+from test_link_kills import MODEL_FILE
 
 Run = Callable[..., Result]
 
@@ -54,6 +55,19 @@ def test_what_is_missing_is_wrong_usage(run: Run, tmp_path: Path) -> None:
     assert run("serve", str(tmp_path), "--vehicle", "replay", "--recordings", str(tmp_path), "--dry-run").exit_code == 2
     assert run("collect", "http://127.0.0.1:9").exit_code == 2
     assert run("collect", "127.0.0.1", "-o", str(tmp_path / "pool")).exit_code == 1
+
+
+def test_ardusub_goes_by_the_clock_and_needs_an_address(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "campaign.json").write_text(made_campaign(2).text)
+    asked = ["serve", str(tmp_path / "v"), "--vehicle", "ardusub"]
+    dry = ["--dry-run", "--campaign", str(tmp_path / "campaign.json")]
+    found = run(*asked, "--mavlink", "udpin:127.0.0.1:0", "--speed", "2", *dry)
+    assert found.exit_code == 1 and "goes by the clock; leave out --speed" in found.stderr
+    found = run(*asked, "--mavlink", "log.tlog")
+    assert found.exit_code == 1 and "expected udpin:0.0.0.0:PORT" in found.stderr
+    found = run(*asked, "--mavlink", "udpin:127.0.0.1:0", "--full", "0.5", *dry)
+    assert found.exit_code == 1 and "and the whole output gives 0.5; plan with" in found.stderr
+    assert run(*asked, "--mavlink", "udpin:127.0.0.1:0", "--depth-limit", "0", *dry).exit_code == 2
 
 
 def test_collect_brings_the_same_names_and_bytes(run: Run, tmp_path: Path) -> None:

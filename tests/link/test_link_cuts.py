@@ -4,18 +4,22 @@ import csv
 import hashlib
 import http.client
 import json
+import os
 import socket
 import threading
 import time
 from pathlib import Path
 
 import pytest
-from made_link import TOKEN, CuttingProxy, expected_logs, made_campaign, vehicle_at
+from made_link import MODEL, TOKEN, CuttingProxy, expected_logs, made_campaign, vehicle_at
 
 from automarine_cli.errors import SettingError
 from automarine_cli.link.client import Client
 from automarine_cli.link.collector import Collector
 from automarine_cli.link.document import LinkCampaign
+from automarine_cli.link.player import Player
+from automarine_cli.link.store import Store
+from automarine_cli.link.vehicles.simulated import Simulated
 
 
 def logs_in(folder: Path) -> dict[str, bytes]:
@@ -101,6 +105,28 @@ def test_nothing_is_commanded_after_a_stop(tmp_path: Path) -> None:
         assert logs_in(vehicle.store.runs) == after
     rows = list(csv.reader(next(iter(after.values())).decode().splitlines()))[2:]
     assert float(rows[-1][2]) == 0.0 and float(rows[-2][2]) != 0.0 and len(rows) < 600  # neutral, then silence
+
+
+def test_a_stop_between_two_runs_leaves_no_log(tmp_path: Path) -> None:
+    class StoppedAtTheLastMoment(Store):
+        def begin(self, name: str) -> int:
+            self.stop()
+            return super().begin(name)
+
+    store, campaign, vehicle = StoppedAtTheLastMoment(tmp_path), made_campaign(2), Simulated(MODEL, 1e9)
+    store.prepare()
+    store.accept(campaign.text.encode(), campaign.id)
+    Player(store, vehicle, 1e9, lambda: not store.is_stopped(campaign)).play()
+    assert list(store.runs.iterdir()) == [] and store.state()["campaigns"][0]["over"]
+
+
+def test_a_run_that_never_began_is_played_after_a_power_cut(tmp_path: Path) -> None:
+    store, campaign = Store(tmp_path), made_campaign(1)
+    store.prepare()
+    store.accept(campaign.text.encode(), campaign.id)
+    os.close(store.begin(campaign.log_name(campaign.runs[0])))
+    Player(store, Simulated(MODEL, 1e9), 1e9, lambda: store.next_run(campaign) is not None).play()
+    assert logs_in(store.runs) == expected_logs(campaign)
 
 
 def _is_driven(log: Path) -> bool:

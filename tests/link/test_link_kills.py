@@ -3,76 +3,42 @@
 The processes are real; a run that a kill interrupts is closed as it stood, marked, and never begun again.
 """
 
-import contextlib
 import json
 import os
 import random
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from link_processes import ALONE, children_of, collecting, ended, token_in
 from made_link import BATTERY, expected_logs, made_campaign
 from test_link_cuts import logs_in
 
 from automarine_cli.link.document import LinkCampaign
 
-ALONE = [sys.executable, "-m", "automarine_cli"]
 MODEL_FILE = {
     "schema": "automarine/yaw-model/1", "moment_unit": "nu", "preferred": "3", "effects": [],
     "models": {"3": {"I_r": {"value": 1.0, "unit": "nu s²"}, "k_rr": {"value": 1.25, "unit": "nu s²"}}},
 }  # fmt: skip
 
 
-def served(folder: Path, port: int, speed: float) -> subprocess.Popen[bytes]:
-    """A vehicle as processes of its own."""
+def served(
+    folder: Path, port: int, speed: float, before: Sequence[str] = (), host: str = "127.0.0.1"
+) -> subprocess.Popen[bytes]:
+    """A vehicle as processes of its own, started by the command `before`, if any."""
     model = folder.with_name("yaw_model.json")
     model.write_text(json.dumps(MODEL_FILE))
     options = ["--vehicle", "simulated", "--model", str(model), "--speed", f"{speed:g}"]
-    address = ["--address", f"127.0.0.1:{port}"]
+    address = ["--address", f"{host}:{port}"]
     return subprocess.Popen(
-        [*ALONE, "serve", str(folder), *options, *address], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [*before, *ALONE, "serve", str(folder), *options, *address],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
-
-
-def collecting(folder: Path, token: str, port: int, campaign: Path) -> subprocess.Popen[bytes]:
-    """The surface as a process of its own."""
-    url = f"http://127.0.0.1:{port}"
-    return subprocess.Popen(
-        [*ALONE, "collect", url, "-o", str(folder), "--token", token, "--campaign", str(campaign), "--wait", "60", "-q"]
-    )
-
-
-def children_of(process: subprocess.Popen[bytes]) -> list[int]:
-    """The processes that it started."""
-    with contextlib.suppress(OSError):
-        return [int(one) for one in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
-    return []
-
-
-def token_in(folder: Path) -> str:
-    """The token, once there is one."""
-    while not (folder / "token").exists():
-        time.sleep(0.02)
-    return (folder / "token").read_text().strip()
-
-
-@contextlib.contextmanager
-def ended(processes: list[subprocess.Popen[bytes]]) -> Iterator[None]:
-    """None of the processes outlives the block."""
-    try:
-        yield
-    finally:
-        for one in processes:
-            for child in children_of(one):
-                with contextlib.suppress(OSError):
-                    os.kill(child, signal.SIGKILL)
-            one.kill()
-            one.wait()
 
 
 def kill_and_go_on(folder: Path, campaign: LinkCampaign, kills: int, seed: int, speed: float) -> dict[str, int]:

@@ -46,3 +46,27 @@ def test_a_setting_that_there_is_not_is_refused_with_its_key(small_day: Path, tm
         file.write('[tune]\ntarget = "python"\nfulll = 1.0\n')
     with pytest.raises(SettingError, match="fulll"):
         run_campaign(campaign, out=tmp_path / "out")
+
+
+def test_the_campaign_s_thruster_map_is_flown(small_day: Path, tmp_path: Path) -> None:
+    """Its own map with the vehicle's arm; without a map it says so."""
+    from automarine_cli.pipeline.plain_data import Source
+    from automarine_cli.workflows.campaign_file import read_campaign
+    from automarine_cli.workflows.campaign_steps import STEPS
+
+    (step,) = (one for one in STEPS if one.name == "tune")
+    shutil.copytree(small_day, tmp_path / "day")
+    campaign, out = tmp_path / "day" / "pool" / "campaign.toml", tmp_path / "day" / "out"
+    with campaign.open("a") as file:
+        file.write('[tune]\ntarget = "python"\nthrusters = true\n')
+    known = read_campaign(campaign)
+    (out / "yaw").mkdir(parents=True, exist_ok=True)
+    (out / "yaw" / "yaw_model.json").touch()
+    fitted = out / "thrusters" / "thrusters.json"
+    fitted.unlink(missing_ok=True)
+    assert step.plan(known, out) == "it needs the thruster map, and fit-thrusters gave none"
+    fitted.parent.mkdir(parents=True, exist_ok=True)
+    fitted.touch()
+    plan = step.plan(known, out)
+    assert not isinstance(plan, str) and isinstance(fitted, Source)
+    assert vars(plan.asked)["thrusters"] == fitted and vars(plan.asked)["arm"] == known.asked.vehicle.arm_m

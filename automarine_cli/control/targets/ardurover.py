@@ -7,7 +7,18 @@ slower than Sub's, in AP_InertialSensor.
 import numpy as np
 
 from automarine_cli.control.targets.ardupilot_parts import ParameterFile, gyro, gyro_response
-from automarine_cli.control.targets.base import Gains, Nominal, Parameter, State, hold, low_pass, share, spread, within
+from automarine_cli.control.targets.base import (
+    Gains,
+    Nominal,
+    Parameter,
+    State,
+    hold,
+    leads,
+    low_pass,
+    share,
+    spread,
+    within,
+)
 from automarine_cli.quantities import Complexes, Floats
 
 RAD = np.pi / 180.0
@@ -23,14 +34,14 @@ class ArduRover(ParameterFile):
     file = "ardurover.param"
     firmware = "Rover 4.2 to 4.6"
     of = "Steering"
-    numbers = 5
+    numbers = 6
     period = 0.02
     parameters = (
         Parameter("ATC_STR_ANG_P", "turn rate asked for per error of heading", "1/s", 2.0, 1.0, 10.0, True),
         Parameter("ATC_STR_RAT_FF", "output per rate asked for", "1/(rad/s)", 0.2, 0.0, 3.0, True),
         Parameter("ATC_STR_RAT_P", "output per error of the rate", "1/(rad/s)", 0.2, 0.0, 2.0, True),
         Parameter("ATC_STR_RAT_I", "the same, summed up over time", "1/rad", 0.2, 0.0, 2.0, True),
-        Parameter("ATC_STR_RAT_D", "output per change of the error of the rate", "1/(rad/s²)", 0.0, 0.0, 0.4),
+        Parameter("ATC_STR_RAT_D", "output per change of the error of the rate", "1/(rad/s²)", 0.0, 0.0, 0.4, True),
         Parameter("ATC_STR_RAT_IMAX", "most output of the summed-up part", "1", 1.0, 0.0, 1.0),
         Parameter("ATC_STR_RAT_FLTE", "low-pass of the error of the rate", "Hz", 10.0, 0.0, 100.0),
         Parameter("ATC_STR_RAT_MAX", "fastest turn", "deg/s", 120.0, 0.0, 1000.0, True),
@@ -39,8 +50,9 @@ class ArduRover(ParameterFile):
 
     def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
         """As for Sub; feed-forward is one over the steady rate at the whole output."""
-        inner, outer, summed, rate, speed_up = numbers.T
-        crossover = spread(inner, 0.04, 0.9) / (nominal.lag + self.own_lag({}))
+        inner, outer, summed, rate, speed_up, lead = numbers.T
+        lag = nominal.lag + self.own_lag({})
+        crossover = spread(inner, 0.04, 0.9) / lag
         p = crossover * nominal.inertia
         found = {name: np.full(len(numbers), value) for name, value in self.defaults.items()}
         found |= {
@@ -48,6 +60,7 @@ class ArduRover(ParameterFile):
             "ATC_STR_RAT_FF": np.full(len(numbers), 1.0 / nominal.fastest),
             "ATC_STR_RAT_P": p,
             "ATC_STR_RAT_I": p * crossover * spread(summed, 0.01, 0.5),
+            "ATC_STR_RAT_D": p * lag * leads(lead),
             "ATC_STR_RAT_MAX": spread(rate, 0.25, 1.0) * nominal.fastest / RAD,
             "ATC_STR_ACC_MAX": spread(speed_up, 0.1, 1.5) / nominal.inertia / RAD,
         }

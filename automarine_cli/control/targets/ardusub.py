@@ -9,7 +9,18 @@ AP_Math/control.cpp; the gyro's low-pass in AP_InertialSensor.
 import numpy as np
 
 from automarine_cli.control.targets.ardupilot_parts import ParameterFile, RootLaw, distance_to, gyro, gyro_response
-from automarine_cli.control.targets.base import Gains, Nominal, Parameter, State, hold, low_pass, share, spread, within
+from automarine_cli.control.targets.base import (
+    Gains,
+    Nominal,
+    Parameter,
+    State,
+    hold,
+    leads,
+    low_pass,
+    share,
+    spread,
+    within,
+)
 from automarine_cli.quantities import Complexes, Floats
 
 RAD = np.pi / 180.0
@@ -45,17 +56,17 @@ class ArduSub(ParameterFile):
     file = "ardusub.param"
     firmware = "ArduSub 4.1 to 4.5"
     of = "Heading"
-    numbers = 5
+    numbers = 6
     period = 1.0 / 400.0
     parameters = (
         Parameter("ATC_ANG_YAW_P", "turn rate asked for per error of heading", "1/s", 6.0, 0.0, 6.0, True),
         Parameter("ATC_RAT_YAW_P", "output per error of the rate", "1/(rad/s)", 0.180, 0.0, 0.50, True),
         Parameter("ATC_RAT_YAW_I", "the same, summed up over time", "1/rad", 0.018, 0.0, 0.05, True),
-        Parameter("ATC_RAT_YAW_D", "output per change of the error of the rate", "1/(rad/s²)", 0.0, 0.0, 0.02),
+        Parameter("ATC_RAT_YAW_D", "output per change of the error of the rate", "1/(rad/s²)", 0.0, 0.0, 0.02, True),
         Parameter("ATC_RAT_YAW_IMAX", "most output of the summed-up part", "1", 0.222, 0.0, 1.0, True),
         Parameter("ATC_RAT_YAW_FLTT", "low-pass of the rate asked for", "Hz", 5.0, 0.0, 100.0),
         Parameter("ATC_RAT_YAW_FLTE", "low-pass of the error of the rate", "Hz", 0.0, 0.0, 100.0),
-        Parameter("ATC_RAT_YAW_FLTD", "low-pass of its change", "Hz", 5.0, 0.0, 100.0),
+        Parameter("ATC_RAT_YAW_FLTD", "low-pass of its change", "Hz", 5.0, 0.0, 100.0, True),
         Parameter("ATC_SLEW_YAW", "fastest turn of the target heading", "cdeg/s", 6000.0, 500.0, 18000.0, True),
         Parameter("ATC_ACCEL_Y_MAX", "its largest acceleration", "cdeg/s²", 110000.0, 0.0, 72000.0, True),
         Parameter("ATC_INPUT_TC", "time in which a step of it is smoothed", "s", 0.15, 0.0, 1.0),
@@ -64,7 +75,7 @@ class ArduSub(ParameterFile):
     def propose(self, numbers: Floats, nominal: Nominal) -> dict[str, Floats]:
         """A crossover of the rate loop in shares of what the delays allow, the other loops in shares of it, and a
         reference in shares of what the thrusters can follow."""
-        inner, outer, summed, rate, speed_up = numbers.T
+        inner, outer, summed, rate, speed_up, lead = numbers.T
         lag = nominal.lag + self.own_lag({})
         crossover = spread(inner, 0.04, 0.9) / lag
         p = crossover * nominal.inertia
@@ -75,6 +86,8 @@ class ArduSub(ParameterFile):
             "ATC_ANG_YAW_P": crossover * spread(outer, 0.04, 0.7),
             "ATC_RAT_YAW_P": p,
             "ATC_RAT_YAW_I": p * crossover * spread(summed, 0.01, 0.5),
+            "ATC_RAT_YAW_D": p * lag * leads(lead),
+            "ATC_RAT_YAW_FLTD": np.full(len(numbers), GYRO_HZ),
             "ATC_RAT_YAW_IMAX": np.full(len(numbers), 0.5),
             "ATC_SLEW_YAW": fastest / CDEG,
             "ATC_ACCEL_Y_MAX": spread(speed_up, 0.1, 1.5) * reach / CDEG,

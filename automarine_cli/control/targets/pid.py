@@ -24,6 +24,9 @@ from automarine_cli.control.targets.base import (
 )
 from automarine_cli.quantities import Complexes, Floats
 
+FEWEST = 10.0
+"""How many times shorter than the derivative's time its low-pass is: chapter 3."""
+
 
 class Pid(Target):
     """See the module's docstring."""
@@ -55,7 +58,7 @@ class Pid(Target):
             "K_i": p * w * spread(summed, 0.01, 0.4),
             "K_d": d,
             "b": weight,
-            "T_f": np.full(len(numbers), 0.5 * self.period),
+            "T_f": np.maximum(0.5 * self.period, d / (FEWEST * p)),
         }
 
     def own_lag(self, gains: Gains) -> float:

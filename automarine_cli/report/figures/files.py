@@ -1,12 +1,14 @@
 """Figures into a folder of results: drawn last and one by one, and one that cannot be drawn is a warning there."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 from matplotlib.figure import Figure
 
 from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.attempts import Attempt, attempted
 from automarine_cli.pipeline.outputs import ResultFolder
+from automarine_cli.pipeline.parallel import Each
 from automarine_cli.report.figures.style import FORMATS
 
 Draw = Callable[[], Figure]
@@ -37,7 +39,17 @@ def write_figure(folder: ResultFolder, figure: Attempt[Files]) -> None:
         folder.write(name, content)
 
 
-def write_figures(folder: ResultFolder, figures: Mapping[str, Draw], formats: Sequence[str]) -> None:
-    """Each figure by its name, in each format; each is drawn when the one before is written."""
-    for name, draw in figures.items():
-        write_figure(folder, drawn(name, draw, formats))
+def write_figures(
+    folder: ResultFolder, figures: Mapping[str, Draw], formats: Sequence[str], each: Each | None = None
+) -> None:
+    """Each figure by its name, in each format; each is drawn when the one before is written, or all by `each`."""
+    if each is None:
+        for name, draw in figures.items():
+            write_figure(folder, drawn(name, draw, formats))
+    else:
+        for figure in each(partial(_drawn, formats), list(figures.items()), "drawing figures"):
+            write_figure(folder, figure)
+
+
+def _drawn(formats: Sequence[str], figure: tuple[str, Draw]) -> Attempt[Files]:
+    return drawn(*figure, formats)

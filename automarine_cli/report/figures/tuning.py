@@ -57,7 +57,7 @@ def flown_figure(steps: Sequence[FlownStep], dof: Dof) -> Figure:
         ax.fill_between(one.time, dof.shown(one.low), dof.shown(one.high), color=COLOURS["sky"], alpha=0.6, lw=1.0,
                         label="promised, 95 %")  # fmt: skip
         ax.plot(one.time, dof.shown(one.position), ".", color=COLOURS["black"], ms=1.5, label="flown")
-        ax.axhline(dof.shown(one.size), color="0.4", lw=0.6, ls=":")
+        ax.plot(one.time, dof.shown(one.reference), color="0.4", lw=0.6, ls=":")
         ax.set_title(f"{one.run}, {one.begins:.0f} s", loc="left", parse_math=False)
         ax.set_xlabel("Time [s]")
     axes[0, 0].set_ylabel(f"{dof.words.position.capitalize()} [{dof.units.shown}]")

@@ -1,23 +1,19 @@
-"""What plays a run: a simulated vehicle with the dynamics of a model file, or recorded runs once more.
+"""A simulated vehicle with the dynamics of a model file."""
 
-A vehicle's `drive` yields the lines of the run's log one by one, each when its time has come, with the command as it
-was sent; before every command it asks `halted`, and then sends none but neutral.
-"""
-
-import csv
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
+from automarine_cli.comparison.rollouts import needed_signals
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import ModelError, SettingError
 from automarine_cli.link.document import LinkCampaign, PlannedRun
+from automarine_cli.link.vehicles.base import Halted, Pace
 from automarine_cli.models.store import load_yaw_models
 from automarine_cli.models.yaw_model import YawModel
+from automarine_cli.pipeline.words import listed
 from automarine_cli.planning.fitting import Logger
 from automarine_cli.planning.vehicle import MOMENT_COLUMNS
 from automarine_cli.quantities import Floats
@@ -27,31 +23,6 @@ from automarine_cli.simulation.streams import normal
 
 NOISE_DEG = 1.0
 """Of the simulated compass, as the paper's."""
-
-Halted = Callable[[], bool]
-
-
-class Vehicle(Protocol):
-    """Whatever can drive a run. It is handed to a process of its own."""
-
-    def refuse(self, campaign: LinkCampaign) -> None:
-        """Raise SettingError for a campaign that it cannot drive."""
-
-    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
-        """The lines of a run's log, header first; ends early when `halted`, after neutral."""
-
-
-class Pace:
-    """Waits until so many seconds of a run have passed, `speed` times as fast as the clock."""
-
-    def __init__(self, speed: float) -> None:
-        self._speed, self._begun = speed, time.monotonic()
-
-    def until(self, seconds: float) -> None:
-        """Return when `seconds` since the beginning have passed."""
-        left = self._begun + seconds / self._speed - time.monotonic()
-        if left > 0:
-            time.sleep(left)
 
 
 @dataclass(frozen=True)
@@ -79,7 +50,12 @@ class Simulated:
         return cls(stored.models[stored.preferred], speed)
 
     def refuse(self, campaign: LinkCampaign) -> None:
-        """Raise SettingError for a campaign in moments of another unit."""
+        """Raise SettingError for a campaign in moments of another unit, and for a model of more than moments."""
+        if needed := needed_signals(self.model):
+            raise SettingError(
+                f"the vehicle's model needs {listed(needed)}, which a simulated vehicle does not log; choose a model "
+                "without it"
+            )
         if campaign.moment_unit != self.model.moment_unit:
             raise SettingError(
                 f"the campaign's moments are in {campaign.moment_unit}, the vehicle's model is in "
@@ -104,53 +80,14 @@ class Simulated:
         track = self.track(campaign, run)
         noise = NOISE_DEG * normal(len(track.time), 0, name)
         heading = np.round(np.rad2deg(track.heading) + noise, 3) % 360.0
+        if halted():
+            return
         yield f"# Driven by a simulated vehicle, {name}: no measurement.\n"
         yield f"time_s,heading_deg,{MOMENT_COLUMNS[campaign.moment_unit]}\n"
         pace = Pace(self.speed)
         for since, shown, moment in zip(track.time, heading, track.moment):
             pace.until(float(since))
-            ends = halted()
+            ends = since > 0 and halted()
             yield f"{begins + since:.3f},{shown:.3f},{0.0 if ends else moment:g}\n"
             if ends:
                 return
-
-
-@dataclass(frozen=True)
-class Replay:
-    """Recorded runs, found in a folder by the names of the campaign's runs; their logs are played line by line."""
-
-    folder: Path
-    speed: float = 1.0
-
-    def refuse(self, campaign: LinkCampaign) -> None:
-        """Raise SettingError for a campaign with a run that was not recorded, or whose log has no column time_s."""
-        for run in campaign.runs:
-            self._lines(run)
-
-    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
-        """The lines of the recorded log."""
-        head, column, lines = self._lines(campaign.runs[number])
-        yield from head
-        pace, first = Pace(self.speed), None
-        for line in lines:
-            now = float(next(csv.reader([line]))[column])
-            first = now if first is None else first
-            pace.until(now - first)
-            if halted():
-                return
-            yield line
-
-    def _lines(self, run: PlannedRun) -> tuple[list[str], int, list[str]]:
-        """Head of the recorded log, the place of its column time_s, and its rows."""
-        found = sorted(path for path in self.folder.glob("*.csv") if f"_{path.stem}".endswith(f"_{run.name}"))
-        if len(found) != 1:
-            raise SettingError(
-                f"{self.folder.name} holds {len(found) or 'no'} logs of the run {run.name}; give a folder with one "
-                f"NAME.csv for each run of the campaign"
-            )
-        lines = found[0].read_text(encoding="utf-8").splitlines(keepends=True)
-        first = next((i for i, line in enumerate(lines) if not line.startswith("#")), 0)
-        columns = next(csv.reader(lines[first : first + 1]), [])
-        if "time_s" not in columns:
-            raise SettingError(f"{found[0].name}: no column time_s, by which it would be played; name it so")
-        return lines[: first + 1], columns.index("time_s"), lines[first + 1 :]

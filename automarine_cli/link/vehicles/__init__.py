@@ -1,0 +1,1 @@
+"""What plays a run: one kind of vehicle, one file."""

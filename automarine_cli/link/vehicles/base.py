@@ -1,0 +1,48 @@
+"""What drives runs, as the player knows it, and the clock that it keeps.
+
+A vehicle's `drive` yields the lines of the run's log one by one, each when its time has come, with the command as it
+was sent; before every command it asks `halted`, and then sends none but neutral. The head comes before the run's first
+command: a log without a line is one of a run that never began.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Protocol
+
+from automarine_cli.link.document import LinkCampaign
+
+Halted = Callable[[], bool]
+
+
+class Vehicle(Protocol):
+    """Whatever can drive a run. It is handed to a process of its own."""
+
+    def refuse(self, campaign: LinkCampaign) -> None:
+        """Raise SettingError for a campaign that it cannot drive."""
+
+    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
+        """The lines of a run's log, header first; ends early when `halted`, after neutral.
+
+        Raises AutomarineError where the vehicle cannot be driven (any further): the campaign is then stopped.
+        """
+
+
+class Pace:
+    """Waits until so many seconds of a run have passed, `speed` times as fast as the clock."""
+
+    def __init__(self, speed: float) -> None:
+        self._speed, self._begun = speed, time.monotonic()
+
+    @property
+    def passed(self) -> float:
+        """Seconds of the run that have passed."""
+        return (time.monotonic() - self._begun) * self._speed
+
+    def left(self, seconds: float) -> float:
+        """How long it is by the clock [s] until `seconds` of the run have passed."""
+        return self._begun + seconds / self._speed - time.monotonic()
+
+    def until(self, seconds: float) -> None:
+        """Return when `seconds` since the beginning have passed."""
+        if (left := self.left(seconds)) > 0:
+            time.sleep(left)

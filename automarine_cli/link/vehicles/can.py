@@ -1,0 +1,265 @@
+"""A vehicle on a CAN bus: commands go out as frames of its DBC at a steady rate, the compass comes in the same way.
+
+The column map that reads captures of the bus drives it as well: `[can] dbc` describes the frames, `[columns]` says
+which signal is which column of ours.
+"""
+
+import contextlib
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from automarine_cli.dofs import YAW
+from automarine_cli.errors import SettingError
+from automarine_cli.link.document import LinkCampaign, PlannedRun
+from automarine_cli.link.vehicles.base import Halted, Pace
+from automarine_cli.logs import ColumnMap, ColumnRule
+from automarine_cli.logs.can import messages_of
+from automarine_cli.logs.canonical import CANONICAL, LABELS
+from automarine_cli.logs.vehicles import needed
+from automarine_cli.planning.vehicle import CommandTable, Drive, command_table
+
+LISTEN_S = 0.5
+"""So long a run listens before it sends."""
+SILENT_S = 2.0
+"""A compass that has not been heard of for so long is gone."""
+NEUTRALS = 3
+"""Frames of neutral that end a run which is cut short."""
+HEADINGS = tuple(name for name, one in CANONICAL.items() if one.quantity == YAW.position)
+
+
+@dataclass(frozen=True)
+class Step:
+    """From `at` [s since the log's start] on these frames are sent, which say `shown` in the log's columns."""
+
+    at: float
+    frames: tuple[Any, ...]
+    shown: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CanBus:
+    """The bus `place` (python-can's INTERFACE:CHANNEL, with @BITRATE where the interface wants it), with the signals
+    that `names` gives, sent and received; a `drive` makes commands of two thrusters of the moments."""
+
+    place: str
+    names: ColumnMap
+    drive_by: Drive | None
+    speed: float = 1.0
+
+    @property
+    def messages(self) -> Mapping[str, Any]:
+        """Every message of the DBC. Raises LogError for a file that is none, SettingError without one."""
+        if not self.names.dbc:
+            raise SettingError(
+                'a CAN bus is driven by the DBC that describes it; give a column map with [can] dbc = "vehicle.dbc" '
+                "(--columns)"
+            )
+        return {one.name: one for one in messages_of(self.names)}
+
+    def received(self) -> dict[str, ColumnRule]:
+        """Our columns that come from the bus, a heading among them. Raises SettingError, LogError."""
+        known = {f"{one.name}.{signal.name}" for one in self.messages.values() for signal in one.signals}
+        commanded = {name for name, one in CANONICAL.items() if one.quantity in (YAW.command, *YAW.thrusters)}
+        found = {
+            name: rule for name, rule in self.names.columns.items()
+            if name not in (*LABELS, *commanded) and rule.source in known and rule.sign_from is None
+        }  # fmt: skip
+        if not any(name in HEADINGS for name in found):
+            raise SettingError(
+                "the column map names no signal of the DBC for the heading; write a line such as "
+                'heading_deg = "Compass.Heading" under [columns]'
+            )
+        return found
+
+    def refuse(self, campaign: LinkCampaign) -> None:
+        """Raise SettingError for commands that the frames cannot hold, and for a bus that cannot be opened."""
+        if self.drive_by is not None and campaign.moment_unit == "nu":
+            raise SettingError(
+                "the campaign's moments are normalised (nu), and the thruster map makes N m; plan for a model in N m, "
+                "or leave --thrusters out and name the signal of the moment, tau, in the column map"
+            )
+        if self.drive_by is not None and campaign.battery.at_moment > self.drive_by.largest:
+            raise SettingError(
+                f"the campaign goes up to {campaign.battery.at_moment:g} N m, the thrusters give "
+                f"{self.drive_by.largest:.4g} N m; make the plan with the same --thrusters and --arm"
+            )
+        self.received()
+        for run in campaign.runs:
+            self.steps(campaign, run)
+        with self._opened():
+            pass
+
+    def steps(self, campaign: LinkCampaign, run: PlannedRun) -> list[Step]:
+        """What is sent in a run. Raises SettingError, LogError."""
+        table, messages = self._table(campaign, run), self.messages
+        return [_step(messages, table, at, table.held(values), run.name) for at, values in table.rows]
+
+    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
+        """The lines of a run's log, one for each heading that is received, with the commands in force."""
+        run, begins = campaign.runs[number], campaign.begins(number)
+        steps = self.steps(campaign, run)
+        commands, ends = self._table(campaign, run).names, steps[-1].at
+        with self._opened() as bus:
+            ear = _Ear(self, bus, {frame.arbitration_id for step in steps for frame in step.frames})
+            ear.listen(LISTEN_S / self.speed)
+            if halted():
+                return
+            yield f"# Driven over CAN, {campaign.log_name(run)}; commands as sent.\n"
+            yield f"{','.join(('time_s', *self.received(), *commands))}\n"
+            pace, tick, now = Pace(self.speed), 0, steps[0]
+            try:
+                while (since := tick / campaign.rate_hz) <= ends and not halted():
+                    now = next(step for step in reversed(steps) if step.at <= since + 1e-9)
+                    _send(bus, now)
+                    tick += 1
+                    while (left := pace.left(min(tick / campaign.rate_hz, ends + 1e-9))) > 0:
+                        if (heard := ear.heard(left)) is not None:
+                            yield f"{begins + pace.passed:.3f},{heard},{','.join(now.shown)}\n"
+                    ear.refuse_silence(SILENT_S / self.speed)
+            finally:
+                for _ in range(NEUTRALS):
+                    _send(bus, steps[0])
+            if halted() and ear.last:
+                yield f"{begins + pace.passed:.3f},{ear.last},{','.join(steps[0].shown)}\n"
+
+    def _table(self, campaign: LinkCampaign, run: PlannedRun) -> CommandTable:
+        return command_table(run.candidate, campaign.rest_s, campaign.moment_unit, self.drive_by, self.names)
+
+    @contextlib.contextmanager
+    def _opened(self) -> Iterator[Any]:
+        kind, _, rest = self.place.partition(":")
+        channel, _, bitrate = rest.partition("@")
+        if not kind or not channel or (bitrate and not bitrate.isdigit()):
+            raise SettingError(
+                f"found the bus {self.place!r}; give python-can's INTERFACE:CHANNEL, such as socketcan:can0 or "
+                "slcan:/dev/ttyACM0@500000"
+            )
+        try:
+            bus = _library().Bus(interface=kind, channel=channel, **({"bitrate": int(bitrate)} if bitrate else {}))
+        except Exception as problem:  # each interface raises its own
+            raise SettingError(
+                f"the bus {self.place} cannot be opened ({str(problem).partition(chr(10))[0]}); look at the adapter "
+                "and its settings"
+            ) from None
+        try:
+            yield bus
+        finally:
+            bus.shutdown()
+
+
+def _step(messages: Mapping[str, Any], table: CommandTable, at: float, values: list[float], run: str) -> Step:
+    """The frames of one set of values, and what they say when they are read back. Raises SettingError."""
+    by_message: dict[str, dict[str, float]] = {}
+    for rule, value in zip(table.rules, values):
+        name, _, signal = rule.source.partition(".")
+        by_message.setdefault(name, {})[signal] = value
+    frames, sent = [], dict[str, float]()
+    for name, signals in by_message.items():
+        message = _message(messages, name, signals)
+        whole = {one.name: one.initial for one in message.signals} | signals
+        try:
+            data = message.encode(whole)
+        except Exception as problem:  # cantools raises errors of its own and of bitstruct
+            raise SettingError(f"run {run}: {problem}; plan smaller moments, or correct the column map") from None
+        sent |= {f"{name}.{signal}": float(value) for signal, value in message.decode(data, False).items()
+                 if signal in signals}  # fmt: skip
+        frames.append(
+            _library().Message(arbitration_id=message.frame_id, is_extended_id=message.is_extended_frame, data=data)
+        )
+    shown = (f"{rule.read(sent[rule.source], factor):.6g}" for rule, factor in zip(table.rules, table.factors))
+    return Step(at, tuple(frames), tuple(shown))
+
+
+def _message(messages: Mapping[str, Any], name: str, signals: Mapping[str, float]) -> Any:
+    """The message that holds the signals. Raises SettingError where the DBC leaves open what else it says."""
+    message = messages.get(name)
+    known = [] if message is None else [one.name for one in message.signals]
+    if missing := [signal for signal in signals if signal not in known]:
+        raise SettingError(
+            f"the DBC holds no signal {f'{name}.{missing[0]}'.rstrip('.')}; name the signal of each command in the "
+            'column map, such as tau = "Thrusters.Moment" under [columns]'
+        )
+    assert message is not None
+    if message.is_multiplexed():
+        raise SettingError(
+            f"{name} is multiplexed, and such commands are not sent; name a signal of another message in the column map"
+        )
+    if still := [one.name for one in message.signals if one.name not in signals and one.initial is None]:
+        raise SettingError(
+            f"{name} also holds {still[0]}, for which the DBC gives no start value; add it to the DBC "
+            "(GenSigStartValue), so that it is known what is sent"
+        )
+    return message
+
+
+class _Ear:
+    """What is heard on the bus while a run is driven."""
+
+    def __init__(self, vehicle: CanBus, bus: Any, ours: set[int]) -> None:
+        self._bus, self._ours, self._rules = bus, ours, vehicle.received()
+        self._values = dict.fromkeys(self._rules, "")
+        self._by_id: dict[int, tuple[Any, dict[str, str]]] = {}
+        for message in vehicle.messages.values():
+            asked = {rule.source: name for name, rule in self._rules.items()}
+            named = {one.name: asked[source] for one in message.signals
+                     if (source := f"{message.name}.{one.name}") in asked}  # fmt: skip
+            if named:
+                self._by_id[message.frame_id] = message, named
+        self._when = time.monotonic()
+
+    @property
+    def last(self) -> str:
+        """The last values, as a log shows them; empty before a heading came."""
+        return ",".join(self._values.values()) if any(self._values[name] for name in self._headings) else ""
+
+    def listen(self, seconds: float) -> None:
+        """Hear what there is. Raises SettingError for a second sender and where no compass speaks."""
+        ends = time.monotonic() + seconds
+        while (left := ends - time.monotonic()) > 0:
+            self.heard(left)
+        if not self.last:
+            raise SettingError("no heading came from the bus; look at the compass, the bit rate and the column map")
+
+    def heard(self, seconds: float) -> str | None:
+        """The next values if they come with a heading, waiting that long at most. Raises SettingError for a frame like
+        ours that is not ours."""
+        frame = self._bus.recv(seconds)
+        if frame is None:
+            return None
+        if frame.arbitration_id in self._ours:
+            raise SettingError(
+                f"somebody else sends 0x{frame.arbitration_id:x}, by which the run is driven; make that sender stop"
+            )
+        message, named = self._by_id.get(frame.arbitration_id, (None, {}))
+        if message is None or frame.is_error_frame or len(frame.data) < message.length:
+            return None
+        values = message.decode(frame.data, False)
+        for signal, name in named.items():
+            if signal in values:
+                rule = self._rules[name]
+                factor = CANONICAL[name].factor(rule.unit) / CANONICAL[name].factor()
+                self._values[name] = f"{rule.read(float(values[signal]), factor):.6g}"
+        if not any(name in named.values() for name in self._headings):
+            return None
+        self._when = time.monotonic()
+        return self.last
+
+    def refuse_silence(self, seconds: float) -> None:
+        """Raise SettingError where the compass has been silent for so long."""
+        if time.monotonic() - self._when > seconds:
+            raise SettingError("the compass fell silent; look at it before the next campaign")
+
+    @property
+    def _headings(self) -> list[str]:
+        return [name for name in self._values if name in HEADINGS]
+
+
+def _send(bus: Any, step: Step) -> None:
+    for frame in step.frames:
+        bus.send(frame)
+
+
+def _library() -> Any:
+    return needed("can", "can", "--vehicle can", "CAN buses")

@@ -1,0 +1,181 @@
+"""`serve --vehicle ardusub` as processes of its own, by the clock: killed, and met by an independent MAVLink stack."""
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import Result
+from fake_ardusub import FakeSub, alive, campaign_of
+from link_processes import ALONE, children_of, collecting, ended, token_in
+
+from automarine_cli.errors import SettingError
+from automarine_cli.link.document import LinkCampaign
+from automarine_cli.link.vehicles.ardusub.packets import Clock, Link
+from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
+
+pytestmark = pytest.mark.slow
+
+
+def served(folder: Path, vehicle: FakeSub, port: int) -> subprocess.Popen[bytes]:
+    """The vehicle's computer."""
+    options = ["--vehicle", "ardusub", "--mavlink", vehicle.address, "--address", f"127.0.0.1:{port}"]
+    return subprocess.Popen([*ALONE, "serve", str(folder), *options], stdout=subprocess.DEVNULL)
+
+
+def until(what: Any, seconds: float = 60.0) -> None:
+    """Wait until something is so."""
+    ends = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < ends
+        time.sleep(0.02)
+
+
+def begun(tmp_path: Path, vehicle: FakeSub, campaign: LinkCampaign) -> list[subprocess.Popen[bytes]]:
+    """Server and collector, which hands the campaign over."""
+    port = 40000 + os.getpid() % 20000
+    (tmp_path / "campaign.json").write_text(campaign.text)
+    server = served(tmp_path / "vehicle", vehicle, port)
+    token = token_in(tmp_path / "vehicle")
+    return [server, collecting(tmp_path / "pool", token, port, tmp_path / "campaign.json")]
+
+
+@pytest.mark.parametrize("victims", ["player", "player and server"])
+def test_killed_in_a_run_there_is_silence_and_the_dead_man_disarms(tmp_path: Path, victims: str) -> None:
+    with alive(FakeSub()) as vehicle:
+        processes = begun(tmp_path, vehicle, campaign_of(0.5, seconds=600.0))
+        with ended(processes):
+            until(lambda: vehicle.time - vehicle.driven_since > 1.0)
+            player = children_of(processes[0])[-1]
+            if "server" in victims:
+                processes[0].kill()
+            os.kill(player, signal.SIGKILL)
+            killed = vehicle.time
+            until(lambda: not vehicle.armed)
+            assert vehicle.disarmed_by in ("Lost manual control", "MYGCS: 255, heartbeat lost")
+            assert vehicle.time - killed < 3.5
+            time.sleep(3.0)
+            assert not [one for one in vehicle.sticks() if one.time > killed + 0.5] and not vehicle.armed
+            if victims == "player":
+                until(lambda: list((tmp_path / "vehicle/runs").glob("*.csv")))
+                (log,) = (tmp_path / "vehicle/runs").glob("*.csv")
+                assert log.name.endswith("_interrupted.csv") and len(log.read_text().splitlines()) > 50
+
+
+@dataclass
+class Peer:
+    """What MAVSDK sees on the vehicle's link: when [s], and what each message says."""
+
+    seen: dict[str, list[tuple[float, dict[str, Any]]]] = field(default_factory=dict)
+    _kept: list[Any] = field(default_factory=list)
+
+    def join(self, vehicle: FakeSub) -> Any:
+        """Connect; the library's own object, for its questions."""
+        mavsdk = pytest.importorskip("mavsdk")
+        peer = mavsdk.Mavsdk(mavsdk.Configuration.create_manual(246, 195, True))
+        result = peer.add_any_connection(f"udpout://{vehicle.address.removeprefix('udpout:')}")
+        assert result == mavsdk.ConnectionResult.SUCCESS
+        return peer
+
+    def listen(self, peer: Any, system: int) -> Any:
+        """Hear all of a system's messages; the system."""
+        from mavsdk.plugins.mavlink_direct import MavlinkDirect
+
+        until(lambda: any(one.get_system_id() == system for one in peer.get_systems()))
+        found = next(one for one in peer.get_systems() if one.get_system_id() == system)
+        direct = MavlinkDirect(found)
+        direct.subscribe_message("", self._hear)
+        self._kept += [found, direct]
+        return found
+
+    def _hear(self, message: Any, _: Any = None) -> None:
+        if message.component_id == 190:
+            told = (time.monotonic(), json.loads(message.fields_json))
+            self.seen.setdefault(message.message_name, []).append(told)
+
+
+def test_an_independent_stack_sees_a_well_behaved_sender(tmp_path: Path) -> None:
+    """MAVSDK is a ground station on the same link; what it says of us is its own parsing, not pymavlink's."""
+    with alive(FakeSub()) as vehicle:
+        watch = Peer()
+        peer = watch.join(vehicle)
+        processes = begun(tmp_path, vehicle, campaign_of(0.5, seconds=6.0))
+        try:
+            with ended(processes):
+                us = watch.listen(peer, 255)
+                assert us.component_ids() == [190] and not us.has_autopilot() and us.is_connected()
+                (sub,) = [one for one in peer.get_systems() if one.has_autopilot()]
+                assert sub.get_system_id() == 1
+                assert processes[1].wait(timeout=120) == 0
+        finally:
+            peer.destroy()
+    beats = [when for when, _ in watch.seen["HEARTBEAT"]]
+    told = {(one["type"], one["autopilot"]) for _, one in watch.seen["HEARTBEAT"]}
+    assert told == {(6, 8)}  # a ground station
+    assert np.diff(beats).max() < 2.0
+    sticks = [(when, one) for when, one in watch.seen["MANUAL_CONTROL"]]
+    assert {(one["x"], one["y"], one["z"], one["buttons"], one["target"]) for _, one in sticks} == {(0, 0, 500, 0, 1)}
+    assert max(abs(one["r"]) for _, one in sticks) <= 1000 and {500} <= {one["r"] for _, one in sticks}
+    assert [one["r"] for _, one in sticks[-10:]] == [0] * 10
+    gaps = np.diff([when for when, one in sticks if one["r"] == 500])
+    assert 1 / 50 < np.median(gaps) < 1 / 20
+    ours = [one.message for one in vehicle.packets if one.component == 190 and one.name == "COMMAND_LONG"]
+    asked = Counter(one.command for one in ours)
+    assert set(asked) == {511, 176, 400} and asked[400] == 2  # MAVSDK does not tell what is meant for another system
+    assert len(list((tmp_path / "pool").glob("*.csv"))) == 1
+
+
+def test_an_independent_autopilot_understands_us() -> None:
+    """MAVSDK is the autopilot: its parameters are read, it arms and disarms, and is refused, for it is no ArduSub."""
+    mavsdk = pytest.importorskip("mavsdk")
+    from mavsdk.plugins.action_server import ActionServer
+    from mavsdk.plugins.param_server import ParamServer
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    peer = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.AUTOPILOT))
+    address = f"udpout:127.0.0.1:{port}"
+    try:
+        assert peer.add_any_connection(f"udpin://127.0.0.1:{port}") == mavsdk.ConnectionResult.SUCCESS
+        component, told = peer.server_component(), list[bool]()
+        parameters, action = ParamServer(component), ActionServer(component)
+        parameters.provide_param_float("ACRO_YAW_P", 3.375)
+        action.set_armable(True, True)
+        action.set_disarmable(True, True)
+        action.subscribe_arm_disarm(lambda result, asked, _: told.append(asked.arm))
+        with contextlib.closing(Link(address, lambda: False, Clock())) as link:
+            assert link.wait(10.0, lambda: link.heard.system is not None)
+            link.ask(("ACRO_YAW_P", "NOT_THERE"))
+            assert link.wait(10.0, lambda: "ACRO_YAW_P" in link.heard.parameters)
+            assert link.heard.parameters == {"ACRO_YAW_P": 3.375}
+            assert link.command(400, 1.0) and link.wait(10.0, lambda: link.heard.armed)
+            assert link.command(400, 0.0) and link.wait(10.0, lambda: not link.heard.armed)
+            assert told == [True, False]
+            assert [one.component_ids() for one in peer.get_systems()] == [[190]]
+        with pytest.raises(SettingError, match="expected 3 and 12 of ArduSub; check --mavlink"):
+            ArduSub(address).look(campaign_of(0.5))
+    finally:
+        peer.destroy()
+
+
+def test_a_dry_run_at_the_prompt(run: Callable[..., Result], tmp_path: Path) -> None:
+    campaign = tmp_path / "campaign.json"
+    campaign.write_text(campaign_of(0.5, -0.5).text)
+    asked = ["serve", str(tmp_path / "v"), "--vehicle", "ardusub", "--dry-run", "--campaign", str(campaign)]
+    with alive(FakeSub(charge_percent=90.0)) as vehicle:
+        found = run(*asked, "--mavlink", vehicle.address)
+        assert found.exit_code == 0 and "2 runs in 0.3 min" in found.stdout
+        vehicle.charge_percent = 5.0
+        found = run(*asked, "--mavlink", vehicle.address)
+        assert found.exit_code == 1 and "the battery holds 5 %" in found.stderr and not vehicle.sticks()

@@ -1,0 +1,179 @@
+"""What ends a run on ArduSub: sticks in the middle, disarmed, silence; the run is closed, and marked."""
+
+import csv
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from fake_ardusub import FakeSub, Packet, Station, Tank, campaign_of, flown
+
+from automarine_cli.errors import SettingError
+from automarine_cli.link.document import LinkCampaign
+from automarine_cli.link.player import Player
+from automarine_cli.link.store import Store
+from automarine_cli.link.vehicles.ardusub.ride import Limits
+from automarine_cli.link.vehicles.ardusub.vehicle import ArduSub
+
+LONG = campaign_of(0.6, -0.6, seconds=20.0)
+Act = Callable[[FakeSub], object]
+
+
+def in_the_run(vehicle: FakeSub, act: Act, marks: list[float]) -> Callable[[], None]:
+    """Do something once, after three seconds of driving in MANUAL; `marks` gets the time."""
+
+    def whenever() -> None:
+        if not marks and vehicle.time - vehicle.driven_since > 3.0:
+            marks.append(vehicle.time)
+            act(vehicle)
+
+    return whenever
+
+
+def _is_command(packet: Packet, number: int) -> bool:
+    return packet.name == "COMMAND_LONG" and packet.message.command == number
+
+
+def assert_quiet_since(vehicle: FakeSub, time: float, within: float = 0.1) -> None:
+    """From a time on [s]: no stick out of the middle, then a few in it and a word to disarm, then nothing."""
+    ours = [packet for packet in vehicle.packets if packet.component == 190]
+    assert max(packet.time for packet in vehicle.commanded() if packet.component == 190) <= time + within
+    assert sum(packet.name == "MANUAL_CONTROL" and packet.time > time for packet in ours) >= 10
+    last = [packet for packet in ours if packet.name != "HEARTBEAT"][-1]
+    assert _is_command(last, 400) and last.message.param1 == 0
+    before = len(vehicle.packets)
+    vehicle.advance(10.0)
+    assert len(vehicle.packets) == before and not vehicle.armed and abs(vehicle.rate) < 0.2
+
+
+@pytest.mark.parametrize(
+    ("act", "sentence", "within"),
+    [
+        (lambda v: setattr(v, "sinks", 1.0), "m deep, below --depth-limit; make it float", 2.0),
+        (lambda v: setattr(v, "armed", False), "disarmed itself .*; correct that first", 1.2),
+        (lambda v: v.disarm("Leak Detected"), r"disarmed itself \(Leak Detected\)", 1.2),
+        (lambda v: setattr(v, "mode", 2), "somebody changed the mode to 2; ask who else", 1.5),
+        (lambda v: Station(v, 254, 25).push(), r"somebody else sends MANUAL_CONTROL \(system 254", 0.1),
+        (lambda v: setattr(v, "stray", -0.3), r"yaw output is \+0.30, and \+0.60 was sent; check who else", 1.5),
+        (
+            lambda v: setattr(v, "gain", 0.5),
+            r"yaw output is \+0.30, and \+0.60 was sent; .* nobody changed its gain",
+            1.5,
+        ),
+    ],
+    ids=["depth", "disarmed", "failsafe", "mode", "pilot", "outputs", "gain"],
+)
+def test_what_goes_wrong_in_a_run_ends_it(act: Act, sentence: str, within: float) -> None:
+    vehicle, marks = FakeSub(), list[float]()
+    with pytest.raises(SettingError, match=sentence):
+        flown(vehicle, LONG, in_the_run(vehicle, act, marks), limits=Limits(depth=2.0))
+    assert_quiet_since(vehicle, marks[0], within)
+
+
+def test_a_vehicle_that_is_not_heard_any_more() -> None:
+    """Its own dead-man has to do it where our word to disarm is lost as well."""
+    vehicle, marks = FakeSub(), list[float]()
+    with pytest.raises(SettingError, match=r"was not heard any more; check the link, and where the vehicle is"):
+        flown(vehicle, LONG, in_the_run(vehicle, lambda v: setattr(v, "mute", True), marks))
+    assert_quiet_since(vehicle, marks[0], 1.5)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_run_that_turns_too_far(side: float) -> None:
+    vehicle, seen = FakeSub(), list[float]()
+    began = list[float]()
+
+    def look() -> None:
+        if vehicle.mode == 19 and vehicle.commanded():
+            began.append(vehicle.turned)
+            seen.append(abs(vehicle.turned - began[0]))
+
+    with pytest.raises(SettingError, match=r"turned 270 deg from where run 01_step.* began; plan shorter"):
+        flown(vehicle, campaign_of(side * 0.6, seconds=20.0), look, limits=Limits(heading=270.0))
+    assert 270.0 < max(seen) < 330.0 and not vehicle.armed  # it coasts a little
+
+
+def test_nothing_is_sent_when_the_vehicle_is_lost_on_the_way_to_its_heading() -> None:
+    vehicle = FakeSub(heading=60.0)
+
+    def stick() -> None:
+        vehicle.stray = -0.5 if vehicle.armed else 0.0  # its gains cannot turn it against that
+        vehicle.I_r = 1e6
+
+    with pytest.raises(SettingError, match=r"did not come to the heading 90 deg in .* s; check its yaw gains"):
+        flown(vehicle, LONG, stick)
+    assert vehicle.mode == 0 and not vehicle.armed
+
+
+class Played:
+    """A campaign played from a store on a vehicle; `acts` what happens in its first run."""
+
+    def __init__(
+        self, folder: Path, vehicle: FakeSub, campaign: LinkCampaign, act: Callable[["Played"], object]
+    ) -> None:
+        self.store, self.vehicle, self.lives, self.marks = Store(folder), vehicle, True, list[float]()
+        self._campaign = campaign
+        self.store.prepare()
+        self.store.accept(campaign.text.encode(), campaign.id)
+        clock = Tank(vehicle, [in_the_run(vehicle, lambda _: act(self), self.marks)])
+        Player(self.store, ArduSub(vehicle.address, clock=clock), 1e3, self._lives).play()
+        (self.state,) = self.store.state()["campaigns"]
+
+    def _lives(self) -> bool:
+        return self.lives and (not self.store.is_stopped(self._campaign) or self.store.is_playing())
+
+    def rows(self, name: str) -> Iterator[dict[str, str]]:
+        """Of a log."""
+        lines = (self.store.runs / name).read_text().splitlines()
+        return csv.DictReader(line for line in lines if not line.startswith("#"))
+
+
+def test_a_stop_is_neutral_then_silence(tmp_path: Path) -> None:
+    vehicle = FakeSub()
+    found = Played(tmp_path, vehicle, LONG, lambda played: played.store.stop())
+    assert_quiet_since(vehicle, found.marks[0])
+    assert [log.name for log in found.store.logs()] == [f"{LONG.log_name(LONG.runs[0])}_stopped.csv"]
+    assert (found.state["over"], found.state["why_stopped"], found.state["played"]) == (True, "asked to stop", 1)
+    rows = list(found.rows(f"{LONG.log_name(LONG.runs[0])}_stopped.csv"))
+    assert {float(row["tau"]) for row in rows} == {0.0, 0.6} and float(rows[-1]["tau"]) == 0.0
+    assert rows[-1]["stick"] == "0"
+
+
+def test_a_lost_lease_is_neutral_then_silence(tmp_path: Path) -> None:
+    vehicle = FakeSub()
+    found = Played(tmp_path, vehicle, LONG, lambda played: setattr(played, "lives", False))
+    assert_quiet_since(vehicle, found.marks[0])
+    assert [log.name for log in found.store.logs()] == [f"{LONG.log_name(LONG.runs[0])}_interrupted.csv"]
+    assert not found.state["over"] and found.state["why_stopped"] is None
+
+
+@pytest.mark.parametrize("number", [511, 176, 400])
+def test_a_stop_at_any_command_leaves_it_disarmed(tmp_path: Path, number: int) -> None:
+    """Also at the word to arm, before it was answered: no run began, and there is no log."""
+    vehicle, store = FakeSub(), Store(tmp_path)
+    store.prepare()
+    store.accept(LONG.text.encode(), LONG.id)
+
+    def heard(packet: Packet) -> None:
+        if _is_command(packet, number):
+            store.stop()
+
+    vehicle.heard = heard  # type: ignore[method-assign]
+    sub = ArduSub(vehicle.address, clock=Tank(vehicle))
+    Player(store, sub, 1e3, lambda: not store.is_stopped(LONG)).play()
+    assert store.is_stopped(LONG) and list(store.runs.iterdir()) == []
+    vehicle.advance(2.0)
+    assert not vehicle.armed and not vehicle.disarmed_by and not vehicle.commanded()
+
+
+def test_what_the_vehicle_refuses_stops_the_campaign(tmp_path: Path) -> None:
+    vehicle = FakeSub()
+    found = Played(tmp_path, vehicle, LONG, lambda played: vehicle.disarm("Leak Detected"))
+    assert found.state["why_stopped"] == "the vehicle disarmed itself (Leak Detected); correct that first"
+    assert [log.name for log in found.store.logs()] == [f"{LONG.log_name(LONG.runs[0])}_stopped.csv"]
+
+
+def test_a_run_that_is_refused_leaves_no_log(tmp_path: Path) -> None:
+    vehicle = FakeSub(parameters={"FS_PILOT_INPUT": 0.0})
+    found = Played(tmp_path, vehicle, LONG, lambda played: None)
+    assert list(found.store.logs()) == [] and list(found.store.runs.iterdir()) == []
+    assert found.state["over"] and str(found.state["why_stopped"]).startswith("FS_PILOT_INPUT is 0, so that")

@@ -1,0 +1,194 @@
+"""A campaign driven over CAN, on python-can's virtual bus: what is sent, what is logged, and when it ends."""
+
+import csv
+import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import Result
+from made_bus import COLUMNS, MOMENT, PULSES, Vessel, column_map
+from made_link import TOKEN, made_campaign, vehicle_at
+from test_link_cuts import ask, logs_in, put
+from test_link_kills import MODEL_FILE
+
+from automarine_cli.errors import SettingError
+from automarine_cli.link.client import Client
+from automarine_cli.link.collector import Collector
+from automarine_cli.link.document import LinkCampaign
+from automarine_cli.link.vehicles.can import CanBus
+from automarine_cli.logs import read_column_map
+from automarine_cli.planning.vehicle import Drive
+from automarine_cli.thrusters.forms import Curve
+
+SPEED = 20.0
+
+
+def on(vessel: Vessel, folder: Path, text: str = MOMENT, drive: Drive | None = None) -> CanBus:
+    """What drives the vessel."""
+    return CanBus(f"virtual:{vessel.channel}", read_column_map(column_map(folder, text)), drive, vessel.speed)
+
+
+def rows_of(log: bytes) -> list[dict[str, str]]:
+    """The rows of a log, without its remark."""
+    return list(csv.DictReader(line for line in log.decode().splitlines() if not line.startswith("#")))
+
+
+@pytest.mark.slow
+def test_a_campaign_over_can_is_fitted_as_it_is(run: Callable[..., Result], tmp_path: Path) -> None:
+    campaign = made_campaign(8, seconds=6.0, rate=20.0)
+    with Vessel(SPEED).afloat() as vessel, vehicle_at(tmp_path / "v", SPEED, on(vessel, tmp_path)) as vehicle:
+        collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 20.0, poll_s=0.02)
+        (state,) = collector.collect(campaign, stop=False)["campaigns"]
+    assert (state["played"], state["interrupted"], state["why_stopped"]) == (8, 0, None)
+    sent = sorted({moment for one in campaign.runs for moment, _ in one.commands})
+    assert np.allclose(sorted(set(vessel.moments())), sent, atol=0.001, rtol=0.0)  # as the signal holds them
+    assert {values["Depth"] for _, _, values in vessel.heard} == {0.5}  # its start value in the DBC
+    for log in logs_in(tmp_path / "pool").values():
+        rows = rows_of(log)
+        assert list(rows[0]) == ["time_s", "heading_deg", "yaw_rate_deg_s", "tau"]
+        assert [float(row["tau"]) for row in rows[:5]] == [0.0] * 5 and len(rows) > 100
+    fitted = run("fit-yaw", str(tmp_path / "pool"), "--fit-to", "whole-runs", "-o", str(tmp_path / "fit"))
+    assert fitted.exit_code == 0, fitted.output
+    model = json.loads((tmp_path / "fit" / "yaw_model.json").read_text())["models"]["3"]
+    assert model["I_r"]["value"] == pytest.approx(vessel.inertia, rel=0.05)  # its clock is that of a busy machine
+    assert model["k_rr"]["value"] == pytest.approx(vessel.drag, rel=0.03)
+
+
+def test_frames_come_at_a_steady_rate_and_end_with_neutral(tmp_path: Path) -> None:
+    campaign = made_campaign(2, seconds=10.0, rate=10.0)
+    with Vessel(SPEED).afloat() as vessel, vehicle_at(tmp_path / "v", SPEED, on(vessel, tmp_path)) as vehicle:
+        Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 20.0, poll_s=0.02).collect(campaign, stop=False)
+        time.sleep(0.2)
+        count = len(vessel.heard)
+        time.sleep(0.2)
+        assert len(vessel.heard) == count  # silence
+    per_run = 10 * (1 + 10 + 1) + 1
+    assert count == 2 * (per_run + 3)
+    assert vessel.moments()[-4:] == [0.0] * 4
+    for first, right in ((0, 0.4), (per_run + 3, -0.65)):
+        moments = np.round(vessel.moments()[first : first + per_run], 3)
+        assert np.array_equal(moments, np.repeat([0.0, right, 0.0], [10, 100, 11]))
+
+
+def test_nothing_but_neutral_after_a_stop(tmp_path: Path) -> None:
+    campaign = made_campaign(2, seconds=300.0)
+    with Vessel(SPEED).afloat() as vessel, vehicle_at(tmp_path / "v", SPEED, on(vessel, tmp_path)) as vehicle:
+        put(vehicle.port, campaign)
+        while not any(vessel.moments()[-1:]):
+            time.sleep(0.01)
+        assert ask(vehicle.port, "POST", "/stop")[0] == 200
+        heard = list(vessel.heard)
+        time.sleep(0.3)
+        assert vessel.heard[len(heard) :] == [] or all(not one["Moment"] for _, _, one in vessel.heard[len(heard) :])
+        assert vessel.moments()[-3:] == [0.0] * 3
+    ((name, log),) = logs_in(vehicle.store.runs).items()
+    assert name.endswith("_stopped.csv") and float(rows_of(log)[-1]["tau"]) == 0.0
+
+
+def _ends_early(vessel: Vessel, folder: Path, when: Callable[[Vessel], None], campaign: LinkCampaign) -> str:
+    with vessel.afloat(), vehicle_at(folder / "v", vessel.speed, on(vessel, folder)) as vehicle:
+        put(vehicle.port, campaign)
+        while not any(vessel.moments()[-1:]) and vessel.speaks:
+            time.sleep(0.01)
+        when(vessel)
+        ends = time.monotonic() + 10
+        while not (state := vehicle.store.state()["campaigns"][0])["over"] and time.monotonic() < ends:
+            time.sleep(0.02)
+        assert state["over"] and vessel.moments()[-3:] in ([0.0] * 3, [])
+        marks = [name.rpartition("_")[2] for name in logs_in(vehicle.store.runs)]
+        assert marks == (["stopped.csv"] if any(vessel.moments()) else [])
+        return str(state["why_stopped"])
+
+
+def test_a_compass_that_falls_silent_ends_the_campaign(tmp_path: Path) -> None:
+    def mute(vessel: Vessel) -> None:
+        vessel.speaks = False
+
+    why = _ends_early(Vessel(SPEED), tmp_path, mute, made_campaign(2, seconds=300.0))
+    assert why == "the compass fell silent; look at it before the next campaign"
+
+
+def test_without_a_compass_nothing_is_sent(tmp_path: Path) -> None:
+    vessel = Vessel(SPEED, speaks=False)
+    why = _ends_early(vessel, tmp_path, lambda vessel: None, made_campaign(2))
+    assert why.startswith("no heading came from the bus; look at the compass") and set(vessel.moments()) <= {0.0}
+
+
+def test_a_second_sender_ends_the_campaign(tmp_path: Path) -> None:
+    def intrude(vessel: Vessel) -> None:
+        vessel.intrudes = True
+
+    why = _ends_early(Vessel(SPEED), tmp_path, intrude, made_campaign(2, seconds=300.0))
+    assert why == "somebody else sends 0x124, by which the run is driven; make that sender stop"
+
+
+def test_two_thrusters_get_pulses(tmp_path: Path) -> None:
+    curve = Curve(a=1e-3, n_0=0.0, p=2.0)
+    drive = Drive(curve, curve, 0.1, 100.0, True, 1.0)
+    campaign = replace(made_campaign(2), moment_unit="N m")
+    found = on(Vessel(SPEED), tmp_path, PULSES, drive).steps(campaign, campaign.runs[0])
+    n = (0.4 / 0.1 / 2 / 1e-3) ** 0.5  # each pulls half of moment / arm
+    pulse = round(1500 + 4 * n)
+    still, driven = ("0", "0"), (f"{(pulse - 1500) / 4:g}", f"{(1500 - pulse) / 4:g}")
+    assert [one.shown for one in found] == [still, driven, still, still]
+    ports = [int.from_bytes(one.frames[0].data[:2], "little") for one in found]
+    assert ports == [1500, pulse, 1500, 1500]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (COLUMNS, "the DBC holds no signal tau; name the signal of each command in the column map"),
+        (COLUMNS + 'tau = "Drive.Nothing"\n', "the DBC holds no signal Drive.Nothing; name the signal"),
+        (COLUMNS + 'tau = "Open.Moment"\n', "Open also holds Lamp, for which the DBC gives no start value; add it"),
+        (MOMENT.replace("Compass.Heading", "Compass.None"), "names no signal of the DBC for the heading; write a line"),
+        (MOMENT.replace('[can]\ndbc = "bus.dbc"\n', ""), "give a column map with [can] dbc ="),
+    ],
+)
+def test_a_map_that_does_not_drive_is_refused(text: str, says: str, tmp_path: Path) -> None:
+    with pytest.raises(SettingError) as refused:
+        on(Vessel(SPEED), tmp_path, text).refuse(made_campaign())
+    assert says in str(refused.value)
+
+
+def test_commands_beyond_the_signal_are_refused(tmp_path: Path) -> None:
+    campaign = made_campaign(2)
+    large = replace(campaign.runs[1], commands=((2.5, 1.0),))
+    campaign = replace(campaign, runs=(campaign.runs[0], large), battery=replace(campaign.battery, at_moment=3.0))
+    with pytest.raises(SettingError, match=rf"run {large.name[:3]}.*2.5.*; plan smaller moments"):
+        on(Vessel(SPEED), tmp_path).refuse(campaign)
+    with pytest.raises(SettingError, match="plan for a model in N m, or leave --thrusters out"):
+        curve = Curve(a=1e-3, n_0=0.0, p=2.0)
+        on(Vessel(SPEED), tmp_path, PULSES, Drive(curve, curve, 0.1, 100.0, True, 1.0)).refuse(made_campaign())
+
+
+def test_a_dry_run_over_can(run: Callable[..., Result], tmp_path: Path) -> None:
+    (tmp_path / "campaign.json").write_text(made_campaign(2).text)
+    asked = [
+        "serve",
+        str(tmp_path / "v"),
+        "--vehicle",
+        "can",
+        "--dry-run",
+        "--campaign",
+        str(tmp_path / "campaign.json"),
+    ]
+    with_map = [*asked, "--bus", "virtual:dry", "--columns", str(column_map(tmp_path))]
+    assert "2 runs in 0.2 min" in run(*with_map).stdout
+    (tmp_path / "yaw_model.json").write_text(json.dumps(MODEL_FILE))
+    simulated = json.loads(run(*with_map, "--model", str(tmp_path / "yaw_model.json"), "--json").stdout)["planned"]
+    assert simulated[0]["turned_deg"] > 0 > simulated[1]["turned_deg"]
+    assert run(*asked).exit_code == 2  # no bus
+    assert "with [can] dbc" in run(*asked, "--bus", "virtual:dry").stderr
+
+
+@pytest.mark.parametrize("place", ["can0", "socketcan:", ":can0", "slcan:/dev/x@fast"])
+def test_a_bus_that_is_none_is_refused(place: str, tmp_path: Path) -> None:
+    with pytest.raises(SettingError, match=r"give python-can's INTERFACE:CHANNEL, such as socketcan:can0"):
+        replace(on(Vessel(SPEED), tmp_path), place=place).refuse(made_campaign())
+    with pytest.raises(SettingError, match=r"the bus slcan:/dev/none cannot be opened .*; look at the adapter"):
+        replace(on(Vessel(SPEED), tmp_path), place="slcan:/dev/none").refuse(made_campaign())
