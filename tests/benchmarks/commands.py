@@ -45,7 +45,7 @@ def cases(folder: Path) -> Iterator[Case]:
     tool = ("-m", "automarine_cli")
     out = ("-q", "--overwrite", "-o", str(folder / "out"))
     yield Case("--help", (*tool, "--help"), ("-c", "import click"), 0.9, 2.5)
-    yield Case(f"check, {RUNS} files", (*tool, "check", many, *out), ("-c", READING, many), 1.0, 5.0)
+    yield Case(f"check, {RUNS} files", (*tool, "check", many, *out), ("-c", READING, many), 1.0, 3.0)
     yield Case(f"fit-yaw, {RUNS} files", (*tool, "fit-yaw", many, *out), ("-c", READING, many), 1.0, 12.0)
     model = ("--model", str(folder / "model" / "yaw_model.json"))
     diagnosis = (*tool, "diagnose", few, *model, *out)
