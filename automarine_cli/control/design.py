@@ -208,9 +208,10 @@ def _price(
     """What is open and dear, in a sentence, and the effect to be settled; None where knowing it would gain little."""
     quick = paced(target, nominal, ROUGH)
     parts = list(zip(crowds, [one.instead for one in known.explanations])) if len(crowds) > 1 else []
-    if known.spread.late >= LONG_DELAY:
-        base = crowds[0]
-        prompt = base.vehicles.pick(np.flatnonzero(base.vehicles.late <= np.quantile(base.vehicles.late, 0.25)))
+    late = dead_time(crowds[0].vehicles)
+    early, latest = np.quantile(late, [0.25, 0.975])
+    if latest - late.min() >= LONG_DELAY:
+        prompt = crowds[0].vehicles.pick(np.flatnonzero(late <= early))
         parts.append((Crowd("a short delay", prompt), "input-delay"))
     for part, effect in parts:
         alone = searched(target, nominal, [part], task, 1)

@@ -131,6 +131,10 @@ def _covariance(known: PriorResults, model: YawModel, data: Mapping[str, object]
         there = [k for k, one in enumerate(names) if one in order]
         rows = [order.index(names[k]) for k in there]
         found[np.ix_(there, there)] = matrix[np.ix_(rows, rows)]
+    added = [name.partition(".")[0] in known.stored.effects for name in model.parameter_names]
+    most = np.where(added, FAINT * _sizes(model), np.inf)
+    share = np.minimum(most / np.maximum(np.sqrt(np.diagonal(found)), 1e-300), 1.0)
+    found = found * np.outer(share, share)
     fitted = np.diagonal(found) > 0
     return found + np.diag(np.where(fitted, (OWN_LAWS * model.theta) ** 2, 0.0))
 
