@@ -87,7 +87,9 @@ def read_knowledge(
     others = [_rival(known, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in known.doubts]
     if len(bare.terms) < len(known.model.terms):
         names = [term.name for term in known.model.terms if term not in bare.terms and not term.own]
-        others.append(Explanation(bare, _covariance(known, bare, data), f"without {', '.join(names)}", names[0]))
+        others.append(
+            Explanation(bare, _covariance(known, bare, data), f"the model without {', '.join(names)}", names[0])
+        )
     late, guessed, note = _late(known.model, said, delay)
     logged = next((term.values[1] for term in known.model.terms if term.name == "voltage-exponent"), 1.0)
     volts = (logged, supply[0] * logged, supply[1] * logged)
