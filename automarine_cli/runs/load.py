@@ -15,6 +15,7 @@ from automarine_cli.errors import FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_logs, require_motion
 from automarine_cli.logs.canonical import names_of
 from automarine_cli.logs.find import in_parcels
+from automarine_cli.logs.formats import format_of
 from automarine_cli.pipeline.parallel import together_stream
 from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.quantities import Floats
@@ -30,10 +31,9 @@ OfOneLog = tuple[list[Run], list[SetAside]]
 Reading = Callable[..., Iterator[OfOneLog]]
 
 MOST_REASONS = 3  # reasons shown when nothing is left
-PAYS_FROM = 3000  # logs from which processes are started to read them
+PAYS_FROM = 3000  # logs, read one by one, from which processes are started to read them
 FREED = 31 << 20
-"""Bytes of an array that is never written to: who has freed one as large as this (C library of GNU) keeps what smaller
-ones leave, instead of returning it to the system and asking for it again with every column."""
+"""Bytes of an array that is never filled: who freed one as large (GNU C library) keeps what smaller ones leave."""
 
 
 @dataclass(frozen=True)
@@ -132,8 +132,8 @@ def _gathered(
     kept: list[Kept] = []
     aside: list[SetAside] = []
     np.empty(FREED, dtype=np.uint8)
-    parcels = in_parcels(files)
-    for good, bad in together_stream(read, parcels, _paying(files, jobs), progress=progress, stage="reading logs"):
+    jobs = _paying(files, jobs)
+    for good, bad in together_stream(read, in_parcels(files), jobs, progress=progress, stage="reading logs"):
         kept += good
         aside += bad
     if strict and aside:
@@ -144,9 +144,9 @@ def _gathered(
 
 
 def _paying(files: Sequence[LogFile], jobs: int) -> int:
-    """`jobs` where they pay, else one: to start processes takes longer than to read few logs, and of few large ones
-    handing over what was read takes as long as reading it."""
-    return jobs if len(files) > PAYS_FROM else 1
+    """`jobs` where they pay: to start them takes longer than few logs, handing over longer than logs read together."""
+    alone = [file for file in files if (form := format_of(file.path.name)) is None or form.together is None]
+    return jobs if len(alone) > PAYS_FROM else 1
 
 
 def _read(files: Sequence[LogFile], read: Reading, columns: ColumnMap | None, dof: Dof) -> list[OfOneLog]:

@@ -236,8 +236,10 @@ def test_thruster_commands_instead_of_a_moment(tmp_path: Path) -> None:
 
 def test_the_same_on_one_and_two_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("automarine_cli.runs.load.PAYS_FROM", 0)
+    monkeypatch.setattr("automarine_cli.logs.find.PARCEL", (1, 1))
     for i in range(4):
-        written(replace(step_run(0.5, seed=i), name=f"r{i}"), tmp_path / f"r{i}.csv")
+        path = written(replace(step_run(0.5, seed=i), name=f"r{i}"), tmp_path / f"r{i}.csv")
+        pd.read_csv(path).to_parquet(path.with_suffix(".parquet"))
     (tmp_path / "bad.csv").write_text("x\n1\n")
     one, two = load_runs([tmp_path], dof=YAW), load_runs([tmp_path], jobs=2, dof=YAW)
     assert one.set_aside == two.set_aside and one.inputs == two.inputs
@@ -263,9 +265,12 @@ def test_processes_are_started_only_where_they_pay(tmp_path: Path, monkeypatch: 
         return stream(read, files, 1, **how)
 
     monkeypatch.setattr(load, "together_stream", noted)
-    written(step_run(0.5), tmp_path / "a.csv")
-    load.load_runs([tmp_path], jobs=2, dof=YAW)
+    path = written(step_run(0.5), tmp_path / "a.csv")
     monkeypatch.setattr(load, "PAYS_FROM", 0)
+    load.load_runs([tmp_path], jobs=2, dof=YAW)  # read together with others, sooner than handed over
+    pd.read_csv(path).to_parquet(tmp_path / "b.parquet")
     load.load_runs([tmp_path], jobs=2, dof=YAW)
     load.load_runs([tmp_path], jobs=1, dof=YAW)
-    assert asked == [1, 2, 1]
+    monkeypatch.setattr(load, "PAYS_FROM", 1)
+    load.load_runs([tmp_path], jobs=2, dof=YAW)
+    assert asked == [1, 2, 1, 1]
