@@ -37,8 +37,9 @@ EXACT, STEADY = 0.02, 0.05
 """Loops of the flights that are promised, and of those that gains are chosen by: see `paced`."""
 DEAREST = 2.0
 """How much longer gains for all explanations may take to settle than gains for the right one alone."""
-LONG_DELAY = 0.1
-"""Uncertain delay [s] from which on it is asked what knowing it would be worth."""
+LONG_DELAY = 0.14
+"""Spread of delays [s], between their quarters, from which on it is asked what knowing them would be worth: that of
+delays anywhere within 0.3 s."""
 
 
 @dataclass(frozen=True)
@@ -208,9 +209,10 @@ def _price(
     """What is open and dear, in a sentence, and the effect to be settled; None where knowing it would gain little."""
     quick = paced(target, nominal, ROUGH)
     parts = list(zip(crowds, [one.instead for one in known.explanations])) if len(crowds) > 1 else []
-    if known.spread.late >= LONG_DELAY:
-        base = crowds[0]
-        prompt = base.vehicles.pick(np.flatnonzero(base.vehicles.late <= np.quantile(base.vehicles.late, 0.25)))
+    late = dead_time(crowds[0].vehicles)
+    early, later = np.quantile(late, [0.25, 0.75])
+    if later - early >= LONG_DELAY:
+        prompt = crowds[0].vehicles.pick(np.flatnonzero(late <= early))
         parts.append((Crowd("a short delay", prompt), "input-delay"))
     for part, effect in parts:
         alone = searched(target, nominal, [part], task, 1)

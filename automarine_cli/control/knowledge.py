@@ -87,7 +87,9 @@ def read_knowledge(
     others = [_rival(known, main, doubt.effect, doubt.rival, largest or 1.0) for doubt in known.doubts]
     if len(bare.terms) < len(known.model.terms):
         names = [term.name for term in known.model.terms if term not in bare.terms and not term.own]
-        others.append(Explanation(bare, _covariance(known, bare, data), f"without {', '.join(names)}", names[0]))
+        others.append(
+            Explanation(bare, _covariance(known, bare, data), f"the model without {', '.join(names)}", names[0])
+        )
     late, guessed, note = _late(known.model, said, delay)
     logged = next((term.values[1] for term in known.model.terms if term.name == "voltage-exponent"), 1.0)
     volts = (logged, supply[0] * logged, supply[1] * logged)
@@ -131,6 +133,10 @@ def _covariance(known: PriorResults, model: YawModel, data: Mapping[str, object]
         there = [k for k, one in enumerate(names) if one in order]
         rows = [order.index(names[k]) for k in there]
         found[np.ix_(there, there)] = matrix[np.ix_(rows, rows)]
+    added = [name.partition(".")[0] in known.stored.effects for name in model.parameter_names]
+    most = np.where(added, FAINT * _sizes(model), np.inf)
+    share = np.minimum(most / np.maximum(np.sqrt(np.diagonal(found)), 1e-300), 1.0)
+    found = found * np.outer(share, share)
     fitted = np.diagonal(found) > 0
     return found + np.diag(np.where(fitted, (OWN_LAWS * model.theta) ** 2, 0.0))
 

@@ -5,6 +5,7 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import NoReturn
 
@@ -28,9 +29,10 @@ def find_logs(arguments: Logs) -> list[LogFile]:
     if not arguments:
         raise LogError("no logs given; name log files, directories or quoted globs")
     found: dict[str, LogFile] = {}
+    resolved = cache(Path.resolve)  # of folders; most hold many logs
     for argument in arguments:
         for log in [argument] if isinstance(argument, LogFile) else _meant_by(str(argument)):
-            key = _key(log.path)
+            key = f"{resolved(log.path.parent)}/{log.path.name}"
             if key not in found or _claim(log) > _claim(found[key]):
                 found[key] = log
     return sorted(_told_apart(list(found.values())), key=_place)
@@ -122,11 +124,11 @@ def _inside(folder: Path, prefix: str | None = None) -> Iterator[LogFile]:
     prefix = folder.resolve().name if prefix is None else prefix
     for here, folders, files in os.walk(folder, onerror=_refuse_closed):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
+        above = Path(here)
+        inner = [*([prefix] if prefix else []), *above.relative_to(folder).parts]
         for name in sorted(files):
-            path = Path(here, name)
-            if not name.startswith(".") and _begins_as_a_log(path):
-                inner = path.relative_to(folder).as_posix()
-                yield LogFile(path, printable(f"{prefix}/{inner}" if prefix else inner), named=False)
+            if not name.startswith(".") and _begins_as_a_log(path := above / name):
+                yield LogFile(path, printable("/".join([*inner, name])), named=False)
 
 
 def _begins_as_a_log(path: Path) -> bool:

@@ -104,6 +104,7 @@ def formats() -> tuple[Format, ...]:
     return tuple(module.FORMAT for module in loaded if hasattr(module, "FORMAT"))
 
 
+@cache
 def suffixes() -> tuple[str, ...]:
     """All file name endings that are logs, longest first."""
     return tuple(sorted((s for f in formats() for s in f.suffixes), key=lambda s: (-len(s), s)))
@@ -111,7 +112,8 @@ def suffixes() -> tuple[str, ...]:
 
 def suffix_of(name: str) -> str | None:
     """The known ending of a file name (case does not matter), or None."""
-    return next((s for s in suffixes() if name.lower().endswith(s)), None)
+    lower = name.lower()
+    return next((s for s in suffixes() if lower.endswith(s)), None)
 
 
 def stem_of(name: str) -> str:

@@ -15,6 +15,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from typing import Any, TypeVar
 
 from automarine_cli.errors import SettingError
@@ -81,6 +82,20 @@ def ordered_stream(
     handing = _Handing(prepare, at_once)
     found = _in_order(function, work, min(_checked(jobs), len(work)), cluster if work else None, stage, handing)
     return counted(progress, stage, found, len(work))
+
+
+def together_stream(
+    function: Callable[[list[Item]], list[Result]],
+    parcels: Iterable[list[Item]],
+    jobs: int = 1,
+    *,
+    progress: Progress = silent,
+    stage: str = "",
+) -> Iterator[Result]:
+    """`ordered_stream` of a function that takes several items at once and gives a result for each."""
+    work = list(parcels)
+    found = chain.from_iterable(ordered_stream(function, work, jobs, stage=stage))
+    return counted(progress, stage, found, sum(map(len, work)))
 
 
 @dataclass(frozen=True)

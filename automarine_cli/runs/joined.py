@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 
@@ -45,10 +46,10 @@ class Joined:
 
 
 def in_batches(runs: Iterable[Run]) -> Iterator[Sequence[Run]]:
-    """The runs in order, as many at a time as are looked at together."""
-    every = list(runs)
-    edges = edges_of([len(run) for run in every])
-    return (every[a:b] for a, b in together(edges))
+    """The runs in order, as many of one motion at a time as are looked at together."""
+    for _, own in groupby(runs, key=lambda run: run.dof.name):
+        every = list(own)
+        yield from (every[a:b] for a, b in together(edges_of([len(run) for run in every])))
 
 
 def slopes(time: Floats, position: Floats, first: Indices, stop: Indices) -> tuple[Floats, Floats]:

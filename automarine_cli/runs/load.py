@@ -5,7 +5,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain, islice
+from itertools import islice
 from typing import TypeVar
 
 import numpy as np
@@ -15,8 +15,8 @@ from automarine_cli.errors import FitError, LogError, RunError
 from automarine_cli.logs import ColumnMap, LogFile, Logs, LogTable, find_logs, read_logs, require_motion
 from automarine_cli.logs.canonical import names_of
 from automarine_cli.logs.find import in_parcels
-from automarine_cli.pipeline.parallel import ordered_stream
-from automarine_cli.pipeline.progress import Progress, counted, silent
+from automarine_cli.pipeline.parallel import together_stream
+from automarine_cli.pipeline.progress import Progress, silent
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.allocation_limits import AllocationLimit, within_limits
 from automarine_cli.runs.clean import NotUsable, Split, clean, plain_rows, too_short
@@ -132,8 +132,8 @@ def _gathered(
     kept: list[Kept] = []
     aside: list[SetAside] = []
     np.empty(FREED, dtype=np.uint8)
-    found = ordered_stream(read, in_parcels(files), _paying(files, jobs), stage="reading logs")
-    for good, bad in counted(progress, "reading logs", chain.from_iterable(found), len(files)):
+    parcels = in_parcels(files)
+    for good, bad in together_stream(read, parcels, _paying(files, jobs), progress=progress, stage="reading logs"):
         kept += good
         aside += bad
     if strict and aside:

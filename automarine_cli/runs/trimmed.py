@@ -1,7 +1,7 @@
 """What a fit to half-turns keeps of a run: the samples of its half-turn and a little around it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -55,4 +55,7 @@ def _copied(run: Run, start: int, stop: int) -> Run:
     moment = None if run.moment is None else run.moment[start:stop].copy()
     kept = (name for name in run.extras if name in (run.dof.velocity, ASKED) or SINGLE.fullmatch(name))
     extras = {name: run.extras[name][start:stop].copy() for name in kept}
-    return replace(run, time=time, position=position, moment=moment, extras=extras)
+    return Run(
+        run.name, run.source, time, position, moment, run.moment_unit, extras, run.counts, run.notes, run.reading,
+        run.summed_up, run.commanded, dof=run.dof,
+    )  # fmt: skip

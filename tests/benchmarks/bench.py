@@ -91,7 +91,7 @@ def main() -> None:
         options.out.parent.mkdir(parents=True, exist_ok=True)
         options.out.write_text(json.dumps(results, indent=1, default=float) + "\n")
     print(f"Results are in {options.out}", file=sys.stderr)
-    if outside := results.get("commands", {}).get("outside"):
+    if outside := [name for section in results.values() for name in section.get("outside", ())]:
         sys.exit(f"Slower or faster than expected: {', '.join(outside)}")
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import pytest
 
 import automarine_cli
-from automarine_cli.logs.csv import _SIGNATURES
+from automarine_cli.logs.csv_text import _SIGNATURES
 from automarine_cli.logs.mixing import ELSE, FETCH
 from automarine_cli.pipeline.staging import ADVICE
 

@@ -125,7 +125,8 @@ def test_the_planned_runs_settle_a_tie(tmp_path: Path) -> None:
     rest = {
         "schema": SCHEMA, "seed": 3, "vehicle": {"I_r": 0.3, "k_rr": 1.0, "moment_unit": "nu"},
         "effects": [{"name": "input-delay", "t_d": 0.4}], "logger": {"rate_hz": 10.0, "noise_deg": 0.7},
-        "scatter": {"gain": 0.03}, "runs": [{"kind": "step", "moments": [0.3, -0.3, 0.6, -0.6, 1.0, -1.0]}],
+        "scatter": {"gain": 0.03},
+        "runs": [{"kind": "step", "moments": [0.3, -0.3, 0.6, -0.6, 1.0, -1.0], "turn_deg": 180.0}],
     }  # fmt: skip
     am.simulate(written(tmp_path / "rest.json", rest), out=tmp_path / "rest")
     am.diagnose([str(tmp_path / "day"), str(tmp_path / "rest")], model=bare, out=tmp_path / "diagnosis")

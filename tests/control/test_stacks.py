@@ -1,12 +1,14 @@
 """The stacks by their parts against closed forms, to both sides, and the file that is flown against the stack."""
 
 import json
+import struct
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from made_vehicles import gains_of, vehicle
+from repository import DATA
 
 from automarine_cli.control.authority import turning
 from automarine_cli.control.design import nominal_of
@@ -22,6 +24,7 @@ from automarine_cli.thrusters.forms import Curve
 from automarine_cli.thrusters.map import ThrusterMap
 
 DEG = np.pi / 180
+BLUEROV = DATA / "ardusub" / "small.BIN"
 
 
 def test_the_root_law_is_in_proportion_near_and_stops_in_time_far_off() -> None:
@@ -250,3 +253,13 @@ def test_the_whole_output_is_as_far_as_the_map_was_measured(unit: str, reach: fl
     bend, found = turning(known, 0.25)
     assert found == pytest.approx(most, rel=1e-12)
     np.testing.assert_allclose(bend.share, plain.share, atol=1e-12)
+
+
+@pytest.mark.skipif(not BLUEROV.is_file(), reason="needs the real logs beside the checkout")
+def test_the_defaults_are_those_of_a_real_vehicle() -> None:
+    """A BlueROV2 Heavy with ArduSub 4.1 that nobody tuned: every parameter of the stack stands in its log."""
+    log = BLUEROV.read_bytes()
+    for one in get("ardusub").parameters:
+        place = log.find(one.name.encode().ljust(16, b"\0"))
+        assert place > 0, one.name
+        assert struct.unpack("<f", log[place + 16 : place + 20])[0] == pytest.approx(one.default)

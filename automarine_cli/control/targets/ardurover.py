@@ -1,7 +1,9 @@
 """ArduPilot Rover's steering stack, for boats that turn by their thrusters: angle loop, rate loop with feed-forward.
 
-Fifty loops a second. Source: ArduPilot, libraries APM_Control/AR_AttitudeControl.cpp and AC_PID; the gyro's low-pass,
-slower than Sub's, in AP_InertialSensor.
+Fifty loops a second (SCHED_LOOP_RATE). Source: ArduPilot, libraries APM_Control/AR_AttitudeControl.cpp (its defaults of
+ATC_STR_ANG_P, RAT_MAX and ACC_MAX are 2.0, 120 and 120; older sources have 2.5, 360 and 180), AC_PID, AP_Scheduler; the
+gyro's low-pass, slower than Sub's, in AP_InertialSensor (INS_GYRO_FILTER, 4 Hz). Not flown: the limit by
+ATC_TURN_MAX_G, beyond 300 deg/s below 1 m/s.
 """
 
 import numpy as np

@@ -2,8 +2,10 @@
 
 In each of its 400 loops a second the rate controller and the motors come first, the angle loop after them: what that
 asks for acts one loop later. The integrator rests while the last output was at its limit, unless it would come back.
-Source: ArduPilot, libraries AC_AttitudeControl (AC_AttitudeControl.cpp, AC_AttitudeControl_Sub.cpp), AC_PID and
-AP_Math/control.cpp; the gyro's low-pass in AP_InertialSensor.
+Source: ArduPilot, libraries AC_AttitudeControl (AC_AttitudeControl and AC_AttitudeControl_Sub, .cpp and .h), AC_PID and
+AP_Math/control.cpp; the gyro's low-pass in AP_InertialSensor (INS_GYRO_FILTER, 20 Hz), the order of the loop in
+ArduSub/Sub.cpp. Defaults are also those of a BlueROV2's log (4.1), but for SCHED_LOOP_RATE, 200 there and 400 in the
+source. The default of ATC_ACCEL_Y_MAX lies outside its documented range; later sources hold it in deg/s² (1100).
 """
 
 import numpy as np
