@@ -24,9 +24,8 @@ from automarine_cli.quantities import Floats
 COUNTS = (16, 24, 36, 54)
 """Numbers of nodes that are tried in turn."""
 
-PAYS = 4
-"""Samples a node from which on nodes pay, and polynomials through samples are well posed; shorter runs keep their
-samples."""
+PAYS = 2
+"""Samples a node from which on nodes pay; shorter runs keep their samples."""
 
 CLOSE_ENOUGH = 1e-5
 """Largest share [rad], rms over a run, of the two highest polynomials in headings: a thousandth of a degree's noise.
@@ -67,11 +66,11 @@ def nodes_of(time: Floats, heading: Floats, seen: NDArray[np.bool_], interval: F
     long = after.sum(axis=1) >= PAYS * count
     alone = seen & ~rest & ~(after & long[:, None])  # samples that stand for themselves
     samples = int(alone.sum(axis=1).max(initial=0))
-    width = samples + 1 + (count if long.any() else 0)
-    if 2 * width > time.shape[1]:
+    own = alone.sum(axis=1) + rest.any(axis=1) + np.where(long, count, 0)
+    if 2 * own.max() > time.shape[1]:
         return None
-    shape = (len(time), width)
-    at, root, reduced, highest = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros((len(time), 2, width))
+    shape = (len(time), samples + 1 + (count if long.any() else 0))
+    (at, root, reduced), highest = np.zeros((3, *shape)), np.zeros((len(time), 2, shape[1]))
     kept, (own_time, own_heading) = _gathered(alone, time, heading)
     at[:, :samples], root[:, :samples], reduced[:, :samples] = own_time, kept, own_heading
     resting = rest.sum(axis=1)
@@ -85,7 +84,8 @@ def nodes_of(time: Floats, heading: Floats, seen: NDArray[np.bool_], interval: F
         inside, (t, y) = _gathered(after[runs], time[runs], heading[runs])
         at[part], root[part], reduced[part], off, highest[runs, :, samples + 1 :] = _quadrature(t, y, inside, count)
         left[runs] += off
-    return Nodes(at, root, reduced, root > 0.0, left, highest)
+    seen, (at, root, reduced, *two) = _gathered(root > 0.0, at, root, reduced, highest[:, 0], highest[:, 1])
+    return Nodes(at, root, reduced, seen, left, np.stack(two, axis=1))
 
 
 def _gathered(mask: NDArray[np.bool_], *arrays: Floats) -> tuple[NDArray[np.bool_], tuple[Floats, ...]]:
