@@ -146,6 +146,10 @@ def _designed(
         return said("cannot-promise", dear[0], left=dear[1])
     assert chosen is not None
     new = outcome(target, chosen, crowds, task, exact)
+    if _is_late(new, task) and _keeps(new, crowds, task):
+        task = replace(task, seconds=2.0 * task.seconds)
+        new = outcome(target, chosen, crowds, task, exact)
+        old = None if present is None else outcome(target, present, some, task, exact)
     if not _keeps(new, crowds, task):
         return None
     return said("gains", _why(new, old, task), new)
@@ -172,6 +176,12 @@ def _keeps(found: Outcome, crowds: Sequence[Crowd], task: Task) -> bool:
     good = (found.margins.disk >= task.margin) & found.scores.settles
     ends = np.cumsum([len(one.vehicles) for one in crowds])[:-1]
     return all(np.mean(part) >= SHARE for part in np.split(good, ends))
+
+
+def _is_late(found: Outcome, task: Task) -> bool:
+    """Whether too little of the flights is seen after the vehicles settled: in a dead-band a loop may rest for a while
+    and then swing out again."""
+    return bool(np.mean(found.scores.settling > 0.5 * task.seconds) > 1.0 - SHARE)
 
 
 def _chosen(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task) -> dict[str, float] | None:

@@ -128,6 +128,18 @@ def test_nothing_is_promised_where_the_delay_is_not_known(run: Run, tmp_path: Pa
     assert json.loads(known.stdout)["verdict"] == "gains"
 
 
+def test_what_a_dead_band_does_after_a_while_is_seen(tmp_path: Path) -> None:
+    """Thrusters that give nothing below an eighth of their output, and a sluggish compass: a slow loop comes to rest
+    within 2 degrees late in its flight, and leaves them again when its sum has grown; so it is flown for longer."""
+    content = model(0.16, 1.47, 1.0, "nu")
+    content["effects"] = [
+        {"name": "dead-band", "parameters": {"width": estimate(0.117, "nu", 0.003), "law": 1.0, "stall": 0.5}},
+        {"name": "sensor-lag", "parameters": {"T_s": estimate(0.168, "s", 0.01)}},
+    ]
+    found = am.tune(written(tmp_path, content), target="python", full=1.0, beyond_range=True).made
+    assert found.verdict == "cannot-promise" and "do not settle for 95%" in found.why
+
+
 def test_no_gains_keep_a_margin_that_none_can_keep(run: Run, tmp_path: Path) -> None:
     path = written(tmp_path, model(29.0, 30.0, 40.0, lag=0.2, delay=0.5))
     found = run("tune", path, "--for", "ardurover", "--full", "40")
