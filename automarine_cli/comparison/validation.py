@@ -139,11 +139,17 @@ class Ahead:
     dof: Dof
 
     @property
+    def of_use(self) -> bool:
+        """Whether the best model predicts better than constants do; what cannot be judged counts as of use."""
+        one = None if self.best is None else judged_of(self.worth[self.best])
+        return one is None or one.of_use
+
+    @property
     def sentence(self) -> str:
         """One line: of what use the best model is."""
         if self.best is None or (one := judged_of(self.worth[self.best])) is None:
             return "These runs are driven and disturbed, and too short to judge predictions."
-        if one.of_use:
+        if self.of_use:
             return f"Model {self.best} predicts {one.beside(self.dof)}."
         which = "The model is" if len(self.worth) == 1 else "No model is"
         return (

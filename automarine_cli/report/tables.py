@@ -171,7 +171,12 @@ def _markdown(text: str) -> str:
     """Text without meaning to Markdown or HTML: k_r stays k_r, but no `_x_`, `$x$`, `~~x~~` or `&lt;`."""
     text = re.sub(r"([\\|`*<>\[\]$~])", r"\\\1", _one_line(text))
     text = re.sub(r"(?<![A-Za-z0-9])_|_(?![A-Za-z0-9])", r"\\_", text)
-    return re.sub(r"&(?=#?\w+;)", "&amp;", text)
+    return code_again(re.sub(r"&(?=#?\w+;)", "&amp;", text))
+
+
+def code_again(escaped: str) -> str:
+    """Escaped Markdown in which the commands that our own sentences name stay code."""
+    return re.sub(r"\\`(automarine [a-z-]+)\\`", r"`\1`", escaped)
 
 
 def _markdown_row(row: tuple[Cell, ...]) -> str:

@@ -212,7 +212,9 @@ STEPS = (
     Step("tune", "tune", tune, _tune, "tune"),
 )
 FOLDERS = tuple(
-    StepFolder(step.folder, step.work.kept.kind, not step.motion) for step in STEPS if step.work.kept is not None
+    StepFolder(step.folder, step.name, step.work.kept.kind, not step.motion)
+    for step in STEPS
+    if step.work.kept is not None
 )
 """What a report is made from."""
 REPORT = "report"
