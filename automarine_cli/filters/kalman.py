@@ -57,6 +57,7 @@ class Followed:
     places: States
 
     @cached_property
+    @np.errstate(over="ignore", invalid="ignore")  # where a filter runs away
     def log_density(self) -> Floats:
         """Log density of the readings of each run, (P, R)."""
         read = self.variance > 0

@@ -40,14 +40,14 @@ def is_driven(
 
 def fitted_driven(
     runs: Sequence[Run], course: Course, each: Map, with_effects: Sequence[str]
-) -> dict[str, OutputErrorFit]:
-    """The models that driven runs can carry; with none, the first one's refusal."""
+) -> tuple[dict[str, OutputErrorFit], dict[str, str]]:
+    """The models that driven runs can carry, and why others are not fitted; with none, the first one's refusal."""
     ask = partial(_fit_driven_model, runs=runs, course=course, with_effects=tuple(with_effects))
     found = dict(zip("123", each(ask, ("1", "2", "3"))))
     kept = {number: one for number, one in found.items() if isinstance(one, OutputErrorFit)}
     if not kept:
         raise next(one for one in found.values() if isinstance(one, FitError))
-    return kept
+    return kept, {number: str(one) for number, one in found.items() if isinstance(one, FitError)}
 
 
 def _fit_driven_model(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError, RunError
 from automarine_cli.filters.course import make_course
+from automarine_cli.filters.nodes import averaged_over
 from automarine_cli.fits.drag import FEWEST_A_WAY
 from automarine_cli.fits.driven_models import STEPS, both_ways, fitted_driven, is_driven
 from automarine_cli.fits.driven_use import left_out, prefer_driven, use_of
@@ -170,12 +171,21 @@ def _fit_whole(
     driven = is_driven(moving, at_rest, chosen.names, with_effects)
     if driven:
         course = make_course(moving, at_rest, channels=chosen.names)
-        fits = fitted_driven(moving, course, each, with_effects)
+        fits, refused = fitted_driven(moving, course, each, with_effects)
     else:
+        refused = {}
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names)
         fits = dict(zip("123", each(ask, ("1", "2", "3"))))
     words = dof.words
-    how = "by the innovations of a filter" if driven else "by output error"
+    how = "by output error, for the evidence asks for no disturbance"
+    if driven:
+        how = f"by the innovations of a filter{', for they are disturbed' * (not with_effects)}"
+        period = float(np.median([run.sample_period for run in moving]))
+        if averaged_over(period) > 1:
+            how += (
+                f"; readings at {1 / period:.3g} Hz were averaged over {averaged_over(period) * period:.2g} s, "
+                "commands count exactly"
+            )
     why = (
         f"The whole runs were fitted {how}, as asked ({'--with' if with_effects else '--fit-to whole-runs'}); steady "
         f"{words.speed}s and velocity errors are of {words.step}s only"
@@ -191,7 +201,8 @@ def _fit_whole(
     number = preference.number
     use = use_of(course, fits[number], ahead[number]) if driven else None
     if use is not None:
-        warnings = (*use.warnings(dof), *warnings)
+        missing = (f"Model {absent} could not be fitted: {reason}." for absent, reason in refused.items())
+        warnings = (*use.warnings(dof), *missing, *warnings)
     return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, dof, chosen, use)
 
 

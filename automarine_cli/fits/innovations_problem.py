@@ -143,6 +143,7 @@ class Innovations:
     density: Floats
 
 
+@np.errstate(over="ignore", invalid="ignore")  # where a filter runs away
 def innovations_of(found: Followed, part: slice, steps: Floats | float, base: Innovations | None = None) -> Innovations:
     """Innovations at a point, and how they change per step from there to the parameter sets `part` of what was
     filtered. The point is that of `base` if it is given, else the first of them."""
@@ -154,9 +155,8 @@ def innovations_of(found: Followed, part: slice, steps: Floats | float, base: In
         )
         error, variance = error[:, 1:], variance[:, 1:]
     step = np.broadcast_to(steps, error.shape[1])[:, None, None]
-    with np.errstate(over="ignore", invalid="ignore"):  # where a filter runs away
-        by = np.where(base.read[:, None], (error - base.error[:, None]) / step, 0.0)
-        spread = np.where(base.read[:, None], (variance - base.variance[:, None]) / step, 0.0)
+    by = np.where(base.read[:, None], (error - base.error[:, None]) / step, 0.0)
+    spread = np.where(base.read[:, None], (variance - base.variance[:, None]) / step, 0.0)
     sane = np.isfinite(np.sum(by + spread, axis=(0, 2, 3), keepdims=True))[0]
     return replace(base, by=np.where(sane, by, 0.0), spread=np.where(sane, spread, 0.0))
 
@@ -175,6 +175,7 @@ class Slopes:
         return total if np.isfinite(total) else -np.inf
 
     @classmethod
+    @np.errstate(over="ignore", invalid="ignore")  # where a filter runs away
     def of(cls, parts: Sequence[Innovations]) -> "Slopes":
         """From innovations about one point, with derivatives by different parameters, in their order."""
         base = parts[0]
@@ -187,8 +188,7 @@ class Slopes:
         gradient += 0.5 * np.einsum("crk,cfrk->rf", np.where(base.read, bounded * z - 1.0, 0.0), spreads)
         c, f, r, k = columns.shape
         flat, wide = (np.moveaxis(x, 2, 0).swapaxes(1, 2).reshape(r, f, c * k) for x in (columns, spreads))
-        with np.errstate(over="ignore", invalid="ignore"):  # where a filter runs away
-            information = flat @ flat.swapaxes(1, 2) + 0.5 * wide @ wide.swapaxes(1, 2)
+        information = flat @ flat.swapaxes(1, 2) + 0.5 * wide @ wide.swapaxes(1, 2)
         return cls(base.density, gradient, information)
 
 
