@@ -1,7 +1,7 @@
 """The likelihood of driven and disturbed runs, and what is random in it; see innovations.py for the method."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import FAR, Followed, Noises, follow
+from automarine_cli.fits.known import Prior, bounds_of, prior_of
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.outcome import natural_of, search_of
 from automarine_cli.models.vehicle import Vehicle
@@ -37,7 +38,8 @@ class Randomness:
 class DrivenProblem:
     """Likelihood of a model on a course. theta is the model's parameters, then those of `random`, in the order that
     `noises` takes them; `bounds` (p, 2) and `positive` (p,) are those of theta, `scale` (p,) what is a small step.
-    `known` (p, p) is the precision about zero of what is known of parameters that are not positive, None for nothing.
+    `smooth` (p, p) is the precision about zero of parameters that are not positive, as of a smooth curve; `known` are
+    parameters that are known beforehand.
     """
 
     model: Vehicle
@@ -47,7 +49,12 @@ class DrivenProblem:
     positive: NDArray[np.bool_]
     scale: Floats
     random: tuple[Randomness, ...]
-    known: Floats | None = None
+    smooth: Floats | None = None
+    known: Mapping[str, Prior] = field(default_factory=dict)
+
+    def informed(self, known: Mapping[str, Prior]) -> "DrivenProblem":
+        """The same problem with parameters that are `known` beforehand, by name."""
+        return replace(self, known=known, bounds=bounds_of(known, self.names, self.bounds))
 
     @cached_property
     def free(self) -> NDArray[np.int64]:
@@ -67,7 +74,9 @@ class DrivenProblem:
         for i, one in enumerate(self.random, count - len(self.random)):
             mean[i] = one.median if one.signed else np.log(one.median)
             precision[i, i] = one.spread**-2
-        return mean, precision if self.known is None else precision + self.known
+        if (known := prior_of(self.known, self.names, self.positive)) is not None:
+            mean, precision = mean + known[0], precision + known[1]
+        return mean, precision if self.smooth is None else precision + self.smooth
 
     @cached_property
     def prior_information(self) -> Floats:
