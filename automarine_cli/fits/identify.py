@@ -181,16 +181,10 @@ def _fit_whole(
     driven = is_driven(moving, at_rest, chosen.names, with_effects)
     if driven:
         course = make_course(moving, at_rest, channels=chosen.names)
-<<<<<<< HEAD
-        fits, refused = fitted_driven(moving, course, each, with_effects)
+        fits, refused = fitted_driven(moving, course, each, with_effects, known.parameters)
     else:
         refused = {}
-        ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names)
-=======
-        fits = fitted_driven(moving, course, each, with_effects, known.parameters)
-    else:
         ask = partial(_fit_whole_model, runs=moving, at_rest=at_rest, channels=chosen.names, known=known)
->>>>>>> planar
         fits = dict(zip("123", each(ask, ("1", "2", "3"))))
     words = dof.words
     how = "by output error, for the evidence asks for no disturbance"
@@ -217,16 +211,11 @@ def _fit_whole(
     number = preference.number
     use = use_of(course, fits[number], ahead[number]) if driven else None
     if use is not None:
-<<<<<<< HEAD
         missing = (f"Model {absent} could not be fitted: {reason}." for absent, reason in refused.items())
         warnings = (*use.warnings(dof), *missing, *warnings)
-    return YawFit(unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, dof, chosen, use)
-=======
-        warnings = (*use.warnings(dof), *warnings)
     return YawFit(
         unit, (), None, moving, fits, None, why, preference, short, warnings, cautions, dof, chosen, use, known
     )
->>>>>>> planar
 
 
 def _too_little(run: Run) -> str:
