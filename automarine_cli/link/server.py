@@ -161,6 +161,7 @@ class LinkServer(ThreadingHTTPServer):
     """
 
     daemon_threads = True
+    request_queue_size = MOST_STRANGERS
 
     def __init__(
         self,
