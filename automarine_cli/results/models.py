@@ -72,7 +72,7 @@ class Said:
 class ModelFile(ResultRecord):
     """`yaw_model.json`, or that of another motion: models by number."""
 
-    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "random", "prediction")
+    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "random", "prediction", "time_constant_s")
     models: Mapping[str, ModelEntry | None]
     preferred: str
     force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))
