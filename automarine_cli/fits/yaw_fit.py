@@ -13,7 +13,7 @@ from automarine_cli.fits.drag import nested_test
 from automarine_cli.fits.driven_use import Use
 from automarine_cli.fits.innovations import InnovationsFit, random_estimates
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
-from automarine_cli.fits.output_error import OutputErrorFit, Preference, estimate_of
+from automarine_cli.fits.output_error import OutputErrorFit, Preference, estimate_of, run_dof
 from automarine_cli.fits.step_response import StepData
 from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.fits.velocity_error import VelocityErrorFit
@@ -70,6 +70,21 @@ class YawFit(Shown):
         return self.preferred.inertial_turn_angle or (None if other is None else other.inertial_turn_angle)
 
     @property
+    def time_constant(self) -> Estimate | None:
+        """Inertia over linear drag [s] of model 1, where that is preferred."""
+        fit, own = self.preferred, self.dof.symbols
+        if fit.number != "1" or own.linear not in fit.estimates:
+            return None
+        found, direction = fit.mixed, np.zeros(len(fit.mixed.theta))
+        at = [found.names.index(self.dof.parameter(role)) for role in ("inertia", "linear")]
+        if not (found.theta[at] > 0).all() or set(at) & set(found.at_bound):
+            return None
+        direction[at] = np.where(found.positive[at], 1.0, 1.0 / found.theta[at]) * np.array([1.0, -1.0])
+        stderr = float(np.sqrt(max(direction @ fit.covariance @ direction, 0.0)))
+        value = float(found.theta[at[0]] / found.theta[at[1]])
+        return Estimate.from_log(value, stderr, run_dof(found, direction), "s")
+
+    @property
     def used(self) -> int:
         """Number of runs fitted."""
         return len(self.turns) or len(self.runs)
@@ -102,6 +117,7 @@ class YawFit(Shown):
                 effects=_effects_json(fit),
             ),
             **self._driven_json(),
+            **({} if self.time_constant is None else {"time_constant_s": self.time_constant.to_json()}),
             "gain_scatter": fit.gain_scatter.to_json(),
             "switch_offset": fit.offset.to_json(),
             f"{dof.words.position}_noise_{dof.units.key}": None
@@ -193,18 +209,25 @@ class YawFit(Shown):
 
 def _effects_json(fit: OutputErrorFit) -> list[dict[str, object]]:
     """The effects beside drag that a fit was asked to have, as an extended model holds them."""
-    found: list[dict[str, object]] = []
-    model = fit.model
+    return [
+        {"name": effect, "parameters": {name: one.to_json() for name, one in own.items()}}
+        for effect, own in effect_estimates(fit).items()
+    ]
+
+
+def effect_estimates(fit: OutputErrorFit) -> dict[str, dict[str, Estimate]]:
+    """Estimates of the effects beside drag that a fit was asked to have, by effect and parameter; standard errors of
+    zero are of what is not fitted."""
+    found, model = {}, fit.model
     for term in model.terms:
         if term.own:
             continue
         names = effects.get(term.name).names_in(model.dof)
         card = effects.get(term.name).card(model.dof, model.moment_unit)
-        own = {
-            name: estimate_of(fit.mixed, fit.covariance, model.index(f"{term.name}.{name}"), parameter.unit).to_json()
+        found[term.name] = {
+            name: estimate_of(fit.mixed, fit.covariance, model.index(f"{term.name}.{name}"), parameter.unit)
             for name, parameter in zip(names, card.parameters)
         }
-        found.append({"name": term.name, "parameters": own})
     return found
 
 

@@ -40,7 +40,7 @@ def tables(fit: YawFit, short: bool = False) -> tuple[Table, Table]:
 
 def sentences(fit: YawFit) -> tuple[str, ...]:
     """What a person should read beside the tables: choice, inertial turn angle, scatter, warnings."""
-    preferred, turn = fit.preferred, fit.inertial_turn_angle
+    preferred, turn = fit.preferred, fit.preferred.inertial_turn_angle
     dof, words, own = fit.dof, fit.dof.words, fit.dof.symbols
     lines = [fit.preference.because, *fit.told_of_known]
     if fit.use is not None:
@@ -51,6 +51,9 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
             f"{words.inertial_length.capitalize()} {own.inertia}/{own.quadratic_print}: {turn.value:.4g} "
             f"{dof.units.base} [{low:.4g}, {high:.4g}], whatever the {words.force}'s unit."
         )
+    elif (lasting := fit.time_constant) is not None:
+        low, high = lasting.ci95
+        lines.append(f"Time constant {own.inertia}/{own.linear}: {lasting.value:.3g} s [{low:.3g}, {high:.3g}].")
     scatter, (low, high) = preferred.gain_scatter.value, preferred.gain_scatter.ci95
     late, (first, last) = preferred.offset.value, preferred.offset.ci95
     scattered = f"Thrust scatters from run to run by {100 * scatter:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
