@@ -7,7 +7,7 @@ from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
 from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.trials import LEVEL
-from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED, UNEXPLAINED
+from automarine_cli.diagnosis.verdict import EVEN, NAMED, SUSPECTED, UNEXPLAINED, NamedEffect
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.diagnosis_page_tables import gap_table
 from automarine_cli.report.tables import Table, interval, number
@@ -26,7 +26,10 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     before, after, floor = (
         f"{dof.shown(x):.2f}" for x in (diagnosis.gap.before, diagnosis.gap.after, diagnosis.gap.floor)
     )
-    names = " and ".join(effect.name for effect in diagnosis.effects)
+    counted = diagnosis.found.final.counted
+    names = " and ".join(_or_rivals(effect) for effect in diagnosis.effects if effect.name in counted)
+    if drag := [effect.name for effect in diagnosis.effects if effect.name not in counted]:
+        names += f", where {' and '.join(drag)} puts the drag of the base right"
     gains = gains_instead(diagnosis)
     noise = f"noise of the {position} {floor} {unit}"
     gap = "gap" if not diagnosis.study.driven else f"error of predictions {JUDGED:g} s ahead"
@@ -44,6 +47,12 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             f"({_beside(diagnosis, noise)})."
         )
     return f"Nothing missing that these runs could show: gap {before} {unit}, noise of the {position} {floor} {unit}."
+
+
+def _or_rivals(effect: NamedEffect) -> str:
+    """An effect's name; of one that is less likely than its rivals together those too."""
+    rivals = effect.few_rivals if effect.confidence < EVEN else ()
+    return " or ".join([effect.name, *(rival.name for rival in rivals)])
 
 
 def gains_instead(diagnosis: Diagnosis) -> str:
