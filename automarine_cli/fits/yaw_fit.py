@@ -80,7 +80,7 @@ class YawFit(Shown):
         if not (found.theta[at] > 0).all() or set(at) & set(found.at_bound):
             return None
         direction[at] = np.where(found.positive[at], 1.0, 1.0 / found.theta[at]) * np.array([1.0, -1.0])
-        stderr = float(np.sqrt(max(direction @ fit.covariance @ direction, 0.0)))
+        stderr = float(np.sqrt(max(float(direction @ fit.covariance @ direction), 0.0)))
         value = float(found.theta[at[0]] / found.theta[at[1]])
         return Estimate.from_log(value, stderr, run_dof(found, direction), "s")
 
