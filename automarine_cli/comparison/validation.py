@@ -59,8 +59,8 @@ class Comparison:
     unit that people see.
 
     `best` is the number of the model with the smallest free-run error of position over all runs, None where every
-    model diverged; `because` is the sentence that says so. `afresh` are the effects with a state of their own,
-    which a restart cannot know.
+    model diverged; `because` is the sentence that says so. `carried` are the effects with a state of their own,
+    which a restart takes from the free run.
     """
 
     runs: tuple[Run, ...]
@@ -70,7 +70,7 @@ class Comparison:
     floor: float
     best: str | None
     because: str
-    afresh: tuple[str, ...]
+    carried: tuple[str, ...]
 
 
 def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: Progress = silent) -> Comparison:
@@ -96,8 +96,8 @@ def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: 
     }
     floors = tuple(noise_floor(run) for run in runs)
     because = _because(best, leads, models, runs[0].dof)
-    afresh = tuple(name for name in stored.effects if effects.get(name).states)
-    return Comparison(tuple(runs), tuple(restarts), models, floors, pooled_floor(runs), best, because, afresh)
+    carried = tuple(name for name in stored.effects if effects.get(name).states)
+    return Comparison(tuple(runs), tuple(restarts), models, floors, pooled_floor(runs), best, because, carried)
 
 
 def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str, Scored], dof: Dof) -> str:
@@ -139,11 +139,17 @@ class Ahead:
     dof: Dof
 
     @property
+    def of_use(self) -> bool:
+        """Whether the best model predicts better than constants do; what cannot be judged counts as of use."""
+        one = None if self.best is None else judged_of(self.worth[self.best])
+        return one is None or one.of_use
+
+    @property
     def sentence(self) -> str:
         """One line: of what use the best model is."""
         if self.best is None or (one := judged_of(self.worth[self.best])) is None:
             return "These runs are driven and disturbed, and too short to judge predictions."
-        if one.of_use:
+        if self.of_use:
             return f"Model {self.best} predicts {one.beside(self.dof)}."
         which = "The model is" if len(self.worth) == 1 else "No model is"
         return (

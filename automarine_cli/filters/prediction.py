@@ -64,7 +64,7 @@ def predict(
     assert followed.states is not None
     of, time = shown_channel(course, channel), course.time
     run, origin = np.nonzero(of.seen & (time >= SETTLING))
-    targets = {h: _targets(of.seen, time, run, origin, h) for h in horizons}
+    targets = {h: targets_of(of.seen, time, run, origin, h) for h in horizons}
     last = np.max([np.where(at >= 0, at, 0) for at in targets.values()], axis=0)
     path = carried(model, course, theta, noises, followed.states[:, 0], of, run, origin, last)
     rates = _rates(of, time, run, origin, targets)
@@ -115,7 +115,7 @@ def free_run(model: Vehicle, course: Course, theta: Floats, noises: Noises, chan
     return out
 
 
-def _targets(
+def targets_of(
     seen: NDArray[np.bool_], time: Floats, run: NDArray[np.int64], origin: NDArray[np.int64], horizon: float
 ) -> NDArray[np.int64]:
     """The node with a reading nearest to `horizon` after each origin, (A,), -1 where none is within a fifth of it."""
@@ -148,21 +148,37 @@ def carried(
     A channel that does not count is a sum of velocities, to which no filter is tied: how far it goes is told from where
     the sum is at the origin.
     """
+    return carried_by(model, course, theta[None], noises, states, (channel,), run, origin, last)[0, 0]
+
+
+def carried_by(
+    model: Vehicle,
+    course: Course,
+    theta: Floats,
+    noises: Noises,
+    states: Floats,
+    channels: Sequence[Channel],
+    run: NDArray[np.int64],
+    origin: NDArray[np.int64],
+    last: NDArray[np.int64],
+) -> Floats:
+    """The same of C channels by each of P parameter sets (P, p): (C, P, A, longest + 1)."""
     longest = int(np.max(last - origin, initial=0))
     at = np.minimum(origin[:, None] + np.arange(longest), course.length.shape[1] - 1)
-    step = Step(model, course, theta[None], noises.late)
+    step = Step(model, course, theta, noises.late)
     cut = replace(
         course,
         names=tuple(course.names[r] for r in run),
         length=course.length[run[:, None], at] * (origin[:, None] + np.arange(longest) < last[:, None]),
     )
     own = step.of_pieces(cut, course.time[run, origin], run, at)
-    mean = states[:, run, origin][:, None].copy()
-    spread = np.zeros((1, len(run), len(mean), len(mean)))
-    shown = np.zeros((len(run), longest + 1))
+    mean = np.repeat(states[:, run, origin][:, None], len(theta), axis=1)
+    spread = np.zeros((len(theta), len(run), len(mean), len(mean)))
+    shown = np.zeros((len(channels), len(theta), len(run), longest + 1))
     with np.errstate(over="ignore", invalid="ignore"):
         for m in range(longest + 1):
-            shown[:, m] = own.reading(channel, m, mean, spread)[0][0]
+            for c, channel in enumerate(channels):
+                shown[c, ..., m] = own.reading(channel, m, mean, spread)[0]
             if m == longest:
                 break
             fade = np.exp(-cut.length[:, m] / noises.time[:, :, None])
@@ -170,8 +186,9 @@ def carried(
             mean = own.moved(m, mean, ramp)
             for d, place in enumerate(own.places.pushed):
                 mean[place] = mean[place] * fade[d]
-    if not channel.counts:
-        shown += (channel.values[run, origin] - shown[:, 0])[:, None]
+    for path, channel in zip(shown, channels):
+        if not channel.counts:
+            path += (channel.values[run, origin] - path[..., 0])[..., None]
     return shown
 
 

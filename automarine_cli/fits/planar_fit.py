@@ -1,7 +1,7 @@
 """The fit of surge, sway and yaw together: which structure the logs ask for, its parameters, and what they rest on."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.fits.innovations import InnovationsFit
+from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.planar_structure import Assumption, Observed, Structure, rough_sizes, rough_velocities
 from automarine_cli.fits.planar_use import PlanarUse
 from automarine_cli.models.planar import PlanarModel
@@ -128,7 +129,7 @@ def _promising(
 @dataclass(frozen=True, repr=False)
 class PlanarFit(Shown):
     """The structures that were `tried` on `runs`, the best one first, and of what `use` that is; what was set aside;
-    sentences on what thrusters at their `limits` did not give."""
+    sentences on what thrusters at their `limits` did not give; what was `known` beforehand."""
 
     tried: tuple[Tried, ...]
     runs: tuple[Run, ...]
@@ -136,6 +137,7 @@ class PlanarFit(Shown):
     set_aside: tuple[SetAside, ...] = ()
     use: PlanarUse | None = None
     limits: tuple[str, ...] = ()
+    known: Known = NOTHING_KNOWN
 
     @property
     def found(self) -> Estimated:
@@ -164,7 +166,7 @@ class PlanarFit(Shown):
         deviation = np.sqrt(np.einsum("pf,fg,pg->p", spread, self.found.covariance, spread))
         told, free = units(self.model), self.found.readings - len(self.found.model.free)
         return {
-            name: Estimate.from_stderr(value, error, free, told[name])
+            name: replace(Estimate.from_stderr(value, error, free, told[name]), known=name in self.known.parameters)
             for name, value, error, row in zip(names, self.model.theta, deviation, spread)
             if row.any()
         }

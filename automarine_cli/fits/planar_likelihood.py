@@ -13,6 +13,7 @@ from automarine_cli.dofs.motion import PLANAR
 from automarine_cli.filters.course import Course, make_course
 from automarine_cli.fits.innovations import ITERATIONS, fit_innovations
 from automarine_cli.fits.innovations_problem import DrivenProblem, Randomness, randomness
+from automarine_cli.fits.known import Prior
 from automarine_cli.fits.linear_mixed import bounded_solution
 from automarine_cli.fits.planar_fit import Estimated
 from automarine_cli.fits.planar_structure import Observed, rough_sizes
@@ -42,10 +43,12 @@ class Promise:
 
 @dataclass(frozen=True)
 class PlanarLikelihood:
-    """Fits of planar models to `runs`, of which the logs hold what is `seen`."""
+    """Fits of planar models to `runs`, of which the logs hold what is `seen`; `known` are parameters that are known
+    beforehand, by qualified name."""
 
     runs: tuple[Run, ...]
     seen: Observed
+    known: Mapping[str, Prior] = field(default_factory=dict)
     rough: Mapping[str, float] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -70,7 +73,7 @@ class PlanarLikelihood:
             np.array([*positive, *[True] * len(random)]),
             np.array([*scale, *[1.0] * len(random)]),
             random,
-        )
+        ).informed(self.known)
 
     def starts(self, problem: DrivenProblem, near: Estimated | None) -> Floats:
         """Where a fit begins, (S, p): about the model's own values, with what is known of the random ones."""

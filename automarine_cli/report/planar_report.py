@@ -6,6 +6,7 @@ from automarine_cli.dofs import YAW
 from automarine_cli.fits.driven_fit import Worth
 from automarine_cli.fits.planar_fit import PlanarFit
 from automarine_cli.fits.planar_use import PlanarUse
+from automarine_cli.models.planar_store import units
 from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.figures.planar_runs import planar_runs_figure
 from automarine_cli.report.tables import MISSING, Table, number
@@ -62,8 +63,9 @@ def parameter_table(fit: PlanarFit) -> Table:
     """One row a parameter that was identified."""
     rows = [
         (
-            name, WORDS.get(name, ""), number(one.value, 4), number(one.stderr, 2),
-            f"{number(one.ci95[0], 4)} to {number(one.ci95[1], 4)}", one.unit,
+            name, WORDS.get(name, ""), number(one.value, 4), number(one.stderr, 2) if one.stderr else "known",
+            f"{number(one.ci95[0], 4)} to {number(one.ci95[1], 4)}{' (known)' * one.known}" if one.stderr else MISSING,
+            one.unit,
         )
         for name, one in fit.estimates.items()
     ]  # fmt: skip
@@ -92,6 +94,7 @@ def sentences(fit: PlanarFit) -> Iterator[str]:
     if fit.use is not None:
         yield from fit.use.sentences
     yield f"Structure: {fit.structure}. {fit.because}"
+    yield from fit.known.sentences(units(fit.model), fit.model.parameter_names)
     yield from (f"Assumed: {one}." for one in fit.assumptions)
     noises = fit.found.noises
     told = [f"{name} ({number(noises[name], 3)})" if name in noises else name for name in fit.seen.channels]

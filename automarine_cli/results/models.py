@@ -68,11 +68,25 @@ class Said:
     says: str
 
 
+@dataclass(frozen=True)
+class Use:
+    """Whether a model predicts better than somebody who expects no change, and the sentences that say so."""
+
+    of_use: bool = True
+    says: tuple[str, ...] | str = ()
+
+    @property
+    def refusal(self) -> str:
+        """Why the model is not to be used; empty where it is of use."""
+        said = (self.says,) if isinstance(self.says, str) else self.says
+        return "" if self.of_use or not said else said[0]
+
+
 @dataclass(frozen=True, kw_only=True)
 class ModelFile(ResultRecord):
     """`yaw_model.json`, or that of another motion: models by number."""
 
-    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "random", "prediction")
+    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "random")
     models: Mapping[str, ModelEntry | None]
     preferred: str
     force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))
@@ -86,6 +100,7 @@ class ModelFile(ResultRecord):
     parent: Parent | None = None
     channels: tuple[Sensor, ...] = ()
     buoyancy: Said | None = None
+    prediction: Use = field(default_factory=Use)
     warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -109,13 +124,6 @@ class ModelFile(ResultRecord):
         return ((name, given) for name, given in found.items() if given is not None)
 
 
-@dataclass(frozen=True)
-class Foretold:
-    """What a planar model predicts of runs left out, in sentences."""
-
-    says: tuple[str, ...] = ()
-
-
 @dataclass(frozen=True, kw_only=True)
 class PlanarFile(ResultRecord):
     """`planar_model.json`: parameters by qualified name."""
@@ -130,7 +138,7 @@ class PlanarFile(ResultRecord):
     structure: str = ""
     covariance: Covariance | None = None
     random: Mapping[str, float] = field(default_factory=dict)
-    prediction: Foretold | None = None
+    prediction: Use = field(default_factory=Use)
     warnings: tuple[str, ...] = ()
 
 

@@ -1,6 +1,7 @@
 """`serve` and `collect` at the prompt: what they print, what they refuse, and their exit statuses."""
 
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
-from link_processes import ALONE
+from link_processes import ALONE, free_port
 from made_link import BATTERY, MODEL, TOKEN, expected_logs, made_campaign, vehicle_at
 from test_link_cuts import logs_in
 from test_link_kills import MODEL_FILE
@@ -150,8 +151,7 @@ def test_an_address_to_listen_on_that_is_none(run: Run, model: str, tmp_path: Pa
 
 
 def test_serve_prints_its_address_and_token_and_ends_in_order(model: str, tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port(os.getpid())
     command = [*ALONE, "serve", str(tmp_path / "v"), "--vehicle", "simulated", "--model", model]
     asked = [*command, "--address", f"127.0.0.1:{port}"]
     with subprocess.Popen(asked, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
@@ -163,6 +163,6 @@ def test_serve_prints_its_address_and_token_and_ends_in_order(model: str, tmp_pa
         second = subprocess.run(asked, capture_output=True, text=True, check=False)
         assert second.returncode == 1 and "is served already; end that `automarine serve`" in second.stderr
         server.send_signal(signal.SIGTERM)
-        assert server.wait(timeout=30) == 130
+        assert server.wait(timeout=600) == 130
         assert server.stderr.read() == "Interrupted; nothing was left half written.\n"
     assert not (tmp_path / "v" / "lease").exists()

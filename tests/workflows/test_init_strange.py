@@ -322,7 +322,7 @@ def test_answers_on_a_terminal(tmp_path: Path) -> None:
             break
         said += piece
     os.close(here)
-    assert process.wait(timeout=60) == 0
+    assert process.wait(timeout=600) == 0
     assert b"metres from the centre line to each thruster" in said and b"arm_m (Enter: later)" in said
     data = tomllib.loads((tmp_path / "campaign.toml").read_text(encoding="utf-8"))
     assert data["vehicle"]["arm_m"] == 0.2
