@@ -87,8 +87,10 @@ class Store:
         if any(path.stem.partition("_")[2][:SHORT] == name[:SHORT] for path in there):
             raise SettingError("another campaign here has an id that begins alike; make the plan with another --seed")
         write_whole(self._ready(campaign), " " * LONGEST_WHY)
-        write_whole(self.campaigns / f"{len(there) + 1:04d}_{name}.json", campaign.text)
+        document = self.campaigns / f"{len(there) + 1:04d}_{name}.json"
+        write_whole(document, campaign.text)
         sync_folder(self.campaigns)
+        self._memory[_key(document.name, document.lstat())] = campaign
         return True
 
     def stop(self, why: str = ASKED, only: Collection[str] | None = None) -> None:
@@ -185,7 +187,7 @@ class Store:
 
     def log(self, name: str) -> Log | None:
         """A log, a closed one with the hash that it was closed with; None where there is none of that name."""
-        with suppress(OSError):
+        with suppress(OSError, SettingError):  # also a file that is too large for a log
             if (found := self._status(name)) is not None:
                 closed = name.endswith(".csv")
                 return Log(name, found.st_size, closed, self._hash_of(self.runs / name, found) if closed else None)
@@ -231,7 +233,7 @@ class Store:
         for entry in documents:
             with suppress(FileNotFoundError):
                 status = entry.stat(follow_symlinks=False)
-                key = entry.name, status.st_mtime_ns, status.st_size
+                key = _key(entry.name, status)
                 known = self._memory.get(key)
                 if known is None:
                     known = _campaign_at(Path(entry), status)
@@ -274,16 +276,23 @@ class Store:
         return self.campaigns / f"{campaign.id}.ready"
 
     def _hash_of(self, log: Path, found: os.stat_result) -> str:
-        key = log.name, found.st_mtime_ns, found.st_size
+        key = _key(log.name, found)
         if key not in self._memory:
             text = ""
             with suppress(OSError), _opened(_hash_file(log)) as file:
                 text = file.read(64).decode("ascii", "replace")
             if not SHA256.fullmatch(text):  # a log that somebody put there, or whose hash is damaged
+                digest = hashlib.sha256()
                 with _opened(log) as file:
-                    text = hashlib.sha256(file.read()).hexdigest()
+                    while block := file.read(1 << 20):
+                        digest.update(block)
+                text = digest.hexdigest()
             self._memory[key] = text
         return str(self._memory[key])
+
+
+def _key(name: str, status: os.stat_result) -> tuple[str, int, int]:
+    return name, status.st_mtime_ns, status.st_size
 
 
 def _campaign_at(path: Path, status: os.stat_result) -> LinkCampaign | str:
