@@ -11,7 +11,7 @@ import hashlib
 import os
 import stat
 import sys
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -87,8 +87,10 @@ class Store:
         if any(path.stem.partition("_")[2][:SHORT] == name[:SHORT] for path in there):
             raise SettingError("another campaign here has an id that begins alike; make the plan with another --seed")
         write_whole(self._ready(campaign), " " * LONGEST_WHY)
-        write_whole(self.campaigns / f"{len(there) + 1:04d}_{name}.json", campaign.text)
+        document = self.campaigns / f"{len(there) + 1:04d}_{name}.json"
+        write_whole(document, campaign.text)
         sync_folder(self.campaigns)
+        self._memory[_key(document.name, document.lstat())] = campaign
         return True
 
     def stop(self, why: str = ASKED, only: Collection[str] | None = None) -> None:
@@ -185,7 +187,7 @@ class Store:
 
     def log(self, name: str) -> Log | None:
         """A log, a closed one with the hash that it was closed with; None where there is none of that name."""
-        with suppress(OSError):
+        with suppress(OSError, SettingError):  # also a file that is too large for a log
             if (found := self._status(name)) is not None:
                 closed = name.endswith(".csv")
                 return Log(name, found.st_size, closed, self._hash_of(self.runs / name, found) if closed else None)
@@ -202,22 +204,18 @@ class Store:
 
     def is_playing(self) -> bool:
         """Whether a log is open."""
-        return self._playing(self._names()) is not None
+        return _playing(self._names()) is not None
 
     def state(self) -> State:
         """What the vehicle is at."""
         documents, names = self._documents(), self._names()
         campaigns = (self._state_of(one, names) if isinstance(one, LinkCampaign) else one for one in documents)
         odd = [one for one in documents if isinstance(one, str)]
-        for name in sorted(names):
-            if name.endswith((".csv", ".part")) and not self._status(name) and os.path.lexists(self.runs / name):
+        for name, is_file in sorted(names.items()):
+            if name.endswith((".csv", ".part")) and not (is_file and LOG_NAME.fullmatch(name)):
                 odd.append(f"runs/{printable(name)} is passed over (a link, a folder or no log of ours); move it away")
         found = tuple(one for one in campaigns if isinstance(one, CampaignState))
-        return State(STATE_SCHEMA, found, self._playing(names), tuple(odd))
-
-    def _playing(self, names: Collection[str]) -> str | None:
-        parts = (name for name in sorted(names) if name.endswith(".part") and self._status(name))
-        return next((name.removesuffix(".part") for name in parts), None)
+        return State(STATE_SCHEMA, found, _playing(names), tuple(odd))
 
     def _status(self, name: str) -> os.stat_result | None:
         """Of a log; None where there is none of that name."""
@@ -229,14 +227,16 @@ class Store:
 
     def _documents(self) -> list[LinkCampaign | CampaignState | str]:
         """Each campaign; of one that is over its last state, of a document that is none a sentence."""
-        found, names = list[LinkCampaign | CampaignState | str](), set[str]()
-        for path in sorted(self.campaigns.glob("*.json")):
+        found, names = list[LinkCampaign | CampaignState | str](), dict[str, bool]()
+        with os.scandir(self.campaigns) as entries:
+            documents = sorted((one for one in entries if one.name.endswith(".json")), key=lambda one: one.name)
+        for entry in documents:
             with suppress(FileNotFoundError):
-                status = path.lstat()
-                key = path.name, status.st_mtime_ns, status.st_size
+                status = entry.stat(follow_symlinks=False)
+                key = _key(entry.name, status)
                 known = self._memory.get(key)
                 if known is None:
-                    known = _campaign_at(path, status)
+                    known = _campaign_at(Path(entry), status)
                 if isinstance(known, LinkCampaign):
                     names = names or self._names()
                     state = self._state_of(known, names)
@@ -263,8 +263,10 @@ class Store:
             why_stopped=why,
         )
 
-    def _names(self) -> set[str]:
-        return {path.name for path in self.runs.iterdir()}
+    def _names(self) -> dict[str, bool]:
+        """What is in the folder of logs, and whether it is a file."""
+        with os.scandir(self.runs) as entries:
+            return {entry.name: entry.is_file(follow_symlinks=False) for entry in entries}
 
     def _stop_mark(self, campaign: LinkCampaign) -> Path:
         return self.campaigns / f"{campaign.id}.stopped"
@@ -274,16 +276,23 @@ class Store:
         return self.campaigns / f"{campaign.id}.ready"
 
     def _hash_of(self, log: Path, found: os.stat_result) -> str:
-        key = log.name, found.st_mtime_ns, found.st_size
+        key = _key(log.name, found)
         if key not in self._memory:
             text = ""
             with suppress(OSError), _opened(_hash_file(log)) as file:
                 text = file.read(64).decode("ascii", "replace")
             if not SHA256.fullmatch(text):  # a log that somebody put there, or whose hash is damaged
+                digest = hashlib.sha256()
                 with _opened(log) as file:
-                    text = hashlib.sha256(file.read()).hexdigest()
+                    while block := file.read(1 << 20):
+                        digest.update(block)
+                text = digest.hexdigest()
             self._memory[key] = text
         return str(self._memory[key])
+
+
+def _key(name: str, status: os.stat_result) -> tuple[str, int, int]:
+    return name, status.st_mtime_ns, status.st_size
 
 
 def _campaign_at(path: Path, status: os.stat_result) -> LinkCampaign | str:
@@ -306,6 +315,12 @@ def _campaign_at(path: Path, status: os.stat_result) -> LinkCampaign | str:
 def _end_of(name: str, names: Collection[str]) -> str | None:
     """How a run ended, its mark; None where it was not played, or is being played."""
     return next((mark for mark in ENDS if f"{name}{mark}.csv" in names), None)
+
+
+def _playing(names: Mapping[str, bool]) -> str | None:
+    """The open log."""
+    parts = (name for name in sorted(names) if name.endswith(".part") and names[name] and LOG_NAME.fullmatch(name))
+    return next((name.removesuffix(".part") for name in parts), None)
 
 
 def _hash_file(log: Path) -> Path:
