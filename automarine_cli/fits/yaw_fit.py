@@ -76,8 +76,9 @@ class YawFit(Shown):
         at = [found.names.index(self.dof.parameter(role)) for role in ("inertia", "linear")]
         if not (found.theta[at] > 0).all() or set(at) & set(found.at_bound):
             return None
-        direction[at] = np.where(found.positive[at], 1.0, 1.0 / found.theta[at]) * np.array([1.0, -1.0])
-        stderr = float(np.sqrt(max(direction @ fit.covariance @ direction, 0.0)))
+        for place, sign in zip(at, (1.0, -1.0)):
+            direction[place] = sign if found.positive[place] else sign / found.theta[place]
+        stderr = float(np.sqrt(max(float(direction @ fit.covariance @ direction), 0.0)))
         value = float(found.theta[at[0]] / found.theta[at[1]])
         return Estimate.from_log(value, stderr, run_dof(found, direction), "s")
 

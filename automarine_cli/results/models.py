@@ -72,7 +72,7 @@ class Said:
 class ModelFile(ResultRecord):
     """`yaw_model.json`, or that of another motion: models by number."""
 
-    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "random", "prediction", "time_constant_s")
+    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "prediction", "time_constant_s")
     models: Mapping[str, ModelEntry | None]
     preferred: str
     force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))
@@ -85,6 +85,7 @@ class ModelFile(ResultRecord):
     valid_range: ValidRange | None = None
     parent: Parent | None = None
     channels: tuple[Sensor, ...] = ()
+    random: Mapping[str, Given] = field(default_factory=dict)
     buoyancy: Said | None = None
     warnings: tuple[str, ...] = ()
 
