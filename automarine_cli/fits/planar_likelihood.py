@@ -156,7 +156,8 @@ class PlanarLikelihood:
                     found = own.found if way == LIKELIHOOD else self.by_forecasts(own.found)
                     assert found.fit is not None
                     judged = forecasts_of(self.problem(found.model), found.fit)
-                    fitted.append((replace(own, found=found), way, judged))
+                    if np.isfinite(judged.score) or not fitted:
+                        fitted.append((replace(own, found=found), way, judged))
         best = min(fitted, key=lambda each: each[2].score)
         chosen = fitted[0] if fitted[0][2].score - best[2].score < WORTH_IT else best
         found = chosen[0].found
@@ -223,12 +224,14 @@ def _because(
     for one, way, judged in fitted:
         share = float(np.expm1(judged.score - chosen[2].score))
         if judged is not chosen[2]:
-            which = "the simplest structure " if one.structure == simplest else ""
-            more.append(f"{which}{WAYS[way]} {100 * abs(share):.0f} % {'more' if share > 0 else 'less'}")
+            which = (
+                "the simplest structure " if one.structure == simplest else "" if way != chosen[1] else "the likeliest "
+            )
+            more.append(f"{which}{WAYS[way]} by {100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}")
     own = f"Fitted {WAYS[chosen[1]]}"
     if not more:
         return f"{own}."
-    return f"{own}, which predicts runs left out best or nearly so, 2, 5 and 15 s ahead: {', '.join(more)} off."
+    return f"{own}; of runs left out, 2, 5 and 15 s ahead, a fit {', '.join(more)} misses."
 
 
 def _usual(rough: Mapping[str, float], dof: str) -> float:
