@@ -224,14 +224,12 @@ def _because(
     for one, way, judged in fitted:
         share = float(np.expm1(judged.score - chosen[2].score))
         if judged is not chosen[2]:
-            which = (
-                "the simplest structure " if one.structure == simplest else "" if way != chosen[1] else "the likeliest "
-            )
-            more.append(f"{which}{WAYS[way]} by {100 * abs(share):.0f} % {'more' if share >= 0 else 'less'}")
+            which = "for the simplest structure " if one.structure == simplest != chosen[0].structure else ""
+            more.append(f"{100 * abs(share):.0f} % {'larger' if share >= 0 else 'smaller'} {which}{WAYS[way]}")
     own = f"Fitted {WAYS[chosen[1]]}"
     if not more:
         return f"{own}."
-    return f"{own}; of runs left out, 2, 5 and 15 s ahead, a fit {', '.join(more)} misses."
+    return f"{own}. Errors on runs left out, 2 to 15 s ahead, would be {', '.join(more)}."
 
 
 def _usual(rough: Mapping[str, float], dof: str) -> float:
