@@ -17,6 +17,10 @@ from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
 FINEST = 0.05
 """Shortest time [s] over which a command is held as it is; those of faster logs are averaged over that."""
 
+SMOOTH = 0.25
+"""Share of the least noise of a position [per s] below which a velocity was filtered, or is derived from positions:
+then its readings hang together."""
+
 
 @dataclass(frozen=True)
 class Course:
@@ -200,7 +204,7 @@ def _lay(
         read = run.channel(quantity)
         if read is None or (run.summed_up and quantity == run.dof.position):
             continue
-        floor = 0.0 if velocity else motion.dofs[d].limits.least_noise
+        floor = (SMOOTH if velocity else 1.0) * motion.dofs[d].limits.least_noise
         here, found, noise[c] = readings_of(run.time, read, node, floor)
         values[c, here], seen[c, here] = found, True
     return _Laid(

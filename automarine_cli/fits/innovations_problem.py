@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from automarine_cli.filters.course import Course
+from automarine_cli.filters.course import SMOOTH, Course
 from automarine_cli.filters.kalman import FAR, Followed, Noises, follow
 from automarine_cli.fits.known import Prior, bounds_of, prior_of
 from automarine_cli.fits.mixed_problem import SWITCH
@@ -223,7 +223,7 @@ def randomness(
     found.append(Randomness(SWITCH, -most, most, 0.0, 3.0, signed=True))
     for channel, noise in zip(course.channels, course.noise):
         limits = course.motion.dofs[channel.dof].limits
-        floor = 0.1 * limits.least_noise if channel.velocity else limits.least_noise
+        floor = (SMOOTH if channel.velocity else 1.0) * limits.least_noise
         middle = max(noise, 1.5 * floor)
         found.append(Randomness(f"noise.{channel.quantity}", floor, 100.0 * middle, middle, 0.7))
     largest = float(np.abs(course.held).max())
