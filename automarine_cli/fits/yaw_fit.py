@@ -10,7 +10,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.channel_noise import channels_json
 from automarine_cli.fits.drag import nested_test
-from automarine_cli.fits.driven_use import Use
+from automarine_cli.fits.driven_use import Judgement
 from automarine_cli.fits.innovations import InnovationsFit, random_estimates
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.output_error import OutputErrorFit, Preference, estimate_of, run_dof
@@ -38,7 +38,7 @@ class YawFit(Shown):
     `turns` and `data` are the half-turns used (empty and None for whole runs), `runs` the whole runs (or
     empty), `output_error` and `seed_method` the two estimators by model, `why_no_seed_method` a sentence
     where there is none; `cautions` are on single parameters, of which those that matter are `warnings` as well;
-    `channels` are the sensors that count; `use` is what the model predicts, of driven runs; `known` is what was known
+    `channels` are the sensors that count; `use` is what the model predicts, of whole runs; `known` is what was known
     beforehand.
     """
 
@@ -55,7 +55,7 @@ class YawFit(Shown):
     cautions: tuple[Caution, ...]
     dof: Dof
     channels: ChannelChoice = NOTHING_TO_CHOOSE
-    use: Use | None = None
+    use: Judgement | None = None
     known: Known = NOTHING_KNOWN
 
     @property
@@ -144,13 +144,15 @@ class YawFit(Shown):
         return Buoyancy(self.preferred.estimates[self.dof.symbols.constant]) if self.dof.has_constant else None
 
     def _driven_json(self) -> dict[str, object]:
-        """What only driven runs have: what is random, and what the model predicts of runs left out."""
+        """What only whole runs have: what the model predicts of runs left out, and of driven ones what is random."""
         found, use = self.preferred.mixed, self.use
-        if use is None or not isinstance(found, InnovationsFit):
+        if use is None:
             return {}
+        random = {}
+        if isinstance(found, InnovationsFit):
+            random = {"driven": True, "random": random_estimates(found, self.preferred.covariance, self.dof)}
         return {
-            "driven": True,
-            "random": random_estimates(found, self.preferred.covariance, self.dof),
+            **random,
             "prediction": {
                 "left_out_runs": [one.to_json(self.dof) for one in use.worth],
                 "of_use": use.of_use,
@@ -172,6 +174,7 @@ class YawFit(Shown):
             f"{dof.words.position}_noise_{dof.units.key}": None if fit.noise is None else float(dof.shown(fit.noise)),
             "covariance": covariance_json(list(fit.estimates), fit.mixed.theta, fit.mixed.positive, fit.covariance),
             "converged": fit.mixed.converged,
+            **({"estimator": fit.estimator} if fit.estimator else {}),
         }
         if own := _effects_json(fit):
             content["effects"] = own

@@ -131,11 +131,11 @@ def number(x: float | None, digits: int = 4) -> str:
 
 def interval(estimate: HasInterval | None) -> str:
     """`1.257 [1.240, 1.274]`: as many decimals as two significant digits of the standard error need; marked where it
-    was known before the fit, or stands at a bound."""
+    was known before the fit; a value at its bound has no interval."""
     if estimate is None or not math.isfinite(estimate.value):
         return MISSING
     (low, high), known = estimate.ci95, " (known)" * getattr(estimate, "known", False)
-    if getattr(estimate, "at_bound", False):
+    if getattr(estimate, "at_bound", False) and not known:
         return f"{number(estimate.value)} (at its bound)"
     if not (math.isfinite(estimate.stderr) and estimate.stderr > 0 and math.isfinite(low) and math.isfinite(high)):
         return f"{number(estimate.value)}{known}"

@@ -13,8 +13,8 @@ WIDE = 2.0
 
 @dataclass(frozen=True)
 class Estimate:
-    """Value, standard error, 95 % interval and unit of one parameter; whether it was `known` beforehand, or stands at a
-    bound of its range, where the interval says nothing."""
+    """Value, standard error, 95 % interval and unit of one parameter; whether it was `known` beforehand, or stands
+    `at_bound` of its range, so that the interval says nothing."""
 
     value: float
     stderr: float
@@ -50,8 +50,7 @@ class Estimate:
     def to_json(self) -> dict[str, object]:
         """The contract's form."""
         plain = {"value": self.value, "stderr": self.stderr, "ci95": list(self.ci95), "unit": self.unit}
-        marks = {"known": self.known, "at_bound": self.at_bound}
-        return plain | {name: True for name, marked in marks.items() if marked}
+        return plain | {name: True for name in ("known", "at_bound") if getattr(self, name)}
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ class Given:
         """The estimate; None where the interval is not known."""
         if self.value is None or self.stderr is None or self.ci95 is None:
             return None
-        return Estimate(self.value, self.stderr, self.ci95, self.unit, self.known_, self.at_bound is True)
+        return Estimate(self.value, self.stderr, self.ci95, self.unit, self.known_, bool(self.at_bound))
 
     def known(self, place: str) -> Estimate:
         """The estimate. Raises ModelError with the `place` in the file where the interval is not known."""
