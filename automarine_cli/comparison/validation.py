@@ -59,8 +59,8 @@ class Comparison:
     unit that people see.
 
     `best` is the number of the model with the smallest free-run error of position over all runs, None where every
-    model diverged; `because` is the sentence that says so. `afresh` are the effects with a state of their own,
-    which a restart cannot know.
+    model diverged; `because` is the sentence that says so. `carried` are the effects with a state of their own,
+    which a restart takes from the free run.
     """
 
     runs: tuple[Run, ...]
@@ -70,7 +70,7 @@ class Comparison:
     floor: float
     best: str | None
     because: str
-    afresh: tuple[str, ...]
+    carried: tuple[str, ...]
 
 
 def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: Progress = silent) -> Comparison:
@@ -96,8 +96,8 @@ def compare(stored: StoredModels, runs: Sequence[Run], seed: int = 0, progress: 
     }
     floors = tuple(noise_floor(run) for run in runs)
     because = _because(best, leads, models, runs[0].dof)
-    afresh = tuple(name for name in stored.effects if effects.get(name).states)
-    return Comparison(tuple(runs), tuple(restarts), models, floors, pooled_floor(runs), best, because, afresh)
+    carried = tuple(name for name in stored.effects if effects.get(name).states)
+    return Comparison(tuple(runs), tuple(restarts), models, floors, pooled_floor(runs), best, because, carried)
 
 
 def _because(best: str | None, leads: Mapping[str, Overall], models: Mapping[str, Scored], dof: Dof) -> str:

@@ -13,6 +13,7 @@ from automarine_cli.filters.prediction import HORIZONS, Predicted, predict
 from automarine_cli.fits.driven import base_starts, driven_problem, starts_near
 from automarine_cli.fits.innovations import InnovationsFit, fit_innovations
 from automarine_cli.fits.innovations_problem import DrivenProblem
+from automarine_cli.fits.known import Prior
 from automarine_cli.fits.output_error import OutputErrorFit, estimate_of, run_covariance, run_dof
 from automarine_cli.models.yaw_model import YawModel, base_names, base_roles, main_drag
 from automarine_cli.quantities import Floats
@@ -64,9 +65,15 @@ class Worth:
 
 
 def fit_driven(
-    course: Course, rough: YawModel, number: str, sided: bool = False, with_effects: Sequence[str] = ()
+    course: Course,
+    rough: YawModel,
+    number: str,
+    sided: bool = False,
+    with_effects: Sequence[str] = (),
+    known: Mapping[str, Prior] | None = None,
 ) -> OutputErrorFit:
-    """Fit one model to driven runs, from `rough` values; `with_effects` names what it has beside its drag.
+    """Fit one model to driven runs, from `rough` values; `with_effects` names what it has beside its drag, `known` what
+    is known beforehand.
 
     Raises FitError where the runs leave inertia or drag open, or give them sizes that no vehicle has.
     """
@@ -74,7 +81,7 @@ def fit_driven(
     largest = float(np.abs(course.held).max()) or 1.0
     for name in with_effects:
         model = model.with_effect(name, _start(name, largest))
-    problem = driven_problem(model, course)
+    problem = driven_problem(model, course).informed(known or {})
     found = fit_innovations(problem, base_starts(problem))
     _refuse_runaways(model.with_theta(found.of_model), found, course)
     return _outcome(problem, found, number, sided)
@@ -96,7 +103,7 @@ def _refuse_runaways(model: YawModel, found: InnovationsFit, course: Course) -> 
         what = f"no drag is left of it ({', '.join(model.short_names[1:])} at zero)"
     elif not QUICKEST < slowness < SLOWEST:
         what = f"it would answer its thrusters within {slowness:.2g} s"
-    elif 0 in found.at_bound or deviation <= 0.0 or deviation > 1.5:
+    elif found.names[0] not in found.known and (0 in found.at_bound or deviation <= 0.0 or deviation > 1.5):
         what = f"{dof.words.an_inertia} of {model.inertia:.3g} is as likely as one of three times that"
     else:
         return
@@ -125,7 +132,9 @@ def _outcome(problem: DrivenProblem, found: InnovationsFit, number: str, sided: 
         for role, name in zip(roles, names)
     }
     turn = None
-    if "quadratic" in roles and found.theta[at["quadratic"]] > 0 and at["quadratic"] not in found.at_bound:
+    quadratic = dof.parameter("quadratic")
+    stuck = at.get("quadratic") in found.at_bound and quadratic not in found.known
+    if "quadratic" in roles and found.theta[at["quadratic"]] > 0 and not stuck:
         turn = _ratio(found, covariance, at["inertia"], at["quadratic"], alone, dof)
     low, high = found.factor_interval("gain")
     none = Estimate(0.0, 0.0, (0.0, 0.0), "sample interval")
@@ -182,7 +191,7 @@ def proposals(course: Course, fit: OutputErrorFit) -> Mapping[str, float]:
         if name in have:
             continue
         start = _start(name, largest)
-        wider = driven_problem(fit.model.with_effect(name, start), course)
+        wider = driven_problem(fit.model.with_effect(name, start), course).informed(fit.mixed.known)
         theta = np.array([*fit.mixed.of_model, *start])
         found = fit_innovations(wider, starts_near(wider, [theta], fit.mixed.of_chance))
         gain = 2.0 * (found.log_likelihood - fit.mixed.log_likelihood)

@@ -182,7 +182,7 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
     information = np.zeros((runs, count, count))
     information[:, free[:, None], free] = slopes.information
-    information += 0.0 if problem.known is None else problem.known / runs
+    information += 0.0 if problem.smooth is None else problem.smooth / runs
     every = problem.follow(phi[None] if brief else np.concatenate([phi[None], left_out]), keep=True)
     density = every.log_density
     assert every.states is not None
@@ -204,6 +204,7 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         read_of=tuple((one.quantity, int(one.seen.sum())) for one in problem.course.channels),
         parameters=count - len(problem.random),
         by_run=information,
+        known=problem.known,
     )
 
 

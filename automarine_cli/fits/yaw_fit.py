@@ -12,11 +12,12 @@ from automarine_cli.fits.channel_noise import channels_json
 from automarine_cli.fits.drag import nested_test
 from automarine_cli.fits.driven_use import Use
 from automarine_cli.fits.innovations import InnovationsFit, random_estimates
+from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.output_error import OutputErrorFit, Preference, estimate_of
 from automarine_cli.fits.step_response import StepData
 from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.fits.velocity_error import VelocityErrorFit
-from automarine_cli.fits.yaw_cautions import Caution
+from automarine_cli.fits.yaw_cautions import DRAG, Caution
 from automarine_cli.models.store import model_json
 from automarine_cli.pipeline.outputs import json_document
 from automarine_cli.pipeline.plain_data import Document
@@ -37,7 +38,8 @@ class YawFit(Shown):
     `turns` and `data` are the half-turns used (empty and None for whole runs), `runs` the whole runs (or
     empty), `output_error` and `seed_method` the two estimators by model, `why_no_seed_method` a sentence
     where there is none; `cautions` are on single parameters, of which those that matter are `warnings` as well;
-    `channels` are the sensors that count; `use` is what the model predicts, of driven runs.
+    `channels` are the sensors that count; `use` is what the model predicts, of driven runs; `known` is what was known
+    beforehand.
     """
 
     moment_unit: str
@@ -54,6 +56,7 @@ class YawFit(Shown):
     dof: Dof
     channels: ChannelChoice = NOTHING_TO_CHOOSE
     use: Use | None = None
+    known: Known = NOTHING_KNOWN
 
     @property
     def preferred(self) -> OutputErrorFit:
@@ -109,6 +112,15 @@ class YawFit(Shown):
             "warnings": list(self.warnings),
             "runs": runs_json(self.used, self.set_aside, self.read),
         }  # fmt: skip
+
+    @property
+    def told_of_known(self) -> tuple[str, ...]:
+        """What was known beforehand, in sentences."""
+        dof = self.dof
+        units = {dof.parameter(role): dof.unit_of(role, self.moment_unit) for role in ("inertia", *DRAG, "constant")}
+        found = self.known.sentences(units, self.preferred.mixed.names)
+        paper = ("The velocity errors of the paper do not use it.",) if found and self.seed_method else ()
+        return (*found, *paper)
 
     @property
     def buoyancy(self) -> "Buoyancy | None":

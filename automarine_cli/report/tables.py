@@ -139,19 +139,20 @@ def number(x: float | None, digits: int = 4) -> str:
 
 
 def interval(estimate: HasInterval | None) -> str:
-    """`1.257 [1.240, 1.274]`: as many decimals as two significant digits of the standard error need."""
+    """`1.257 [1.240, 1.274]`: as many decimals as two significant digits of the standard error need; marked where it
+    was known before the fit."""
     if estimate is None or not math.isfinite(estimate.value):
         return MISSING
-    low, high = estimate.ci95
+    (low, high), known = estimate.ci95, " (known)" * getattr(estimate, "known", False)
     if not (math.isfinite(estimate.stderr) and estimate.stderr > 0 and math.isfinite(low) and math.isfinite(high)):
-        return number(estimate.value)
+        return f"{number(estimate.value)}{known}"
     decimals = max(0, 1 - math.floor(math.log10(estimate.stderr)))
     if decimals > 8:
-        return f"{number(estimate.value)} [{number(low)}, {number(high)}]"
-    return f"{estimate.value:.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]"
+        return f"{number(estimate.value)} [{number(low)}, {number(high)}]{known}"
+    return f"{estimate.value:.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]{known}"
 
 
-_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?( ?%)?( \[.*\])?$")
+_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?( ?%)?( \[.*\])?( \(known\))?$")
 
 _LATEX = {
     "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%",

@@ -42,7 +42,7 @@ def sentences(fit: YawFit) -> tuple[str, ...]:
     """What a person should read beside the tables: choice, inertial turn angle, scatter, warnings."""
     preferred, turn = fit.preferred, fit.inertial_turn_angle
     dof, words, own = fit.dof, fit.dof.words, fit.dof.symbols
-    lines = [fit.preference.because]
+    lines = [fit.preference.because, *fit.told_of_known]
     if fit.use is not None:
         lines = [fit.use.sentence(dof), *lines]
     if turn is not None:

@@ -13,12 +13,13 @@ WIDE = 2.0
 
 @dataclass(frozen=True)
 class Estimate:
-    """Value, standard error, 95 % interval and unit of one parameter."""
+    """Value, standard error, 95 % interval and unit of one parameter; whether it was `known` beforehand."""
 
     value: float
     stderr: float
     ci95: tuple[float, float]
     unit: str
+    known: bool = False
 
     @classmethod
     def from_stderr(cls, value: float, stderr: float, dof: float, unit: str) -> "Estimate":
@@ -46,19 +47,21 @@ class Estimate:
 
     def to_json(self) -> dict[str, object]:
         """The contract's form."""
-        return {"value": self.value, "stderr": self.stderr, "ci95": list(self.ci95), "unit": self.unit}
+        plain = {"value": self.value, "stderr": self.stderr, "ci95": list(self.ci95), "unit": self.unit}
+        return {**plain, "known": True} if self.known else plain
 
 
 @dataclass(frozen=True)
 class Given:
     """A number as a result file holds it: an estimate, a value without an interval (`at_bound` says why), or a plain
-    number; the value is None for what lies beyond all that was measured."""
+    number; the value is None for what lies beyond all that was measured. `known_`: it was known before the fit."""
 
     value: float | None
     stderr: float | None = None
     ci95: tuple[float, float] | None = None
     unit: str = ""
     at_bound: str = ""
+    known_: bool = False
 
     @classmethod
     def of_number(cls, value: float) -> "Given":
@@ -70,7 +73,7 @@ class Given:
         """The estimate; None where the interval is not known."""
         if self.value is None or self.stderr is None or self.ci95 is None:
             return None
-        return Estimate(self.value, self.stderr, self.ci95, self.unit)
+        return Estimate(self.value, self.stderr, self.ci95, self.unit, self.known_)
 
     def known(self, place: str) -> Estimate:
         """The estimate. Raises ModelError with the `place` in the file where the interval is not known."""

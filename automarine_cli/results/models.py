@@ -130,7 +130,7 @@ class PlanarFile(ResultRecord):
 
     unread: ClassVar[tuple[str, ...]] = (
         "fitted_to", "assumptions", "valid_range", "channels", "disturbance", "noises", "log_likelihood",
-        "structure_because", "effects", "predicts", "parent", "notes",
+        "structure_because", "estimated", "estimated_because", "effects", "predicts", "parent", "notes",
     )  # fmt: skip
     force_unit: str = "N"
     moment_unit: str = "N m"

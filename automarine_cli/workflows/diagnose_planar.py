@@ -15,7 +15,7 @@ from automarine_cli.diagnosis.planar_where import find_planar_where
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import YAW
 from automarine_cli.errors import SettingError
-from automarine_cli.fits.planar_fit import Estimated, PlanarFit, Tried
+from automarine_cli.fits.planar_fit import Choice, Estimated, PlanarFit, Tried
 from automarine_cli.fits.planar_structure import Observed, Structure, observed
 from automarine_cli.logs import Logs, given_columns
 from automarine_cli.models.planar_store import load_planar_model, planar_json
@@ -58,7 +58,8 @@ class PlanarDiagnosis(Shown):
         return self._as_fit(self.found.before), self._as_fit(self.found.after)
 
     def _as_fit(self, one: Estimated) -> PlanarFit:
-        return PlanarFit((Tried(Structure.simplest(self.seen), one),), self.runs, self.seen)
+        tried = Tried(Structure.simplest(self.seen), one)
+        return PlanarFit((tried,), Choice(tried), self.runs, self.seen)
 
     def estimates_of(self, one: Contender) -> dict[str, Estimate]:
         """The parameters that an effect adds."""

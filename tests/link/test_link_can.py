@@ -60,8 +60,8 @@ def test_a_campaign_over_can_is_fitted_as_it_is(run: Callable[..., Result], tmp_
     campaign = made_campaign(8, seconds=6.0, rate=20.0)
     with Vessel(SPEED).afloat() as vessel, vehicle_at(tmp_path / "v", SPEED, on(vessel, tmp_path)) as vehicle:
         collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 20.0, poll_s=0.02)
-        (state,) = collector.collect(campaign, stop=False)["campaigns"]
-    assert (state["played"], state["interrupted"], state["why_stopped"]) == (8, 0, None)
+        (state,) = collector.collect(campaign, stop=False).campaigns
+    assert (state.played, state.interrupted, state.why_stopped) == (8, 0, None)
     sent = sorted({moment for one in campaign.runs for moment, _ in one.commands})
     assert np.allclose(sorted(set(vessel.moments())), sent, atol=0.001, rtol=0.0)  # as the signal holds them
     assert {values["Depth"] for _, _, values in vessel.heard} == {0.5}  # its start value in the DBC
@@ -111,12 +111,12 @@ def _ends_early(vessel: Vessel, folder: Path, when: Callable[[Vessel], None], ca
         if vessel.speaks:
             until(lambda: any(vessel.moments()[-1:]))
         when(vessel)
-        until(lambda: vehicle.store.state()["campaigns"][0]["over"])
-        state = vehicle.store.state()["campaigns"][0]
+        until(lambda: vehicle.store.state().campaigns[0].over)
+        state = vehicle.store.state().campaigns[0]
         until(lambda: vessel.moments()[-3:] in ([0.0] * 3, []))
         marks = [name.rpartition("_")[2] for name in logs_in(vehicle.store.runs)]
         assert marks == (["stopped.csv"] if any(vessel.moments()) else [])
-        return str(state["why_stopped"])
+        return str(state.why_stopped)
 
 
 def test_a_compass_that_falls_silent_ends_the_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

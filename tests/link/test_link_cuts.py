@@ -55,7 +55,7 @@ def test_what_comes_over_a_cut_link_is_what_was_sent(seed: int, tmp_path: Path) 
             state = collector.collect(campaign, stop=False)
     assert proxy.cuts >= 5 and collector.crossing.cuts >= 5
     assert logs_in(tmp_path / "pool") == expected_logs(campaign) == logs_in(vehicle.store.runs)
-    assert [(one["played"], one["over"]) for one in state["campaigns"]] == [(5, True)]
+    assert [(one.played, one.over) for one in state.campaigns] == [(5, True)]
     hashes = {name: hashlib.sha256(content).hexdigest() for name, content in expected_logs(campaign).items()}
     assert collector.ledger() == hashes
 
@@ -100,8 +100,8 @@ def test_nothing_is_commanded_after_a_stop(tmp_path: Path, monkeypatch: pytest.M
         assert list(after) == [f"{campaign.log_name(campaign.runs[0])}_stopped.csv"]
         time.sleep(0.3)  # six seconds of the vehicle's time
         assert logs_in(vehicle.store.runs) == after and not vehicle.store.is_playing()
-        (state,) = vehicle.store.state()["campaigns"]
-        assert (state["over"], state["why_stopped"], state["played"]) == (True, "asked to stop", 1)
+        (state,) = vehicle.store.state().campaigns
+        assert (state.over, state.why_stopped, state.played) == (True, "asked to stop", 1)
         assert put(vehicle.port, campaign) == 200  # known, and stopped for good
         time.sleep(0.2)
         assert logs_in(vehicle.store.runs) == after
@@ -111,22 +111,22 @@ def test_nothing_is_commanded_after_a_stop(tmp_path: Path, monkeypatch: pytest.M
 
 def test_a_stop_between_two_runs_leaves_no_log(tmp_path: Path) -> None:
     class StoppedAtTheLastMoment(Store):
-        def begin(self, name: str) -> int:
+        def begin(self, name: str, room: int) -> int:
             self.stop()
-            return super().begin(name)
+            return super().begin(name, room)
 
     store, campaign, vehicle = StoppedAtTheLastMoment(tmp_path), made_campaign(2), Simulated(MODEL, 1e9)
     store.prepare()
     store.accept(campaign.text.encode(), campaign.id)
     Player(store, vehicle, 1e9, lambda: not store.is_stopped(campaign)).play()
-    assert list(store.runs.iterdir()) == [] and store.state()["campaigns"][0]["over"]
+    assert list(store.runs.iterdir()) == [] and store.state().campaigns[0].over
 
 
 def test_a_run_that_never_began_is_played_after_a_power_cut(tmp_path: Path) -> None:
     store, campaign = Store(tmp_path), made_campaign(1)
     store.prepare()
     store.accept(campaign.text.encode(), campaign.id)
-    os.close(store.begin(campaign.log_name(campaign.runs[0])))
+    os.close(store.begin(campaign.log_name(campaign.runs[0]), 1000))
     Player(store, Simulated(MODEL, 1e9), 1e9, lambda: store.next_run(campaign) is not None).play()
     assert logs_in(store.runs) == expected_logs(campaign)
 
@@ -143,7 +143,7 @@ def test_a_stop_comes_before_the_campaign(tmp_path: Path) -> None:
         put(vehicle.port, first)
         collector = Collector(Client.of(vehicle.url, TOKEN), tmp_path / "pool", 600.0, poll_s=0.02)
         state = collector.collect(second, stop=True)
-    assert [one["why_stopped"] for one in state["campaigns"]] == ["asked to stop", None]
+    assert [one.why_stopped for one in state.campaigns] == ["asked to stop", None]
     assert set(expected_logs(second)) <= set(logs_in(tmp_path / "pool"))
 
 

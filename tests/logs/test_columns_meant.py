@@ -1,4 +1,4 @@
-"""What a column is taken for, or suggested as: no rate is a heading, no angle is read in a unit that its name denies."""
+"""What a column is taken for or suggested as: no rate is a heading, and no angle is in a unit that its name denies."""
 
 from pathlib import Path
 

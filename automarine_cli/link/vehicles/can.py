@@ -6,7 +6,7 @@ which signal is which column of ours.
 
 import contextlib
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -96,7 +96,7 @@ class CanBus:
         table, messages = self._table(campaign, run), self.messages
         return [_step(messages, table, at, table.held(values), run.name) for at, values in table.rows]
 
-    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Iterator[str]:
+    def drive(self, campaign: LinkCampaign, number: int, halted: Halted) -> Generator[str, None, None]:
         """The lines of a run's log, one for each heading that is received, with the commands in force."""
         run, begins = campaign.runs[number], campaign.begins(number)
         steps = self.steps(campaign, run)
