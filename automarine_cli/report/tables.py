@@ -41,9 +41,11 @@ class Math:
 
     plain: str
     latex: str
+    after: str = ""
+    """Words behind the symbol, as they stand."""
 
     def __str__(self) -> str:
-        return self.plain
+        return self.plain + self.after
 
 
 Cell = str | Math
@@ -88,7 +90,7 @@ class Table:
         """A `table` environment with booktabs rules; everything but Math cells is escaped."""
         sides = "".join("r" if right else "l" for right in self._right())
         lines = [r"\begin{table}", r"\centering"]
-        lines += [rf"\caption{{{_latex(self.title)}}}"] if self.title else []
+        lines += _captioned(self.title) if self.title else []
         lines += [rf"\begin{{tabular}}{{{sides}}}", r"\toprule", _latex_row(self.header), r"\midrule"]
         for i, row in enumerate(self.rows):
             lines += [r"\midrule"] if i in self.rules and i > 0 else []
@@ -113,6 +115,13 @@ class Table:
             i > 0 and all(_NUMBER.match(str(row[i])) or str(row[i]) in ("", MISSING) for row in self.rows)
             for i in range(len(self.header))
         ]
+
+
+def _captioned(title: str) -> list[str]:
+    """The caption without a number of ours, which LaTeX gives, and a label to refer to it by."""
+    caption = re.sub(r"^Table \d+\. ", "", title)
+    name = re.sub(r"[^a-z0-9]+", "-", caption.partition("[")[0].lower()).strip("-")
+    return [rf"\caption{{{_latex(caption)}}}", rf"\label{{tab:{name}}}"]
 
 
 def number(x: float | None, digits: int = 4) -> str:
@@ -188,7 +197,7 @@ def _markdown_row(row: tuple[Cell, ...]) -> str:
 
 def _latex(cell: Cell) -> str:
     if isinstance(cell, Math):
-        return f"${cell.latex}$"
+        return f"${cell.latex}$" + (_latex(cell.after) if cell.after else "")
     text = _one_line(cell)
     if match := re.fullmatch(r"([-+]?\d+(?:\.\d+)?)(?:e([-+]?\d+))?", text):
         mantissa, exponent = match.groups()

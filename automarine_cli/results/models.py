@@ -197,7 +197,7 @@ class ThrusterFile(ResultRecord):
     """`thrusters.json`: a thruster map."""
 
     unread: ClassVar[tuple[str, ...]] = (
-        "per_test", "r2", "rmse_N", "cv_rmse_N", "chosen_because", "tare", "flagged",
+        "per_test", "r2", "rmse_N", "rmse_all_points_N", "cv_rmse_N", "chosen_because", "tare", "flagged",
         "voltages", "notes", "points", "by",
     )  # fmt: skip
     forward: SquareLaw
