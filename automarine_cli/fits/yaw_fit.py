@@ -139,6 +139,7 @@ class YawFit(Shown):
             return {}
         return {
             "driven": True,
+            "proposed": dict(use.proposed),
             "random": random_estimates(found, self.preferred.covariance, self.dof),
             "prediction": {
                 "left_out_runs": [one.to_json(self.dof) for one in use.worth],
