@@ -27,7 +27,7 @@ from automarine_cli.comparison.simulated_runs import FreeRun, Restarts, find_res
 from automarine_cli.dofs import Dof
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import make_course
-from automarine_cli.filters.prediction import predict
+from automarine_cli.filters.prediction import Predicted, predict
 from automarine_cli.fits.driven import base_starts, disturbed, driven_problem
 from automarine_cli.fits.driven_fit import Worth, worth_of
 from automarine_cli.fits.driven_use import judged_of
@@ -132,11 +132,13 @@ def _digits(gap: float | None) -> str:
 @dataclass(frozen=True)
 class Ahead:
     """What each model, by its number, is worth by horizon; `preferred` is the number of the one that the fit preferred:
-    who has no more logs than these cannot know which does best on them."""
+    who has no more logs than these cannot know which does best on them. `by_run` are the errors of each model by
+    horizon and run."""
 
     worth: Mapping[str, tuple[Worth, ...]]
     preferred: str
     dof: Dof
+    by_run: Mapping[str, Mapping[float, Mapping[str, float]]]
 
     @property
     def of_use(self) -> bool:
@@ -167,31 +169,47 @@ class Ahead:
 
     def to_json(self) -> dict[str, list[dict[str, object]]]:
         """By model and horizon, in the unit in which people see positions."""
-        return {number: [one.to_json(self.dof) for one in worth] for number, worth in self.worth.items()}
+        dof = self.dof
+        return {
+            number: [
+                one.to_json(dof)
+                | {"runs": {run: float(dof.shown(error)) for run, error in self.by_run[number][one.horizon].items()}}
+                for one in worth
+            ]
+            for number, worth in self.worth.items()
+        }
 
 
 def ahead_of(stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...] | None) -> Ahead | None:
     """Predictions of every model of a file from the filtered states of `runs`; None where the runs are not driven, or
     no filter follows them. `channels` names the quantities that count, None for positions."""
     at_rest = np.array([starts_at_rest(run) for run in runs])
-    worth = {}
+    worth, by_run = {}, {}
     try:
         if not disturbed(runs, stored.models[stored.preferred], at_rest, channels):
             return None
         for number, model in stored.models.items():
-            worth[number] = _worth(model, runs, at_rest, channels)
+            ahead = _predicted(model, runs, at_rest, channels)
+            worth[number] = worth_of(ahead)
+            by_run[number] = {one.horizon: _by_run(one, runs) for one in ahead}
     except FitError:  # what the free runs say has to do
         return None
-    return Ahead(worth, stored.preferred, stored.dof)
+    return Ahead(worth, stored.preferred, stored.dof, by_run)
 
 
-def _worth(
+def _by_run(ahead: Predicted, runs: Sequence[Run]) -> dict[str, float]:
+    """Root mean square error of each run that has predictions."""
+    sizes = np.sqrt(ahead.by_run(ahead.error, len(runs)))
+    return {run.name: float(size) for run, size in zip(runs, sizes) if np.isfinite(size)}
+
+
+def _predicted(
     model: YawModel, runs: Sequence[Run], at_rest: NDArray[np.bool_], channels: tuple[str, ...] | None
-) -> tuple[Worth, ...]:
+) -> tuple[Predicted, ...]:
     """Of one model, by the sizes that the runs themselves give to what is random."""
     course = make_course(runs, at_rest, needed_signals(model), channels=channels)
     problem, own = driven_problem(model, course), len(model.theta)
     held = np.concatenate([np.tile(model.theta[:, None], 2), problem.bounds[own:]])
     problem = replace(problem, bounds=held)
     found = fit_innovations(problem, np.unique(base_starts(problem), axis=0), brief=True)
-    return worth_of(predict(model, course, model.theta, problem.noises(found.theta[None])))
+    return predict(model, course, model.theta, problem.noises(found.theta[None]))

@@ -109,6 +109,13 @@ def design(
     """The verdict of a target on a vehicle; `present` gains by name, None where there are none."""
     crowds = crowds_of(known, full, bend, seed)
     nominal = nominal_of(crowds[0].vehicles, task.step)
+    if known.proposed:
+        names = " and ".join(f"{name} ({gain:.0f} in deviance)" for name, gain in known.proposed.items())
+        why = (
+            f"The fit's own evidence asks for {names}, which the model lacks. Fit it with --with "
+            f"{','.join(known.proposed)}, and tune that model."
+        )
+        return Designed("cannot-promise", why, target, task, nominal, crowds, None, None, "", "", known.notes)
     for longer in (1.0, 2.0):
         found = _designed(target, known, crowds, nominal, replace(task, seconds=longer * seconds_for(nominal)), present)
         if found is not None:

@@ -1,7 +1,7 @@
 """What is known of a vehicle from a model's file or a diagnosis, and what both leave open."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -47,7 +47,8 @@ class Explanation:
 @dataclass(frozen=True)
 class Knowledge:
     """The stored model, every explanation (the named one first), how uncertain thrust, delay and supply are, `largest`
-    moment of the logs or None, whether the delay is `guessed`, splits by rival, and notes."""
+    moment of the logs or None, whether the delay is `guessed`, splits by rival, notes, and effects that the fit itself
+    `proposed` and the model lacks, with the deviance that each gains."""
 
     stored: StoredModels
     explanations: tuple[Explanation, ...]
@@ -56,6 +57,7 @@ class Knowledge:
     guessed: bool
     splits: Mapping[str, str]
     notes: tuple[str, ...]
+    proposed: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def model(self) -> YawModel:
@@ -101,7 +103,9 @@ def read_knowledge(
     )
     told = (one for one in (*known.notes, note) if one and one != NO_RIVALS and "planned runs" not in one)
     notes = (*without, *told)
-    return Knowledge(known.stored, (main, *others), spread, largest, guessed, _splits(said), notes)
+    have = {term.name for term in known.model.terms} | ({"input-delay"} if delay is not None else set())
+    proposed = {name: gain for name, gain in known.proposed.items() if name not in have}
+    return Knowledge(known.stored, (main, *others), spread, largest, guessed, _splits(said), notes, proposed)
 
 
 def _noise(known: PriorResults) -> tuple[float, float]:

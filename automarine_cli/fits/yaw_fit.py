@@ -153,6 +153,7 @@ class YawFit(Shown):
             random = {"driven": True, "random": random_estimates(found, self.preferred.covariance, self.dof)}
         return {
             **random,
+            "proposed": dict(use.proposed),
             "prediction": {
                 "left_out_runs": [one.to_json(self.dof) for one in use.worth],
                 "of_use": use.of_use,

@@ -37,7 +37,8 @@ class Doubt:
 class PriorResults:
     """The model with all that is believed to act, its estimates by label, the logs' noise [degrees] and scatter (None
     where the file does not say), how many runs were fitted, the doubts that are open, and the noise of a gyro that the
-    fit rests on; what is `random` in driven runs, by name, in base units, empty for a pool."""
+    fit rests on; what is `random` in driven runs, by name, in base units, empty for a pool; effects that the fit
+    `proposed` and no diagnosis has judged, with the deviance that each gains."""
 
     stored: StoredModels
     model: YawModel
@@ -49,6 +50,7 @@ class PriorResults:
     notes: tuple[str, ...] = ()
     rate_noise_deg_s: float | None = None
     random: Mapping[str, float] = field(default_factory=dict)
+    proposed: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -96,8 +98,9 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
     rate = next((noise.value for noise in rates if noise is not None), None)
     random = {name: given.value for name, given in file.random.items() if given.value is not None}
     return PriorResults(
-        stored, chosen, now, _size(file.noise), _size(spread), file.runs.used, doubts, notes, _size(rate), random
-    )
+        stored, chosen, now, _size(file.noise), _size(spread), file.runs.used, doubts, notes, _size(rate), random,
+        {} if diagnosis is not None else file.proposed,
+    )  # fmt: skip
 
 
 def covariance_now(fitting: Fitting, now: Mapping[str, Estimate]) -> Floats | None:

@@ -100,6 +100,7 @@ class ModelFile(ResultRecord):
     parent: Parent | None = None
     channels: tuple[Sensor, ...] = ()
     random: Mapping[str, Given] = field(default_factory=dict)
+    proposed: Mapping[str, float] = field(default_factory=dict)
     buoyancy: Said | None = None
     prediction: Use = field(default_factory=Use)
     warnings: tuple[str, ...] = ()

@@ -50,5 +50,6 @@ def test_model_1_tells_its_time_constant_and_never_the_angle_of_another() -> Non
     values = linear.preferred.estimates
     assert found.value == pytest.approx(values["I_r"].value / values["k_r"].value)
     assert found.ci95[0] < found.value < found.ci95[1] and np.isfinite(found.stderr)
+    assert linear.use is not None and linear.to_json()["proposed"] == dict(linear.use.proposed)
     quadratic = replace(fit, preference=replace(fit.preference, number="3"))
     assert "Inertial turn angle" in " ".join(sentences(quadratic)) and quadratic.time_constant is None
