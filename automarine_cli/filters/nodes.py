@@ -16,6 +16,8 @@ STEP, LEAST_STEP = 0.25, 0.1
 controller answers every reading, and the commands would tell of one that was left out."""
 APART = 0.5
 """Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
+SMOOTH_GYRO = 0.25
+"""Share of a compass' least noise [per s] below which a gyro was filtered, or its rate is derived from headings."""
 HELD = 0.2
 """Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings."""
 FLAT = 3.0
@@ -23,9 +25,9 @@ FLAT = 3.0
 
 
 def least_noise(dof: Dof, velocity: bool) -> float:
-    """Noise below which readings were filtered or derived [base units, per s of a velocity]; a gyro may have next to
-    none, a speed on the water never."""
-    return 0.0 if velocity and dof.wraps else dof.limits.least_noise
+    """Give the noise below which readings were filtered or derived [base units, per s of a velocity]; a gyro's may be
+    a share of that of a compass per second."""
+    return (SMOOTH_GYRO if velocity and dof.wraps else 1.0) * dof.limits.least_noise
 
 
 def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> float:
@@ -38,7 +40,8 @@ def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> f
                 if quantity in quantities and read is not None:
                     fresh = _fresh(read)
                     noises.append(position_noise(run.time[fresh], read[fresh]))
-            if noises and np.median(noises) >= least_noise(dof, quantity == dof.velocity):
+            gyro = dof.wraps and quantity == dof.velocity
+            if noises and (gyro or np.median(noises) >= least_noise(dof, quantity == dof.velocity)):
                 return LEAST_STEP
     return STEP
 

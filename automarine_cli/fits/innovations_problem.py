@@ -223,8 +223,7 @@ def randomness(
     most = 0.0 if delayed else 0.5
     found.append(Randomness(SWITCH, -most, most, 0.0, 3.0, signed=True))
     for channel, noise in zip(course.channels, course.noise):
-        dof = course.motion.dofs[channel.dof]
-        floor = least_noise(dof, channel.velocity) or 0.1 * dof.limits.least_noise
+        floor = least_noise(course.motion.dofs[channel.dof], channel.velocity)
         middle = max(noise, 1.5 * floor)
         found.append(Randomness(f"noise.{channel.quantity}", floor, 100.0 * middle, middle, 0.7))
     largest = float(np.abs(course.held).max())

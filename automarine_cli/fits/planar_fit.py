@@ -196,8 +196,13 @@ class PlanarFit(Shown):
                 if positive
                 else Estimate.from_stderr(value, error, freedom, told[name])
             )
-            found[name] = replace(one, known=name in self.known.parameters)
+            found[name] = replace(one, known=name in self.known.parameters, at_bound=self._at_bound(name, row))
         return found
+
+    def _at_bound(self, name: str, row: Floats) -> bool:
+        """Whether a bound stopped a parameter, or what it follows."""
+        stopped = () if self.found.fit is None else self.found.fit.at_bound
+        return int(np.argmax(np.abs(row))) in stopped and name not in self.known.parameters
 
     def _freedom(self, i: int) -> tuple[float, bool]:
         """Degrees of freedom of the variance of a free parameter, and whether it is searched on its logarithm."""
@@ -272,15 +277,15 @@ class PlanarFit(Shown):
             size = inertia * self.found.disturbance.get(dof.name, {}).get("size", 0.0)
             if usual > 0 and size > AS_LARGE * usual:
                 unit = "N m" if dof.wraps else "N"
-                large.append(f"in {dof.name} {size:.3g} {unit} where the usual command is {usual:.3g}")
+                large.append(f"{dof.name} {size:.3g} of {usual:.3g} {unit}")
         if not large:
             return ()
         then = (
-            "masses and inertia rest on forecasts over seconds, not on single readings"
+            "Masses and inertia rest on forecasts over seconds, not on single readings."
             if self.choice.way == FORECASTS
-            else "it may answer for the commands, and masses and inertia are then too large"
+            else "It may answer for what they do; masses and inertia are then too large."
         )
-        return (f"The disturbance is as large as the commands: {', '.join(large)}; {then}.",)
+        return (f"The disturbance is more than half as large as the commands: {', '.join(large)}. {then}",)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -156,7 +156,8 @@ class PlanarLikelihood:
                     found = own.found if way == LIKELIHOOD else self.by_forecasts(own.found)
                     assert found.fit is not None
                     judged = forecasts_of(self.problem(found.model), found.fit)
-                    fitted.append((replace(own, found=found), way, judged))
+                    if np.isfinite(judged.score) or not fitted:
+                        fitted.append((replace(own, found=found), way, judged))
         best = min(fitted, key=lambda each: each[2].score)
         chosen = fitted[0] if fitted[0][2].score - best[2].score < WORTH_IT else best
         found = chosen[0].found
@@ -223,12 +224,12 @@ def _because(
     for one, way, judged in fitted:
         share = float(np.expm1(judged.score - chosen[2].score))
         if judged is not chosen[2]:
-            which = "the simplest structure " if one.structure == simplest else ""
-            more.append(f"{which}{WAYS[way]} {100 * abs(share):.0f} % {'more' if share > 0 else 'less'}")
+            which = "for the simplest structure " if one.structure == simplest != chosen[0].structure else ""
+            more.append(f"{100 * abs(share):.0f} % {'larger' if share >= 0 else 'smaller'} {which}{WAYS[way]}")
     own = f"Fitted {WAYS[chosen[1]]}"
     if not more:
         return f"{own}."
-    return f"{own}, which predicts runs left out best or nearly so, 2, 5 and 15 s ahead: {', '.join(more)} off."
+    return f"{own}. Errors on runs left out, 2 to 15 s ahead, would be {', '.join(more)}."
 
 
 def _usual(rough: Mapping[str, float], dof: str) -> float:

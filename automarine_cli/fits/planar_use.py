@@ -40,9 +40,10 @@ class Forecasts:
     @property
     def score(self) -> float:
         """Mean logarithm of the errors as shares of what the better constant misses by, over quantities and horizons;
-        zero where there are none."""
+        infinite where predictions run away, zero where there are none."""
         shares = [one.error / min(one.constant_rate, one.constant) for each in self.worth.values() for one in each]
-        return float(np.mean(np.log(np.maximum(shares, 1e-9)))) if shares else 0.0
+        score = float(np.mean(np.log(np.maximum(shares, 1e-9)))) if shares else 0.0
+        return score if np.isfinite(score) else np.inf
 
     @property
     def beaten(self) -> Iterator[tuple[str, Worth]]:
@@ -156,10 +157,11 @@ def forecasts_of(problem: DrivenProblem, found: InnovationsFit) -> Forecasts:
         )
         each.append([tuple(replace(piece, run=piece.run + r) for piece in pieces) for pieces in of_run])
     heading, *others = (_joined([of_run[i] for of_run in each]) for i in range(len(names)))
-    worth = {name: worth_of(one) for name, one in zip(names[1:], others)}
-    if placed:
-        worth = {PLACE: _distances(list(worth.values()))}
-    return Forecasts(heading, {HEADING: worth_of(heading), **worth})
+    with np.errstate(over="ignore", invalid="ignore"):  # where predictions run away
+        worth = {name: worth_of(one) for name, one in zip(names[1:], others)}
+        if placed:
+            worth = {PLACE: _distances(list(worth.values()))}
+        return Forecasts(heading, {HEADING: worth_of(heading), **worth})
 
 
 def planar_use(runs: Sequence[Run], problem: DrivenProblem, found: InnovationsFit, forecasts: Forecasts) -> PlanarUse:

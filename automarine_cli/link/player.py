@@ -55,7 +55,8 @@ class Player:
 
     def play(self) -> None:
         """Play all that comes until the server is gone."""
-        self.store.close_leftovers()
+        with contextlib.suppress(OSError):  # a log that stays open is never begun again
+            self.store.close_leftovers()
         while self.lives():
             for campaign, number, _ in waiting(self.store):
                 if not self._waited(campaign, number):

@@ -22,7 +22,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from automarine_cli.errors import AutomarineError, OutputError, SettingError
-from automarine_cli.link.answers import State
+from automarine_cli.link.answers import SHA256, State
 from automarine_cli.link.document import MOST_BYTES, SHORT
 from automarine_cli.link.player import LEASE_S, play
 from automarine_cli.link.store import ASKED, Store
@@ -78,7 +78,7 @@ class Handler(BaseHTTPRequestHandler):
         if not self._is_allowed():
             return
         size = self.headers.get("Content-Length", "")
-        if not re.fullmatch("[0-9a-f]{64}", name) or name == self.path:
+        if not SHA256.fullmatch(name) or name == self.path:
             self._refuse(HTTPStatus.NOT_FOUND, "a campaign is put to /campaigns/SHA-256 of its document")
         elif not re.fullmatch(r"\d{1,9}", size) or int(size) > MOST_BYTES:
             self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"give a Content-Length of {MOST_BYTES} at most")

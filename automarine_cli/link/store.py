@@ -11,7 +11,7 @@ import hashlib
 import os
 import stat
 import sys
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -87,8 +87,10 @@ class Store:
         if any(path.stem.partition("_")[2][:SHORT] == name[:SHORT] for path in there):
             raise SettingError("another campaign here has an id that begins alike; make the plan with another --seed")
         write_whole(self._ready(campaign), " " * LONGEST_WHY)
-        write_whole(self.campaigns / f"{len(there) + 1:04d}_{name}.json", campaign.text)
+        document = self.campaigns / f"{len(there) + 1:04d}_{name}.json"
+        write_whole(document, campaign.text)
         sync_folder(self.campaigns)
+        self._memory[_key(document.name, document.lstat())] = campaign
         return True
 
     def stop(self, why: str = ASKED, only: Collection[str] | None = None) -> None:
@@ -127,7 +129,7 @@ class Store:
     def begin(self, name: str, room: int) -> int:
         """Open a run's log with room for so many bytes, known to the disk before anything is commanded: the run will
         never be begun again. Raises OutputError where that cannot be, or where players died before this log began."""
-        if sum(one.startswith(f"{name}.died") for one in self._names()) >= DEATHS:
+        if _deaths(name, self._names()) >= DEATHS:
             raise OutputError(
                 f"the driving process ended {DEATHS} times before {name} had a line in its log; look at the vehicle's "
                 "computer and its supply"
@@ -174,18 +176,16 @@ class Store:
 
         An empty log is put aside, and counts as a death.
         """
-        for part in sorted(self.runs.glob("*.part")):
-            with suppress(OSError):  # a log that stays open is never begun again
-                if (found := part.lstat()).st_size and stat.S_ISREG(found.st_mode):
-                    self.close(part.stem, INTERRUPTED)
-                elif stat.S_ISREG(found.st_mode):
-                    deaths = sum(one.startswith(f"{part.stem}.died") for one in self._names())
-                    part.replace(self.runs / f"{part.stem}.died{deaths + 1}")
-                    sync_folder(self.runs)
+        while (name := _playing(names := self._names())) is not None:
+            if self.part(name).stat().st_size:
+                self.close(name, INTERRUPTED)
+            else:
+                self.part(name).replace(self.runs / f"{name}.died{_deaths(name, names) + 1}")
+                sync_folder(self.runs)
 
     def log(self, name: str) -> Log | None:
         """A log, a closed one with the hash that it was closed with; None where there is none of that name."""
-        with suppress(OSError):
+        with suppress(OSError, SettingError):  # also a file that is too large for a log
             if (found := self._status(name)) is not None:
                 closed = name.endswith(".csv")
                 return Log(name, found.st_size, closed, self._hash_of(self.runs / name, found) if closed else None)
@@ -202,22 +202,18 @@ class Store:
 
     def is_playing(self) -> bool:
         """Whether a log is open."""
-        return self._playing(self._names()) is not None
+        return _playing(self._names()) is not None
 
     def state(self) -> State:
         """What the vehicle is at."""
         documents, names = self._documents(), self._names()
-        campaigns = (self._state_of(one, names) if isinstance(one, LinkCampaign) else one for one in documents)
+        campaigns = (self._state_of(one) if isinstance(one, LinkCampaign) else one for one in documents)
         odd = [one for one in documents if isinstance(one, str)]
-        for name in sorted(names):
-            if name.endswith((".csv", ".part")) and not self._status(name) and os.path.lexists(self.runs / name):
+        for name, is_file in sorted(names.items()):
+            if name.endswith((".csv", ".part")) and not (is_file and LOG_NAME.fullmatch(name)):
                 odd.append(f"runs/{printable(name)} is passed over (a link, a folder or no log of ours); move it away")
         found = tuple(one for one in campaigns if isinstance(one, CampaignState))
-        return State(STATE_SCHEMA, found, self._playing(names), tuple(odd))
-
-    def _playing(self, names: Collection[str]) -> str | None:
-        parts = (name for name in sorted(names) if name.endswith(".part") and self._status(name))
-        return next((name.removesuffix(".part") for name in parts), None)
+        return State(STATE_SCHEMA, found, _playing(names), tuple(odd))
 
     def _status(self, name: str) -> os.stat_result | None:
         """Of a log; None where there is none of that name."""
@@ -229,30 +225,34 @@ class Store:
 
     def _documents(self) -> list[LinkCampaign | CampaignState | str]:
         """Each campaign; of one that is over its last state, of a document that is none a sentence."""
-        found, names = list[LinkCampaign | CampaignState | str](), set[str]()
-        for path in sorted(self.campaigns.glob("*.json")):
-            with suppress(FileNotFoundError):
-                status = path.lstat()
-                key = path.name, status.st_mtime_ns, status.st_size
-                known = self._memory.get(key)
-                if known is None:
-                    known = _campaign_at(path, status)
-                if isinstance(known, LinkCampaign):
-                    names = names or self._names()
-                    state = self._state_of(known, names)
-                    known = state if state.over else known
+        found = list[LinkCampaign | CampaignState | str]()
+        with os.scandir(self.campaigns) as entries:
+            documents = sorted((one for one in entries if one.name.endswith(".json")), key=lambda one: one.name)
+        for entry in documents:
+            try:
+                status = entry.stat(follow_symlinks=False)
+                key = _key(entry.name, status)
+                known = self._memory.get(key) or _campaign_at(Path(entry), status)
+                if isinstance(known, LinkCampaign) and (state := self._state_of(known)).over:
+                    known = state
                 self._memory[key] = known
-                found.append(known)
+            except FileNotFoundError:
+                continue
+            except OSError as problem:  # may be over soon
+                known = f"campaigns/{printable(entry.name)} cannot be read ({problem.strerror or problem})"
+            found.append(known)
         return found
 
-    def _state_of(self, campaign: LinkCampaign, names: Collection[str]) -> CampaignState:
-        logs = [campaign.log_name(run) for run in campaign.runs]
-        ends = [_end_of(log, names) for log in logs]
-        played, why = sum(end is not None for end in ends), None
+    def _state_of(self, campaign: LinkCampaign) -> CampaignState:
+        why = None
         if self.is_stopped(campaign):
             why = ASKED
             with suppress(OSError), _opened(self._stop_mark(campaign)) as file:
                 why = file.read(LONGEST_WHY).decode("utf-8", "replace").strip() or ASKED
+        names = self._names()  # after the mark: what is begun after it commands nothing
+        logs = [campaign.log_name(run) for run in campaign.runs]
+        ends = [_end_of(log, names) for log in logs]
+        played = sum(end is not None for end in ends)
         return CampaignState(
             campaign.id,
             len(ends),
@@ -263,8 +263,10 @@ class Store:
             why_stopped=why,
         )
 
-    def _names(self) -> set[str]:
-        return {path.name for path in self.runs.iterdir()}
+    def _names(self) -> dict[str, bool]:
+        """What is in the folder of logs, and whether it is a file."""
+        with os.scandir(self.runs) as entries:
+            return {entry.name: entry.is_file(follow_symlinks=False) for entry in entries}
 
     def _stop_mark(self, campaign: LinkCampaign) -> Path:
         return self.campaigns / f"{campaign.id}.stopped"
@@ -274,38 +276,53 @@ class Store:
         return self.campaigns / f"{campaign.id}.ready"
 
     def _hash_of(self, log: Path, found: os.stat_result) -> str:
-        key = log.name, found.st_mtime_ns, found.st_size
+        key = _key(log.name, found)
         if key not in self._memory:
             text = ""
             with suppress(OSError), _opened(_hash_file(log)) as file:
                 text = file.read(64).decode("ascii", "replace")
             if not SHA256.fullmatch(text):  # a log that somebody put there, or whose hash is damaged
+                digest = hashlib.sha256()
                 with _opened(log) as file:
-                    text = hashlib.sha256(file.read()).hexdigest()
+                    while block := file.read(1 << 20):
+                        digest.update(block)
+                text = digest.hexdigest()
             self._memory[key] = text
         return str(self._memory[key])
 
 
+def _key(name: str, status: os.stat_result) -> tuple[str, int, int]:
+    return name, status.st_mtime_ns, status.st_size
+
+
 def _campaign_at(path: Path, status: os.stat_result) -> LinkCampaign | str:
-    """The campaign of a document, or a sentence on one that is none."""
+    """The campaign of a document, or a sentence on one that is none. Raises OSError."""
     why = "it is no file"
-    try:
-        if stat.S_ISREG(status.st_mode):
+    if stat.S_ISREG(status.st_mode):
+        try:
             with _opened(path) as file:
                 campaign = campaign_in(file.read())
             if path.stem.endswith(f"_{campaign.id}"):
                 return campaign
             why = "its bytes are not those that it was accepted with"
-    except OSError as problem:
-        why = problem.strerror or str(problem)
-    except SettingError as problem:
-        why = str(problem)
+        except SettingError as problem:
+            why = str(problem)
     return f"campaigns/{printable(path.name)} is passed over ({why[:300]}); move it away"
 
 
 def _end_of(name: str, names: Collection[str]) -> str | None:
     """How a run ended, its mark; None where it was not played, or is being played."""
     return next((mark for mark in ENDS if f"{name}{mark}.csv" in names), None)
+
+
+def _deaths(name: str, names: Collection[str]) -> int:
+    return sum(one.startswith(f"{name}.died") for one in names)
+
+
+def _playing(names: Mapping[str, bool]) -> str | None:
+    """The open log."""
+    parts = (name for name in sorted(names) if name.endswith(".part") and names[name] and LOG_NAME.fullmatch(name))
+    return next((name.removesuffix(".part") for name in parts), None)
 
 
 def _hash_file(log: Path) -> Path:

@@ -37,7 +37,7 @@ class Doubt:
 class PriorResults:
     """The model with all that is believed to act, its estimates by label, the logs' noise [degrees] and scatter (None
     where the file does not say), how many runs were fitted, the doubts that are open, and the noise of a gyro that the
-    fit rests on."""
+    fit rests on; what is `random` in driven runs, by name, in base units, empty for a pool."""
 
     stored: StoredModels
     model: YawModel
@@ -48,6 +48,7 @@ class PriorResults:
     doubts: tuple[Doubt, ...] = ()
     notes: tuple[str, ...] = ()
     rate_noise_deg_s: float | None = None
+    random: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -93,8 +94,9 @@ def read_prior_results(model: Source, diagnosis: Source | None) -> PriorResults:
         notes = (*notes, f"{term.name} is left out: it acts by {by}, which planned runs, on the spot, do not have.")
     rates = (one.noise for one in file.channels if one.used and one.quantity == stored.dof.velocity)
     rate = next((noise.value for noise in rates if noise is not None), None)
+    random = {name: given.value for name, given in file.random.items() if given.value is not None}
     return PriorResults(
-        stored, chosen, now, _size(file.noise), _size(spread), file.runs.used, doubts, notes, _size(rate)
+        stored, chosen, now, _size(file.noise), _size(spread), file.runs.used, doubts, notes, _size(rate), random
     )
 
 

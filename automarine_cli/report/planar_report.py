@@ -9,6 +9,7 @@ from automarine_cli.models.planar_store import units
 from automarine_cli.report.figures.files import Draw
 from automarine_cli.report.figures.planar_runs import planar_runs_figure
 from automarine_cli.report.tables import MISSING, Table, number
+from automarine_cli.results.estimate import Estimate
 
 WORDS = {
     "surge.m_u": "mass with added mass, ahead", "sway.m_v": "mass with added mass, abeam",
@@ -60,9 +61,7 @@ def parameter_table(fit: PlanarFit) -> Table:
     """One row a parameter that was identified."""
     rows = [
         (
-            name, WORDS.get(name, ""), number(one.value, 4), number(one.stderr, 2) if one.stderr else "known",
-            f"{number(one.ci95[0], 4)} to {number(one.ci95[1], 4)}{' (known)' * one.known}" if one.stderr else MISSING,
-            one.unit,
+            name, WORDS.get(name, ""), number(one.value, 4), *_spread(one), one.unit,
         )
         for name, one in fit.estimates.items()
     ]  # fmt: skip
@@ -74,12 +73,21 @@ def parameter_table(fit: PlanarFit) -> Table:
     return Table("Surge, sway and yaw together", header, tuple(rows), notes=notes)
 
 
+def _spread(one: Estimate) -> tuple[str, str]:
+    """The standard error and the interval, or why there are none."""
+    if one.at_bound:
+        return MISSING, "at its bound"
+    if one.known and not one.stderr:
+        return MISSING, "known"
+    return number(one.stderr, 2), f"{number(one.ci95[0], 4)} to {number(one.ci95[1], 4)}{' (known)' * one.known}"
+
+
 def structure_table(fit: PlanarFit) -> Table:
     """One row a structure that was tried, the best first."""
     rows = [
         (
             str(one.structure), str(len(one.found.model.free)), number(one.found.log_likelihood, 7),
-            number(one.found.criterion - fit.found.criterion, 4),
+            number(one.criterion - fit.tried[0].criterion, 4),
         )
         for one in fit.tried
     ]  # fmt: skip

@@ -140,10 +140,12 @@ def number(x: float | None, digits: int = 4) -> str:
 
 def interval(estimate: HasInterval | None) -> str:
     """`1.257 [1.240, 1.274]`: as many decimals as two significant digits of the standard error need; marked where it
-    was known before the fit."""
+    was known before the fit; a value at its bound has no interval."""
     if estimate is None or not math.isfinite(estimate.value):
         return MISSING
     (low, high), known = estimate.ci95, " (known)" * getattr(estimate, "known", False)
+    if getattr(estimate, "at_bound", False) and not known:
+        return f"{number(estimate.value)} (at its bound)"
     if not (math.isfinite(estimate.stderr) and estimate.stderr > 0 and math.isfinite(low) and math.isfinite(high)):
         return f"{number(estimate.value)}{known}"
     decimals = max(0, 1 - math.floor(math.log10(estimate.stderr)))
@@ -152,7 +154,7 @@ def interval(estimate: HasInterval | None) -> str:
     return f"{estimate.value:.{decimals}f} [{low:.{decimals}f}, {high:.{decimals}f}]{known}"
 
 
-_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?( ?%)?( \[.*\])?( \(known\))?$")
+_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?( ?%)?( \[.*\])?( \((known|at its bound)\))?$")
 
 _LATEX = {
     "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%",

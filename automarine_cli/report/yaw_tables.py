@@ -8,6 +8,7 @@ from automarine_cli.fits.drag import DragFit, nested_test
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.velocity_error import VelocityErrorFit
 from automarine_cli.fits.yaw_cautions import DRAG, INERTIA, Caution
+from automarine_cli.fits.yaw_fit import effect_estimates
 from automarine_cli.report.tables import MISSING, Cell, Math, Table, interval, number
 from automarine_cli.results.estimate import Estimate
 
@@ -43,7 +44,7 @@ def drag_table(
             *(number(float(ml[m].mixed.predictive.sum()), 6) if m in ml else MISSING for m in MODELS),
         ),
     ]
-    rows += _force_rows(fits, ml, dof)
+    rows += [*_force_rows(fits, ml, dof), *_effect_rows(ml)]
     squared = f"({unit})²" if " " in unit else f"{unit}²"
     unit_note = (
         f"{dof.words.force.capitalize()} [{unit}], {quadratic} [{dof.unit_of('quadratic', unit)}], "
@@ -52,6 +53,20 @@ def drag_table(
     )
     notes = (unit_note, *_signs(dof), *notes)
     return Table(f"Table 1. Identified {dof.name} models: drag", HEADER, tuple(rows), (3, 7), notes)
+
+
+def _effect_rows(ml: Mapping[str, OutputErrorFit]) -> list[tuple[Cell, ...]]:
+    """The effects that were fitted beside drag."""
+    each = {number: effect_estimates(fit) for number, fit in ml.items()}
+    names = {(e, name): one.unit for own in each.values() for e, group in own.items() for name, one in group.items()
+             if one.stderr > 0}  # fmt: skip
+    return [
+        (
+            f"{effect} {name} [{unit}], maximum likelihood",
+            *(interval(each[m][effect][name]) if effect in each.get(m, {}) else MISSING for m in MODELS),
+        )
+        for (effect, name), unit in names.items()
+    ]
 
 
 def _force_rows(fits: Mapping[str, DragFit], ml: Mapping[str, OutputErrorFit], dof: Dof) -> list[tuple[Cell, ...]]:

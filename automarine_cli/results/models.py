@@ -86,7 +86,7 @@ class Use:
 class ModelFile(ResultRecord):
     """`yaw_model.json`, or that of another motion: models by number."""
 
-    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "random")
+    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "time_constant_s")
     models: Mapping[str, ModelEntry | None]
     preferred: str
     force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))
@@ -99,6 +99,7 @@ class ModelFile(ResultRecord):
     valid_range: ValidRange | None = None
     parent: Parent | None = None
     channels: tuple[Sensor, ...] = ()
+    random: Mapping[str, Given] = field(default_factory=dict)
     buoyancy: Said | None = None
     prediction: Use = field(default_factory=Use)
     warnings: tuple[str, ...] = ()

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -194,7 +194,7 @@ def _diagnose(asked: DiagnoseOptions, runner: Runner) -> PlanarDiagnosis:
     def work() -> PlanarDiagnosis:
         found = find_missing(stored, runs, kept, seen)
         where = find_planar_where(found, asked.seed)
-        return PlanarDiagnosis(found, where, tuple(runs), tuple(kept), seen, aside, parent)
+        return PlanarDiagnosis(replace(found, where=where), where, tuple(runs), tuple(kept), seen, aside, parent)
 
     def write(folder: ResultFolder, result: PlanarDiagnosis) -> None:
         folder.write_json("diagnosis.json", result.to_json())

@@ -55,12 +55,13 @@ def kill_and_go_on(folder: Path, campaign: LinkCampaign, kills: int, seed: int, 
         while sum(count.values()) < kills:
             time.sleep(drawn.uniform(0.2, 2.5))
             victim = drawn.choice(list(count))
-            players = children_of(server)
             if victim == "server":
                 server.kill()
                 server.wait()
                 processes[0] = server = served(vehicle, port, speed)
-            elif victim == "player" and players:
+            elif victim == "player":
+                while len(players := children_of(server)) < 2:  # the first is multiprocessing's own
+                    time.sleep(0.05)
                 os.kill(players[-1], signal.SIGKILL)
             elif victim == "collector" and collector.poll() is None:
                 collector.kill()
