@@ -25,7 +25,7 @@ from automarine_cli.diagnosis.verdict import (
     verdict_of,
 )
 from automarine_cli.diagnosis.where import Where, find_where
-from automarine_cli.errors import RunError
+from automarine_cli.errors import TooFewRunsError
 from automarine_cli.models.yaw_model import YawModel
 from automarine_cli.pipeline.parallel import Each, alone
 from automarine_cli.runs.channels import AUTO, NOTHING_TO_CHOOSE, ChannelChoice, choose_channels
@@ -116,7 +116,7 @@ def diagnose_runs(
     fitted, kept = split_off(runs, seed) if hold_out is None else (list(runs), list(hold_out))
     if len(fitted) < FEWEST_RUNS:
         plural = " is" if len(fitted) == 1 else "s are"
-        raise RunError(
+        raise TooFewRunsError(
             f"{len(fitted)} run{plural} too few to tell a missing effect from chance; give at least {FEWEST_RUNS}"
         )
     study = study_of(fitted, base, channels=chosen.names)

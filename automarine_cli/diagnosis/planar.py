@@ -14,7 +14,7 @@ from automarine_cli.diagnosis.planar_candidates import Candidate, base_of, candi
 from automarine_cli.diagnosis.verdict import NAMED, NOTHING, SUSPECTED, UNEXPLAINED
 from automarine_cli.diagnosis.where import Where
 from automarine_cli.dofs import YAW
-from automarine_cli.errors import RunError
+from automarine_cli.errors import TooFewRunsError
 from automarine_cli.filters.prediction import Predicted, predict
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.planar_fit import Estimated
@@ -179,7 +179,7 @@ class _Planar(Judge[Estimated, Round]):
 def find_missing(stored: StoredPlanar, runs: Sequence[Run], kept: Sequence[Run], seen: Observed) -> PlanarSearch:
     """Diagnose a model on `runs`, with `kept` ones that are never fitted. Raises RunError for too few of either."""
     if len(runs) < 2 or not kept:
-        raise RunError(f"{len(runs) + len(kept)} runs are too few for a diagnosis; give three or more")
+        raise TooFewRunsError(f"{len(runs) + len(kept)} runs are too few for a diagnosis; give three or more")
     likelihood, other = PlanarLikelihood(tuple(runs), seen), PlanarLikelihood(tuple(kept), seen)
     outcome = discover(_Planar(likelihood, other, seen), likelihood.estimate(*_begin(stored, seen)))
     rounds, before, here = outcome.looks, outcome.looks[0].before, outcome.final

@@ -65,9 +65,8 @@ class YawFit(Shown):
 
     @property
     def inertial_turn_angle(self) -> Estimate | None:
-        """Inertia over quadratic drag of the preferred model, of model 3 where that has no quadratic drag."""
-        other = self.output_error.get("3")
-        return self.preferred.inertial_turn_angle or (None if other is None else other.inertial_turn_angle)
+        """Inertia over quadratic drag of the preferred model; None where that has linear drag alone."""
+        return self.preferred.inertial_turn_angle
 
     @property
     def time_constant(self) -> Estimate | None:

@@ -214,10 +214,11 @@ def _lacks(step: StepResult[DiagnosisFile] | None) -> str:
         )
     if file.verdict == "suspected":
         return f"Suspected, and not added, is {names}. {escape(file.why)}"
-    held, out = "", file.gap.held_out_runs
+    held, fitted, out = "", "", file.gap.held_out_runs
     if out is not None:
-        held = " (from {} to {} on what was held out)".format(*sizes(out))
+        held, fitted = " on what was held out", f" (from {before} to {after} on what was fitted)"
+        before, after, noise = sizes(out)
     return (
-        f"The {'thruster map' if file.of_thrusters else 'model'} lacks {names}: with it the gap falls from {before} to "
-        f"{after} {words}{held}, where the noise is {noise}."
+        f"The {'thruster map' if file.of_thrusters else 'model'} lacks {names}: with it the gap{held} falls from "
+        f"{before} to {after} {words}{fitted}, where the noise is {noise}."
     )

@@ -224,7 +224,8 @@ def _moves(diagnosis: Diagnosis) -> str:
         if moved
         else "No base parameter moved by more than its uncertainty."
     )
-    return table.to_markdown() + "\n" + said
+    anew = f"The base model is fitted anew to these {len(diagnosis.study.runs)} runs: it is not quite that of the file."
+    return table.to_markdown() + "\n" + f"{said} {anew}"
 
 
 def _called(name: str, dof: Dof) -> str:

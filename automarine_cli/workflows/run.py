@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from automarine_cli.dofs import DOFS, Dof
-from automarine_cli.errors import AutomarineError, OutputError, SettingError
+from automarine_cli.errors import AutomarineError, OutputError, SettingError, TooFewRunsError
 from automarine_cli.logs import with_joined
 from automarine_cli.pipeline.codec import to_mapping
 from automarine_cli.pipeline.manifest import MANIFEST, Input, given_as, sha256
@@ -192,6 +192,9 @@ def _do(step: Step, campaign: Campaign, out: Path, runner: Runner, force: bool, 
         plan.run(folder, runner.overwrite or ours, runner.jobs, runner.progress)
     except OutputError:
         raise
+    except TooFewRunsError as refusal:  # nothing that could be corrected
+        gone = remove_results(folder, step.command)
+        return said("skipped", str(refusal) + ("; its former result was removed" if gone else ""))
     except AutomarineError as refusal:
         remove_results(folder, step.command)
         return said("refused", str(refusal))

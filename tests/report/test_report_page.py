@@ -196,7 +196,8 @@ def test_command_writes_beside_the_steps(folder: Path, tmp_path: Path, run: Call
     [
         (
             "named",
-            "The model lacks <strong>dead-band</strong>: with it the gap falls from 3.00 to 1.00 degrees (from 4.00",
+            "The model lacks <strong>dead-band</strong>: with it the gap on what was held out falls from 4.00 to 1.00 "
+            "degrees (from 3.00 to 1.00 on what was fitted)",
         ),
         ("nothing-missing", "Nothing is missing that these runs could show: the gap is 3.00 degrees, the noise 0.90."),
         ("unexplained", "Something is missing that no effect of the library explains: the gap is 1.00 degrees"),

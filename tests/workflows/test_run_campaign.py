@@ -186,6 +186,18 @@ def test_a_refused_step_is_told_and_the_others_go_on(place: Path, run: Callable[
     assert (place / "out" / "report.html").exists()
 
 
+def test_too_few_runs_for_a_diagnosis_are_no_refusal(place: Path, run: Callable[..., Result]) -> None:
+    """Nothing can be corrected: the step is skipped, the report says why, and the exit status is 0."""
+    for log in sorted((place / "pool" / "steps").glob("tau_*"))[3:]:
+        log.unlink()
+    edit(place, 'manoeuvres = ["driving/*.csv"]\n', "")
+    found = run("run", place / "pool" / "campaign.toml", "-o", place / "out")
+    assert found.exit_code == 0, found.stderr
+    steps = {one["step"]: one for one in json.loads((place / "out" / "run.json").read_text(encoding="utf-8"))["steps"]}
+    assert "too few to tell a missing effect from chance" in steps["diagnose"]["skipped"]
+    assert "No diagnosis: " in (place / "out" / "report.md").read_text(encoding="utf-8")
+
+
 def test_moments_of_the_thrusters(place: Path) -> None:
     edit(place, "[thrusters]", '[vehicle]\narm_m = 0.1\n[yaw]\nmoment = "thrusters"\n[thrusters]')
     found = again(place)  # these logs have no thruster commands
