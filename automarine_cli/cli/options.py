@@ -164,7 +164,7 @@ def ending(*also: str) -> Callable[[Function], Function]:
 
 def fit_options(steps: str, unit: str, *own: Callable[..., Any]) -> Callable[[Function], Function]:
     """What the fits of single motions share: what their `steps` are called, and the `unit` of tails; `own` options are
-    told after the thrusters."""
+    told after the columns, those of thrusters among them where some push that way."""
     where = " enough runs have them" if steps == "half-turns" else " there are enough"
     fit_to = click.option(
         "--fit-to", type=click.Choice(("auto", steps, "whole-runs")), default="auto", show_default=True,
@@ -175,7 +175,7 @@ def fit_options(steps: str, unit: str, *own: Callable[..., Any]) -> Callable[[Fu
         help="Start of the steady tails of the paper's method; by default where the expected error of drag and inertia "
         "is smallest.",
     )  # fmt: skip
-    every = (columns_option, thrusters_option, *own, fit_to, tail, channels_option, with_option, known_option)
+    every = (columns_option, *own, fit_to, tail, channels_option, with_option, known_option)
     return _all(logs_argument, *every, ending("strict", "jobs"))
 
 

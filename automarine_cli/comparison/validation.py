@@ -131,29 +131,37 @@ def _digits(gap: float | None) -> str:
 
 @dataclass(frozen=True)
 class Ahead:
-    """What each model, by its number, is worth by horizon; `best` is the number of the one that misses least over the
-    horizon that decides, None where the runs are too short to tell."""
+    """What each model, by its number, is worth by horizon; `preferred` is the number of the one that the fit preferred:
+    who has no more logs than these cannot know which does best on them."""
 
     worth: Mapping[str, tuple[Worth, ...]]
-    best: str | None
+    preferred: str
     dof: Dof
 
     @property
     def of_use(self) -> bool:
-        """Whether the best model predicts better than constants do; what cannot be judged counts as of use."""
-        one = None if self.best is None else judged_of(self.worth[self.best])
+        """Whether the preferred model predicts better than constants do; what cannot be judged counts as of use."""
+        one = judged_of(self.worth.get(self.preferred, ()))
         return one is None or one.of_use
 
     @property
     def sentence(self) -> str:
-        """One line: of what use the best model is."""
-        if self.best is None or (one := judged_of(self.worth[self.best])) is None:
+        """One line: of what use the preferred model is."""
+        judged = {number: one for number, worth in self.worth.items() if (one := judged_of(worth)) is not None}
+        if self.preferred not in judged:
             return "These runs are driven and disturbed, and too short to judge predictions."
-        if self.of_use:
-            return f"Model {self.best} predicts {one.beside(self.dof)}."
-        which = "The model is" if len(self.worth) == 1 else "No model is"
+        one = judged[self.preferred]
+        which = f"odel {self.preferred}" + ", which the fit preferred," * (len(self.worth) > 1)
+        if one.of_use:
+            return f"M{which} predicts {one.beside(self.dof)}."
+        none = "The model is of no use" if len(judged) == 1 else "No model is of use"
+        if any(other.of_use for other in judged.values()):
+            none = f"M{which} is of no use"
+            which = "it"
+        else:
+            which = f"m{which}"
         return (
-            f"{which} of use on these runs: model {self.best} predicts {one.beside(self.dof)}. Do not simulate or "
+            f"{none} on these runs: {which} predicts {one.beside(self.dof)}. Do not simulate or "
             "control with it; `automarine diagnose` looks for what it lacks."
         )
 
@@ -174,8 +182,7 @@ def ahead_of(stored: StoredModels, runs: Sequence[Run], channels: tuple[str, ...
             worth[number] = _worth(model, runs, at_rest, channels)
     except FitError:  # what the free runs say has to do
         return None
-    errors = {number: one.error for number, each in worth.items() if (one := judged_of(each))}
-    return Ahead(worth, min(errors, key=lambda number: errors[number], default=None), stored.dof)
+    return Ahead(worth, stored.preferred, stored.dof)
 
 
 def _worth(

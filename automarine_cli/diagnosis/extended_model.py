@@ -5,6 +5,7 @@ import numpy as np
 from automarine_cli.diagnosis.estimates import base_estimates, parameter_estimates
 from automarine_cli.diagnosis.study import Study
 from automarine_cli.diagnosis.trials import Trial
+from automarine_cli.fits.innovations import InnovationsFit, random_estimates
 from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.models.store import StoredModels, model_json
 from automarine_cli.results.estimate import Estimate
@@ -44,5 +45,10 @@ def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha2
         f"{dof.words.position}_noise_{dof.units.key}": float(dof.shown(trial.fit.noise))
         if study.position_counts
         else None,
+        **(
+            {"driven": True, "random": random_estimates(fit, covariance, dof)}
+            if isinstance(fit, InnovationsFit)
+            else {}
+        ),
         "parent": {"file": stored.source, "sha256": parent_sha256},
     }  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from automarine_cli.filters.course import Course
-from automarine_cli.filters.kalman import Noises, follow
+from automarine_cli.filters.kalman import Followed, Noises, follow
 from automarine_cli.filters.states import Step
 from automarine_cli.models.vehicle import Vehicle
 from automarine_cli.quantities import Floats
@@ -58,9 +58,11 @@ def predict(
     noises: Noises,
     horizons: Sequence[float] = HORIZONS,
     channel: int = 0,
+    followed: Followed | None = None,
 ) -> tuple[Predicted, ...]:
-    """Predictions of a channel under one parameter set theta (p,), with the sizes of what is random."""
-    followed = follow(model, course, theta[None], noises, keep=True)
+    """Predictions of a channel under one parameter set theta (p,), with the sizes of what is random, from the states
+    that were `followed`."""
+    followed = followed or follow(model, course, theta[None], noises, keep=True)
     assert followed.states is not None
     of, time = shown_channel(course, channel), course.time
     run, origin = np.nonzero(of.seen & (time >= SETTLING))
@@ -86,9 +88,10 @@ def predict(
 
 
 def shown_channel(course: Course, channel: int = 0) -> Channel:
-    """The positions of a channel: its own readings, or the sum of its velocities by the trapezoidal rule."""
+    """The positions of a channel: its own readings, or the sum of its velocities by the trapezoidal rule; velocities in
+    axes that turn have none."""
     of = course.channels[channel]
-    if not of.velocity:
+    if not of.velocity or course.motion.turns:
         return of
     summed = np.zeros_like(of.values)
     for row, values, seen, time in zip(summed, of.values, of.seen, course.time):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course
 from automarine_cli.fits.driven import disturbed, stepped
-from automarine_cli.fits.driven_fit import fit_driven
+from automarine_cli.fits.driven_fit import beside_forecasts, fit_driven
 from automarine_cli.fits.known import Prior
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.ways import by_way
@@ -58,7 +58,8 @@ def _fit_driven_model(
     batch, both = make_batch(runs, STEPS[0]), both_ways(runs)
 
     def fit(sided: bool) -> OutputErrorFit:
-        return fit_driven(course, rough_model(number, batch, sided), number, sided, with_effects, known)
+        likely = fit_driven(course, rough_model(number, batch, sided), number, sided, with_effects, known)
+        return beside_forecasts(course, likely, sided)
 
     try:
         return by_way(fit, batch.dof, both)

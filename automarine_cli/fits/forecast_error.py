@@ -144,11 +144,11 @@ def forecast_problem(driven: DrivenProblem, phi: Floats) -> ForecastProblem:
 
 
 def _predicted(driven: DrivenProblem) -> tuple[Channel, ...]:
-    """Every position that is read, and in place of others their velocities, summed up where axes do not turn."""
+    """Every position that is read, and in place of others their velocities."""
     course = driven.course
     read = [of.quantity for of in course.channels]
     own = [c for c, of in enumerate(course.channels) if not of.velocity or course.motion.positions[of.dof] not in read]
-    return tuple(course.channels[c] if course.motion.turns else shown_channel(course, c) for c in own)
+    return tuple(shown_channel(course, c) for c in own)
 
 
 def _origins(time: Floats, seen: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -1,6 +1,7 @@
 """From runs to a yaw fit: which runs serve for what, then both estimators and the preferred model."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -13,7 +14,7 @@ from automarine_cli.filters.course import make_course
 from automarine_cli.filters.nodes import averaged_over
 from automarine_cli.fits.drag import FEWEST_A_WAY
 from automarine_cli.fits.driven_models import STEPS, both_ways, fitted_driven, is_driven
-from automarine_cli.fits.driven_use import left_out, prefer_driven, use_of
+from automarine_cli.fits.driven_use import Judgement, judged_whole, left_out, prefer_driven, use_of
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.output_error import MANY_RUNS, OutputErrorFit, fit_half_turns, fit_whole_runs, prefer
 from automarine_cli.fits.step_response import StepData, half_turn_data
@@ -189,7 +190,7 @@ def _fit_whole(
     words = dof.words
     how = "by output error, for the evidence asks for no disturbance"
     if driven:
-        how = f"by the innovations of a filter{', for they are disturbed' * (not with_effects)}"
+        how = f"from forecasts by a filter{', for they are disturbed' * (not with_effects)}"
         period = float(np.median([run.sample_period for run in moving]))
         if averaged_over(period) > 1:
             how += (
@@ -205,12 +206,17 @@ def _fit_whole(
     )
     ahead = left_out(course, fits) if driven else {}
     preference = (prefer_driven(fits, ahead, dof) if driven else None) or prefer(fits)
+    if estimator := fits[preference.number].estimator:
+        preference = replace(preference, because=f"{preference.because} Its parameters are {estimator}.")
     unit, levels = moving[0].moment_unit, np.unique(np.concatenate([run.command for run in moving]))
     cautions = (*design_cautions(levels.tolist(), unit, dof, of_steps=False), *fit_cautions(fits))
     warnings = (*fit_warnings(fits, preference, [run.name for run in moving]), *told(cautions, preference))
-    number = preference.number
-    use = use_of(course, fits[number], ahead[number]) if driven else None
-    if use is not None:
+    number, use = preference.number, Judgement((), 0)
+    if not driven:
+        use = judged_whole(make_course(moving, at_rest, channels=chosen.names), fits[number])
+        warnings = (*use.warnings(dof), *warnings)
+    else:
+        use = use_of(course, fits[number], ahead[number])
         missing = (f"Model {absent} could not be fitted: {reason}." for absent, reason in refused.items())
         warnings = (*use.warnings(dof), *missing, *warnings)
     return YawFit(

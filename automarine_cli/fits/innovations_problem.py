@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.filters.course import Course
 from automarine_cli.filters.kalman import FAR, Followed, Noises, follow
+from automarine_cli.filters.nodes import least_noise
 from automarine_cli.fits.known import Prior, bounds_of, prior_of
 from automarine_cli.fits.mixed_problem import SWITCH
 from automarine_cli.fits.outcome import natural_of, search_of
@@ -105,11 +106,11 @@ class DrivenProblem:
         own = {one.name.partition(".")[0]: rest[i] for i, one in enumerate(self.random[at + channels :], at + channels)}
         return Noises(size, time, thrust, gain, late, np.array(rest[at : at + channels]), own)
 
-    def follow(self, phi: Floats, keep: bool = False) -> Followed:
-        """Filter the runs under phi (P, p)."""
+    def follow(self, phi: Floats, keep: bool = False, course: Course | None = None) -> Followed:
+        """Filter the runs under phi (P, p), or those of another course."""
         theta = self.natural(phi)
         own = len(self.names) - len(self.random)
-        return follow(self.model, self.course, theta[:, :own], self.noises(theta), keep)
+        return follow(self.model, course or self.course, theta[:, :own], self.noises(theta), keep)
 
     def value(self, phi: Floats) -> Floats:
         """Log density of all runs with the prior, (P,); minus infinity where a filter diverges."""
@@ -222,8 +223,7 @@ def randomness(
     most = 0.0 if delayed else 0.5
     found.append(Randomness(SWITCH, -most, most, 0.0, 3.0, signed=True))
     for channel, noise in zip(course.channels, course.noise):
-        limits = course.motion.dofs[channel.dof].limits
-        floor = 0.1 * limits.least_noise if channel.velocity else limits.least_noise
+        floor = least_noise(course.motion.dofs[channel.dof], channel.velocity)
         middle = max(noise, 1.5 * floor)
         found.append(Randomness(f"noise.{channel.quantity}", floor, 100.0 * middle, middle, 0.7))
     largest = float(np.abs(course.held).max())

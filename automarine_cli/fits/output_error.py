@@ -43,7 +43,8 @@ class OutputErrorFit:
     `estimates` by parameter name, `inertial_turn_angle` I/k_rr [rad] (models 2 and 3), `offset` of the command's
     instant [sample intervals], `gain_scatter` run to run (relative), `noise` of the positions [rad] (None where they do
     not count), `covariance` (p, p) of phi (logarithms of positive parameters) with the run as the unit, `start` (p,)
-    the theta that the search began with; `ways` the drag of each way where that was asked.
+    the theta that the search began with; `ways` the drag of each way where that was asked. `estimator` says by what the
+    parameters were estimated, and of driven runs why.
     """
 
     number: str
@@ -57,6 +58,7 @@ class OutputErrorFit:
     covariance: Floats
     start: Floats
     ways: Ways | None = None
+    estimator: str = ""
 
 
 @dataclass(frozen=True)
@@ -176,7 +178,8 @@ def estimate_of(mixed: Outcome, covariance: Floats, i: int, unit: str, dof: floa
     stderr = float(np.sqrt(max(covariance[i, i], 0.0)))
     form = Estimate.from_log if mixed.positive[i] else Estimate.from_stderr
     found = form(float(mixed.theta[i]), stderr, dof or run_dof(mixed, np.eye(len(mixed.theta))[i]), unit)
-    return replace(found, known=mixed.names[i] in mixed.known)
+    known = mixed.names[i] in mixed.known
+    return replace(found, known=known, at_bound=i in mixed.at_bound and not known)
 
 
 def _outcome(

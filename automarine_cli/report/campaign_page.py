@@ -36,7 +36,7 @@ def alternatives(dof: Dof) -> dict[str, str]:
         "of both methods",
         "collapse": f"{position} against time times the root of the {words.force}: all runs on one curve if model 3 "
         "holds",
-        "whole_runs": f"Measured {words.position} of each whole run, and that of the model",
+        "whole_runs": f"What the model leaves of the {words.position} of whole runs, beside the noise",
         "where": f"Where the gap between simulated and measured {words.position} is: against each variable that stands "
         "out",
         "why": f"Evidence for each effect of the library, and how the runs' own drag and {words.inertia} drift",
@@ -95,7 +95,7 @@ def _of_motion(steps: Steps, dof: Dof) -> Iterator[tuple[str, list[str]]]:
 def _together(steps: Steps) -> Iterator[tuple[str, list[str]]]:
     """The sections of surge, sway and yaw together."""
     if (step := steps.get("planar", PlanarFile)) is not None:
-        shown = "Of each run the heading with predictions, and the track"
+        shown = "Of each run the heading with predictions"
         yield "Planar model", [step.text("planar.md"), picture(step, "planar_runs", shown)]
     yield "Planar validation", _validation(steps, "planar_validation")
     yield "Planar diagnosis", _diagnosis(steps, "planar_diagnosis")

@@ -1,8 +1,7 @@
 """What `run` says of each result in a few words."""
 
 from automarine_cli.dofs.motion import PLANAR
-from automarine_cli.report.tables import interval, number
-from automarine_cli.results.estimate import Given
+from automarine_cli.report.tables import number
 from automarine_cli.results.judged import CheckFile, DiagnosisFile, TuningFile, ValidationFile
 from automarine_cli.results.models import ModelFile, PlanarFile, ThrusterFile
 
@@ -27,7 +26,7 @@ def of_thrusters(file: ThrusterFile) -> str:
 
 def of_model(file: ModelFile) -> str:
     """The preferred model and its parameters; first that it is not usable, where so."""
-    values = [f"{name} {_value(given)}" for name, given in file.main_parameters()]
+    values = [f"{name} {number(given.value)}" for name, given in file.main_parameters()]
     return f"{_unusable(file)}model {file.preferred}: {', '.join(values)}"
 
 
@@ -37,7 +36,7 @@ def of_final(file: ModelFile, found: DiagnosisFile) -> str:
     moved = {name: found.base.get(keys.get(name, name)) for name, _ in file.main_parameters()}
     if found.verdict != "named" or found.of_thrusters or not all(moved.values()):
         return ""
-    values = [f"{name} {_value(one.after)}" for name, one in moved.items() if one is not None]
+    values = [f"{name} {number(one.after.value)}" for name, one in moved.items() if one is not None]
     alone = ", ".join(number(given.value) for _, given in file.main_parameters())
     names = ", ".join(effect.name for effect in found.effects)
     return f"{_unusable(file)}model {file.preferred} with {names}: {', '.join(values)} (without: {alone})"
@@ -45,10 +44,6 @@ def of_final(file: ModelFile, found: DiagnosisFile) -> str:
 
 def _unusable(file: ModelFile | PlanarFile) -> str:
     return "not usable: " if file.prediction.refusal else ""
-
-
-def _value(given: Given) -> str:
-    return number(given.value) if given.estimate is None else interval(given.estimate)
 
 
 def of_planar(file: PlanarFile) -> str:

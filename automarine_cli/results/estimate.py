@@ -13,13 +13,15 @@ WIDE = 2.0
 
 @dataclass(frozen=True)
 class Estimate:
-    """Value, standard error, 95 % interval and unit of one parameter; whether it was `known` beforehand."""
+    """Value, standard error, 95 % interval and unit of one parameter; whether it was `known` beforehand, or stands
+    `at_bound` of its range, so that the interval says nothing."""
 
     value: float
     stderr: float
     ci95: tuple[float, float]
     unit: str
     known: bool = False
+    at_bound: bool = False
 
     @classmethod
     def from_stderr(cls, value: float, stderr: float, dof: float, unit: str) -> "Estimate":
@@ -48,7 +50,7 @@ class Estimate:
     def to_json(self) -> dict[str, object]:
         """The contract's form."""
         plain = {"value": self.value, "stderr": self.stderr, "ci95": list(self.ci95), "unit": self.unit}
-        return {**plain, "known": True} if self.known else plain
+        return plain | {name: True for name in ("known", "at_bound") if getattr(self, name)}
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class Given:
     stderr: float | None = None
     ci95: tuple[float, float] | None = None
     unit: str = ""
-    at_bound: str = ""
+    at_bound: str | bool = ""
     known_: bool = False
 
     @classmethod
@@ -73,7 +75,7 @@ class Given:
         """The estimate; None where the interval is not known."""
         if self.value is None or self.stderr is None or self.ci95 is None:
             return None
-        return Estimate(self.value, self.stderr, self.ci95, self.unit, self.known_)
+        return Estimate(self.value, self.stderr, self.ci95, self.unit, self.known_, bool(self.at_bound))
 
     def known(self, place: str) -> Estimate:
         """The estimate. Raises ModelError with the `place` in the file where the interval is not known."""

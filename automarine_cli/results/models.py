@@ -86,7 +86,7 @@ class Use:
 class ModelFile(ResultRecord):
     """`yaw_model.json`, or that of another motion: models by number."""
 
-    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "random")
+    unread: ClassVar[tuple[str, ...]] = ("notes", "fitted_to", "driven", "time_constant_s")
     models: Mapping[str, ModelEntry | None]
     preferred: str
     force_unit: str | None = field(default=None, metadata=keyed("{force}_unit"))
@@ -99,6 +99,7 @@ class ModelFile(ResultRecord):
     valid_range: ValidRange | None = None
     parent: Parent | None = None
     channels: tuple[Sensor, ...] = ()
+    random: Mapping[str, Given] = field(default_factory=dict)
     buoyancy: Said | None = None
     prediction: Use = field(default_factory=Use)
     warnings: tuple[str, ...] = ()
@@ -130,7 +131,7 @@ class PlanarFile(ResultRecord):
 
     unread: ClassVar[tuple[str, ...]] = (
         "fitted_to", "assumptions", "valid_range", "channels", "disturbance", "noises", "log_likelihood",
-        "structure_because", "effects", "predicts", "parent", "notes",
+        "structure_because", "estimated", "estimated_because", "effects", "predicts", "parent", "notes",
     )  # fmt: skip
     force_unit: str = "N"
     moment_unit: str = "N m"
@@ -196,7 +197,7 @@ class ThrusterFile(ResultRecord):
     """`thrusters.json`: a thruster map."""
 
     unread: ClassVar[tuple[str, ...]] = (
-        "per_test", "r2", "rmse_N", "cv_rmse_N", "chosen_because", "tare", "flagged",
+        "per_test", "r2", "rmse_N", "rmse_all_points_N", "cv_rmse_N", "chosen_because", "tare", "flagged",
         "voltages", "notes", "points", "by",
     )  # fmt: skip
     forward: SquareLaw

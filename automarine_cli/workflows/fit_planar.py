@@ -49,8 +49,10 @@ def _fit_planar(asked: FitPlanarOptions, runner: Runner) -> PlanarFit:
     def work() -> PlanarFit:
         estimator = asked.estimating(campaign.runs, seen, known.parameters)
         tried = search(campaign.runs, seen, estimator)
-        use, limits = estimator.use(tried[0].found), tuple(one.warning for one in campaign.limits)
-        return PlanarFit(tried, campaign.runs, seen, campaign.set_aside, use, (*unfit, *limits), known)
+        limits = tuple(one.warning for one in campaign.limits)
+        return PlanarFit(
+            tried, estimator.choose(tried), campaign.runs, seen, campaign.set_aside, (*unfit, *limits), known
+        )
 
     def write(folder: ResultFolder, fit: PlanarFit) -> None:
         folder.write_json("planar_model.json", fit.to_json())
@@ -65,7 +67,7 @@ def _fit_planar(asked: FitPlanarOptions, runner: Runner) -> PlanarFit:
 
 
 def _says(fit: PlanarFit) -> Sequence[Table | str]:
-    first, rest = fit.use.sentences if fit.use else (), planar_report.sentences(fit)
+    first, rest = planar_report.first_sentences(fit), planar_report.sentences(fit)
     return [*first, *planar_report.tables(fit), *(one for one in rest if one not in first)]
 
 

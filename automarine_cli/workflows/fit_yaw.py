@@ -16,7 +16,7 @@ from automarine_cli.fits.known import names_in
 from automarine_cli.fits.linear_mixed import in_words_of
 from automarine_cli.fits.output_error import OutputErrorFit
 from automarine_cli.fits.tails import asked_tail
-from automarine_cli.fits.yaw_fit import YawFit
+from automarine_cli.fits.yaw_fit import YawFit, effect_estimates
 from automarine_cli.logs import given_columns
 from automarine_cli.pipeline.outputs import ResultFolder
 from automarine_cli.pipeline.parallel import ordered_map
@@ -175,15 +175,20 @@ def _lines(fit: YawFit) -> Iterator[str]:
         **{name: name.replace("_", " ") for name in (own.constant, own.difference)},
     }
     found = {names.get(name, name): one for name, one in fit.preferred.estimates.items()}
-    if fit.inertial_turn_angle is not None:
-        found[f"{own.inertia}/{own.quadratic_print}"] = fit.inertial_turn_angle
+    if fit.preferred.inertial_turn_angle is not None:
+        found[f"{own.inertia}/{own.quadratic_print}"] = fit.preferred.inertial_turn_angle
+    elif fit.time_constant is not None:
+        found[f"{own.inertia}/{own.linear}"] = fit.time_constant
+    for effect, group in effect_estimates(fit.preferred).items():
+        found |= {f"{effect} {name}": one for name, one in group.items() if one.stderr > 0}
     yield from aligned(found)
     yield f"  {noise_words(fit.preferred.mixed, dof)}; {counted(len(fit.warnings), 'warning')}"
 
 
 def _rows(fit: YawFit) -> Iterator[Row]:
     for model, ml in fit.output_error.items():
-        for name, one in ml.estimates.items():
+        fitted = {f"{e} {name}": one for e, group in effect_estimates(ml).items() for name, one in group.items()}
+        for name, one in {**ml.estimates, **fitted}.items():
             yield {"model": model, "method": "maximum likelihood", "parameter": name} | numbers(one)
     if fit.seed_method is None:
         return
@@ -200,7 +205,7 @@ def _rows(fit: YawFit) -> Iterator[Row]:
 def _figures(fit: YawFit) -> Figures:
     seed, data = fit.seed_method, fit.data
     if seed is None or data is None:
-        return {"whole-runs": lambda: figures.whole_runs_figure(fit)}
+        return {"whole-runs": yaw_report.drawings(fit)["whole_runs"]}
     return {
         "drag": lambda: figures.drag_figure(fit, seed),
         "inertia": lambda: figures.inertia_figure(fit, seed),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.logs import ColumnMap, Logs
-from automarine_cli.pipeline.plain_data import Source
+from automarine_cli.pipeline.plain_data import Document, Source
 from automarine_cli.report.figures.files import refuse_unknown
 from automarine_cli.report.tables import interval
 from automarine_cli.results.estimate import Estimate
@@ -33,7 +33,7 @@ class Judged:
 class Columns:
     """What the columns of the logs are called."""
 
-    columns: Path | ColumnMap | None = field(default=None, metadata=reads("file"))
+    columns: Path | Document | ColumnMap | None = field(default=None, metadata=reads("file"))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -249,7 +249,9 @@ def _draws(found: Comparison) -> list[Draw]:
 def _lines(result: Validation) -> Iterator[str]:
     found, dof = result.comparison, result.stored.dof
     runs, aside = counted(len(found.runs), "run"), len(result.set_aside)
-    yield f"Validation on {runs}: model {found.best} is best; {aside} set aside"
+    preferred = result.stored.preferred
+    best = "best here too" if found.best == preferred else f"model {found.best} is best here"
+    yield f"Validation on {runs}: model {preferred} was preferred by the fit, {best}; {aside} set aside"
     if result.ahead is not None:
         yield f"  {result.ahead.sentence}"
     for model, scored in found.models.items():

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -16,6 +17,8 @@ from pseudo_terminal import ESCAPE, PATIENCE_S, on_terminal, without_bars
 from repository import ROOT
 from small_campaign import make_small_campaign
 
+from automarine_cli.cli.echo import Bar, terminal_progress
+from automarine_cli.pipeline.progress import foretell
 from automarine_cli.report.table_text import text_table
 from automarine_cli.report.tables import Table
 
@@ -61,7 +64,10 @@ def test_a_campaign_on_a_terminal_and_in_a_pipe(tmp_path: Path, run: Callable[..
     drawn = [line.rpartition("\r")[2] for line in said.split("\n")]
     assert not any("[#" in line for line in drawn)  # every bar was taken away again
     piped = run("run", campaign, "-o", tmp_path / "b", "--until", "fit-thrusters")
-    assert piped.stderr == ""
+    assert re.fullmatch(r"1/2 check: made, \d+ s\n2/2 fit-thrusters: made, \d+ s\n", piped.stderr)
+    again = run("run", campaign, "-o", tmp_path / "b", "--until", "fit-thrusters")
+    assert again.stderr == "1/2 check: kept\n2/2 fit-thrusters: kept\n"
+    assert run("run", campaign, "-o", tmp_path / "b", "--until", "fit-thrusters", "-q").stderr == ""
     assert ESCAPE not in piped.stdout
     assert [line.split()[:2] for line in piped.stdout.splitlines()[2:4]] == [
         ["check", "done"],
@@ -124,3 +130,13 @@ def test_an_interval_is_never_broken() -> None:
     table = Table("", ("parameter", "estimate", "remark"), (("k", "1.25 [1.23, 1.27]", "a long remark about it"),))
     said = table.to_text(36)
     assert "[1.23, 1.27]" in said and max(map(len, said.splitlines())) <= 36
+
+
+def test_what_takes_minutes_is_foretold_in_a_pipe_and_on_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    for progress in (terminal_progress(), Bar()):
+        foretell(progress, "the diagnosis", 59.0)
+        foretell(progress, "the diagnosis", 230.0)
+        progress("fitting", 0, 10)
+        assert capsys.readouterr().err == "The diagnosis takes about 4 min.\n"
+    foretell(terminal_progress(quiet=True), "the diagnosis", 230.0)
+    assert capsys.readouterr().err == ""

@@ -201,7 +201,10 @@ def test_starts_lie_about_rough_values() -> None:
 def test_validate_predicts_from_filtered_states_of_driven_runs(run: Callable[..., Result], tmp_path: Path) -> None:
     for i, one in enumerate(steered(3, 30, length=30.0)):
         written(one, tmp_path / "logs" / f"{i}.csv")
-    for inertia, says in ((1.0, "Model 1 predicts 5 s ahead to "), (60.0, "No model is of use on these runs: ")):
+    for inertia, says in (
+        (1.0, "Model 3, which the fit preferred, predicts 5 s ahead to "),
+        (60.0, "No model is of use on these runs: "),
+    ):
         models = {number: {"I_r": quantity(inertia, "nu s²"), **drag} for number, drag in DRAGS.items()}
         model = model_file(tmp_path / f"{inertia:g}.json", models=models)
         out = tmp_path / f"out_{inertia:g}"
