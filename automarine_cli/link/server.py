@@ -12,7 +12,7 @@ import socket
 import stat
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from http import HTTPStatus
@@ -316,9 +316,9 @@ def _serve(
         ) from None
     threading.Thread(target=server.serve_forever, daemon=True).start()
     host = f"[{address[0]}]" if ":" in address[0] else address[0]
-    news = _news(server)
-    next(news)
+    old = {one.id for one in server.state().campaigns if one.over}
     tell(Serving(f"http://{host}:{server.server_address[1]}", token))
+    threading.Thread(target=_tell_news, args=(server, tell, old), daemon=True).start()  # the lease waits for no disk
     # without what the store remembers: that would cross to the process
     start = partial(
         multiprocessing.get_context("spawn").Process, target=play, args=(Store(store.folder), vehicle, speed, word)
@@ -326,8 +326,6 @@ def _serve(
     player = None
     try:
         while True:
-            for sentence in next(news):
-                tell(sentence)
             if not server.silenced:
                 try:
                     store.lease.touch()
@@ -346,13 +344,13 @@ def _serve(
             player.join(LEASE_S)
 
 
-def _news(server: LinkServer) -> Iterator[list[str]]:
-    """What has come about each time it is asked; what was so at the beginning is no news."""
-    old = {one.id for one in server.state().campaigns if one.over}
-    yield []
+def _tell_news(server: LinkServer, tell: Callable[[Serving | str], object], old: set[str]) -> None:
+    """Tell for ever which campaigns are over and what is not right in the folder, beside the `old` news."""
     while True:
-        state = server.state()
-        ends = {one.id: one.says for one in state.campaigns if one.over}
-        found = ends | {trouble: trouble for trouble in state.troubles}
-        yield [sentence for key, sentence in found.items() if key not in old]
-        old |= set(found)
+        with contextlib.suppress(OSError):
+            state = server.state()
+            news = {one.id: one.says for one in state.campaigns if one.over} | {one: one for one in state.troubles}
+            for key in sorted(set(news) - old):
+                tell(news[key])
+            old = old | set(news)
+        time.sleep(BEAT_S)

@@ -127,6 +127,34 @@ def test_finished_campaigns_are_read_once(tmp_path: Path, monkeypatch: pytest.Mo
     assert not any(fresh.accepted() for _ in range(20)) and len(read) == 5 and not looked
 
 
+def test_a_folder_that_cannot_be_read_now_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What tells the news goes on, in a thread of its own: the lease, and so a run, never waits for it."""
+    monkeypatch.setattr(server_module, "BEAT_S", 0.001)
+    store, campaign, told, looks = Store(tmp_path), made_campaign(1), list[str](), list[int]()
+    store.prepare()
+    store.accept(campaign.text.encode(), campaign.id)
+    store.stop()
+    state = Store.state
+
+    def hard_to_read(self: Store) -> State:
+        looks.append(1)
+        if len(looks) < 3:
+            raise OSError(24, "Too many open files")
+        return state(self)
+
+    def tell(sentence: object) -> None:
+        told.append(str(sentence))
+        raise RuntimeError("told")
+
+    monkeypatch.setattr(Store, "state", hard_to_read)
+    with (
+        LinkServer(("127.0.0.1", 0), store, Simulated(MODEL), TOKEN) as server,
+        pytest.raises(RuntimeError, match="told"),
+    ):
+        server_module._tell_news(server, tell, set())
+    assert told == [f"campaign {campaign.id[:8]} ended after 0 of 1 runs: asked to stop"]
+
+
 # stops and moments
 
 
