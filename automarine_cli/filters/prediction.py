@@ -62,7 +62,7 @@ def predict(
 ) -> tuple[Predicted, ...]:
     """Predictions of a channel under one parameter set theta (p,), with the sizes of what is random, from the states
     that were `followed`."""
-    followed = followed or follow(model, course, theta[None], noises, keep=True)
+    followed = followed or follow(model, course.unthinned, theta[None], noises, keep=True)
     assert followed.states is not None
     of, time = shown_channel(course, channel), course.time
     run, origin = np.nonzero(of.seen & (time >= SETTLING))
@@ -104,7 +104,7 @@ def shown_channel(course: Course, channel: int = 0) -> Channel:
 def free_run(model: Vehicle, course: Course, theta: Floats, noises: Noises, channel: int = 0) -> Floats:
     """A channel of each run simulated from its first filtered state on, (R, K + 1), with the logged commands and no
     further reading; not a number before that."""
-    followed = follow(model, course, theta[None], noises, keep=True)
+    followed = follow(model, course.unthinned, theta[None], noises, keep=True)
     assert followed.states is not None
     of, time = shown_channel(course, channel), course.time
     late = of.seen & (time >= SETTLING)

@@ -28,8 +28,9 @@ HEAD_START = 10.0
 """Deviance, beyond the penalty of its parameters, that an effect has to gain before it is proposed."""
 BRIEF = 10
 """Iterations of a fit of gains and noise alone."""
-COMPARED, CLEARLY = (2.0, 5.0), 0.02
-"""Seconds ahead over which estimators are compared, and the share by which the second one has to be better."""
+COMPARED, CLEARLY, LEVEL = (2.0, 5.0), 0.02, 0.1
+"""Seconds ahead over which estimators are compared, and the shares by which the second one has to be better, or may be
+worse."""
 PROPOSED = ("input-delay", "dead-band")
 """Effects with which models of driven logs may begin, if the evidence asks."""
 
@@ -97,8 +98,9 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, sided: bool = False
     """The better one of two estimates of the same model: the `likely` one by innovations, or that of least squares of
     forecasts.
 
-    Judged are predictions of runs left out. Least squares have to be better by CLEARLY over each of COMPARED: commands
-    that answer a disturbance tell of it, which flatters them over long horizons and biases them, innovations not.
+    Judged are predictions of runs left out. Least squares have to be better by CLEARLY over each of COMPARED, or at
+    least as good but for LEVEL with an inertia that survives leaving runs out better: commands that answer a
+    disturbance tell of it, which flatters least squares over long horizons and biases them, innovations not.
     """
     found, dof = likely.mixed, likely.model.dof
     assert isinstance(found, InnovationsFit)
@@ -117,6 +119,9 @@ def beside_forecasts(course: Course, likely: OutputErrorFit, sided: bool = False
     if not squares or not all(np.isfinite(squares)):
         return likely
     better = all(a < (1.0 - CLEARLY) * b for a, b in zip(squares, likelihood))
+    level = all(a < (1.0 + LEVEL) * b for a, b in zip(squares, likelihood))
+    surer = bool(run_covariance(plain)[0, 0] < run_covariance(found)[0, 0])
+    better = better or (level and surer)
     names = list(errors) if better else list(errors)[::-1]
     shown = [" and ".join(f"{dof.shown(one):.3g}" for one in errors[name]) for name in names]
     ahead = " and ".join(f"{h:g}" for h in COMPARED[: len(squares)])

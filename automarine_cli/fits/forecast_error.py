@@ -125,7 +125,7 @@ def forecast_problem(driven: DrivenProblem, phi: Floats) -> ForecastProblem:
     course, own = driven.course, len(driven.names) - len(driven.random)
     theta = driven.natural(phi)
     noises = driven.noises(theta[None])
-    followed = smoothed(driven.model, course, theta[:own], noises)
+    followed = smoothed(driven.model, course.unthinned, theta[:own], noises)
     assert followed.states is not None
     states = followed.states[:, 0]
     states[[*followed.places.pushed, followed.places.gain]] = 0.0

@@ -10,7 +10,7 @@ from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.channel_noise import channels_json
 from automarine_cli.fits.drag import nested_test
-from automarine_cli.fits.driven_use import Judgement
+from automarine_cli.fits.driven_use import Judgement, Use
 from automarine_cli.fits.innovations import InnovationsFit, random_estimates
 from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.output_error import OutputErrorFit, Preference, estimate_of, run_dof
@@ -147,12 +147,13 @@ class YawFit(Shown):
         found, use = self.preferred.mixed, self.use
         if use is None:
             return {}
-        random = {}
+        random: dict[str, object] = {}
         if isinstance(found, InnovationsFit):
             random = {"driven": True, "random": random_estimates(found, self.preferred.covariance, self.dof)}
+        if isinstance(use, Use):
+            random["proposed"] = dict(use.proposed)
         return {
             **random,
-            "proposed": dict(use.proposed),
             "prediction": {
                 "left_out_runs": [one.to_json(self.dof) for one in use.worth],
                 "of_use": use.of_use,
