@@ -19,9 +19,9 @@ from automarine_cli.fits.innovations_problem import DrivenProblem, Randomness, r
 from automarine_cli.fits.known import Prior
 from automarine_cli.fits.linear_mixed import bounded_solution
 from automarine_cli.fits.output_error import run_covariance
-from automarine_cli.fits.planar_fit import LIKELIHOOD, WAYS, Choice, Estimated, Tried
+from automarine_cli.fits.planar_fit import FORECASTS, LIKELIHOOD, WAYS, Choice, Estimated, Tried
 from automarine_cli.fits.planar_structure import Observed, Structure, rough_sizes
-from automarine_cli.fits.planar_use import Forecasts, forecasts_of, planar_use
+from automarine_cli.fits.planar_use import HEADING, Forecasts, forecasts_of, planar_use
 from automarine_cli.models.planar import FORCES, VELOCITIES
 from automarine_cli.models.tied import Tied
 from automarine_cli.quantities import Floats
@@ -155,7 +155,7 @@ class PlanarLikelihood:
                     own = tried[one]
                     found = own.found if way == LIKELIHOOD else self.by_forecasts(own.found)
                     assert found.fit is not None
-                    judged = forecasts_of(self.problem(found.model), found.fit)
+                    judged = forecasts_of(self.problem(found.model), found.fit, way == FORECASTS)
                     if np.isfinite(judged.score) or not fitted:
                         fitted.append((replace(own, found=found), way, judged))
         best = min(fitted, key=lambda each: each[2].score)
@@ -227,7 +227,7 @@ def _because(
             which = "for the simplest structure " if one.structure == simplest != chosen[0].structure else ""
             more.append(f"{100 * abs(share):.0f} % {'larger' if share >= 0 else 'smaller'} {which}{WAYS[way]}")
     own = f"Fitted {WAYS[chosen[1]]}"
-    if not more:
+    if not more or not chosen[2].worth[HEADING]:
         return f"{own}."
     return f"{own}. Errors on runs left out, 2 to 15 s ahead, would be {', '.join(more)}."
 

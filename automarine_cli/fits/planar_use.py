@@ -8,6 +8,7 @@ import numpy as np
 from automarine_cli.dofs import SURGE, SWAY, YAW
 from automarine_cli.errors import FitError
 from automarine_cli.filters.course import Course, make_course
+from automarine_cli.filters.kalman import Followed
 from automarine_cli.filters.prediction import HORIZONS, Predicted, free_run, predict
 from automarine_cli.fits.driven import driven_problem
 from automarine_cli.fits.driven_fit import Worth, fit_driven, left_out_predictions, worth_of
@@ -140,8 +141,9 @@ def _json(name: str, unit: str, one: Worth) -> Iterator[tuple[str, float]]:
     yield f"constant_{name}_{unit}", one.constant
 
 
-def forecasts_of(problem: DrivenProblem, found: InnovationsFit) -> Forecasts:
-    """Predictions of each run by the parameters that the other runs give, of all that is judged."""
+def forecasts_of(problem: DrivenProblem, found: InnovationsFit, alone: bool = False) -> Forecasts:
+    """Predictions of each run by the parameters that the other runs give, of all that is judged; by the model `alone`,
+    where neither the disturbance nor the run's gain that the filter takes for true is carried on."""
     course = problem.course
     at = {one.quantity: c for c, one in enumerate(course.channels)}
     placed = set(PLACES) <= at.keys()
@@ -151,6 +153,8 @@ def forecasts_of(problem: DrivenProblem, found: InnovationsFit) -> Forecasts:
         theta = problem.natural(found.left_out[r])
         own, noises = course.only(r), problem.noises(theta[None])
         followed = problem.follow(found.left_out[r][None], True, own)
+        if alone:
+            followed = of_model_alone(followed)
         of_run = (
             predict(problem.model, own, theta[: found.parameters], noises, channel=at[name], followed=followed)
             for name in names
@@ -162,6 +166,14 @@ def forecasts_of(problem: DrivenProblem, found: InnovationsFit) -> Forecasts:
         if placed:
             worth = {PLACE: _distances(list(worth.values()))}
         return Forecasts(heading, {HEADING: worth_of(heading), **worth})
+
+
+def of_model_alone(followed: Followed) -> Followed:
+    """States without disturbances and with gains of one, as fits to forecasts take them."""
+    assert followed.states is not None
+    states = followed.states.copy()
+    states[[*followed.places.pushed, followed.places.gain]] = 0.0
+    return replace(followed, states=states)
 
 
 def planar_use(runs: Sequence[Run], problem: DrivenProblem, found: InnovationsFit, forecasts: Forecasts) -> PlanarUse:

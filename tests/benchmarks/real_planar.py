@@ -20,9 +20,10 @@ from real_sets import RealSet, present
 from scipy.optimize import least_squares
 
 from automarine_cli.filters.prediction import carried_by
-from automarine_cli.fits.planar_fit import PlanarFit, search
+from automarine_cli.fits.planar_fit import FORECASTS, PlanarFit, search
 from automarine_cli.fits.planar_likelihood import PlanarLikelihood
 from automarine_cli.fits.planar_structure import Observed, observed
+from automarine_cli.fits.planar_use import of_model_alone
 from automarine_cli.logs import ColumnMap
 from automarine_cli.report.tables import Table
 from automarine_cli.runs.run import Run
@@ -167,6 +168,8 @@ def tool_ahead(fit: PlanarFit, runs: Sequence[Run], seen: Observed, states: Stat
     course = likelihood.course
     noises = problem.noises(found.theta[None])
     followed = problem.follow(found.phi[None], keep=True)
+    if fit.choice.way == FORECASTS:
+        followed = of_model_alone(followed)
     assert followed.states is not None
     ends = np.array([int((length > 0).sum()) for length in course.length])
     clock = np.where(np.arange(course.time.shape[1]) <= ends[:, None], course.time, np.inf)
