@@ -67,7 +67,7 @@ def _place(name: str, value: Given, parameters: dict[str, Estimate], facts: dict
     if (estimate := value.estimate) is not None:
         parameters[name] = estimate
     else:
-        facts[name] = value.at_bound if value.value is None else f"{_short(value.value)}, {value.at_bound}"
+        facts[name] = str(value.at_bound) if value.value is None else f"{_short(value.value)}, {value.at_bound}"
 
 
 def of_validation(file: ValidationFile, models: Sequence[str]) -> Contents:

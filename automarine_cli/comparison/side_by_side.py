@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import special
@@ -28,7 +28,7 @@ class Side:
 class OverRuns(Estimate):
     """The mean of a number over runs, with the interval that their scatter gives it, and the number `by_run`."""
 
-    by_run: Mapping[str, float]
+    by_run: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, by_run: Mapping[str, float], unit: str) -> "OverRuns":
@@ -36,7 +36,7 @@ class OverRuns(Estimate):
         values = np.array(list(by_run.values()))
         middle, stderr = float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
         half = float(special.stdtrit(len(values) - 1, 0.975)) * stderr
-        return cls(middle, stderr, (middle - half, middle + half), unit, by_run)
+        return cls(middle, stderr, (middle - half, middle + half), unit, by_run=by_run)
 
 
 @dataclass(frozen=True)

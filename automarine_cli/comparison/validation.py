@@ -141,6 +141,12 @@ class Ahead:
     by_run: Mapping[str, Mapping[float, Mapping[str, float]]]
 
     @property
+    def of_use(self) -> bool:
+        """Whether the preferred model predicts better than constants do; what cannot be judged counts as of use."""
+        one = judged_of(self.worth.get(self.preferred, ()))
+        return one is None or one.of_use
+
+    @property
     def sentence(self) -> str:
         """One line: of what use the preferred model is."""
         judged = {number: one for number, worth in self.worth.items() if (one := judged_of(worth)) is not None}

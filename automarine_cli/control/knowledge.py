@@ -99,7 +99,12 @@ def read_knowledge(
     spread = Spread(np.zeros((0, 0)), scatter, late, volts, _noise(known))
     have = {term.name for term in known.model.terms} | ({"input-delay"} if delay is not None else set())
     proposed = {name: gain for name, gain in known.proposed.items() if name not in have}
-    notes = tuple(one for one in (*known.notes, note) if one and one != NO_RIVALS and "planned runs" not in one)
+    without = (
+        f"Without {effect}: it acts by the column {column!r}, which no controller has; the gains are for the rest."
+        for effect, column in needs_columns([term.name for term in bare.terms])
+    )
+    told = (one for one in (*known.notes, note) if one and one != NO_RIVALS and "planned runs" not in one)
+    notes = (*without, *told)
     return Knowledge(known.stored, (main, *others), spread, largest, guessed, _splits(said), notes, proposed)
 
 
@@ -120,11 +125,6 @@ def _refuse(model: YawModel, name: str, known: PriorResults) -> None:
                 f"{name}: {symbol} is {value:.4g}, drag that drives the vehicle; expected zero or more: fit again with "
                 "more runs, or prefer another of the file's models"
             )
-    for effect, column in needs_columns([term.name for term in model.terms]):
-        raise ModelError(
-            f"{name}: {effect} acts by the column {column!r}, which a controller does not have; give the model without "
-            "it"
-        )
 
 
 def _covariance(known: PriorResults, model: YawModel, data: Mapping[str, object]) -> Floats:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from automarine_cli.dofs.motion import Motion, alone
 from automarine_cli.effects import Commands
-from automarine_cli.filters.nodes import nodes_of, readings_of, step_of
+from automarine_cli.filters.nodes import least_noise, nodes_of, readings_of, step_of
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.run import Run
 from automarine_cli.simulation.batch import Channel, padded, signals_of, unit_of
@@ -200,8 +200,7 @@ def _lay(
         read = run.channel(quantity)
         if read is None or (run.summed_up and quantity == run.dof.position):
             continue
-        floor = 0.0 if velocity else motion.dofs[d].limits.least_noise
-        here, found, noise[c] = readings_of(run.time, read, node, floor)
+        here, found, noise[c] = readings_of(run.time, read, node, least_noise(motion.dofs[d], velocity))
         values[c, here], seen[c, here] = found, True
     return _Laid(
         length=np.diff(node),

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from automarine_cli.dofs import Dof
 from automarine_cli.dofs.motion import Motion
 from automarine_cli.quantities import Floats
 from automarine_cli.runs.noise import position_noise
@@ -15,25 +16,33 @@ STEP, LEAST_STEP = 0.25, 0.1
 controller answers every reading, and the commands would tell of one that was left out."""
 APART = 0.5
 """Least time [s] between readings whose noise is below what sensors have: such were filtered, and hang together."""
+SMOOTH_GYRO = 0.25
+"""Share of a compass' least noise [per s] below which a gyro was filtered, or its rate is derived from headings."""
 HELD = 0.2
 """Share of exact repeats from which on a sensor is slower than the log, and its repeats are no readings."""
 FLAT = 3.0
 """Times the smallest step of a quantised sensor that its usual steps have to have for repeats to be held values."""
 
 
+def least_noise(dof: Dof, velocity: bool) -> float:
+    """Give the noise below which readings were filtered or derived [base units, per s of a velocity]; a gyro's may be
+    a share of that of a compass per second."""
+    return (SMOOTH_GYRO if velocity and dof.wraps else 1.0) * dof.limits.least_noise
+
+
 def step_of(runs: Sequence[Run], motion: Motion, quantities: Sequence[str]) -> float:
-    """LEAST_STEP where the readings of positions are noisy, or there are velocities; else STEP."""
+    """LEAST_STEP where any readings are as noisy as sensors are, or there is a gyro; else STEP."""
     for dof, position in zip(motion.dofs, motion.positions):
-        if dof.velocity in quantities:
-            return LEAST_STEP
-        noises = []
-        for run in runs:
-            read = run.channel(position)
-            if position in quantities and read is not None:
-                fresh = _fresh(read)
-                noises.append(position_noise(run.time[fresh], read[fresh]))
-        if noises and np.median(noises) >= dof.limits.least_noise:
-            return LEAST_STEP
+        for quantity in (position, dof.velocity):
+            noises = []
+            for run in runs:
+                read = run.channel(quantity)
+                if quantity in quantities and read is not None:
+                    fresh = _fresh(read)
+                    noises.append(position_noise(run.time[fresh], read[fresh]))
+            gyro = dof.wraps and quantity == dof.velocity
+            if noises and (gyro or np.median(noises) >= least_noise(dof, quantity == dof.velocity)):
+                return LEAST_STEP
     return STEP
 
 

@@ -10,13 +10,14 @@ from automarine_cli import effects
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.channel_noise import channels_json
 from automarine_cli.fits.drag import nested_test
-from automarine_cli.fits.driven_use import Use
+from automarine_cli.fits.driven_use import Judgement, Use
 from automarine_cli.fits.innovations import InnovationsFit, random_estimates
+from automarine_cli.fits.known import NOTHING_KNOWN, Known
 from automarine_cli.fits.output_error import OutputErrorFit, Preference, estimate_of, run_dof
 from automarine_cli.fits.step_response import StepData
 from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.fits.velocity_error import VelocityErrorFit
-from automarine_cli.fits.yaw_cautions import Caution
+from automarine_cli.fits.yaw_cautions import DRAG, Caution
 from automarine_cli.models.store import model_json
 from automarine_cli.pipeline.outputs import json_document
 from automarine_cli.pipeline.plain_data import Document
@@ -37,7 +38,8 @@ class YawFit(Shown):
     `turns` and `data` are the half-turns used (empty and None for whole runs), `runs` the whole runs (or
     empty), `output_error` and `seed_method` the two estimators by model, `why_no_seed_method` a sentence
     where there is none; `cautions` are on single parameters, of which those that matter are `warnings` as well;
-    `channels` are the sensors that count; `use` is what the model predicts, of driven runs.
+    `channels` are the sensors that count; `use` is what the model predicts, of whole runs; `known` is what was known
+    beforehand.
     """
 
     moment_unit: str
@@ -53,7 +55,8 @@ class YawFit(Shown):
     cautions: tuple[Caution, ...]
     dof: Dof
     channels: ChannelChoice = NOTHING_TO_CHOOSE
-    use: Use | None = None
+    use: Judgement | None = None
+    known: Known = NOTHING_KNOWN
 
     @property
     def preferred(self) -> OutputErrorFit:
@@ -76,10 +79,9 @@ class YawFit(Shown):
         at = [found.names.index(self.dof.parameter(role)) for role in ("inertia", "linear")]
         if not (found.theta[at] > 0).all() or set(at) & set(found.at_bound):
             return None
-        for place, sign in zip(at, (1.0, -1.0)):
-            direction[place] = sign if found.positive[place] else sign / found.theta[place]
+        direction[at] = np.where(found.positive[at], 1.0, 1.0 / found.theta[at]) * np.array([1.0, -1.0])
         stderr = float(np.sqrt(max(float(direction @ fit.covariance @ direction), 0.0)))
-        value = float(found.theta[at[0]] / found.theta[at[1]])
+        value = fit.estimates[own.inertia].value / fit.estimates[own.linear].value
         return Estimate.from_log(value, stderr, run_dof(found, direction), "s")
 
     @property
@@ -128,19 +130,30 @@ class YawFit(Shown):
         }  # fmt: skip
 
     @property
+    def told_of_known(self) -> tuple[str, ...]:
+        """What was known beforehand, in sentences."""
+        dof = self.dof
+        units = {dof.parameter(role): dof.unit_of(role, self.moment_unit) for role in ("inertia", *DRAG, "constant")}
+        found = self.known.sentences(units, self.preferred.mixed.names)
+        paper = ("The velocity errors of the paper do not use it.",) if found and self.seed_method else ()
+        return (*found, *paper)
+
+    @property
     def buoyancy(self) -> "Buoyancy | None":
         """The constant force of the preferred model; None for motions without one."""
         return Buoyancy(self.preferred.estimates[self.dof.symbols.constant]) if self.dof.has_constant else None
 
     def _driven_json(self) -> dict[str, object]:
-        """What only driven runs have: what is random, and what the model predicts of runs left out."""
+        """What only whole runs have: what the model predicts of runs left out, and of driven ones what is random."""
         found, use = self.preferred.mixed, self.use
-        if use is None or not isinstance(found, InnovationsFit):
+        if use is None:
             return {}
+        random: dict[str, object] = {}
+        if isinstance(found, InnovationsFit):
+            random = {"driven": True, "random": random_estimates(found, self.preferred.covariance, self.dof)}
+            random |= {"proposed": dict(use.proposed)} if isinstance(use, Use) else {}
         return {
-            "driven": True,
-            "proposed": dict(use.proposed),
-            "random": random_estimates(found, self.preferred.covariance, self.dof),
+            **random,
             "prediction": {
                 "left_out_runs": [one.to_json(self.dof) for one in use.worth],
                 "of_use": use.of_use,
@@ -162,6 +175,7 @@ class YawFit(Shown):
             f"{dof.words.position}_noise_{dof.units.key}": None if fit.noise is None else float(dof.shown(fit.noise)),
             "covariance": covariance_json(list(fit.estimates), fit.mixed.theta, fit.mixed.positive, fit.covariance),
             "converged": fit.mixed.converged,
+            **({"estimator": fit.estimator} if fit.estimator else {}),
         }
         if own := _effects_json(fit):
             content["effects"] = own

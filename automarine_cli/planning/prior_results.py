@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from automarine_cli import effects
+from automarine_cli.effects.learned import PREFIX
 from automarine_cli.errors import ModelError
 from automarine_cli.models.store import StoredModels, file_and_models
 from automarine_cli.models.yaw_model import YawModel
@@ -199,12 +200,14 @@ def _read_diagnosis(path: Source, stored: StoredModels) -> Diagnosed:
                 raise ModelError(f"{where}: effects[{i}].parameters: {key} has no value; expected an estimate")
         named.append((name, tuple(values)))
         for j, rival in enumerate(entry.rivals):
+            if rival.name.startswith(PREFIX):  # a curve that was not fitted has no size to look for
+                continue
             doubts.append(Doubt(name, _known(rival.name, f"{where}: effects[{i}].rivals[{j}]")))
     base = _some({name: moved.after for name, moved in file.base.items()})
     return Diagnosed(tuple(named), _some(estimates), base, tuple(doubts))
 
 
 def _known(name: str, where: str) -> str:
-    if name not in effects.names():
+    if name not in effects.names() and not name.startswith(PREFIX):
         raise ModelError(f"{where}: name: found {told(name)}, expected one of {', '.join(effects.names())}")
     return name

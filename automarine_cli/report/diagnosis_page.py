@@ -33,7 +33,7 @@ from automarine_cli.report.diagnosis_tables import (
     parameter_cell,
     verdict_sentence,
 )
-from automarine_cli.report.tables import MISSING, Table, interval, number
+from automarine_cli.report.tables import MISSING, Table, code_again, interval, number
 
 LARGE_MOVE = 2.0
 """A base parameter that moved by more than this many of its standard errors had been absorbing something."""
@@ -66,7 +66,7 @@ def page(diagnosis: Diagnosis, key: NamingKey | None, budget: Mapping[str, float
 
 def escape(text: str) -> str:
     """Text that came from a file, on one line, without meaning to Markdown or HTML."""
-    return re.sub(r"([\\`*_{}\[\]<>#|!])", r"\\\1", " ".join(text.split()))
+    return code_again(re.sub(r"([\\`*_{}\[\]<>#|!])", r"\\\1", " ".join(text.split())))
 
 
 def _summary(diagnosis: Diagnosis) -> str:

@@ -7,7 +7,7 @@ from automarine_cli.diagnosis.diagnose import Diagnosis
 from automarine_cli.diagnosis.learned_curve import LearnedCurve
 from automarine_cli.diagnosis.study import JUDGED
 from automarine_cli.diagnosis.trials import LEVEL
-from automarine_cli.diagnosis.verdict import NAMED, SUSPECTED, UNEXPLAINED
+from automarine_cli.diagnosis.verdict import EVEN, NAMED, SUSPECTED, UNEXPLAINED, NamedEffect
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.report.diagnosis_page_tables import gap_table
 from automarine_cli.report.tables import Table, interval, number
@@ -24,7 +24,10 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     dof = diagnosis.study.base.dof
     unit, position = dof.units.shown, dof.words.position
     before, after, floor = headline_gap(diagnosis)
-    names = " and ".join(effect.name for effect in diagnosis.effects)
+    counted = diagnosis.found.final.counted
+    names = " and ".join(_or_rivals(effect) for effect in diagnosis.effects if effect.name in counted)
+    if drag := [effect.name for effect in diagnosis.effects if effect.name not in counted]:
+        names += f", where {' and '.join(drag)} puts the drag of the base right"
     gains = gains_instead(diagnosis)
     noise = f"noise of the {position} {floor} {unit}"
     gap = "gap" if not diagnosis.study.driven else f"error of predictions {JUDGED:g} s ahead"
@@ -60,6 +63,12 @@ def of_held_out(diagnosis: Diagnosis) -> str:
     """Which runs a gap is of, where some were held out."""
     runs = 0 if diagnosis.held_out is None else len(diagnosis.held_out.runs)
     return f" of the {runs} run{'s' * (runs > 1)} held out" if runs else ""
+
+
+def _or_rivals(effect: NamedEffect) -> str:
+    """An effect's name; of one that is less likely than its rivals together those too."""
+    rivals = effect.few_rivals if effect.confidence < EVEN else ()
+    return " or ".join([effect.name, *(rival.name for rival in rivals)])
 
 
 def gains_instead(diagnosis: Diagnosis) -> str:

@@ -1,6 +1,7 @@
 """Tables 1 and 2 of a yaw fit: the paper's layout above the rule, our own rows below it."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 from automarine_cli.dofs import Dof
 from automarine_cli.fits.drag import DragFit, nested_test
@@ -32,12 +33,12 @@ def drag_table(
         (quadratic, *of(own.quadratic, lambda e: number(e.value))),
         (linear, *of(own.linear, lambda e: number(e.value))),
         ("SSE", *(number(fits[m].sse) if m in fits else MISSING for m in MODELS)),
-        (f"{quadratic}, 95 %", *of(own.quadratic, interval)),
-        (f"{linear}, 95 %", *of(own.linear, interval)),
+        (replace(quadratic, after=", 95 %"), *of(own.quadratic, interval)),
+        (replace(linear, after=", 95 %"), *of(own.linear, interval)),
         ("AICc", *(number(fits[m].aicc) if m in fits else MISSING for m in MODELS)),
         ("F test against 2, p", *(_f_test(fits, m) for m in MODELS)),
-        (f"{quadratic}, maximum likelihood", *(_ml(ml, m, own.quadratic) for m in MODELS)),
-        (f"{linear}, maximum likelihood", *(_ml(ml, m, own.linear) for m in MODELS)),
+        (replace(quadratic, after=", maximum likelihood"), *(_ml(ml, m, own.quadratic) for m in MODELS)),
+        (replace(linear, after=", maximum likelihood"), *(_ml(ml, m, own.linear) for m in MODELS)),
         (
             "log density of left-out runs",
             *(number(float(ml[m].mixed.predictive.sum()), 6) if m in ml else MISSING for m in MODELS),
@@ -124,16 +125,16 @@ def inertia_table(
     moment below."""
     tables = {} if seed is None else seed.inertia
     own = dof.symbols
-    ratio = f"{own.inertia}/{own.quadratic_print} [{dof.units.base}]"
+    ratio = Math(
+        f"{own.inertia}/{own.quadratic_print}", f"{own.inertia_math}/{own.quadratic_math}", f" [{dof.units.base}]"
+    )
+    inertia = Math(own.inertia, own.inertia_math)
     rows: list[tuple[Cell, ...]] = [
+        (inertia, *(number(tables[m].overall.value) if m in tables else MISSING for m in MODELS)),
+        (replace(inertia, after=", 95 %"), *(interval(tables[m].overall) if m in tables else MISSING for m in MODELS)),
+        (replace(inertia, after=", maximum likelihood"), *(_ml(ml, m, own.inertia) for m in MODELS)),
         (
-            Math(own.inertia, own.inertia_math),
-            *(number(tables[m].overall.value) if m in tables else MISSING for m in MODELS),
-        ),
-        (f"{own.inertia}, 95 %", *(interval(tables[m].overall) if m in tables else MISSING for m in MODELS)),
-        (f"{own.inertia}, maximum likelihood", *(_ml(ml, m, own.inertia) for m in MODELS)),
-        (
-            f"{ratio}, maximum likelihood",
+            replace(ratio, after=f"{ratio.after}, maximum likelihood"),
             *(interval(ml[m].inertial_turn_angle) if m in ml else MISSING for m in MODELS),
         ),
     ]
@@ -141,7 +142,7 @@ def inertia_table(
     for way in dof.words.ways if dof.directional else ():
         far = (ways.distance.get(way) if (ways := asked.get(m)) else None for m in MODELS)
         cells = (MISSING if one is None else interval(one) for one in far)
-        rows.append((f"{ratio} {way}, maximum likelihood", *cells))
+        rows.append((replace(ratio, after=f"{ratio.after} {way}, maximum likelihood"), *cells))
     levels = sorted({level for table in tables.values() for level in table.per_moment}) if means else []
     for level in levels:
         row = (number(tables[m].per_moment[level]) if m in tables else MISSING for m in MODELS)

@@ -7,6 +7,7 @@ from automarine_cli.errors import SettingError
 from automarine_cli.pipeline.codec import keyed
 from automarine_cli.pipeline.plain_data import told
 from automarine_cli.results.estimate import Given
+from automarine_cli.results.models import Use
 from automarine_cli.results.records import ResultRecord
 
 
@@ -67,6 +68,7 @@ class ValidationFile(ResultRecord):
     best: str
     preferred_by_fit: str = ""
     noise_floor: float | None = field(default=None, metadata=keyed("noise_floor_{shown_unit}"))
+    use: Use = field(default_factory=Use)
     logs: Mapping[str, LogSeen] = field(default_factory=dict)
     prediction: Mapping[str, tuple[Foreseen, ...]] = field(default_factory=dict)
 

@@ -44,7 +44,7 @@ from automarine_cli.workflows.command import Command, Runner
 from automarine_cli.workflows.diagnose_planar import DiagnoseOptions, PlanarDiagnosis, diagnose_planar
 from automarine_cli.workflows.diagnose_thrusters import FILES, ThrusterDiagnosis, diagnose_thrusters
 from automarine_cli.workflows.moments import with_moments
-from automarine_cli.workflows.shared import aligned, numbers
+from automarine_cli.workflows.shared import numbers
 from automarine_cli.workflows.view import Figures, Row, View
 
 LEARNED = "learned.png"
@@ -232,7 +232,13 @@ def _lines(result: YawDiagnosis) -> Iterator[str]:
     yield diagnosis_tables.verdict_sentence(result.diagnosis)
     for effect in result.diagnosis.effects:
         yield f"  {effect.name}, confidence {effect.confidence:.0%}"
-        yield from (f"  {line}" for line in aligned(effect.parameters))
+        if (curve := effect.learned) is not None:
+            yield f"    curve of {diagnosis_tables.OF[curve.kind]}  {diagnosis_tables.curve_cell(curve)}"
+            continue
+        named = {name: (i, one) for i, name, one in diagnosis_tables.counting(effect.name, effect.parameters)}
+        width = max(map(len, named), default=0)
+        for name, (i, one) in named.items():
+            yield f"    {name:<{width}}  {diagnosis_tables.parameter_cell(effect.name, i, one)} {one.unit}".rstrip()
         yield from (f"    or {rival.name}, {rival.confidence:.0%}" for rival in effect.rivals)
 
 

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import real_baseline as plain
 import real_library as library
+import real_planar
 from click.testing import CliRunner
 from real_sets import CONTACTS, Contact, RealSet, present
 
@@ -220,6 +221,11 @@ def main() -> None:
             for row in judged(one, motion, Path(folder), options.quick):
                 rows.append(row)
                 text = kept(options.out, rows, before, contacts)
+        planar = list(real_planar.planar_rows(options.only))
+    if planar:
+        text += "\n" + real_planar.table(planar).to_markdown()
+        (options.out / "real.md").write_text(text)
+        (options.out / "real_planar.json").write_text(json.dumps(planar, indent=1) + "\n")
     if not text:
         which = f" with {options.only!r} in its name" if options.only else ""
         raise SystemExit(f"no data set{which} is at hand; AUTOMARINE_DATA names the folder that has them")

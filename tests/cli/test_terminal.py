@@ -13,7 +13,7 @@ import pytest
 from click.testing import Result
 from hypothesis import given
 from hypothesis import strategies as st
-from pseudo_terminal import ESCAPE, on_terminal
+from pseudo_terminal import ESCAPE, PATIENCE_S, on_terminal, without_bars
 from repository import ROOT
 from small_campaign import make_small_campaign
 
@@ -28,6 +28,7 @@ STEPS = ROOT / "sample_runs" / "hidden_one"
 @pytest.mark.parametrize("columns", [60, 80, 200])
 def test_tables_fit_the_terminal(columns: int) -> None:
     status, said = on_terminal("check", STEPS, columns=columns, NO_COLOR="1")
+    said = without_bars(said)
     assert status == 0
     assert ESCAPE not in said
     lines = said.splitlines()
@@ -38,12 +39,14 @@ def test_tables_fit_the_terminal(columns: int) -> None:
 
 def test_colours_only_on_a_terminal(tmp_path: Path) -> None:
     _, shown = on_terminal("check", STEPS)
-    assert shown.startswith(f"{ESCAPE}1mYaw runs{ESCAPE}0m\n")
+    assert without_bars(shown).startswith(f"{ESCAPE}1mYaw runs{ESCAPE}0m\n")
     for how in ({"NO_COLOR": "1"}, {"TERM": "dumb"}):
         _, plain = on_terminal("check", STEPS, **how)
+        plain = without_bars(plain)
         assert plain.startswith("Yaw runs\n") and ESCAPE not in plain
     status, refused = on_terminal("check", tmp_path)
     assert status == 1
+    refused = without_bars(refused)
     head = f"{ESCAPE}31m{ESCAPE}1mError:{ESCAPE}0m "
     assert refused.startswith(head)
     told = refused.removeprefix(head)
@@ -97,7 +100,9 @@ def test_bash_completes_a_command(tmp_path: Path) -> None:
         '_automarine_completion automarine; echo "${COMPREPLY[@]}"'
     )
     env = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
-    found = subprocess.run(["bash", "-c", script], capture_output=True, text=True, env=env, check=False, timeout=60)
+    found = subprocess.run(
+        ["bash", "-c", script], capture_output=True, text=True, env=env, check=False, timeout=PATIENCE_S
+    )
     assert found.stdout.split() == ["fit-yaw"], found.stderr
 
 
