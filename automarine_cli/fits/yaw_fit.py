@@ -80,7 +80,7 @@ class YawFit(Shown):
             return None
         direction[at] = np.where(found.positive[at], 1.0, 1.0 / found.theta[at]) * np.array([1.0, -1.0])
         stderr = float(np.sqrt(max(float(direction @ fit.covariance @ direction), 0.0)))
-        value = float(found.theta[at[0]] / found.theta[at[1]])
+        value = fit.estimates[own.inertia].value / fit.estimates[own.linear].value
         return Estimate.from_log(value, stderr, run_dof(found, direction), "s")
 
     @property
