@@ -19,7 +19,8 @@ from automarine_cli.diagnosis.physical import drag_drives
 from automarine_cli.diagnosis.refits import add_effect, go_on, trial_of, without
 from automarine_cli.diagnosis.scores import candidates, law_of, score
 from automarine_cli.diagnosis.study import ITERATIONS, Study
-from automarine_cli.diagnosis.trials import CLEAR, LEVEL, MOST_EFFECTS, WEAK, Found, Rival, Round, Trial, clear
+from automarine_cli.diagnosis.thrust_curve import curved, settles
+from automarine_cli.diagnosis.trials import CLEAR, LEVEL, MOST_EFFECTS, WEAK, Found, Rival, Round, Trial, clear, counted
 from automarine_cli.errors import FitError
 from automarine_cli.fits.innovations import InnovationsFit
 from automarine_cli.fits.stepwise import Judge, discover
@@ -68,7 +69,11 @@ class _Runs(Judge[Trial, Round]):
         current, cycle = look.before, self.study.cycle
         least = max(look.threshold, TRUST * (first.before.evidence - current.evidence))
         able = [t for t in look.trials if look.gain(t) > least and may_stand(t, current, cycle)]
-        return sorted(able, key=lambda trial: trial.evidence)
+        able = sorted(able, key=lambda trial: trial.evidence)
+        if look is first and not (able and settles(able[0], current)):
+            curve = curved(self.study, current)
+            able = able if curve is None else [curve, *able]
+        return able
 
     def added(self, model: Trial) -> tuple[str, ...]:
         return model.added
@@ -99,7 +104,7 @@ def search(study: Study, seed: int, each: Each) -> Found:
     for name, this in around.items():
         p_values[name] = this.scores.p_value(this.before.evidence - current.evidence)
     more = False
-    if len(current.added) == MOST_EFFECTS:
+    if counted(current.added) == MOST_EFFECTS:
         total, next_gain = base.evidence - current.evidence, _next_gain(study, current, seed)
         more = next_gain > MATTERS * total
         if 0.0 < next_gain <= MATTERS * total:

@@ -16,6 +16,13 @@ WEAK = 0.05
 CLEAR = 2.0
 """Standard errors over runs by which runs have to gain in the mean."""
 MOST_EFFECTS = 3
+CURVE = ("dead-band", "thrust-exponent")
+"""What together is the curve of the thrust against its command, and counts as one effect."""
+
+
+def counted(added: tuple[str, ...]) -> int:
+    """How many effects were added."""
+    return len(added) - (set(CURVE) <= set(added))
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from automarine_cli.diagnosis.gap import Gap, gap, residuals
 from automarine_cli.diagnosis.given import log_density
 from automarine_cli.diagnosis.outlook import Outlook
 from automarine_cli.diagnosis.study import Study
-from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, WEAK, Found, Trial, clear
+from automarine_cli.diagnosis.trials import LEVEL, MOST_EFFECTS, WEAK, Found, Trial, clear, counted
 from automarine_cli.diagnosis.where import Region, Where
 from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.stepwise import NamedRival
@@ -185,7 +185,7 @@ def _unexplained(study: Study, found: Found, where: Where, kept: Gap | None) -> 
     unnamed = not final.added or scatter[1] > LEFT_OVER * scatter[0]
     if unnamed and gains_wander(study, final):
         return f"The thrust of single runs drifts over the campaign more than chance allows{_beside(where)}."
-    if found.more or (len(final.added) == MOST_EFFECTS and excess[0] < MANY):
+    if found.more or (counted(final.added) == MOST_EFFECTS and excess[0] < MANY):
         more = " or more" if found.more else ""
         return f"The runs would take {MOST_EFFECTS} effects{more}, more than they can support."
     if not final.added and found.doubtful is None and (regions := _outstanding(where)):
