@@ -131,7 +131,7 @@ def _unsettled_thrust(known: PriorResults, data: Mapping[str, object]) -> tuple[
     return f"{why}. Such a vehicle may hunt for ever: {_REMEDY}", effect
 
 
-_REMEDY = "diagnose its logs, with runs of small commands among them, or tune with the map of its thrusters."
+_REMEDY = "diagnose its logs, with runs of small commands among them."
 
 
 def _idle(main: Explanation, said: Mapping[str, object], largest: float) -> list[Explanation]:
