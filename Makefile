@@ -119,7 +119,7 @@ blind: $(READY) ## Does diagnose name what is hidden? Campaigns with a known tru
 closed-loop: $(READY) ## The same where a controller steers and the water disturbs
 	$(BENCHMARK)/closed_loop.py --jobs $(JOBS) --out $(OUT)/closed_loop.json
 
-tuning: $(READY) ## Do the promises of tune hold? Five vehicles in twelve corners, 40 blind ones with a known truth; an hour
+tuning: $(READY) ## Do the promises of tune hold? Five vehicles in twelve corners, 60 blind ones with a known truth; two hours
 	$(BENCHMARK)/tuning.py --jobs $(JOBS) --out $(OUT)
 
 circle: $(READY) ## Plan, drive, collect over a link that is cut, analyse, tune, and fly the same vehicle, into OUT/circle

@@ -25,6 +25,7 @@ from automarine_cli.control.search import (
     grid_for,
     paced,
     picked,
+    screened,
     searched,
 )
 from automarine_cli.control.targets.base import Gains, Nominal, Target
@@ -33,6 +34,8 @@ from automarine_cli.quantities import Floats
 
 Verdict = Literal["gains", "leave", "cannot-promise"]
 CROWD, PRESENT, JUDGED = 180, 60, 24
+ROUNDS, LAST = 5, 6
+"""Looks at the space of gains, each nearer to the best; sets that are judged by the crowd."""
 EXACT, STEADY = 0.02, 0.05
 """Loops of the flights that are promised, and of those that gains are chosen by: see `paced`."""
 DEAREST = 2.0
@@ -109,13 +112,10 @@ def design(
     """The verdict of a target on a vehicle; `present` gains by name, None where there are none."""
     crowds = crowds_of(known, full, bend, seed)
     nominal = nominal_of(crowds[0].vehicles, task.step)
-    if known.proposed:
-        names = " and ".join(f"{name} ({gain:.0f} in deviance)" for name, gain in known.proposed.items())
-        why = (
-            f"The fit's own evidence asks for {names}, which the model lacks. Fit it with --with "
-            f"{','.join(known.proposed)}, and tune that model."
-        )
-        return Designed("cannot-promise", why, target, task, nominal, crowds, None, None, "", "", known.notes)
+    if known.settled is not None:
+        why, effect = known.settled
+        run = _run(known, effect)
+        return Designed("cannot-promise", why, target, task, nominal, crowds, None, None, effect, run, known.notes)
     for longer in (1.0, 2.0):
         found = _designed(target, known, crowds, nominal, replace(task, seconds=longer * seconds_for(nominal)), present)
         if found is not None:
@@ -138,10 +138,8 @@ def _designed(
         run = _run(known, left) if left else ""
         return Designed(verdict, why, target, task, nominal, crowds, new, old, left, run, known.notes)
 
-    if old is not None and _keeps(old, crowds, task):
-        share = old.share_with(task.margin)
-        kept = f"The present gains keep the margin of {task.margin:g} for {share:.0%} of the vehicles that the model"
-        return said("leave", f"{kept} allows, and all but a few settle.")
+    if old is not None and _keeps(old, some, task):
+        return said("leave", _kept(old, task))
     short = brief(target, nominal, crowds, task)
     chosen = _chosen(target, nominal, crowds, short)
     dear = _price(target, nominal, known, crowds, short, chosen)
@@ -159,6 +157,8 @@ def _designed(
         old = None if present is None else outcome(target, present, some, task, exact)
     if not _keeps(new, crowds, task):
         return None
+    if old is not None and (_keeps(old, some, task) or _no_worse(old, new, task)):
+        return said("leave", _kept(old, task))
     return said("gains", _why(new, old, task), new)
 
 
@@ -185,6 +185,22 @@ def _keeps(found: Outcome, crowds: Sequence[Crowd], task: Task) -> bool:
     return all(np.mean(part) >= SHARE for part in np.split(good, ends))
 
 
+def _no_worse(old: Outcome, new: Outcome, task: Task) -> bool:
+    """Whether old gains are as good as new ones in all that is told of them."""
+
+    def told(one: Outcome) -> list[float]:
+        own = one.scores
+        least = [-one.share_with(task.margin), -float(own.settles.mean()), -float(np.median(one.margins.disk))]
+        return [*least, *(float(np.median(x)) for x in (own.overshoot, own.settling, own.rms, own.error))]
+
+    return all(before <= after for before, after in zip(told(old), told(new)))
+
+
+def _kept(old: Outcome, task: Task) -> str:
+    share = f"{old.share_with(task.margin):.0%} of the vehicles that the model allows"
+    return f"The present gains keep the margin of {task.margin:g} for {share}, and all but a few settle."
+
+
 def _is_late(found: Outcome, task: Task) -> bool:
     """Whether too little of the flights is seen after the vehicles settled: in a dead-band a loop may rest for a while
     and then swing out again."""
@@ -195,28 +211,19 @@ def _chosen(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Tas
     """The best gains that all crowds can live with; looked for with more margin on the probes where that fails."""
     omega = grid_for(target, crowds, FINE // 2)
     for more in (1.0, 1.12, 1.3):
-        found = searched(target, nominal, crowds, replace(task, margin=more * task.margin), 3)
-        costs = []
-        for k in range(len(found.cost)):
-            gains = {name: float(value[k]) for name, value in found.gains.items()}
-            own: Gains = {name: np.full((1, 1), value) for name, value in gains.items()}
-            kept = [np.mean(all_margins(target, own, one.vehicles, omega).disk >= task.margin) for one in crowds]
-            if min(kept) >= SHARE:
-                costs.append((k, gains))
-        if costs:
-            return _steadiest(paced(target, nominal, STEADY), found.gains, costs, crowds, task)
+        found = searched(target, nominal, crowds, replace(task, margin=more * task.margin), ROUNDS)
+        kept = [screened(target, found.gains, one.vehicles, omega) >= task.margin for one in crowds]
+        able = np.flatnonzero(np.min([one.mean(axis=1) for one in kept], axis=0) >= SHARE)[:LAST]
+        if len(able):
+            return _steadiest(paced(target, nominal, STEADY), picked(found.gains, able), crowds, task)
     return None
 
 
-def _steadiest(
-    quick: Target, gains: dict[str, Floats], costs: Sequence[tuple[int, dict[str, float]]], crowds: Sequence[Crowd],
-    task: Task,
-) -> dict[str, float]:  # fmt: skip
+def _steadiest(quick: Target, gains: dict[str, Floats], crowds: Sequence[Crowd], task: Task) -> dict[str, float]:
     """Of several sets the one whose cost is least for all but a tenth of the vehicles."""
-    some = np.array([k for k, _ in costs])
-    each = [flown(quick, picked(gains, some), one.vehicles.pick(slice(0, JUDGED)), task)[0] for one in crowds]
-    worst = np.quantile(np.concatenate(each, axis=1), 0.9, axis=1)
-    return costs[int(np.argmin(worst))][1]
+    each = [flown(quick, gains, one.vehicles.pick(slice(0, JUDGED)), task)[0] for one in crowds]
+    best = int(np.argmin(np.quantile(np.concatenate(each, axis=1), 0.9, axis=1)))
+    return {name: float(value[best]) for name, value in gains.items()}
 
 
 def _price(

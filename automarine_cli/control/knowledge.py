@@ -1,7 +1,7 @@
 """What is known of a vehicle from a model's file or a diagnosis, and what both leave open."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,8 +23,14 @@ from automarine_cli.results.kinds import DIAGNOSIS
 
 LATE = ("input-delay", "thruster-lag", "sensor-lag")
 """Effects that make a vehicle answer late."""
-UNKNOWN_DELAY = 0.3
-"""Longest delay [s] of a vehicle of which no diagnosis says how short one would have been seen."""
+WILD, CURVED = 0.25, 0.1
+"""Scatter of the thrust from run to run, and power of the command's size that it goes with, from which on the thrust is
+not known: fits take no more than 0.3 for scatter."""
+IDLE = 0.1
+"""Share of the whole output below which thrusters give nothing where nobody looked: Blue Robotics T200 performance data
+(2019), 7 to 10 %."""
+CURVE = ("dead-band", "thrust-exponent")
+"""What the curve of the thrust against its command is made of."""
 OWN_LAWS = 0.03
 """Share by which parameters are off beyond their errors: no vehicle follows the laws of a library to the letter."""
 FAINT = 0.5
@@ -47,17 +53,16 @@ class Explanation:
 @dataclass(frozen=True)
 class Knowledge:
     """The stored model, every explanation (the named one first), how uncertain thrust, delay and supply are, `largest`
-    moment of the logs or None, whether the delay is `guessed`, splits by rival, notes, and effects that the fit itself
-    `proposed` and the model lacks, with the deviance that each gains."""
+    moment of the logs or None, splits by rival, notes; and what has to be `settled` before anything can be promised: a
+    sentence and the effect to be settled, or None."""
 
     stored: StoredModels
     explanations: tuple[Explanation, ...]
     spread: Spread
     largest: float | None
-    guessed: bool
     splits: Mapping[str, str]
     notes: tuple[str, ...]
-    proposed: Mapping[str, float] = field(default_factory=dict)
+    settled: tuple[str, str] | None = None
 
     @property
     def model(self) -> YawModel:
@@ -92,20 +97,82 @@ def read_knowledge(
         others.append(
             Explanation(bare, _covariance(known, bare, data), f"the model without {', '.join(names)}", names[0])
         )
-    late, guessed, note = _late(known.model, said, delay)
+    others += _idle(main, said, largest or 1.0)
+    late, unknown, note = _late(known.model, said, delay)
     logged = next((term.values[1] for term in known.model.terms if term.name == "voltage-exponent"), 1.0)
     volts = (logged, supply[0] * logged, supply[1] * logged)
     scatter = SCATTER if known.scatter is None else known.scatter
-    spread = Spread(np.zeros((0, 0)), scatter, late, volts, _noise(known))
+    heavy = 0.0 if any(term.name in LATE for term in known.model.terms) else _inflated(known.model, largest or 1.0)
+    spread = Spread(np.zeros((0, 0)), scatter, late, volts, _noise(known), heavy)
     without = (
         f"Without {effect}: it acts by the column {column!r}, which no controller has; the gains are for the rest."
         for effect, column in needs_columns([term.name for term in bare.terms])
     )
-    told = (one for one in (*known.notes, note) if one and one != NO_RIVALS and "planned runs" not in one)
-    notes = (*without, *told)
-    have = {term.name for term in known.model.terms} | ({"input-delay"} if delay is not None else set())
+    told = (note for note in (*known.notes, note) if note and note != NO_RIVALS and "planned runs" not in note)
+    have = {term.name for term in known.model.terms} | ({LATE[0]} if delay is not None else set())
     proposed = {name: gain for name, gain in known.proposed.items() if name not in have}
-    return Knowledge(known.stored, (main, *others), spread, largest, guessed, _splits(said), notes, proposed)
+    settled = _proposed(proposed) or _unsettled_thrust(known, data) or ((UNDIAGNOSED, LATE[0]) if unknown else None)
+    return Knowledge(known.stored, (main, *others), spread, largest, _splits(said), (*without, *told), settled)
+
+
+UNDIAGNOSED = (
+    "How late the vehicle answers is not known, and an unknown delay inflates the fitted inertia. Diagnose the logs "
+    "(automarine diagnose) and tune its diagnosis.json, or give --delay."
+)
+
+
+def _proposed(proposed: Mapping[str, float]) -> tuple[str, str] | None:
+    """What the fit's own evidence asks for beside the model."""
+    if not proposed:
+        return None
+    names = " and ".join(f"{name} ({gain:.0f} in deviance)" for name, gain in proposed.items())
+    why = (
+        f"The fit's own evidence asks for {names}, which the model lacks. Fit it with --with {','.join(proposed)}, and "
+        "tune that model."
+    )
+    return why, next(iter(proposed))
+
+
+def _unsettled_thrust(known: PriorResults, data: Mapping[str, object]) -> tuple[str, str] | None:
+    """Why the thrust is not known well enough for promises: it scatters as no thruster does, or goes with the size of
+    the command as the model does not say."""
+    power = data.get("gain_exponent")
+    low, high = power["ci95"] if isinstance(power, Mapping) else (0.0, 0.0)
+    if low > CURVED or high < -CURVED:
+        why = "The gain of the thrust goes with the size of the command, as with a dead-band or a curve of the thrust"
+    elif known.scatter is not None and known.scatter >= WILD:
+        why = f"The thrust seems to scatter by {known.scatter:.0%} from run to run, more than thrusters do"
+    else:
+        return None
+    named = {term.name for term in known.model.terms}
+    effect = next((name for name in CURVE if name not in named), CURVE[0])
+    return f"{why}. Such a vehicle may hunt for ever: {_REMEDY}", effect
+
+
+_REMEDY = "diagnose its logs, with runs of small commands among them."
+
+
+def _idle(main: Explanation, said: Mapping[str, object], largest: float) -> list[Explanation]:
+    """The model with the widest dead-band that the logs would not have shown, where its thrust is a curve: nearly flat
+    about rest, such a curve hides one."""
+    names = {term.name for term in main.model.terms}
+    if "thrust-exponent" not in names or "dead-band" in names:
+        return []
+    seen = said.get("smallest_visible")
+    width = seen.get("dead-band") if isinstance(seen, Mapping) else None
+    width = min(float(width), IDLE * largest) if isinstance(width, int | float) else IDLE * largest
+    model = main.model.with_effect("dead-band", (width, 0.0, 0.5))
+    covariance = np.zeros((len(model.theta), len(model.theta)))
+    there = [model.parameter_names.index(name) for name in main.model.parameter_names]
+    covariance[np.ix_(there, there)] = main.covariance
+    return [Explanation(model, covariance, f"a dead-band of {width:.2g}, which the logs allow", "dead-band")]
+
+
+def _inflated(model: YawModel, largest: float) -> float:
+    """By how much a delay that no model has inflates the inertia of steps, per second of it: sqrt(k tau)/ln 2 to first
+    order, tau half the largest moment."""
+    _, quadratic = model.drag()
+    return float(np.sqrt(quadratic * 0.5 * largest) / np.log(2.0))
 
 
 def _noise(known: PriorResults) -> tuple[float, float]:
@@ -200,7 +267,7 @@ def _sizes(model: YawModel) -> Floats:
 
 
 def _late(model: YawModel, said: Mapping[str, object], delay: float | None) -> tuple[float, bool, str]:
-    """The longest delay beyond the model's, whether it is a guess, and a sentence on it."""
+    """The longest delay beyond the model's, whether nothing is known of it, and a sentence on it."""
     if delay is not None:
         return delay, False, f"Delays up to {delay:g} s beyond the model's are allowed for, as asked."
     if any(term.name in LATE for term in model.terms):
@@ -211,7 +278,7 @@ def _late(model: YawModel, said: Mapping[str, object], delay: float | None) -> t
     if known:
         late = max(known)
         return late, False, f"Delays up to {late:.2g} s are allowed for: longer ones the diagnosis would have seen."
-    return UNKNOWN_DELAY, True, f"Nothing says how late the vehicle answers: up to {UNKNOWN_DELAY:g} s are allowed for."
+    return 0.0, True, ""
 
 
 def _largest(data: Mapping[str, object]) -> float | None:

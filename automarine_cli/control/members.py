@@ -12,6 +12,8 @@ from automarine_cli.quantities import Floats
 
 THRUST_BY_VOLTAGE = 1.2
 """Exponent of thrust against supply voltage at a fixed command: Blue Robotics, T200 performance data (2019)."""
+LIGHTEST = 0.2
+"""Share of the inertia that a delay which was never looked for leaves at least."""
 UNKNOWN = 0.1
 """Standard error, as a share, of a parameter of which the file tells none."""
 
@@ -76,13 +78,15 @@ class Vehicles:
 class Spread:
     """How uncertain a model is: `covariance` of theta (p, p), `scatter` of the thrust from run to run, `late` the
     longest delay [s] that the logs cannot show, `volts` of the logs and of the supply when it is lowest and highest,
-    `noise` of the readings of position and velocity [base units]."""
+    `noise` of the readings of position and velocity [base units], `heavy` what each second of delay beyond the model's
+    has added to its inertia."""
 
     covariance: Floats
     scatter: float
     late: float
     volts: tuple[float, float, float]
     noise: tuple[float, float] = (0.0, 0.0)
+    heavy: float = 0.0
 
 
 def crowd(
@@ -97,6 +101,7 @@ def crowd(
         gain = gain * (volts / logged) ** THRUST_BY_VOLTAGE
     late = np.append(0.5 * spread.late, rng.uniform(0.0, spread.late, count - 1))
     at = np.append(0.5, rng.uniform(0.2, 1.0, count - 1))
+    theta[:, 0] = np.maximum(theta[:, 0] - spread.heavy * late, LIGHTEST * theta[:, 0])
     return Vehicles(model, theta, full, gain, late, volts, at, bend, spread.noise)
 
 

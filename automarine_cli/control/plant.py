@@ -12,8 +12,9 @@ from automarine_cli.effects.sensor_lag import SensorLag
 from automarine_cli.quantities import Complexes, Floats
 from automarine_cli.simulation.rollout import Slope, right_hand_side
 
-SLOW, BRISK = 0.02, 0.3
-"""Velocities [base unit/s] over whose swing drag is taken as straight: the least damping of both counts."""
+REST, SLOW, BRISK = 1e-6, 0.02, 0.3
+"""Velocities [base unit/s] over whose swing drag is taken as straight: the least damping of all counts, which of
+quadratic drag is that at rest, of dry friction that of a brisk turn. Water that moves is looked at over a slow one."""
 
 
 class Body:
@@ -83,11 +84,12 @@ def linear(vehicles: Vehicles, swing: float) -> tuple[Floats, Floats]:
 
 
 def least_damped(vehicles: Vehicles) -> tuple[Floats, Floats]:
-    """`linear` with the velocity's own damping the least of slow and brisk swings."""
-    slow, b = linear(vehicles, SLOW)
-    brisk, _ = linear(vehicles, BRISK)
-    slow[:, 1, 1] = np.maximum(slow[:, 1, 1], brisk[:, 1, 1])
-    return slow, b
+    """`linear` with what drives the velocity as over the swing that damps it least."""
+    a, b = linear(vehicles, SLOW)
+    for swing in (REST, BRISK):
+        row = linear(vehicles, swing)[0][:, 1]
+        a[:, 1] = np.where(row[:, 1:2] > a[:, 1, 1:2], row, a[:, 1])
+    return a, b
 
 
 def response(vehicles: Vehicles, s: Complexes) -> tuple[Complexes, Complexes]:

@@ -1,8 +1,8 @@
 """Gains: as fast and as stiff as the margin allows to all vehicles that may be the one in the pool.
 
-First design numbers are spread over the space of gains and their disk margins worked out on a few vehicles of every
-explanation; those that keep the margin are flown, the best are looked at again nearby, and the last few are judged on
-the whole crowd.
+First design numbers are spread over the space of gains and their disk margins worked out on three vehicles of every
+explanation; all that keep the margin are flown, for no figure of a linear loop says how soon a step settles. The best
+are looked at again nearby, ever nearer, and the last few are judged on the whole crowd.
 """
 
 from collections.abc import Sequence
@@ -22,9 +22,10 @@ from automarine_cli.quantities import Complexes, Floats
 
 SHARE = 0.95
 """Of the crowd that has to keep the margin, and to settle."""
-FIRST, NEAR, FLOWN, LAST = 1500, 200, 160, 6
-MARGINS, FEW = 400, 40
-"""Sets of gains whose margins are worked out on so many vehicles."""
+FIRST, NEAR, ELITE, FLOWN, MOST = 1500, 200, 8, 160, 40
+"""Sets of gains: spread over their space, near the best so many, flown for a further explanation, found at last."""
+FEW, NEARLY = 40, 0.95
+"""Vehicles on which flown sets have to keep the margin; share of it that three probes have to keep before."""
 NEVER = 1e6
 """What not settling costs, in lengths of a flight."""
 WIDTH = 0.3
@@ -64,11 +65,12 @@ class Crowd:
 
     @cached_property
     def probes(self) -> Vehicles:
-        """The first, and one that is late and lively."""
+        """The first, one that is late and lively, and one that is sluggish."""
         reach = output_slope(self.vehicles) / self.vehicles.theta[:, 0]
         late = dead_time(self.vehicles) + lag_of(self.vehicles) + 1e-3
-        both = np.argsort(late / late.max() + reach / reach.max())
-        return self.vehicles.pick(np.array([0, both[int(0.95 * (len(both) - 1))]]))
+        lively, sluggish = np.argsort(late / late.max() + reach / reach.max()), np.argsort(-reach)
+        place = int(SHARE * (len(reach) - 1))
+        return self.vehicles.pick(np.array([0, lively[place], sluggish[place]]))
 
 
 def grid_for(target: Target, crowds: Sequence[Crowd], count: int) -> Floats:
@@ -95,20 +97,17 @@ def _seen(target: Target, vehicles: Vehicles) -> Vehicles:
     return replace(vehicles, bend=None) if target.linear else vehicles
 
 
-def screened(target: Target, gains: dict[str, Floats], vehicles: Vehicles, omega: Floats) -> tuple[Floats, Floats]:
-    """Disk margins of sets of gains (C,) on vehicles (V): (C, V), zero where a loop is unstable; and the largest swing
-    of position per load on the first vehicle, (C,)."""
+def screened(target: Target, gains: dict[str, Floats], vehicles: Vehicles, omega: Floats) -> Floats:
+    """Disk margins of sets of gains (C,) on vehicles (V): (C, V), zero where a loop is unstable."""
     seen, own = _seen(target, vehicles), {name: value[:, None] for name, value in gains.items()}
     poles, lines = plant.poles(seen), (omega * (1j - TILT), 1j * omega)
     ways = [(*target.paths(own, s), *plant.response(seen, s)) for s in lines]
-    disk, swing = np.zeros((len(next(iter(gains.values()))), len(seen))), np.zeros(0)
+    disk = np.zeros((len(next(iter(gains.values()))), len(seen)))
     for k in range(len(seen)):
         tilted, ratio = (x * position[k] + v * velocity[k] for x, v, position, velocity in ways)
         good = stable_along(tilted, poles[k : k + 1], target.integrators)
         disk[:, k] = np.where(good, disk_margin(ratio), 0.0)
-        if k == 0:
-            swing = np.max(np.abs(ways[1][2][0] / (1.0 + ratio)), axis=1)
-    return disk, swing
+    return disk
 
 
 @dataclass(frozen=True)
@@ -121,8 +120,12 @@ class Tried:
 
     def best(self, count: int) -> NDArray[np.int64]:
         """Places of the cheapest."""
-        order = np.argsort(self.cost, kind="stable")[:count]
-        return order[np.isfinite(self.cost[order])]
+        return np.argsort(self.cost, kind="stable")[:count]
+
+    def first(self, count: int) -> "Tried":
+        """The cheapest, in order."""
+        order = self.best(count)
+        return Tried(self.numbers[order], picked(self.gains, order), self.cost[order])
 
 
 def cost_of(found: Scores, task: Task) -> Floats:
@@ -169,60 +172,49 @@ def brief(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task)
     takes to settle, on the first vehicle."""
     gains = target.propose(spread_numbers(FIRST // 5, target.numbers), nominal)
     one = crowds[0].vehicles.pick(slice(0, 1))
-    disk, swing = screened(target, gains, one, grid_for(target, crowds, COARSE))
-    kept = np.flatnonzero(disk[:, 0] >= task.margin)
-    few = kept[np.argsort(swing[kept], kind="stable")[: FLOWN // 5]]
-    if not len(few):
+    kept = np.flatnonzero(screened(target, gains, one, grid_for(target, crowds, COARSE))[:, 0] >= task.margin)
+    if not len(kept):
         return task
-    settling = flown(paced(target, nominal, ROUGH), picked(gains, few), one, task)[1].settling.min()
+    settling = flown(paced(target, nominal, ROUGH), picked(gains, kept), one, task)[1].settling.min()
     return replace(task, seconds=float(np.clip(LONG * settling, LEAST, task.seconds)))
 
 
 def searched(target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task, rounds: int = 2) -> Tried:
-    """The best sets of gains that keep the margin on the probes of all crowds, cheapest first; none where none does.
+    """The best sets of gains that keep the margin on some vehicles of all crowds, cheapest first; none where none does.
 
     Margins are those of the target's own loops, flights are rough.
     """
     omega = grid_for(target, crowds, COARSE)
-    numbers = spread_numbers(FIRST, target.numbers)
-    found = _tried(target, nominal, crowds, task, omega, numbers, FLOWN if rounds > 1 else FLOWN // 2)
+    found = _tried(target, nominal, crowds, task, omega, spread_numbers(FIRST, target.numbers))
+    near = (spread_numbers(NEAR, target.numbers) - 0.5).reshape(ELITE, -1, target.numbers)
     for turn in range(1, rounds):
-        best = found.best(8)
-        if not len(best):
-            break
-        near = (spread_numbers(NEAR, target.numbers) - 0.5).reshape(8, -1, target.numbers)[: len(best)]
-        around = found.numbers[best][:, None, :] + WIDTH / turn * near
+        best = found.best(ELITE)
+        around = found.numbers[best][:, None, :] + WIDTH / turn * near[: len(best)]
         more = np.clip(around.reshape(-1, target.numbers), 0.0, 1.0)
-        again = _tried(target, nominal, crowds, task, omega, more, FLOWN // 2)
+        again = _tried(target, nominal, crowds, task, omega, more)
         found = Tried(
-            np.concatenate([found.numbers[best], again.numbers]),
-            {name: np.concatenate([value[best], again.gains[name]]) for name, value in found.gains.items()},
-            np.concatenate([found.cost[best], again.cost]),
+            np.concatenate([found.numbers, again.numbers]),
+            {name: np.concatenate([value, again.gains[name]]) for name, value in found.gains.items()},
+            np.concatenate([found.cost, again.cost]),
         )
-    order = found.best(LAST)
-    return Tried(found.numbers[order], picked(found.gains, order), found.cost[order])
+    return found.first(MOST)
 
 
 def _tried(
-    target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task, omega: Floats, numbers: Floats, most: int
+    target: Target, nominal: Nominal, crowds: Sequence[Crowd], task: Task, omega: Floats, numbers: Floats
 ) -> Tried:
-    gains = target.propose(numbers, nominal)
-    looked = [screened(target, gains, one.vehicles.pick(slice(0, 1)), omega) for one in crowds]
-    disk, swing = (
-        np.max([sign * one[i].reshape(len(numbers)) for one in looked], axis=0) for i, sign in ((0, -1), (1, 1))
-    )
-    kept = np.flatnonzero(-disk >= task.margin)
-    kept = kept[np.argsort(swing[kept], kind="stable")[:MARGINS]]
-    some = picked(gains, kept)
-    each = [screened(target, some, one.vehicles.pick(slice(0, FEW)), omega)[0] >= task.margin for one in crowds]
-    kept = kept[np.min([one.mean(axis=1) for one in each], axis=0) >= SHARE][:most]
-    if not len(kept):
-        return Tried(numbers[:0], picked(gains, kept), np.zeros(0))
-    quick = paced(target, nominal, ROUGH)
-    cost = np.zeros(len(kept))
-    for k, one in enumerate(crowds):  # what is dear for the first explanation need not be flown for the others
-        cost = np.maximum(cost, flown(quick, picked(gains, kept), one.probes, task)[0].max(axis=1))
-        if k == 0 and len(crowds) > 1:
-            few = np.sort(np.argsort(cost, kind="stable")[: most // 3])
-            kept, cost = kept[few], cost[few]
-    return Tried(numbers[kept], picked(gains, kept), cost)
+    gains, places = target.propose(numbers, nominal), np.arange(len(numbers))
+    for one in crowds:
+        disk = screened(target, picked(gains, places), one.probes, omega)
+        places = places[np.all(disk >= NEARLY * task.margin, axis=1)]
+    quick, cost = paced(target, nominal, ROUGH), np.zeros(len(places))
+    for one in crowds:  # what is dear for the first explanation need not be flown for the others
+        if len(places):
+            cost = np.maximum(cost, flown(quick, picked(gains, places), one.probes, task)[0].max(axis=1))
+        best = np.argsort(cost, kind="stable")[:FLOWN]
+        places, cost = places[best], cost[best]
+    for one in crowds:
+        disk = screened(target, picked(gains, places), one.vehicles.pick(slice(0, FEW)), omega)
+        kept = np.mean(disk >= task.margin, axis=1) >= SHARE
+        places, cost = places[kept], cost[kept]
+    return Tried(numbers[places], picked(gains, places), cost)

@@ -4,8 +4,10 @@ import numpy as np
 
 from automarine_cli.diagnosis.estimates import base_estimates, parameter_estimates
 from automarine_cli.diagnosis.study import Study
+from automarine_cli.diagnosis.thrust_curve import gain_exponent
 from automarine_cli.diagnosis.trials import Trial
 from automarine_cli.fits.innovations import InnovationsFit, random_estimates
+from automarine_cli.fits.run_effects import GAIN
 from automarine_cli.fits.validity import covariance_json, valid_range
 from automarine_cli.models.store import StoredModels, model_json
 from automarine_cli.results.estimate import Estimate
@@ -50,5 +52,15 @@ def extended_model(study: Study, trial: Trial, stored: StoredModels, parent_sha2
             if isinstance(fit, InnovationsFit)
             else {}
         ),
+        **_scatter(study, trial),
         "parent": {"file": stored.source, "sha256": parent_sha256},
     }  # fmt: skip
+
+
+def _scatter(study: Study, trial: Trial) -> dict[str, object]:
+    """What the gains of single runs still scatter by, and the power of the command's size that they go with."""
+    exponent = gain_exponent(study, trial.fit)
+    return {
+        "gain_scatter": float(trial.fit.factor(GAIN)),
+        "gain_exponent": None if exponent is None else exponent.to_json(),
+    }

@@ -46,7 +46,7 @@ def learn(study: Study, found: Found, seed: int, each: Each, explained: Callable
     if learned_term(study.base) is not None:
         return found
     wide = replace(study, signals=all_signals(study))
-    enough, count = explained(found), len(found.final.counted)
+    enough, count = explained(found), found.final.count
     follows = "" if study.driven else gains_follow(wide, found.final, seed)
     shows = bool(follows) or (count < 2 and bool(count or study.driven) and _shows(wide, found.final, seed))
     if enough and count < 2 and not shows:
@@ -58,7 +58,7 @@ def learn(study: Study, found: Found, seed: int, each: Each, explained: Callable
         most = found.final.evidence - max(TIE, AS_WELL * gained * (count == 1))
     chosen, tied = None, tuple[Rival, ...]()
     for base in bases:
-        if chosen is None and len(base.counted) < MOST_EFFECTS:
+        if chosen is None and base.count < MOST_EFFECTS:
             one = _best(wide, found, base, follows, seed + len(base.added), each)
             if one is None:
                 continue

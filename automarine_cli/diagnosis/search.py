@@ -18,6 +18,7 @@ from automarine_cli.diagnosis.physical import drag_drives
 from automarine_cli.diagnosis.refits import add_effect, go_on, trial_of, varied, without
 from automarine_cli.diagnosis.scores import candidates, law_of, probes, score
 from automarine_cli.diagnosis.study import ITERATIONS, Study
+from automarine_cli.diagnosis.thrust_curve import curved, settles
 from automarine_cli.diagnosis.trials import (
     CLEAR,
     DRAG,
@@ -93,10 +94,13 @@ class _Runs(Judge[Trial, Round]):
         able.sort(key=lambda trial: trial.evidence)
         if able and not self.study.driven and able[0].fit.noise > TO_THE_NOISE * self.study.sensor_floor:
             able.sort(key=lambda trial: not corrects(trial.added[-1]))
+        if look is first and not (able and settles(able[0], current)):
+            curve = curved(self.study, current)
+            able = able if curve is None else [curve, *able]
         return able
 
     def full(self, model: Trial) -> bool:
-        return len(model.counted) == MOST_EFFECTS
+        return model.count == MOST_EFFECTS
 
     def added(self, model: Trial) -> tuple[str, ...]:
         return model.counted
@@ -133,7 +137,7 @@ def search(study: Study, seed: int, each: Each) -> Found:
     for name, this in around.items():
         p_values[name] = this.scores.p_value(this.before.evidence - current.evidence)
     more = False
-    if len(current.counted) == MOST_EFFECTS:
+    if current.count == MOST_EFFECTS:
         total, next_gain = base.evidence - current.evidence, _next_gain(study, current, seed)
         more = next_gain > MATTERS * total
         if 0.0 < next_gain <= MATTERS * total:

@@ -23,6 +23,8 @@ however much larger they were before."""
 
 DRAG = BASE_TERMS["2"]
 """Effects that put the drag of the base right."""
+CURVE = ("dead-band", "thrust-exponent")
+"""What together is the curve of the thrust against its command, and counts as one effect."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,11 @@ class Trial:
     def counted(self) -> tuple[str, ...]:
         """The effects added, without what puts the drag of the base right beside others."""
         return tuple(name for name in self.added if not corrects(name)) or self.added
+
+    @property
+    def count(self) -> int:
+        """How many effects these are."""
+        return len(self.counted) - (set(CURVE) <= set(self.counted))
 
 
 def corrects(name: str) -> bool:

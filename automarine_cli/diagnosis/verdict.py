@@ -200,7 +200,7 @@ def _unexplained(study: Study, found: Found, where: Where, kept: Gap | None) -> 
     unnamed = not final.added or scatter[1] > LEFT_OVER * scatter[0]
     if unnamed and gains_wander(study, final):
         return f"The thrust of single runs drifts over the campaign more than chance allows{_beside(where)}."
-    if found.more or (len(final.counted) == MOST_EFFECTS and excess[0] < MANY):
+    if found.more or (final.count == MOST_EFFECTS and excess[0] < MANY):
         more = " or more" if found.more else ""
         return f"The runs would take {MOST_EFFECTS} effects{more}, more than they can support."
     return ""

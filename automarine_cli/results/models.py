@@ -95,6 +95,7 @@ class ModelFile(ResultRecord):
     preferred_because: str = ""
     ratio: Given | None = field(default=None, metadata=keyed("{ratio_key}"))
     gain_scatter: Given | None = None
+    gain_exponent: Given | None = None
     noise: float | None = field(default=None, metadata=keyed("{position}_noise_{shown_unit}"))
     valid_range: ValidRange | None = None
     parent: Parent | None = None

@@ -2,7 +2,8 @@
 
 Own integrator (Heun, 5 ms, all runs at once), own laws, in other forms than the library's where nature allows: a
 propeller that follows its speed, a dead-band that cuts, dry friction that sticks, water stirred up by a turbulent law,
-a saturation that bends, thrust that falls with the charge drawn. Moments are outputs from -1 to 1.
+a saturation that bends, thrust that falls with the charge drawn, a speed controller with a dead-band and a power law.
+Moments are outputs from -1 to 1.
 """
 
 from collections.abc import Callable, Mapping
@@ -33,12 +34,34 @@ class Truth:
     scatter: float = 0.03
 
     @classmethod
-    def draw(cls, random: np.random.Generator) -> "Truth":
+    def drawn(cls, number: int) -> "Truth":
         """A vehicle with one or two things hidden."""
+        random = np.random.default_rng([number, 18])
         names = random.choice(list(SIZES), size=int(random.integers(1, 3)), replace=False)
         sizes = {str(name): float(random.uniform(*SIZES[name])) for name in names}
         inertia = float(np.exp(random.uniform(np.log(0.1), np.log(1.2))))
         return cls(inertia, float(random.uniform(0.4, 1.6)), float(random.choice([0.0, 0.1])), sizes)
+
+    @classmethod
+    def late(cls, number: int) -> "Truth":
+        """A vehicle that is late by a lag and a delay and hides nothing else; the odd ones are quick and light."""
+        random, quick = np.random.default_rng([number, 20]), number % 2
+        inertia = float(np.exp(random.uniform(*np.log((0.06, 0.3) if quick else (0.2, 1.2)))))
+        late = random.uniform(0.05, 0.12, 2) if quick else random.uniform(0.08, 0.24, 2)
+        drag = float(random.uniform(0.15, 0.6) if quick else random.uniform(0.4, 1.6))
+        hidden = {"thrust-lag": float(late[0]), "delay": float(late[1])}
+        return cls(inertia, drag, float(random.choice([0.0, 0.1])), hidden, float(random.uniform(0.0, 0.03)))
+
+    @classmethod
+    def driven(cls, number: int) -> "Truth":
+        """A small vehicle behind speed controllers: thrust as a power of the command beyond a dead-band."""
+        random, law = (
+            np.random.default_rng([number, 21]),
+            ((2.0, 0.1), (1.6, 0.06), (2.0, 0.0), (1.8, 0.08))[number % 4],
+        )
+        inertia, drag = float(random.uniform(0.05, 0.1)), float(random.uniform(0.08, 0.2))
+        hidden = {"power": law[0], "idle": law[1], "thrust-lag": float(random.uniform(0.05, 0.08))}
+        return cls(inertia, drag, 0.0, hidden | {"delay": float(random.uniform(0.05, 0.08))}, 0.02)
 
     def size(self, law: str) -> float:
         """Size of one law, zero where it is not hidden."""
@@ -62,6 +85,9 @@ class Vehicle:
         given = self._late[0]
         if own.size("cut"):
             given = np.where(np.abs(given) > own.size("cut"), given, 0.0)
+        if own.size("power"):
+            rest = np.maximum(np.abs(given) - own.size("idle"), 0.0) / (1.0 - own.size("idle"))
+            given = np.sign(given) * rest ** own.size("power")
         if own.size("bends"):
             given = np.tanh(own.size("bends") * given * 2.0) / np.tanh(own.size("bends") * 2.0)
         given = given * (1.0 + np.where(given > 0, 0.5, -0.5) * own.size("uneven"))
@@ -95,10 +121,44 @@ class Vehicle:
         return (moment - drag - own.size("spring") * heading) / own.inertia
 
 
-def write_logs(truth: Truth, folder: Path, random: np.random.Generator, noise_deg: float = 0.7) -> None:
-    """A pool day of 24 runs at 10 Hz: steps and their coasts, reversals, square waves, ramps; to both sides."""
+Plans = list[tuple[str, float, Callable[[Floats], Floats]]]
+
+
+def write_logs(
+    truth: Truth, folder: Path, random: np.random.Generator, noise_deg: float = 0.7, steps: bool = False
+) -> None:
+    """A pool day of 24 runs at 10 Hz, to both sides: steps and their coasts, reversals, square waves, ramps; or steps
+    alone."""
+    plans: Plans = _steps() if steps else _pool_day()
     folder.mkdir(parents=True, exist_ok=True)
-    plans: list[tuple[str, float, Callable[[Floats], Floats]]] = []
+    clock = 0.0
+    for name, seconds, command in plans:
+        time = np.arange(0.0, seconds, 0.1)
+        gain = np.exp(truth.scatter * random.standard_normal(1))
+        vehicle, headings = Vehicle(truth, gain), []
+        outputs = command(time)
+        for output in outputs:
+            headings.append(float(vehicle.shown[0]))
+            for _ in range(20):
+                vehicle.advance(np.array([output]))
+        read = np.rad2deg(headings) + noise_deg * random.standard_normal(len(time))
+        rows = [f"{clock + t:.3f},{h:.3f},{u:.6g}" for t, h, u in zip(time, read, outputs)]
+        (folder / f"{name}.csv").write_text("\n".join(["time_s,heading_deg,tau", *rows]) + "\n")
+        clock += seconds + 90.0
+
+
+def _steps() -> Plans:
+    sizes = (0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
+    return [
+        (f"step_{again}_{side * size:+g}", 10.0, lambda t, m=side * size: m * (t >= 1.0))
+        for again in (0, 1)
+        for side in (1.0, -1.0)
+        for size in sizes
+    ]
+
+
+def _pool_day() -> Plans:
+    plans: Plans = []
     for side, name in ((1.0, "+"), (-1.0, "-")):
         for size in (0.1, 0.2, 0.35, 0.5, 0.75, 1.0):
             plans.append((f"step_{name}{size}", 12.0, lambda t, m=side * size: m * ((t >= 2.0) & (t < 8.0))))
@@ -121,17 +181,4 @@ def write_logs(truth: Truth, folder: Path, random: np.random.Generator, noise_de
         plans.append(
             (f"ramp_{name}", 20.0, lambda t, m=side: m * np.round(np.clip((t - 2.0) / 16.0, 0.0, 1.0) * 0.6, 2))
         )
-    clock = 0.0
-    for name, seconds, command in plans:
-        time = np.arange(0.0, seconds, 0.1)
-        gain = np.exp(truth.scatter * random.standard_normal(1))
-        vehicle, headings = Vehicle(truth, gain), []
-        outputs = command(time)
-        for output in outputs:
-            headings.append(float(vehicle.shown[0]))
-            for _ in range(20):
-                vehicle.advance(np.array([output]))
-        read = np.rad2deg(headings) + noise_deg * random.standard_normal(len(time))
-        rows = [f"{clock + t:.3f},{h:.3f},{u:.6g}" for t, h, u in zip(time, read, outputs)]
-        (folder / f"{name}.csv").write_text("\n".join(["time_s,heading_deg,tau", *rows]) + "\n")
-        clock += seconds + 90.0
+    return plans

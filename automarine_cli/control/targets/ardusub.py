@@ -82,17 +82,17 @@ class ArduSub(ParameterFile):
         crossover = spread(inner, 0.04, 0.9) / lag
         p = crossover * nominal.inertia
         reach = 1.0 / nominal.inertia
-        fastest = spread(rate, 0.25, 1.0) * min(nominal.fastest, 20.0 * nominal.step)
+        fastest = spread(rate, 0.25, 2.5) * min(nominal.fastest, 20.0 * nominal.step)
         found = {name: np.full(len(numbers), value) for name, value in self.defaults.items()}
         found |= {
             "ATC_ANG_YAW_P": crossover * spread(outer, 0.04, 0.7),
             "ATC_RAT_YAW_P": p,
-            "ATC_RAT_YAW_I": p * crossover * spread(summed, 0.01, 0.5),
+            "ATC_RAT_YAW_I": p * crossover * spread(summed, 0.002, 0.5),
             "ATC_RAT_YAW_D": p * lag * leads(lead),
             "ATC_RAT_YAW_FLTD": np.full(len(numbers), GYRO_HZ),
             "ATC_RAT_YAW_IMAX": np.full(len(numbers), 0.5),
             "ATC_SLEW_YAW": fastest / CDEG,
-            "ATC_ACCEL_Y_MAX": spread(speed_up, 0.1, 1.5) * reach / CDEG,
+            "ATC_ACCEL_Y_MAX": spread(speed_up, 0.1, 4.0) * reach / CDEG,
         }
         return self.clipped(found)
 
