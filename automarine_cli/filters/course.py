@@ -88,23 +88,27 @@ class Course:
         return mean, 12.0 * (0.5 * mean * length**2 - behind) / length**3 * (self.length > 0)
 
     def only(self, run: int) -> "Course":
-        """One run of these, without what only others need."""
-        rows, steps = slice(run, run + 1), int((self.length[run] > 0).sum())
+        """One run of these."""
+        return self.some(np.arange(len(self.names)) == run)
+
+    def some(self, runs: NDArray[np.bool_]) -> "Course":
+        """Some of the runs (R,), without what only others need."""
+        steps = int((self.length[runs] > 0).sum(axis=1).max())
         return replace(
             self,
-            names=self.names[rows],
-            length=self.length[rows, :steps],
-            held=self.held[:, rows],
-            width=self.width[rows],
-            early=self.early[rows],
-            at=self.at[rows, : steps + 1],
-            part=self.part[rows, : steps + 1],
-            before=self.before[:, rows],
-            start=self.start[rows],
-            signals={name: column[rows] for name, column in self.signals.items()},
-            channels=_rows(self.channels, rows, steps),
-            often=_rows(self.often, rows, steps),
-            still=self.still[rows],
+            names=tuple(name for name, stays in zip(self.names, runs) if stays),
+            length=self.length[runs, :steps],
+            held=self.held[:, runs],
+            width=self.width[runs],
+            early=self.early[runs],
+            at=self.at[runs, : steps + 1],
+            part=self.part[runs, : steps + 1],
+            before=self.before[:, runs],
+            start=self.start[runs],
+            signals={name: column[runs] for name, column in self.signals.items()},
+            channels=_rows(self.channels, runs, steps),
+            often=_rows(self.often, runs, steps),
+            still=self.still[runs],
         )
 
     @cached_property
@@ -183,7 +187,7 @@ def make_course(
     )  # fmt: skip
 
 
-def _rows(channels: Sequence[Channel], rows: slice, steps: int) -> tuple[Channel, ...]:
+def _rows(channels: Sequence[Channel], rows: NDArray[np.bool_], steps: int) -> tuple[Channel, ...]:
     """The readings of some runs over their first steps."""
     at = rows, slice(steps + 1)
     return tuple(replace(one, values=one.values[at], seen=one.seen[at]) for one in channels)

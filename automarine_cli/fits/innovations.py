@@ -25,6 +25,8 @@ from automarine_cli.results.estimate import Estimate
 SETTLED = 0.02
 """Gain in log likelihood still to be expected below which a fit has converged."""
 ITERATIONS = 60
+FEW_RUNS = 6
+"""Up to so many runs a fit without one of them is made anew, as one step from the fit to all may miss it by far."""
 LOOK, WAYS = 6, 3
 """Iterations from each of so many starting inertias, before the best goes on to the end: filters have wrong summits."""
 SIZES = {GAIN: "gain-scatter"}
@@ -180,6 +182,10 @@ def _report(problem: DrivenProblem, reached: _Climb, brief: bool) -> Innovations
         spread = np.sqrt(np.maximum(np.diagonal(covariance)[open_to], 0.0))
         left_out[:, open_to] += np.clip(moved, -5.0 * spread, 5.0 * spread)
         left_out = np.clip(left_out, limits[:, 0], limits[:, 1])
+    if 1 < runs <= FEW_RUNS and not brief and len(problem.course.motion.dofs) == 1:
+        for r in range(runs):
+            others = replace(problem, course=problem.course.some(np.arange(runs) != r))
+            left_out[r] = _climb(others, left_out[r], LOOK).phi
     information = np.zeros((runs, count, count))
     information[:, free[:, None], free] = slopes.information
     information += 0.0 if problem.smooth is None else problem.smooth / runs
